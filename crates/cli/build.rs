@@ -1,11 +1,11 @@
-//! Tells the binary which commit it is built from, where it is built inside its own repository.
+//! Passes the commit to the binary if it is built inside its own repository.
 
 use std::path::Path;
 use std::process::Command;
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    // Inside another repository, its commits would say nothing of ours.
+    // In another repository, the commits are not of this project.
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().ok();
     let top = git(&["rev-parse", "--show-toplevel"]).and_then(|top| Path::new(&top).canonicalize().ok());
     if ours.is_none() || ours != top {
@@ -19,8 +19,8 @@ fn main() {
     }
 }
 
-fn git(words: &[&str]) -> Option<String> {
-    let output = Command::new("git").args(words).output().ok()?;
-    let told = String::from_utf8(output.stdout).ok()?;
-    output.status.success().then(|| told.trim().to_owned())
+fn git(args: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(args).output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    output.status.success().then(|| text.trim().to_owned())
 }

@@ -1,4 +1,4 @@
-//! Tests of graphics adapters as a user sees them: what is being done, and what came of it before.
+//! Reports the progress of adapter tests and caches their verdicts.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -10,25 +10,25 @@ use atsplat_splat::gpu::{AdapterDescription, ProbeStage, Verdict, VerdictKey, Wa
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 
-use crate::output::{PendingFile, complain};
+use crate::output::{PendingFile, warn};
 
-/// A line for a log after so much time in which nothing else was said.
-const BEAT: Duration = Duration::from_secs(10);
-/// Tests that are remembered; the oldest are forgotten.
-const MOST: usize = 64;
-/// A larger file is none of ours.
-const LARGEST: u64 = 1 << 20;
+/// Interval of log lines while a test is running.
+const LOG_INTERVAL: Duration = Duration::from_secs(10);
+/// Capacity of the cache; the oldest tests are dropped.
+const MAX_TESTS: usize = 64;
+/// A larger file was not written by this program.
+const MAX_FILE_BYTES: u64 = 1 << 20;
 
-/// Says what is done to adapters, and keeps verdicts in the user's cache folder.
+/// Reports progress on standard error, and keeps verdicts in the user's cache folder.
 #[derive(Debug)]
 pub(crate) struct AdapterTests {
     file: Option<PathBuf>,
-    /// Whether verdicts of before count.
-    remembers: bool,
+    /// Whether cached verdicts are used.
+    use_cache: bool,
     ticker: Mutex<Option<Ticker>>,
 }
 
-/// The file of verdicts.
+/// The cache file.
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Verdicts {
@@ -43,22 +43,22 @@ struct Test {
 }
 
 impl AdapterTests {
-    /// With the verdicts in the user's cache folder; tested again all the same where `again` is set.
+    /// Uses the verdicts in the user's cache folder, unless `again` is set.
     pub(crate) fn new(again: bool) -> Self {
         let file = cache_folder().map(|folder| folder.join("adapters.json"));
-        let tests = Self { file, remembers: !again, ticker: Mutex::default() };
-        tests.say("looking for graphics adapters".to_owned());
+        let tests = Self { file, use_cache: !again, ticker: Mutex::default() };
+        tests.report("looking for graphics adapters".to_owned());
         tests
     }
 
-    fn say(&self, doing: String) {
+    fn report(&self, activity: String) {
         let mut ticker = self.ticker.lock().unwrap_or_else(PoisonError::into_inner);
-        // The one before ends before the next begins.
+        // The previous ticker ends before the next one starts.
         ticker.take();
-        *ticker = Some(Ticker::start(doing));
+        *ticker = Some(Ticker::start(activity));
     }
 
-    /// Says no more; for when the work is done.
+    /// Stops reporting.
     pub(crate) fn finish(&self) {
         self.ticker.lock().unwrap_or_else(PoisonError::into_inner).take();
     }
@@ -66,113 +66,116 @@ impl AdapterTests {
 
 impl Watcher for AdapterTests {
     fn begins(&self, adapter: &AdapterDescription, stage: ProbeStage) {
-        let doing = match stage {
+        let activity = match stage {
             ProbeStage::Opening => "opening the device",
-            ProbeStage::Picture => "testing a picture; the driver compiles kernels first",
-            ProbeStage::Derivative => "testing its derivative; the driver compiles kernels first",
+            ProbeStage::Picture => "rendering a test image; the driver compiles kernels first",
+            ProbeStage::Derivative => "testing gradients; the driver compiles kernels first",
         };
-        self.say(format!("{adapter}: {doing}"));
+        self.report(format!("{adapter}: {activity}"));
     }
 
     fn recall(&self, key: &VerdictKey) -> Option<Verdict> {
-        let file = self.file.as_deref().filter(|_| self.remembers)?;
-        let known = read(file).unwrap_or_else(|error| {
-            complain(&format!("warning: adapters are tested again: {error:#}"));
+        let file = self.file.as_deref().filter(|_| self.use_cache)?;
+        let cached = read(file).unwrap_or_else(|error| {
+            warn(&format!("warning: the cached adapter tests are ignored: {error:#}"));
             Verdicts::default()
         });
-        known.tests.into_iter().rev().find(|test| test.of == *key).map(|test| test.verdict)
+        cached.tests.into_iter().rev().find(|test| test.of == *key).map(|test| test.verdict)
     }
 
     fn keep(&self, key: &VerdictKey, verdict: &Verdict) {
         let Some(file) = &self.file else { return };
         if let Err(error) = add(file, Test { of: key.clone(), verdict: verdict.clone() }) {
-            complain(&format!("warning: the test of {} is not remembered: {error:#}", key.adapter));
+            warn(&format!("warning: the test of {} was not cached: {error:#}", key.adapter));
         }
     }
 }
 
-/// Verdicts that a file holds; none where there is no file.
+/// Reads the cache; a missing file is an empty cache.
 fn read(file: &Path) -> anyhow::Result<Verdicts> {
     let reading = || format!("reading {}", file.display());
     let size = match file.metadata() {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Verdicts::default()),
         data => data.with_context(reading)?.len(),
     };
-    anyhow::ensure!(size <= LARGEST, "{}: expected at most {LARGEST} bytes, found {size}", file.display());
+    anyhow::ensure!(
+        size <= MAX_FILE_BYTES,
+        "{}: expected at most {MAX_FILE_BYTES} bytes, found {size}",
+        file.display()
+    );
     serde_json::from_slice(&std::fs::read(file).with_context(reading)?).with_context(reading)
 }
 
-/// Adds a test; what cannot be read is begun anew.
+/// Adds a test; a cache that cannot be read is replaced.
 fn add(file: &Path, test: Test) -> anyhow::Result<()> {
-    let mut known = read(file).unwrap_or_default();
-    known.tests.retain(|other| other.of != test.of);
-    known.tests.push(test);
-    let excess = known.tests.len().saturating_sub(MOST);
-    known.tests.drain(..excess);
-    PendingFile::open(file)?.finish(&serde_json::to_vec_pretty(&known)?)
+    let mut cache = read(file).unwrap_or_default();
+    cache.tests.retain(|other| other.of != test.of);
+    cache.tests.push(test);
+    let excess = cache.tests.len().saturating_sub(MAX_TESTS);
+    cache.tests.drain(..excess);
+    PendingFile::open(file)?.finish(&serde_json::to_vec_pretty(&cache)?)
 }
 
-/// `atsplat` in the user's folder for what can be made again; `None` where the system names none.
+/// `atsplat` in the user's cache folder; `None` if the environment does not name one.
 fn cache_folder() -> Option<PathBuf> {
-    let of = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let folder_in = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let folder = if cfg!(target_os = "windows") {
-        of("LOCALAPPDATA")
+        folder_in("LOCALAPPDATA")
     } else if cfg!(target_os = "macos") {
-        of("HOME").map(|home| home.join("Library/Caches"))
+        folder_in("HOME").map(|home| home.join("Library/Caches"))
     } else {
-        of("XDG_CACHE_HOME").or_else(|| of("HOME").map(|home| home.join(".cache")))
+        folder_in("XDG_CACHE_HOME").or_else(|| folder_in("HOME").map(|home| home.join(".cache")))
     };
     Some(folder?.join("atsplat"))
 }
 
-/// A line at once, and signs of life until it is dropped: a clock on a terminal, a line now and then elsewhere.
+/// Shows an activity until dropped: a spinner on a terminal, a line every [`LOG_INTERVAL`] elsewhere.
 #[derive(Debug)]
 struct Ticker {
     bar: ProgressBar,
-    over: Arc<(Mutex<bool>, Condvar)>,
-    beat: Option<JoinHandle<()>>,
+    finished: Arc<(Mutex<bool>, Condvar)>,
+    logger: Option<JoinHandle<()>>,
 }
 
 impl Ticker {
-    /// Says what is being done.
-    fn start(doing: String) -> Self {
+    fn start(activity: String) -> Self {
         let bar = ProgressBar::new_spinner();
-        let over = Arc::new((Mutex::new(false), Condvar::new()));
+        let finished = Arc::new((Mutex::new(false), Condvar::new()));
         if !bar.is_hidden() {
-            bar.set_message(doing);
+            bar.set_message(activity);
             bar.enable_steady_tick(Duration::from_millis(200));
-            return Self { bar, over, beat: None };
+            return Self { bar, finished, logger: None };
         }
-        complain(&doing);
-        let shared = Arc::clone(&over);
+        warn(&activity);
+        let shared = Arc::clone(&finished);
         #[expect(
             clippy::disallowed_methods,
-            reason = "a clock that prints, beside a driver that keeps rayon's threads waiting"
+            reason = "a thread that only logs, while the driver blocks rayon's threads"
         )]
-        let beat = std::thread::spawn(move || {
+        let logger = std::thread::spawn(move || {
             let start = Instant::now();
-            let (over, bell) = &*shared;
-            let mut is_over = over.lock().unwrap_or_else(PoisonError::into_inner);
-            while !*is_over {
-                let waited = bell.wait_timeout(is_over, BEAT).unwrap_or_else(PoisonError::into_inner);
-                is_over = waited.0;
-                if waited.1.timed_out() && !*is_over {
-                    complain(&format!("{doing}, {} s so far", start.elapsed().as_secs()));
+            let (finished, signal) = &*shared;
+            let mut is_finished = finished.lock().unwrap_or_else(PoisonError::into_inner);
+            while !*is_finished {
+                let waited = signal.wait_timeout(is_finished, LOG_INTERVAL).unwrap_or_else(PoisonError::into_inner);
+                is_finished = waited.0;
+                if waited.1.timed_out() && !*is_finished {
+                    warn(&format!("{activity}, {} s so far", start.elapsed().as_secs()));
                 }
             }
         });
-        Self { bar, over, beat: Some(beat) }
+        Self { bar, finished, logger: Some(logger) }
     }
 }
 
 impl Drop for Ticker {
     fn drop(&mut self) {
-        let (over, bell) = &*self.over;
-        *over.lock().unwrap_or_else(PoisonError::into_inner) = true;
-        bell.notify_all();
-        if let Some(beat) = self.beat.take() {
-            // A thread that only prints has nothing to say of its end.
-            beat.join().ok();
+        let (finished, signal) = &*self.finished;
+        *finished.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        signal.notify_all();
+        if let Some(logger) = self.logger.take() {
+            // A panic of the logging thread affects no result.
+            logger.join().ok();
         }
         self.bar.finish_and_clear();
     }
@@ -187,36 +190,36 @@ mod tests {
         VerdictKey { adapter, backend, driver: driver.to_owned(), version }
     }
 
-    fn tests(file: &Path, remembers: bool) -> AdapterTests {
-        AdapterTests { file: Some(file.to_owned()), remembers, ticker: Mutex::default() }
+    fn tests(file: &Path, use_cache: bool) -> AdapterTests {
+        AdapterTests { file: Some(file.to_owned()), use_cache, ticker: Mutex::default() }
     }
 
     #[test]
-    fn verdicts_are_kept_for_one_driver_and_survive_a_broken_file() {
+    fn verdicts_are_cached_by_driver_and_a_corrupt_cache_is_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("cache/adapters.json");
         let passed = Verdict { fault: None };
-        let remembering = tests(&file, true);
-        assert_eq!(remembering.recall(&key("Mesa 22")), None);
-        remembering.keep(&key("Mesa 22"), &passed);
-        assert_eq!(remembering.recall(&key("Mesa 22")), Some(passed.clone()));
-        assert_eq!(remembering.recall(&key("Mesa 23")), None, "another driver is another test");
-        assert_eq!(tests(&file, false).recall(&key("Mesa 22")), None, "tested again where that is asked for");
+        let cached = tests(&file, true);
+        assert_eq!(cached.recall(&key("Mesa 22")), None);
+        cached.keep(&key("Mesa 22"), &passed);
+        assert_eq!(cached.recall(&key("Mesa 22")), Some(passed.clone()));
+        assert_eq!(cached.recall(&key("Mesa 23")), None, "verdicts of other drivers do not count");
+        assert_eq!(tests(&file, false).recall(&key("Mesa 22")), None, "--again ignores the cache");
         std::fs::write(&file, "{\"tests\": [{\"of\"").unwrap();
-        assert_eq!(remembering.recall(&key("Mesa 22")), None, "a corrupt file remembers nothing");
-        remembering.keep(&key("Mesa 22"), &passed);
-        assert_eq!(remembering.recall(&key("Mesa 22")), Some(passed), "and is replaced");
+        assert_eq!(cached.recall(&key("Mesa 22")), None, "a corrupt cache is empty");
+        cached.keep(&key("Mesa 22"), &passed);
+        assert_eq!(cached.recall(&key("Mesa 22")), Some(passed), "and is replaced");
     }
 
     #[test]
-    fn the_oldest_tests_are_forgotten() {
+    fn the_oldest_tests_are_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("adapters.json");
-        let remembering = tests(&file, true);
-        for driver in 0..=MOST {
-            remembering.keep(&key(&driver.to_string()), &Verdict { fault: None });
+        let cached = tests(&file, true);
+        for driver in 0..=MAX_TESTS {
+            cached.keep(&key(&driver.to_string()), &Verdict { fault: None });
         }
-        assert_eq!((remembering.recall(&key("0")), read(&file).unwrap().tests.len()), (None, MOST));
-        assert!(remembering.recall(&key(&MOST.to_string())).is_some());
+        assert_eq!((cached.recall(&key("0")), read(&file).unwrap().tests.len()), (None, MAX_TESTS));
+        assert!(cached.recall(&key(&MAX_TESTS.to_string())).is_some());
     }
 }

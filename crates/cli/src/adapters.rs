@@ -3,15 +3,14 @@
 use std::fmt;
 
 use atsplat_splat::gpu::{Examined, examine};
-use clap::Args;
 use serde::Serialize;
 
 use crate::adapter_tests::AdapterTests;
 use crate::output::print_report;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Test adapters again that were tested before with the same driver and the same kernels.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Repeat tests whose verdicts are cached for the same driver and the same kernels.
     #[arg(long)]
     again: bool,
 
@@ -20,13 +19,13 @@ pub(crate) struct Words {
     json: bool,
 }
 
-/// Lists adapters; `true`, since none is no failure.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let tests = AdapterTests::new(words.again);
+/// Lists adapters; always `true`, because having none is not a failure.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let tests = AdapterTests::new(args.again);
     let examined = examine(&tests);
     tests.finish();
     let rows = examined.into_iter().enumerate().map(|(number, adapter)| Row::of(number, adapter)).collect();
-    print_report(&Report { adapters: rows }, words.json)?;
+    print_report(&Report { adapters: rows }, args.json)?;
     Ok(true)
 }
 
@@ -45,9 +44,9 @@ struct Row {
     kind: String,
     driver: String,
     largest_binding_bytes: u64,
-    /// `None` where the picture and its derivative are right.
+    /// `None` if image and gradients are correct.
     fault: Option<String>,
-    /// Whether that is known from an earlier test.
+    /// Whether the verdict comes from an earlier test.
     remembered: bool,
 }
 
@@ -69,14 +68,14 @@ impl Row {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.adapters.is_empty() {
-            return writeln!(f, "no graphics adapter; the processor renders");
+            return writeln!(f, "no graphics adapter: rendering runs on the CPU");
         }
         for Row { number, name, backend, kind, driver, largest_binding_bytes, fault, remembered } in &self.adapters {
             let mebibytes = largest_binding_bytes >> 20;
             writeln!(f, "{number}  {name} ({backend}), {kind}, {driver}, buffers of {mebibytes} MiB")?;
-            let verdict = fault.as_deref().unwrap_or("passes its test: a picture and its derivative");
-            let before = if *remembered { " (tested before; --again tests it again)" } else { "" };
-            writeln!(f, "   {verdict}{before}")?;
+            let verdict = fault.as_deref().unwrap_or("passes its test: an image and its gradients");
+            let cached = if *remembered { " (tested before; --again tests it again)" } else { "" };
+            writeln!(f, "   {verdict}{cached}")?;
         }
         Ok(())
     }

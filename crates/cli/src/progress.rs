@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::output::complain;
+use crate::output::warn;
 
-/// Progress on standard error: a bar with the time left on a terminal, a plain line per tenth elsewhere.
+/// Progress on standard error: a bar with the remaining time on a terminal, a plain line per tenth elsewhere.
 #[derive(Debug)]
 pub(crate) struct Progress {
     bar: ProgressBar,
@@ -28,7 +28,7 @@ impl Progress {
         Self { bar, what, plain_tenths }
     }
 
-    /// Counts one finished item; callable from any thread.
+    /// Counts one finished item; may be called from any thread.
     pub(crate) fn step(&self) {
         self.bar.inc(1);
         self.report();
@@ -45,9 +45,9 @@ impl Progress {
         let (Some(reported), Some(total)) = (&self.plain_tenths, self.bar.length()) else { return };
         let done = self.bar.position();
         let tenths = done * 10 / total.max(1);
-        // Short work needs no log of its progress.
+        // Short work needs no log.
         if total >= 100 && reported.fetch_max(tenths, Ordering::Relaxed) < tenths {
-            complain(&format!("{}: {done}/{total}", self.what));
+            warn(&format!("{}: {done}/{total}", self.what));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Positions in a list, as words of the command line.
+//! Positions in a list, as `0,29,100..200:10`.
 
 use std::collections::BTreeSet;
 use std::str::FromStr;
@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Selection(Vec<Part>);
 
-/// A position, or every `step`-th from `first` on, before `past` or to the end.
+/// Every `step`-th position from `first`, up to but not including `past`, or to the end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Part {
     first: usize,
@@ -41,26 +41,26 @@ impl Part {
         let first = if first.is_empty() { 0 } else { number(first)? };
         let past = if past.is_empty() { None } else { Some(number(past)?) };
         if past.is_some_and(|past| past <= first) {
-            bail!("expected a range that ends behind its beginning, found {text:?}");
+            bail!("expected a range whose end is after its start, found {text:?}");
         }
         Ok(Self { first, past, step })
     }
 }
 
 impl Selection {
-    /// The selected positions of a list of `count`; `word` is what asked for them.
-    pub(crate) fn of(&self, word: &str, count: usize) -> anyhow::Result<Vec<usize>> {
+    /// The selected positions in a list of `count`; errors name the `option`.
+    pub(crate) fn of(&self, option: &str, count: usize) -> anyhow::Result<Vec<usize>> {
         let mut picked = Vec::new();
-        let mut known = BTreeSet::new();
+        let mut seen = BTreeSet::new();
         for part in &self.0 {
             let past = part.past.unwrap_or(count);
             if part.first >= count || past > count {
                 let found = if part.first >= count { part.first } else { past - 1 };
-                bail!("{word}: position {found}, but there are {count} frames, counted from 0");
+                bail!("{option}: position {found}, but there are {count} frames, counted from 0");
             }
             for position in (part.first..past).step_by(part.step) {
-                if !known.insert(position) {
-                    bail!("{word}: position {position} is selected twice");
+                if !seen.insert(position) {
+                    bail!("{option}: position {position} is selected twice");
                 }
                 picked.push(position);
             }
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn positions_and_ranges_in_their_order() {
+    fn selects_positions_and_ranges_in_order() {
         assert_eq!(of("7,0, 3", 8).unwrap(), [7, 0, 3]);
         assert_eq!(of("2..5,9", 10).unwrap(), [2, 3, 4, 9]);
         assert_eq!(of("..:4", 10).unwrap(), [0, 4, 8]);
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_selection_and_what_is_not_there() {
+    fn rejects_malformed_and_out_of_range_selections() {
         for broken in ["", "a", "1,,2", "3..3", "5..2", "1..4:0", "1..4:x", "-1", "1..2..3", "99999999999999999999"] {
             assert!(broken.parse::<Selection>().is_err(), "{broken:?}");
         }

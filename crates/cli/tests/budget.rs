@@ -1,4 +1,4 @@
-//! `atsplat budget`: the paper's table by formula, and the network that keeps to it.
+//! `atsplat budget`: the paper's table by formula, and the counts of the network.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -11,13 +11,13 @@ use serde_json::{Value, json};
 
 use common::{atsplat, succeed};
 
-fn rows(words: &[&str]) -> Vec<Value> {
-    let text = succeed(Path::new("."), &[&["budget", "--json"], words].concat());
+fn rows(args: &[&str]) -> Vec<Value> {
+    let text = succeed(Path::new("."), &[&["budget", "--json"], args].concat());
     serde_json::from_str::<Value>(&text).unwrap()["rows"].as_array().unwrap().clone()
 }
 
 #[test]
-fn every_published_row_is_what_the_formula_gives() {
+fn the_formula_gives_every_published_row() {
     let found: Vec<Value> = rows(&[])
         .iter()
         .map(|row| {
@@ -47,17 +47,17 @@ fn every_published_row_is_what_the_formula_gives() {
 }
 
 #[test]
-fn other_settings_are_not_compared_with_what_is_published() {
-    let row = |words: &[&str]| rows(words).remove(0);
+fn other_settings_are_not_compared_with_published_rows() {
+    let row = |args: &[&str]| rows(args).remove(0);
     let published = row(&["--model", "paper-dl3dv", "--views", "4", "--size", "448x256"]);
     assert_eq!((&published["verdict"], &published["published"]["final-tokens"]), (&json!("equal"), &json!(5040)));
-    for words in [
+    for args in [
         &["--model", "paper-dl3dv", "--views", "3"][..],
         &["--model", "nano"],
         &["--model", "paper-re10k", "--ratios", "0.5,0.5,0.5"],
     ] {
-        let row = row(words);
-        assert_eq!((&row["verdict"], &row["published"]), (&json!("not-published"), &Value::Null), "{words:?}");
+        let row = row(args);
+        assert_eq!((&row["verdict"], &row["published"]), (&json!("not-published"), &Value::Null), "{args:?}");
     }
     let dynamic = row(&["--model", "paper-re10k", "--thresholds", "0.1,0.1,0.4"]);
     assert_eq!((&dynamic["least"]["gaussians"], &dynamic["most"]["gaussians"]), (&json!(8192), &json!(65_536)));
@@ -65,13 +65,13 @@ fn other_settings_are_not_compared_with_what_is_published() {
 }
 
 #[test]
-fn the_network_keeps_to_the_formula() {
-    for (words, gaussians) in [
+fn the_network_agrees_with_the_formula() {
+    for (args, gaussians) in [
         (&["--model", "nano", "--views", "3", "--size", "64x48"][..], 1632),
         (&["--model", "nano", "--views", "1", "--size", "48x32", "--thresholds", "0,0,0"], 768),
         (&["--model", "nano", "--views", "1", "--size", "48x32", "--expand-first", "0"], 96),
     ] {
-        let row = rows(&[&["--run"], words].concat()).remove(0);
+        let row = rows(&[&["--run"], args].concat()).remove(0);
         assert_eq!(row["run"]["tokens"], row["most"], "{row}");
         assert_eq!(
             (&row["run"]["tokens"]["gaussians"], &row["run"]["keeps-to-formula"]),
@@ -84,8 +84,8 @@ fn the_network_keeps_to_the_formula() {
 }
 
 #[test]
-fn what_has_no_budget() {
-    for (words, code, told) in [
+fn rejects_inputs_without_a_budget() {
+    for (args, code, message) in [
         (&["--model", "nano", "--size", "40x32"][..], 1, "divides"),
         (&["--model", "gone.toml"], 1, "gone.toml"),
         (&["--model", "nano", "--thresholds", "1"], 1, "3 thresholds"),
@@ -94,7 +94,7 @@ fn what_has_no_budget() {
         (&["--model", "nano", "--views", "0"], 2, "views"),
         (&["--model", "nano", "--thresholds", "1,1,1", "--ratios", "1,1,1"], 2, "--ratios"),
     ] {
-        let outcome = atsplat(Path::new("."), &[&["budget"], words].concat());
-        assert!(outcome.code == code && outcome.stderr.contains(told), "{words:?}: {}", outcome.stderr);
+        let outcome = atsplat(Path::new("."), &[&["budget"], args].concat());
+        assert!(outcome.code == code && outcome.stderr.contains(message), "{args:?}: {}", outcome.stderr);
     }
 }

@@ -1,4 +1,4 @@
-//! Runs that are killed, and disks that are full: nothing is lost, and the end is the same.
+//! Killed runs and full disks: nothing is lost, and a resumed run has the same results.
 
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -15,8 +15,8 @@ use evaluation::{FRAMES, bare, write_noise};
 
 fn command(here: &Path, out: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    let words = ["--threads", "2", "run", "tiny.toml", "--data", "data", "--method", "nearest-view,warp", "--out", out];
-    command.args(words).current_dir(here).stdout(Stdio::null()).stderr(Stdio::null());
+    let args = ["--threads", "2", "run", "tiny.toml", "--data", "data", "--method", "nearest-view,warp", "--out", out];
+    command.args(args).current_dir(here).stdout(Stdio::null()).stderr(Stdio::null());
     command
 }
 
@@ -34,7 +34,7 @@ fn killed_after(here: &Path, out: &str, delay: Duration) {
 }
 
 #[test]
-fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
+fn a_run_killed_at_twenty_moments_resumes_to_the_same_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 16);
@@ -45,7 +45,7 @@ fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
     let mut partial = 0;
     for moment in 0..20u32 {
         let out = format!("killed-{moment}");
-        // Drawn without end and without repetition, by the golden ratio.
+        // Quasi-random moments by the golden ratio.
         let share = (f64::from(moment) * 0.618_033_988_75).fract();
         killed_after(here, &out, whole.mul_f64(share));
         let left = Results::read(&here.join(&out)).map_or(0, |results| results.trials.len());
@@ -58,7 +58,7 @@ fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
 }
 
 #[test]
-fn killed_again_and_again_it_ends_the_same() {
+fn a_run_killed_repeatedly_resumes_to_the_same_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 12);
@@ -71,36 +71,36 @@ fn killed_again_and_again_it_ends_the_same() {
     assert_eq!(bare(&finished(here, "store")), bare(&expected));
 }
 
-/// Files may grow to 24 KiB (48 where the shell counts in KiB) and no further: the provenance fits, the rows of a trial
+/// Files may grow to 24 KiB (48 if the shell counts in KiB): the provenance fits, the rows of a trial
 /// with many targets do not.
 fn with_a_full_disk(here: &Path, out: &str) -> Output {
     let program = env!("CARGO_BIN_EXE_atsplat");
     let script = "trap '' XFSZ; ulimit -f 48; exec \"$0\" \"$@\"";
-    let mut words = vec!["-c", script, program, "run", "tiny.toml", "--data", "data", "--method", "warp"];
-    words.extend(["--metrics", "all", "--out", out]);
-    Command::new("sh").args(words).current_dir(here).output().unwrap()
+    let mut args = vec!["-c", script, program, "run", "tiny.toml", "--data", "data", "--method", "warp"];
+    args.extend(["--metrics", "all", "--out", out]);
+    Command::new("sh").args(args).current_dir(here).output().unwrap()
 }
 
 #[test]
-fn a_full_disk_ends_the_run_and_loses_nothing() {
+fn a_full_disk_stops_the_run_without_losing_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 3);
-    // One scene asks for more than a file may hold.
+    // One scene needs more than a file may hold.
     let frames: Vec<String> = (1..FRAMES).map(|frame| frame.to_string()).collect();
     let (few, many) = ("[1, 2]", format!("[{}]", frames.join(", ")));
     let entry = |scene: &str, target: &str| format!("\"{scene}\": {{\"context\": [0, 20], \"target\": {target}}}");
     let index = [entry("scene-00", few), entry("scene-01", &many), entry("scene-02", few)].join(", ");
     std::fs::write(here.join("data/evaluation_index.json"), format!("{{{index}}}")).unwrap();
     let full = with_a_full_disk(here, "store");
-    let told = String::from_utf8(full.stderr).unwrap();
-    assert_eq!(full.status.code(), Some(1), "{told}");
-    assert!(told.contains("writing results") && told.contains("store"), "{told}");
+    let message = String::from_utf8(full.stderr).unwrap();
+    assert_eq!(full.status.code(), Some(1), "{message}");
+    assert!(message.contains("writing results") && message.contains("store"), "{message}");
     let left = Results::read(&here.join("store")).unwrap();
     assert!(left.trials.iter().all(|trial| trial.targets == 2), "whole trials or none");
     let resume = |out: &str| {
-        let words = ["run", "tiny.toml", "--data", "data", "--method", "warp", "--metrics", "all", "--out", out];
-        let status = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(words).current_dir(here).output().unwrap();
+        let args = ["run", "tiny.toml", "--data", "data", "--method", "warp", "--metrics", "all", "--out", out];
+        let status = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(args).current_dir(here).output().unwrap();
         assert!(status.status.success(), "{}", String::from_utf8_lossy(&status.stderr));
         Results::read(&here.join(out)).unwrap()
     };

@@ -16,7 +16,7 @@ use atsplat_tests::shared_data;
 use common::{atsplat, succeed, write_trajectory};
 
 #[test]
-fn a_trajectory_folder_is_inspected_and_exported_three_ways() {
+fn inspects_and_exports_a_trajectory_folder() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
@@ -39,7 +39,7 @@ fn a_trajectory_folder_is_inspected_and_exported_three_ways() {
 }
 
 #[test]
-fn unknown_data_and_unknown_outputs_are_named() {
+fn errors_name_unknown_data_and_outputs() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("empty")).unwrap();
@@ -56,7 +56,7 @@ fn picture() -> Vec<u8> {
     encode_png(&ImageU8::new(16, 16, vec![128; 16 * 16 * 3]).unwrap()).unwrap()
 }
 
-/// A trajectory of `frames` frames with one picture each.
+/// A trajectory of `frames` frames with one image each.
 fn write_scene(folder: &Path, key: &str, frames: usize) {
     write_trajectory(&folder.join(format!("{key}.txt")), frames);
     std::fs::create_dir(folder.join(key)).unwrap();
@@ -65,9 +65,9 @@ fn write_scene(folder: &Path, key: &str, frames: usize) {
     }
 }
 
-/// One bad picture costs its own scene and no other.
+/// A broken image affects only its own scene.
 #[test]
-fn scenes_become_chunks_without_the_broken_one() {
+fn writes_chunks_without_the_broken_scene() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
@@ -82,9 +82,9 @@ fn scenes_become_chunks_without_the_broken_one() {
     assert_eq!(atsplat(here, &["data", "export", "data", "again", "--chunks", "--strict"]).code, 4);
 }
 
-/// Pictures that are not there keep nobody from using cameras; whoever looks at pictures hears of them.
+/// Missing images do not prevent the use of cameras, and are reported by commands that read images.
 #[test]
-fn missing_pictures_are_no_matter_to_cameras() {
+fn missing_images_do_not_affect_cameras() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let frame = |name: &str| {
@@ -95,24 +95,24 @@ fn missing_pictures_are_no_matter_to_cameras() {
     let transforms = serde_json::json!({ "w": 16, "h": 12, "fl_x": 16, "k1": 0.1, "frames": frames });
     std::fs::create_dir(here.join("scene")).unwrap();
     std::fs::write(here.join("scene/transforms.json"), transforms.to_string()).unwrap();
-    let said = |words: &[&str]| {
-        let outcome = atsplat(here, words);
-        assert_eq!(outcome.code, 0, "{words:?}: {}", outcome.stderr);
+    let said = |args: &[&str]| {
+        let outcome = atsplat(here, args);
+        assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
         (outcome.stdout.contains("missing-picture"), outcome.stdout.contains("lens-distortion"), outcome.stderr)
     };
     assert!(matches!(said(&["data", "inspect", "scene"]), (true, true, _)));
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files/degree3_little_endian.ply");
     let render = ["render", scene.to_str().unwrap(), "--cameras", "scene", "--out", "out"];
-    for words in [&["data", "export", "scene", "cameras.csv"][..], &["data", "motion", "scene"], &render] {
-        let (_, _, stderr) = said(words);
-        assert!(!stderr.contains("missing-picture"), "{words:?}: {stderr}");
-        assert!(stderr.contains("lens-distortion"), "what is about cameras stays: {words:?}: {stderr}");
+    for args in [&["data", "export", "scene", "cameras.csv"][..], &["data", "motion", "scene"], &render] {
+        let (_, _, stderr) = said(args);
+        assert!(!stderr.contains("missing-picture"), "{args:?}: {stderr}");
+        assert!(stderr.contains("lens-distortion"), "warnings about cameras stay: {args:?}: {stderr}");
     }
 }
 
-/// What a clone without Git LFS holds in the place of large files.
+/// A clone without Git LFS holds pointers instead of large files.
 #[test]
-fn pointers_of_git_lfs_are_named_whatever_they_stand_for() {
+fn errors_name_git_lfs_pointers_of_any_format() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
@@ -123,11 +123,11 @@ fn pointers_of_git_lfs_are_named_whatever_they_stand_for() {
         ("nano.safetensors", &["weights", "inspect"]),
         ("scene.ply", &["render", "--orbit", "1", "--out", "out"]),
     ];
-    for (name, words) in cases {
+    for (name, args) in cases {
         std::fs::write(here.join(name), pointer).unwrap();
-        let outcome = atsplat(here, &[words, &[name]].concat());
-        let told = outcome.stderr.contains("git lfs pull") && outcome.stderr.contains(name);
-        assert!(outcome.code == 1 && told, "{name}: {}", outcome.stderr);
+        let outcome = atsplat(here, &[args, &[name]].concat());
+        let message = outcome.stderr.contains("git lfs pull") && outcome.stderr.contains(name);
+        assert!(outcome.code == 1 && message, "{name}: {}", outcome.stderr);
     }
 }
 
@@ -148,7 +148,7 @@ fn hostile_chunk(folder: &Path) {
 }
 
 #[test]
-fn keys_of_a_chunk_name_no_folders_elsewhere() {
+fn chunk_keys_cannot_escape_the_output_folder() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     hostile_chunk(&here.join("chunks"));
@@ -166,7 +166,7 @@ fn keys_of_a_chunk_name_no_folders_elsewhere() {
 
 #[cfg(feature = "opencv")]
 #[test]
-fn frames_with_one_name_are_all_written() {
+fn frames_with_the_same_name_are_all_written() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let frame = |side: &str| {
@@ -188,7 +188,7 @@ fn frames_with_one_name_are_all_written() {
 }
 
 #[test]
-fn an_error_says_each_thing_once() {
+fn errors_do_not_repeat_their_causes() {
     let folder = tempfile::tempdir().unwrap();
     let outcome = atsplat(folder.path(), &["data", "inspect", "nowhere"]);
     assert_eq!(outcome.stderr.matches("No such file").count(), 1, "{}", outcome.stderr);
@@ -196,7 +196,7 @@ fn an_error_says_each_thing_once() {
 }
 
 #[test]
-fn simulated_scenes_are_datasets_in_every_layout() {
+fn simulated_scenes_are_readable_in_every_layout() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let simulate = |out: &str, more: &[&str]| {
@@ -214,49 +214,49 @@ fn simulated_scenes_are_datasets_in_every_layout() {
     assert_eq!(again.code, 1);
     assert!(again.stderr.contains("not empty"), "{}", again.stderr);
     assert_eq!(atsplat(here, &["data", "simulate", "new", "--effects", "fog"]).code, 2);
-    assert!(!here.join("new").exists(), "wrong words make no folder");
+    assert!(!here.join("new").exists(), "usage errors create no folder");
 }
 
 #[test]
-fn a_simulated_camera_follows_a_given_route() {
+fn simulated_cameras_follow_a_given_route() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_trajectory(&here.join("route.txt"), 5);
-    let words = ["data", "simulate", "out", "--scenes", "3..4", "--route", "route.txt", "--size", "24x16", "--depth"];
-    let told = succeed(here, &words);
-    assert!(told.starts_with("rooms-test-00000003: ") && told.contains("1 scenes, 5 frames"), "{told}");
+    let args = ["data", "simulate", "out", "--scenes", "3..4", "--route", "route.txt", "--size", "24x16", "--depth"];
+    let message = succeed(here, &args);
+    assert!(message.starts_with("rooms-test-00000003: ") && message.contains("1 scenes, 5 frames"), "{message}");
     assert_eq!(here.join("out/depth/rooms-test-00000003").read_dir().unwrap().count(), 5);
 }
 
 #[test]
-fn motion_of_a_known_camera_and_of_simulated_ones() {
+fn measures_the_motion_of_known_and_simulated_cameras() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/long.txt"), 200);
     write_trajectory(&here.join("data/short.txt"), 3);
-    let words = ["data", "motion", "data", "--simulated", "3", "--plot", "motion.svg"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&words[..], &["--json"]].concat())).unwrap();
+    let args = ["data", "motion", "data", "--simulated", "3", "--plot", "motion.svg"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&args[..], &["--json"]].concat())).unwrap();
     let [simulated, real] = report["groups"].as_array().unwrap().as_slice() else { panic!("{report}") };
     assert_eq!(simulated["clips"][2]["clip"], "rooms-train-00000002", "{simulated}");
     assert_eq!((&real["clips"][0]["frames"], &real["too-short"]), (&200.into(), &1.into()), "{real}");
     let plot = || std::fs::read_to_string(here.join("motion.svg")).unwrap();
     let first = plot();
     assert!(first.contains("simulated rooms: median") && first.contains("turn rate"), "{first}");
-    let table = succeed(here, &[&words[..], &["--threads", "1"]].concat());
+    let table = succeed(here, &[&args[..], &["--threads", "1"]].concat());
     assert!(table.contains("baseline, 135 frames"), "{table}");
     assert_eq!(plot(), first, "the same clips give the same bytes on any number of threads");
     assert_eq!(atsplat(here, &["data", "motion", "data", "--strict"]).code, 4, "a clip was left out");
     assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the carried clips");
 }
 
-/// The loader makes rotations orthonormal, which moves their trace by 1e-9 or so; half a degree, a step of half a second,
-/// has a cosine that makes 1e-3 degrees a second of it.
+/// The loader makes rotations orthonormal, which changes their trace by about 1e-9; for half a degree, a step of half a
+/// second, the cosine turns that into 1e-3 degrees per second.
 const TURNS: Tolerance = Tolerance::absolute(2e-3);
 
 /// `data/measure_motion.py` printed speeds, lengths and ratios with four decimals, seconds with three, angles with two.
 #[test]
-fn motion_of_real_clips_is_what_numpy_measured() {
+fn motion_of_real_clips_agrees_with_numpy() {
     let Some(shared) = shared_data("motion_of_real_clips_is_what_numpy_measured") else { return };
     let shared = shared.canonicalize().unwrap();
     let folders = [shared.join("trajectories/cameractrl_16f"), shared.join("re10k/000c3ab189999a83")];

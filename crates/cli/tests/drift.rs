@@ -19,7 +19,7 @@ fn store(path: &Path, shift: f64) {
     store_of(path, shift, |_| ());
 }
 
-/// The same, changed before it is written.
+/// As [`store`], with a change before it is written.
 fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
     let mut results = Results {
         provenance: Provenance {
@@ -112,7 +112,7 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
 }
 
 #[test]
-fn a_baseline_is_accepted_kept_and_left() {
+fn a_baseline_is_accepted_met_and_drifted_from() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     store(&at.join("then"), 0.0);
@@ -135,28 +135,28 @@ fn a_baseline_is_accepted_kept_and_left() {
     assert_eq!(report["comparisons"][1]["paired"]["difference"], 0.125);
     assert_eq!(report["attribution"]["stages"].as_array().unwrap().len(), 5);
 
-    // The probe with other constants than the baseline's: rows are the same, a stage is not.
+    // With other constants than the baseline's, the rows are the same but a stage of the probe differs.
     std::fs::write(at.join("probe.toml"), "constants = 'gsplat-1.6'").unwrap();
-    let words = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];
-    let outcome = atsplat(at, &words);
+    let args = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];
+    let outcome = atsplat(at, &args);
     assert!(
         outcome.code == 3 && outcome.stdout.contains("The first stage that changed is the splatter."),
         "{}",
         outcome.stdout
     );
 
-    let words =
+    let args =
         ["drift", "accept", "now", "--baseline", "quick.json", "--why", "a better decoder", "--no-probe", "--json"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(at, &words)).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&succeed(at, &args)).unwrap();
     assert_eq!((&report["moved"], &report["acceptances"]), (&"drifted".into(), &2.into()), "{report}");
     assert!(succeed(at, &["drift", "now", "--baseline", "quick.json"]).ends_with("Verdict: same\n"));
     let text = std::fs::read_to_string(at.join("quick.json")).unwrap();
     assert!(text.contains("the first numbers") && text.contains("a better decoder"), "{text}");
 }
 
-/// Another picture of one scene is named by scene and frame, a loss as a loss, and a comparison of nothing is a failure.
+/// A changed image is reported by scene and frame, missing rows as missing, and a comparison without numbers fails.
 #[test]
-fn data_losses_and_nothing_are_told_apart() {
+fn distinguishes_changed_data_losses_and_missing_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     store(&at.join("then"), 0.0);
@@ -181,7 +181,7 @@ fn data_losses_and_nothing_are_told_apart() {
     store_of(&at.join("empty"), 0.0, empty);
     let outcome = atsplat(at, &["drift", "accept", "empty", "--baseline", "empty.json", "--why", "nothing"]);
     assert!(
-        outcome.code == 1 && outcome.stderr.contains("a baseline of nothing watches nothing"),
+        outcome.code == 1 && outcome.stderr.contains("an empty baseline cannot detect drift"),
         "{}",
         outcome.stderr
     );
@@ -190,7 +190,7 @@ fn data_losses_and_nothing_are_told_apart() {
 }
 
 #[test]
-fn a_history_is_drawn_from_acceptance_to_acceptance() {
+fn plots_the_history_over_acceptances() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for (name, shift, why) in [("a", 0.0, "the first numbers"), ("b", 0.5, "a better decoder")] {
@@ -198,8 +198,8 @@ fn a_history_is_drawn_from_acceptance_to_acceptance() {
         succeed(at, &["drift", "accept", name, "--baseline", "quick.json", "--why", why, "--no-probe"]);
     }
     store(&at.join("now"), 0.25);
-    let words = ["drift", "now", "--baseline", "quick.json", "--history", "plots/psnr.svg"];
-    let outcome = atsplat(at, &words);
+    let args = ["drift", "now", "--baseline", "quick.json", "--history", "plots/psnr.svg"];
+    let outcome = atsplat(at, &args);
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
     let svg = std::fs::read_to_string(at.join("plots/psnr.svg")).unwrap();
     for text in ["fine on p; now: drifted", "+0.500 dB: a better decoder", "−0.250 dB"] {
@@ -208,18 +208,18 @@ fn a_history_is_drawn_from_acceptance_to_acceptance() {
     assert!(!svg.contains("the first numbers"), "nothing moved then");
     succeed(at, &["drift", "b", "--baseline", "quick.json", "--history", "b.png", "--method", "coarse"]);
     assert!(std::fs::read(at.join("b.png")).unwrap().starts_with(b"\x89PNG"));
-    let outcome = atsplat(at, &[&words[..], &["--metric", "beauty"]].concat());
+    let outcome = atsplat(at, &[&args[..], &["--metric", "beauty"]].concat());
     assert!(outcome.code == 1 && outcome.stderr.contains("psnr of fine under p"), "{}", outcome.stderr);
     assert_eq!(atsplat(at, &["drift", "now", "--baseline", "quick.json", "--metric", "psnr"]).code, 2);
 }
 
 #[test]
-fn wrong_words_and_broken_files_are_told() {
+fn reports_usage_errors_and_broken_files() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     store(&at.join("then"), 0.0);
     std::fs::write(at.join("broken.json"), "{").unwrap();
-    for (words, code, told) in [
+    for (args, code, message) in [
         (&["drift", "then"][..], 2, "--baseline"),
         (&["drift", "accept", "then", "--baseline", "b.json"], 2, "--why"),
         (&["drift", "accept", "then", "--baseline", "b.json", "--why", ""], 2, "--why"),
@@ -229,10 +229,10 @@ fn wrong_words_and_broken_files_are_told() {
         (&["tradeoff", "then", "--metric", "beauty"], 2, "ssim"),
         (&["tradeoff", "nowhere"], 1, "nowhere"),
     ] {
-        let outcome = atsplat(at, words);
+        let outcome = atsplat(at, args);
         assert!(
-            outcome.code == code && outcome.stderr.contains(told),
-            "{words:?}: {} {}",
+            outcome.code == code && outcome.stderr.contains(message),
+            "{args:?}: {} {}",
             outcome.code,
             outcome.stderr
         );
@@ -241,7 +241,7 @@ fn wrong_words_and_broken_files_are_told() {
 }
 
 #[test]
-fn a_frontier_has_prices() {
+fn a_frontier_lists_prices() {
     let folder = tempfile::tempdir().unwrap();
     store(&folder.path().join("then"), 0.0);
     let table = succeed(folder.path(), &["tradeoff", "then"]);

@@ -1,4 +1,4 @@
-//! What does not fit is said: indices under their presets, estimators of overlap, folders of renders, empty runs.
+//! Reports of mismatches: indices under presets, overlap estimators, folders of renders, empty runs.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -17,20 +17,20 @@ use evaluation::{write_index, write_preset};
 const SIDE: u32 = 40;
 const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view"];
 
-/// A grey picture that differs from frame to frame.
+/// A grey image that differs between frames.
 fn picture(frame: usize, side: u32) -> Vec<u8> {
     let shade = u8::try_from(60 + frame).unwrap();
     encode_png(&ImageU8::new(side, side, vec![shade; (side * side * 3) as usize]).unwrap()).unwrap()
 }
 
-/// Scenes of RE10K with a picture of each frame, beside the protocol `tiny.toml`.
+/// RE10K scenes with an image per frame, next to the protocol `tiny.toml`.
 fn dataset(here: &Path, scenes: &[&str], frames: usize) {
     write_preset(here, SIDE);
     for scene in scenes {
         std::fs::create_dir_all(here.join("data").join(scene)).unwrap();
         let path = here.join(format!("data/{scene}.txt"));
         write_trajectory(&path, frames);
-        // Pictures are square, and so are their pixels.
+        // Square images with square pixels.
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, text.replace(" 0.48 0.86 ", " 0.86 0.86 ")).unwrap();
         for frame in 0..frames {
@@ -44,7 +44,7 @@ fn run(here: &Path, more: &[&str]) -> common::Outcome {
 }
 
 #[test]
-fn building_and_running_choose_the_same_frames() {
+fn build_and_run_choose_the_same_frames() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["scene"], 9);
@@ -54,7 +54,7 @@ fn building_and_running_choose_the_same_frames() {
     let rule = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
     std::fs::write(here.join("rule.toml"), rule).unwrap();
     let built = succeed(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "built.json"]);
-    assert!(built.contains("3  frames left out, their pictures are missing"), "{built}");
+    assert!(built.contains("3  frames skipped, their images are missing"), "{built}");
     let entry = &IndexFile::read(&here.join("built.json")).unwrap().index.scenes["scene"][0];
     let named: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
     assert!(named.iter().all(|frame| ![0, 3, 8].contains(frame)), "{named:?}");
@@ -66,7 +66,7 @@ fn building_and_running_choose_the_same_frames() {
 }
 
 #[test]
-fn an_index_that_does_not_fit_its_preset_is_a_counted_warning() {
+fn counts_warnings_about_an_index_that_does_not_fit_its_preset() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["a", "b"], 9);
@@ -93,7 +93,7 @@ fn an_index_that_does_not_fit_its_preset_is_a_counted_warning() {
 }
 
 #[test]
-fn an_estimate_in_the_place_of_a_shipped_overlap_is_named_and_has_bins_of_its_own() {
+fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["a"], 60);
@@ -101,9 +101,9 @@ fn an_estimate_in_the_place_of_a_shipped_overlap_is_named_and_has_bins_of_its_ow
     std::fs::write(here.join("index.json"), entry).unwrap();
     assert!(succeed(here, &["protocol", "overlap", "index.json"]).contains("1  small"), "as the index ships it");
     let measure = ["protocol", "overlap", "index.json", "--data", "data", "-o", "measured.json"];
-    let told = succeed(here, &measure);
+    let message = succeed(here, &measure);
     for text in ["1  of the index replaced", "a third of the values in each", "were published for roma (--force)"] {
-        assert!(told.contains(text) && !told.contains("  small"), "{text}: {told}");
+        assert!(message.contains(text) && !message.contains("  small"), "{text}: {message}");
     }
     let forced = succeed(here, &[&measure[..], &["--force"]].concat());
     assert!(forced.contains("  small, 0.05") && forced.contains("these overlaps are epipolar-ray's"), "{forced}");
@@ -113,19 +113,19 @@ fn an_estimate_in_the_place_of_a_shipped_overlap_is_named_and_has_bins_of_its_ow
     let again = succeed(here, &["protocol", "overlap", "measured.json"]);
     assert!(again.contains("as the index records them, by epipolar-ray") && !again.contains("  small"), "{again}");
 
-    // A table of published bins takes only what they were published for.
+    // A table of published bins accepts only their estimator.
     let preset = atsplat_protocol::Preset::text_of("re10k-overlap").unwrap();
     let preset = preset.replacen("expected-size = { width = 640, height = 360 }\n", "", 1);
     std::fs::write(here.join("overlap.toml"), preset.replacen("256, width = 256", "40, width = 40", 1)).unwrap();
-    let words = ["run", "overlap.toml", "--data", "data", "--method", "nearest-view"];
+    let args = ["run", "overlap.toml", "--data", "data", "--method", "nearest-view"];
     for (index, store) in [("index.json", "shipped"), ("measured.json", "estimated")] {
-        succeed(here, &[&words[..], &["--index", index, "--out", store]].concat());
+        succeed(here, &[&args[..], &["--index", index, "--out", store]].concat());
     }
     let report = |store: &str, more: &[&str]| {
-        let told =
+        let message =
             succeed(here, &[&["report", store, "--tables", "re10k_overlap", "--format", "terminal"], more].concat());
-        // Lines are broken where the terminal ends.
-        told.split_whitespace().collect::<Vec<_>>().join(" ")
+        // Lines are wrapped at the terminal width.
+        message.split_whitespace().collect::<Vec<_>>().join(" ")
     };
     assert!(!report("shipped", &[]).contains("published for roma"));
     let estimated = report("estimated", &[]);
@@ -135,7 +135,7 @@ fn an_estimate_in_the_place_of_a_shipped_overlap_is_named_and_has_bins_of_its_ow
 }
 
 #[test]
-fn nothing_evaluated_is_a_failure_whatever_the_flags() {
+fn evaluating_nothing_fails_with_any_flags() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["a", "b"], 5);
@@ -147,11 +147,11 @@ fn nothing_evaluated_is_a_failure_whatever_the_flags() {
         (&["--index", "elsewhere.json"], "none of the index's scenes is in data: c"),
         (&["--shard", "3/3"], "shard 3 of 3 of 2 scenes is empty"),
     ];
-    for (at, (words, why)) in failures.into_iter().enumerate() {
+    for (at, (args, why)) in failures.into_iter().enumerate() {
         for strict in [&["--strict"][..], &[]] {
             let store = format!("store-{at}-{}", strict.len());
-            let outcome = run(here, &[words, strict, &["--out", &store]].concat());
-            assert_eq!(outcome.code, 1, "{words:?}: {}", outcome.stderr);
+            let outcome = run(here, &[args, strict, &["--out", &store]].concat());
+            assert_eq!(outcome.code, 1, "{args:?}: {}", outcome.stderr);
             assert!(
                 outcome.stderr.contains("nothing was evaluated: ") && outcome.stderr.contains(why),
                 "{}",
@@ -171,7 +171,7 @@ fn nothing_evaluated_is_a_failure_whatever_the_flags() {
 }
 
 #[test]
-fn pictures_of_another_size_are_told_of_any_size() {
+fn images_of_another_size_suggest_any_size() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["a"], 5);
@@ -179,20 +179,16 @@ fn pictures_of_another_size_are_told_of_any_size() {
     let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
     let sized = "[preprocessing]\nexpected-size = { width = 640, height = 360 }";
     std::fs::write(here.join("sized.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
-    let words = ["run", "sized.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
-    let refused = atsplat(here, &words);
-    assert!(
-        refused.code == 1 && refused.stdout.contains("--any-size takes pictures of any size"),
-        "{}",
-        refused.stdout
-    );
-    // A store in which nothing was compared binds nobody.
-    let taken = atsplat(here, &[&words[..], &["--any-size"]].concat());
+    let args = ["run", "sized.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
+    let refused = atsplat(here, &args);
+    assert!(refused.code == 1 && refused.stdout.contains("--any-size takes images of any size"), "{}", refused.stdout);
+    // A store without results accepts other settings.
+    let taken = atsplat(here, &[&args[..], &["--any-size"]].concat());
     assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);
 }
 
 #[test]
-fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
+fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["one", "two"], 5);
@@ -205,9 +201,8 @@ fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
         std::fs::write(here.join(format!("small/{scene}/{frame}.png")), picture(frame, 8)).unwrap();
     }
     let score = |renders: &str| {
-        let words =
-            ["score", "tiny.toml", "--data", "data", "--name", "theirs", "--out", "store", "--renders", renders];
-        atsplat(here, &words)
+        let args = ["score", "tiny.toml", "--data", "data", "--name", "theirs", "--out", "store", "--renders", renders];
+        atsplat(here, &args)
     };
     let up = score("out");
     assert!(up.code == 1 && !here.join("store").exists(), "{}", up.stderr);
@@ -221,7 +216,7 @@ fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
     assert!(down.code == 1 && down.stderr.contains("out/test, as SCENE/color/000029.png (2)"), "{}", down.stderr);
     let nowhere = score("data/one");
     assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder holds 0.png"), "{}", nowhere.stderr);
-    // Found, and all of another size: rows that hold no number.
+    // Files of another size give rows without numbers.
     let small = score("small");
     assert!(small.code == 1 && small.stderr.contains("small: SCENE/29.png (2)"), "{}", small.stderr);
     assert!(small.stderr.contains("all of 4 targets failed"), "{}", small.stderr);
@@ -244,7 +239,7 @@ fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
 }
 
 #[test]
-fn a_changed_protocol_is_told_field_by_field() {
+fn reports_a_changed_protocol_field_by_field() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     dataset(here, &["a"], 5);
@@ -258,10 +253,10 @@ fn a_changed_protocol_is_told_field_by_field() {
 }
 
 #[test]
-fn strict_is_there_where_something_can_be_skipped() {
+fn only_commands_that_can_skip_have_strict() {
     let folder = tempfile::tempdir().unwrap();
-    let help = |words: &[&str]| succeed(folder.path(), &[words, &["--help"]].concat());
-    for words in [
+    let help = |args: &[&str]| succeed(folder.path(), &[args, &["--help"]].concat());
+    for args in [
         &["run"][..],
         &["score"],
         &["reproduce"],
@@ -276,9 +271,9 @@ fn strict_is_there_where_something_can_be_skipped() {
         &["protocol", "build"],
         &["protocol", "extrapolate"],
     ] {
-        assert!(help(words).contains("--strict"), "{words:?}");
+        assert!(help(args).contains("--strict"), "{args:?}");
     }
-    for words in [
+    for args in [
         &[][..],
         &["merge"],
         &["train"],
@@ -293,7 +288,7 @@ fn strict_is_there_where_something_can_be_skipped() {
         &["protocol", "show"],
         &["data", "simulate"],
     ] {
-        assert!(!help(words).contains("--strict\n") && !help(words).contains("--strict "), "{words:?}");
+        assert!(!help(args).contains("--strict\n") && !help(args).contains("--strict "), "{args:?}");
     }
     let before = atsplat(folder.path(), &["--strict", "run"]);
     assert!(before.code == 2 && before.stderr.contains("'run --strict' exists"), "{}", before.stderr);

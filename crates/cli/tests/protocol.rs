@@ -26,7 +26,7 @@ fn presets_are_listed_and_shown() {
 }
 
 #[test]
-fn an_index_is_built_measured_linted_and_moved_outside() {
+fn builds_measures_lints_and_extrapolates_an_index() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
@@ -61,7 +61,7 @@ fn an_index_is_built_measured_linted_and_moved_outside() {
 }
 
 #[test]
-fn thread_counts_change_nothing() {
+fn results_do_not_depend_on_the_thread_count() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
@@ -69,15 +69,15 @@ fn thread_counts_change_nothing() {
         write_trajectory(&here.join("data").join(format!("{key:04}.txt")), 100 + 10 * key);
     }
     let build = |threads: &str| {
-        let words = ["--threads", threads, "protocol", "build", "data", "--sampler", "re10k-2v", "-o", threads];
-        succeed(here, &words);
+        let args = ["--threads", threads, "protocol", "build", "data", "--sampler", "re10k-2v", "-o", threads];
+        succeed(here, &args);
         std::fs::read(here.join(threads)).unwrap()
     };
     assert_eq!(build("1"), build("3"));
 }
 
 #[test]
-fn wrong_words_are_2_broken_files_are_1_and_skips_are_4_when_strict() {
+fn exit_codes_of_usage_errors_broken_files_and_strict_skips() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     assert_eq!(atsplat(here, &["protocol", "lint"]).code, 2);
@@ -88,17 +88,17 @@ fn wrong_words_are_2_broken_files_are_1_and_skips_are_4_when_strict() {
 
     std::fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/short.txt"), 3);
-    let words = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json"];
-    let nothing = atsplat(here, &words);
+    let args = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json"];
+    let nothing = atsplat(here, &args);
     assert!(nothing.code == 1 && nothing.stderr.contains("no scene of data has an entry"), "{}", nothing.stderr);
     write_trajectory(&here.join("data/long.txt"), 200);
-    assert_eq!(atsplat(here, &words).code, 0);
-    assert_eq!(atsplat(here, &[&words[..], &["--strict"]].concat()).code, 4);
+    assert_eq!(atsplat(here, &args).code, 0);
+    assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
 }
 
 #[test]
-fn words_that_name_nothing_are_2_before_anything_is_read() {
-    for (words, expected) in [
+fn unknown_names_are_usage_errors_before_anything_is_read() {
+    for (args, expected) in [
         (&["lint", "nowhere", "--preset", "nope"][..], "re10k-2v-256"),
         (&["show", "nope"], "re10k-2v-256"),
         (&["build", "nowhere", "-o", "out", "--sampler", "nope"], "re10k-2v"),
@@ -109,35 +109,35 @@ fn words_that_name_nothing_are_2_before_anything_is_read() {
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "1001"], "expected 1 to 1000 frames"),
         (&["extrapolate", "nowhere", "-o", "out", "--margin", "18446744073709551615"], "expected 1 to 1000 frames"),
     ] {
-        let outcome = atsplat(&repository(), &[&["protocol"], words].concat());
-        assert_eq!(outcome.code, 2, "{words:?}: {}", outcome.stderr);
-        assert!(outcome.stderr.contains(expected), "{words:?}: {}", outcome.stderr);
+        let outcome = atsplat(&repository(), &[&["protocol"], args].concat());
+        assert_eq!(outcome.code, 2, "{args:?}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
     }
 }
 
 #[test]
-fn an_output_that_cannot_be_written_fails_before_the_work() {
+fn an_unwritable_output_fails_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::write(here.join("file"), "").unwrap();
-    let words = ["protocol", "build", "nowhere", "--sampler", "dl3dv-6v", "-o", "file/index.json"];
-    let outcome = atsplat(here, &words);
+    let args = ["protocol", "build", "nowhere", "--sampler", "dl3dv-6v", "-o", "file/index.json"];
+    let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("file"), "the output is named, not the missing data: {}", outcome.stderr);
 
     let index = repository().join("eval/indices/example.json");
-    let words = ["protocol", "overlap", index.to_str().unwrap(), "--data", "nowhere", "--plot", "file/plot.svg"];
-    let outcome = atsplat(here, &words);
+    let args = ["protocol", "overlap", index.to_str().unwrap(), "--data", "nowhere", "--plot", "file/plot.svg"];
+    let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("file"), "the plot is named, not the missing data: {}", outcome.stderr);
 }
 
 #[test]
-fn estimators_of_overlap_are_judged_by_true_covisibility() {
+fn compares_overlap_estimators_with_true_covisibility() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let words = ["protocol", "estimators", "--scenes", "3", "--pairs", "6", "--size", "48x36"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&words[..], &["--json"]].concat())).unwrap();
+    let args = ["protocol", "estimators", "--scenes", "3", "--pairs", "6", "--size", "48x36"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&args[..], &["--json"]].concat())).unwrap();
     assert_eq!(report["pairs"].as_array().unwrap().len(), 36, "{report}");
     let rows = report["estimators"].as_array().unwrap();
     for kind in ["rooms", "yards"] {
@@ -148,12 +148,12 @@ fn estimators_of_overlap_are_judged_by_true_covisibility() {
         let ordered = [of("epipolar-ray"), of("depth-covisibility")];
         assert!(ordered[1] > 0.85 && ordered[1] > ordered[0], "{kind}: depth knows more than cameras do: {ordered:?}");
     }
-    let text = succeed(here, &[&words[..], &["--plot", "estimators.svg"]].concat());
+    let text = succeed(here, &[&args[..], &["--plot", "estimators.svg"]].concat());
     assert!(text.starts_with("36 pairs of views of 6 simulated scenes"), "{text}");
     let plot = || std::fs::read_to_string(here.join("estimators.svg")).unwrap();
     let first = plot();
     assert!(first.contains("depth-covisibility") && first.contains("yards: rank correlation"), "{first}");
-    succeed(here, &[&words[..], &["--plot", "estimators.svg", "--threads", "1"]].concat());
+    succeed(here, &[&args[..], &["--plot", "estimators.svg", "--threads", "1"]].concat());
     assert_eq!(plot(), first, "the same pairs give the same bytes on any number of threads");
-    assert_eq!(atsplat(here, &[&words[..], &["--plot", "estimators.pdf"]].concat()).code, 2);
+    assert_eq!(atsplat(here, &[&args[..], &["--plot", "estimators.pdf"]].concat()).code, 2);
 }

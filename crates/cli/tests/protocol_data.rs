@@ -1,4 +1,4 @@
-//! `atsplat protocol` on datasets: which pictures, which depth maps, what is said of what fails.
+//! `atsplat protocol` on datasets: selection of images and depth maps, and reports of failures.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -14,9 +14,9 @@ fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).unwrap()
 }
 
-/// The capture holds pictures of 960×540 and of 480×270; the protocol wants the small ones.
+/// The capture has images of 960×540 and 480×270; the protocol needs the small ones.
 #[test]
-fn each_command_takes_the_pictures_that_are_asked_for() {
+fn every_command_uses_the_requested_images() {
     let Some(shared) = shared_data("each_command_takes_the_pictures_that_are_asked_for") else { return };
     let data = shared.canonicalize().unwrap().join("dl3dv_like");
     let data = data.to_str().unwrap();
@@ -25,12 +25,12 @@ fn each_command_takes_the_pictures_that_are_asked_for() {
     succeed(here, &["protocol", "build", data, "--images", "8", "--sampler", "dl3dv-6v", "-o", "index.json"]);
 
     let lint = ["protocol", "lint", "index.json", "--preset", "dl3dv-6v-256x448", "--data", data, "--json"];
-    let usable = |words: &[&str]| json(&succeed(here, &[&lint[..], words].concat()))["dataset"]["usable"].as_u64();
+    let usable = |args: &[&str]| json(&succeed(here, &[&lint[..], args].concat()))["dataset"]["usable"].as_u64();
     assert_eq!((usable(&["--images", "8"]), usable(&["--images", "4"])), (Some(1), Some(0)));
 
     for command in [&["overlap", "index.json"][..], &["extrapolate", "index.json", "-o", "outside.json"]] {
-        let words = [&["protocol"], command, &["--data", data, "--images", "8"]].concat();
-        let outcome = atsplat(here, &words);
+        let args = [&["protocol"], command, &["--data", data, "--images", "8"]].concat();
+        let outcome = atsplat(here, &args);
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
         assert!(outcome.stderr.contains("images_8/frame_00081.png"), "{command:?}: {}", outcome.stderr);
     }
@@ -40,7 +40,7 @@ fn each_command_takes_the_pictures_that_are_asked_for() {
 
 /// Two cameras that look at a wall at z = 4 from places 1.6 apart: 40 px · 1.6 / 4 = 16 of 80 columns are lost.
 #[test]
-fn depth_covisibility_from_files() {
+fn measures_depth_covisibility_from_files() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir_all(here.join("data")).unwrap();
@@ -68,8 +68,8 @@ fn depth_covisibility_from_files() {
     let nowhere = atsplat(here, &[&measure[..], &["--depth", "nowhere"]].concat());
     assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
 
-    let words = [&measure[..], &["--depth", "depth", "-o", "overlap.json"]].concat();
-    let report = succeed(here, &words);
+    let args = [&measure[..], &["--depth", "depth", "-o", "overlap.json"]].concat();
+    let report = succeed(here, &args);
     for line in [
         "      1  measured",
         "      1  not measured: scene-missing",
@@ -80,24 +80,24 @@ fn depth_covisibility_from_files() {
     }
     let measured = std::fs::read_to_string(here.join("overlap.json")).unwrap();
     assert_eq!(json(&measured)["wall"]["overlap"].to_string(), "0.8", "{measured}");
-    assert_eq!(atsplat(here, &[&words[..], &["--strict"]].concat()).code, 4);
+    assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
 
     let other = ["protocol", "overlap", "index.json", "--data", "data", "--depth", "depth"];
-    assert!(atsplat(here, &other).stderr.contains("looks at no depth"));
+    assert!(atsplat(here, &other).stderr.contains("does not use depth"));
 }
 
-/// Said before the index is even looked for.
+/// Reported before the index is read.
 #[cfg(not(feature = "opencv"))]
 #[test]
 fn feature_coverage_needs_its_feature() {
-    let words = ["protocol", "overlap", "nowhere.json", "--data", "nowhere", "--estimator", "feature-coverage"];
+    let args = ["protocol", "overlap", "nowhere.json", "--data", "nowhere", "--estimator", "feature-coverage"];
     let folder = tempfile::tempdir().unwrap();
-    let outcome = atsplat(folder.path(), &words);
+    let outcome = atsplat(folder.path(), &args);
     assert!(outcome.code == 1 && outcome.stderr.contains("--features opencv"), "{}", outcome.stderr);
 }
 
 #[test]
-fn scenes_that_the_data_lacks_are_skips_and_the_split_is_known_again() {
+fn missing_scenes_are_skipped_and_the_split_is_recognised() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
@@ -105,8 +105,8 @@ fn scenes_that_the_data_lacks_are_skips_and_the_split_is_known_again() {
     let entry = r#"{"context": [0, 10, 20, 30, 40, 49], "target": [5]}"#;
     std::fs::write(here.join("one.json"), format!(r#"{{"here": {entry}}}"#)).unwrap();
     std::fs::write(here.join("two.json"), format!(r#"{{"here": {entry}, "gone": {entry}, "null": null}}"#)).unwrap();
-    let split = |index: &str, words: &[&str]| {
-        let all = [&["protocol", "extrapolate", index, "-o", "outside.json", "--strict"], words].concat();
+    let split = |index: &str, args: &[&str]| {
+        let all = [&["protocol", "extrapolate", index, "-o", "outside.json", "--strict"], args].concat();
         let outcome = atsplat(here, &all);
         (outcome.code, outcome.stdout + &outcome.stderr)
     };
@@ -129,7 +129,7 @@ fn scenes_that_the_data_lacks_are_skips_and_the_split_is_known_again() {
 }
 
 #[test]
-fn the_published_split_is_known_again() {
+fn recognises_the_published_split() {
     let Some(shared) = shared_data("the_published_split_is_known_again") else { return };
     let index = shared.join("index/depthsplat/dl3dv_start_0_distance_50_ctx_6v_video_0_50.json");
     let index = index.canonicalize().unwrap();

@@ -1,4 +1,4 @@
-//! `atsplat reconstruct` as a user runs it: what it writes is what the library makes of the same photos.
+//! `atsplat reconstruct` as a user runs it: its files equal the results of the library.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -25,12 +25,12 @@ use common::{atsplat, succeed};
 
 const SEED: u64 = 3;
 
-/// The network that the model's own fixtures are made with: 32×48 pixels, a tenth of a second.
+/// The network of the model's fixtures: 32×48 pixels, a tenth of a second.
 fn tiny() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../model/oracle/tiny.toml").canonicalize().unwrap()
 }
 
-/// Five photos of 48×32 pixels along an arc, in nerfstudio's layout, with one listed that is not there.
+/// Five photos of 48×32 pixels along an arc, in nerfstudio's layout, one of them listed but missing.
 fn capture() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("images")).unwrap();
@@ -75,7 +75,7 @@ fn record(folder: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(folder.join("scene.ply.json")).unwrap()).unwrap()
 }
 
-/// The same, through the libraries.
+/// The same reconstruction through the libraries.
 fn by_hand(folder: &Path, frames: &[usize]) -> Reconstruction {
     let mut warnings = Warnings::new();
     let dataset = atsplat_scene::open(folder, &mut warnings).unwrap();
@@ -95,7 +95,7 @@ fn by_hand(folder: &Path, frames: &[usize]) -> Reconstruction {
 }
 
 #[test]
-fn the_file_holds_what_the_library_makes() {
+fn the_file_holds_the_librarys_gaussians() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
@@ -113,15 +113,15 @@ fn the_file_holds_what_the_library_makes() {
     assert!(text.contains("memory of the network, by formula"), "{text}");
 }
 
-/// A graphics processor makes nearly the same Gaussians. Where there is none, or the build has no network for it, that is
-/// what is told, before anything is written.
+/// A GPU makes nearly the same Gaussians. Without a GPU, or in a build without GPU networks, an error is reported before
+/// anything is written.
 #[test]
-fn a_graphics_processor_is_used_or_told_to_be_missing() {
+fn uses_a_gpu_or_reports_that_there_is_none() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
-    let words = untrained(tiny.to_str().unwrap(), &["--frame", "network", "--device", "wgpu"]);
-    let outcome = atsplat(here, &words);
+    let args = untrained(tiny.to_str().unwrap(), &["--frame", "network", "--device", "wgpu"]);
+    let outcome = atsplat(here, &args);
     if outcome.code == 0 {
         assert!(cfg!(feature = "gpu-network") && record(here)["device"] == "wgpu");
         let (ours, theirs) = (gaussians(&here.join("scene.ply")), by_hand(here, &[0, 2, 5]).gaussians);
@@ -130,24 +130,24 @@ fn a_graphics_processor_is_used_or_told_to_be_missing() {
         Tolerance { absolute: 1e-3, relative: 1e-3 }.assert(wide(&ours), wide(&theirs), "centres");
         return;
     }
-    let told = if cfg!(feature = "gpu-network") { "adapter" } else { "--features gpu-network" };
-    assert!(outcome.code == 1 && outcome.stderr.contains(told), "{}", outcome.stderr);
+    let message = if cfg!(feature = "gpu-network") { "adapter" } else { "--features gpu-network" };
+    assert!(outcome.code == 1 && outcome.stderr.contains(message), "{}", outcome.stderr);
     assert!(!here.join("scene.ply").exists());
     let required = cfg!(feature = "gpu-network") && graphics_required();
     assert!(!required, "{}", outcome.stderr);
     let outcome = atsplat(here, &["budget", "--model", "nano", "--run", "--device", "wgpu"]);
-    assert!(outcome.code == 1 && outcome.stderr.contains(told), "{}", outcome.stderr);
+    assert!(outcome.code == 1 && outcome.stderr.contains(message), "{}", outcome.stderr);
     assert_ne!(atsplat(here, &["budget", "--device", "wgpu"]).code, 0, "nothing runs without --run");
 }
 
-/// The dataset's own cameras see the Gaussians as the normalised ones do.
+/// The dataset's cameras see the same Gaussians as the normalised cameras.
 #[test]
-fn in_the_scenes_frame_the_datasets_cameras_see_the_same() {
+fn the_datasets_cameras_see_the_same_in_the_scene_frame() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
-    let words = untrained(tiny.to_str().unwrap(), &["--renders", "renders", "--targets", "1,3"]);
-    succeed(here, &words);
+    let args = untrained(tiny.to_str().unwrap(), &["--renders", "renders", "--targets", "1,3"]);
+    succeed(here, &args);
     let record = record(here);
     let names: Vec<&str> =
         record["renders"]["files"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
@@ -182,7 +182,7 @@ fn in_the_scenes_frame_the_datasets_cameras_see_the_same() {
 }
 
 #[test]
-fn the_same_words_give_the_same_bytes() {
+fn the_same_arguments_give_identical_bytes() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
@@ -199,25 +199,25 @@ fn the_same_words_give_the_same_bytes() {
 }
 
 #[test]
-fn spz_is_written_by_extension_and_views_keep_their_order() {
+fn writes_spz_by_extension_and_keeps_the_order_of_views() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
-    let words = ["reconstruct", ".", "--weights", "random:3", "--model", tiny.to_str().unwrap(), "--json"];
+    let args = ["reconstruct", ".", "--weights", "random:3", "--model", tiny.to_str().unwrap(), "--json"];
     let report: Value =
-        serde_json::from_str(&succeed(here, &[&words[..], &["--views", "5,0..3:2", "--out", "a.spz"]].concat()))
+        serde_json::from_str(&succeed(here, &[&args[..], &["--views", "5,0..3:2", "--out", "a.spz"]].concat()))
             .unwrap();
     assert_eq!(report["output"]["format"], json!({ "spz3": { "antialiased": false } }));
     let frames: Vec<&Value> = report["input"]["views"].as_array().unwrap().iter().map(|view| &view["frame"]).collect();
     assert_eq!(frames, [&json!(5), &json!(0), &json!(2)]);
     assert!(report["seconds"]["decoder"].is_number() && report["memory"]["weight-bytes"].is_number());
-    let told = report["output"]["gaussians"].as_u64().unwrap();
-    assert_eq!(gaussians(&here.join("a.spz")).len() as u64, told);
+    let message = report["output"]["gaussians"].as_u64().unwrap();
+    assert_eq!(gaussians(&here.join("a.spz")).len() as u64, message);
 }
 
-/// Three views of 32×48 have 6 patches each; at the scale that the weights were trained at, 24.
+/// Three views of 32×48 have 6 patches each; at the training resolution, 24.
 #[test]
-fn photos_are_seen_at_the_scale_of_the_weights() {
+fn photos_are_scaled_to_the_training_resolution() {
     let folder = capture();
     let here = folder.path();
     let config = ModelConfig { resolution: ImageSize::new(64, 64), ..ModelConfig::read(&tiny()).unwrap() };
@@ -235,9 +235,9 @@ fn photos_are_seen_at_the_scale_of_the_weights() {
     }
 }
 
-/// Weights that travelled through a file make the same Gaussians; other configurations run on them.
+/// Weights from a file make the same Gaussians, also under other configurations.
 #[test]
-fn weights_from_a_file() {
+fn reconstructs_with_weights_from_a_file() {
     let folder = capture();
     let here = folder.path();
     let config = ModelConfig::read(&tiny()).unwrap();
@@ -282,14 +282,14 @@ fn weights_from_a_file() {
 }
 
 #[test]
-fn weights_that_are_not_there_are_told_of() {
+fn missing_weights_are_reported_with_advice() {
     let folder = capture();
     let here = folder.path();
     let hash = "ab".repeat(32);
-    let words = ["--weights", "gone.safetensors", "--model", "paper-dl3dv", "--sha256", &hash];
-    let outcome = atsplat(here, &reconstruct(&words));
+    let args = ["--weights", "gone.safetensors", "--model", "paper-dl3dv", "--sha256", &hash];
+    let outcome = atsplat(here, &reconstruct(&args));
     assert_eq!(outcome.code, 1);
-    for told in [
+    for message in [
         "paper-dl3dv",
         &hash,
         "dinov2_vitb14_pretrain.pth",
@@ -298,7 +298,7 @@ fn weights_that_are_not_there_are_told_of() {
         "random:SEED",
         "gone.safetensors",
     ] {
-        assert!(outcome.stderr.contains(told), "{told}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains(message), "{message}: {}", outcome.stderr);
     }
     fs::write(here.join("text.safetensors"), "not weights").unwrap();
     let outcome = atsplat(here, &reconstruct(&["--weights", "text.safetensors"]));
@@ -307,12 +307,12 @@ fn weights_that_are_not_there_are_told_of() {
 }
 
 #[test]
-fn input_that_cannot_be_reconstructed() {
+fn rejects_input_that_cannot_be_reconstructed() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
     let start = ["reconstruct", ".", "--weights", "random:1", "--model", tiny.to_str().unwrap(), "--out", "scene.ply"];
-    for (more, told) in [
+    for (more, message) in [
         (&["--views", "0,4"][..], "004.png"),
         (&["--views", "0,9"], "position 9"),
         (&["--views", "0,2,0"], "selected twice"),
@@ -324,13 +324,13 @@ fn input_that_cannot_be_reconstructed() {
         (&["--views", "0,2", "--backbone", "gone.pth"], "no DINOv2 backbone"),
     ] {
         let outcome = atsplat(here, &[&start[..], more].concat());
-        assert!(outcome.code == 1 && outcome.stderr.contains(told), "{more:?}: {}", outcome.stderr);
+        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{more:?}: {}", outcome.stderr);
         assert!(!here.join("scene.ply").exists(), "{more:?}");
     }
 }
 
 #[test]
-fn wrong_words_are_told_before_anything_is_made() {
+fn usage_errors_are_reported_before_anything_is_written() {
     let folder = capture();
     let here = folder.path();
     let start = ["reconstruct", ".", "--out", "out/scene.ply"];
@@ -362,9 +362,9 @@ fn wrong_words_are_told_before_anything_is_made() {
     assert!(strict.code == 2 && strict.stderr.contains("unexpected argument '--strict'"), "{}", strict.stderr);
 }
 
-/// Without truths, tokens alone; with them, renders and uncertainty too. Untrained weights are called so in each.
+/// Without targets only tokens are plotted; with targets, renders and uncertainty too. Untrained weights are labelled.
 #[test]
-fn plots_of_expansion() {
+fn plots_token_expansion() {
     let folder = capture();
     let here = folder.path();
     let tiny = tiny();
@@ -391,9 +391,9 @@ fn plots_of_expansion() {
     assert_eq!(strips.matches(" dB · ").count(), 8, "{strips}");
 }
 
-/// Pictures that `render` wrote are photos with known cameras.
+/// Output of `render` is a capture with known cameras.
 #[test]
-fn what_was_rendered_can_be_reconstructed() {
+fn reconstructs_from_renders() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files/compressed_degree1.ply");
@@ -410,33 +410,32 @@ fn what_was_rendered_can_be_reconstructed() {
     assert!(outcome.code == 1 && outcome.stderr.contains("000003.png"), "{}", outcome.stderr);
 }
 
-/// One real scene of RE10K through the whole of `nano`, and a capture with a lens through a crop.
+/// A real scene of RE10K through `nano`, and a capture with lens distortion through a crop.
 #[test]
-fn real_photos() {
+fn reconstructs_real_photos() {
     let Some(shared) = shared_data("real_photos") else { return };
     let shared = shared.canonicalize().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    // The folder's squares were cut out of what its trajectory describes; the chunk's cameras were cut with them.
+    // The folder's square images were cropped but its trajectory was not; the chunk's cameras were cropped as well.
     let crops = shared.join("re10k/000c3ab189999a83");
-    let words =
-        ["reconstruct", crops.to_str().unwrap(), "--views", "9,126", "--weights", "random:1", "--out", "no.ply"];
-    let outcome = atsplat(here, &words);
-    let told = outcome.stderr.contains("frame 9") && outcome.stderr.contains("found 256×256");
-    assert!(outcome.code == 1 && told && outcome.stderr.contains("455×256"), "{}", outcome.stderr);
+    let args = ["reconstruct", crops.to_str().unwrap(), "--views", "9,126", "--weights", "random:1", "--out", "no.ply"];
+    let outcome = atsplat(here, &args);
+    let message = outcome.stderr.contains("frame 9") && outcome.stderr.contains("found 256×256");
+    assert!(outcome.code == 1 && message && outcome.stderr.contains("455×256"), "{}", outcome.stderr);
     for (data, views, targets) in [("re10k/chunk", "9,126", "29,30,46"), ("fox", "0,1", "2")] {
         let data = shared.join(data);
-        let words =
+        let args =
             ["reconstruct", data.to_str().unwrap(), "--views", views, "--targets", targets, "--weights", "random:1"];
         let more = ["--out", "scene.ply", "--renders", "renders", "--json"];
-        let outcome = atsplat(here, &[&words[..], &more].concat());
+        let outcome = atsplat(here, &[&args[..], &more].concat());
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
         let report: Value = serde_json::from_str(&outcome.stdout).unwrap();
         assert_eq!((&report["tokens"]["final"], &report["tokens"]["gaussians"]), (&json!(1440), &json!(23_040)));
         assert_eq!(outcome.stderr.contains("lens distortion"), data.ends_with("fox"), "{}", outcome.stderr);
         let scene = gaussians(&here.join("scene.ply"));
         assert_eq!(scene.len(), 23_040);
-        // The mean camera is among the cameras: a network's near plane away from nothing.
+        // The mean camera is close to the cameras, so the network's near plane removes nothing.
         let scale = report["input"]["normalisation"]["scale"].as_f64().unwrap();
         let origin: Vec<f64> = serde_json::from_value(report["input"]["normalisation"]["origin"].clone()).unwrap();
         let mean = scene.parts().means.iter().map(|mean| f64::from(mean[0])).sum::<f64>() / 23_040.0;

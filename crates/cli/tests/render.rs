@@ -90,12 +90,12 @@ fn bits(values: &[f32]) -> Vec<u32> {
 }
 
 #[test]
-fn files_hold_what_the_library_renders() {
+fn files_hold_the_librarys_renders() {
     let folder = folder();
     let here = folder.path();
-    let words = "render scene.ply --cameras path.txt --frames 0,7..10:2 --size 80x60 --out out --formats png,exr \
+    let args = "render scene.ply --cameras path.txt --frames 0,7..10:2 --size 80x60 --out out --formats png,exr \
                  --channels depth,scalar,median-depth --background 0.25,0.5,1 --constants gsplat-1.6 --near 0.5 --effects all";
-    succeed(here, &words.split_whitespace().collect::<Vec<_>>());
+    succeed(here, &args.split_whitespace().collect::<Vec<_>>());
     let names: Vec<String> = contents(&here.join("out")).into_keys().collect();
     assert_eq!(
         names,
@@ -139,11 +139,11 @@ fn files_hold_what_the_library_renders() {
 }
 
 #[test]
-fn what_was_cleaned_and_culled_is_counted() {
+fn counts_cleaned_and_culled_gaussians() {
     let folder = folder();
     let here = folder.path();
-    let words = ["render", "scene.ply", "--cameras", "path.txt", "--size", "32x24", "--out", "out", "--json"];
-    let report = json_of(&succeed(here, &words));
+    let args = ["render", "scene.ply", "--cameras", "path.txt", "--size", "32x24", "--out", "out", "--json"];
+    let report = json_of(&succeed(here, &args));
     let import = &report["scene"]["import"];
     assert_eq!((&import["rejected"], &import["repaired"], &import["total"]), (&json!(1), &json!(1), &json!(6)));
     assert_eq!(report["scene"]["gaussians"], 5);
@@ -151,7 +151,7 @@ fn what_was_cleaned_and_culled_is_counted() {
     let all: u64 = census.as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
     assert_eq!((all, &census["outside-depth"]), (5 * 12, &json!(12)), "one of five is behind each of twelve");
     assert!(report.get("views").is_none() && record(&here.join("out"))["views"].as_array().unwrap().len() == 12);
-    let text = succeed(here, &words[..8]);
+    let text = succeed(here, &args[..8]);
     assert!(
         text.contains("5 Gaussians") && text.contains("means: not-a-number") && text.contains("behind the far"),
         "{text}"
@@ -159,7 +159,7 @@ fn what_was_cleaned_and_culled_is_counted() {
 }
 
 #[test]
-fn the_same_words_give_the_same_bytes() {
+fn the_same_arguments_give_identical_bytes() {
     let folder = folder();
     let here = folder.path();
     let scene = fixture("degree3_little_endian.ply");
@@ -171,11 +171,11 @@ fn the_same_words_give_the_same_bytes() {
             [("one", vec!["--threads", "1"]), ("three", vec!["--threads", "3"]), ("timed", vec!["--timings"])]
         {
             let folder = format!("{out}{}", path.len());
-            let mut words = vec!["render", scene, "--size", "70x50", "--formats", "png,exr", "--out", &folder];
-            words.extend(["--preview", "preview.png", "--preview-width", "35"]);
-            words.extend(path.iter().chain(&more));
-            let text = succeed(here, &words);
-            assert_eq!(text.contains("frames a second"), out == "timed", "{text}");
+            let mut args = vec!["render", scene, "--size", "70x50", "--formats", "png,exr", "--out", &folder];
+            args.extend(["--preview", "preview.png", "--preview-width", "35"]);
+            args.extend(path.iter().chain(&more));
+            let text = succeed(here, &args);
+            assert_eq!(text.contains("frames per second"), out == "timed", "{text}");
             let mut files = contents(&here.join(&folder));
             files.insert("preview".to_owned(), fs::read(here.join("preview.png")).unwrap());
             folders.push(files);
@@ -189,7 +189,7 @@ fn the_same_words_give_the_same_bytes() {
 }
 
 #[test]
-fn a_record_is_a_camera_file_that_gives_the_same_pictures() {
+fn a_record_is_a_camera_file_that_gives_identical_images() {
     let folder = folder();
     let here = folder.path();
     succeed(here, &["render", "scene.ply", "--orbit", "4", "--size", "40x30", "--up", "-y", "--out", "first"]);
@@ -197,7 +197,7 @@ fn a_record_is_a_camera_file_that_gives_the_same_pictures() {
     let (first, second) = (contents(&here.join("first")), contents(&here.join("second")));
     assert_eq!(second.len(), 3);
     let again = atsplat(here, &["render", "scene.ply", "--orbit", "1", "--size", "40x30", "--out", "first"]);
-    assert!(again.stderr.contains("3 pictures of another call"), "{}", again.stderr);
+    assert!(again.stderr.contains("3 images of another call"), "{}", again.stderr);
     for name in ["000001.png", "000003.png"] {
         assert_eq!(first[name], second[name], "{name}");
     }
@@ -205,7 +205,7 @@ fn a_record_is_a_camera_file_that_gives_the_same_pictures() {
 
 /// 3DGS writes the camera's axes in the world; a record of the same camera gives the same picture.
 #[test]
-fn the_cameras_of_a_trained_model_are_read() {
+fn reads_the_cameras_of_a_trained_model() {
     let folder = folder();
     let here = folder.path();
     let (sin, cos) = 0.1f64.sin_cos();
@@ -239,7 +239,7 @@ fn the_cameras_of_a_trained_model_are_read() {
 
 /// MotionCtrl's lists hold no lens: --fov and --size say it, and a record of the same cameras gives the same pictures.
 #[test]
-fn poses_alone_are_seen_through_the_lens_that_is_asked_for() {
+fn bare_poses_use_the_requested_lens() {
     let folder = folder();
     let here = folder.path();
     let (sin, cos) = 0.1f64.sin_cos();
@@ -254,7 +254,7 @@ fn poses_alone_are_seen_through_the_lens_that_is_asked_for() {
     };
     fs::write(here.join("own.json"), json!({ "views": [view(0, identity), view(1, rows)] }).to_string()).unwrap();
     let render = |cameras: &str, more: &[&str]| {
-        let words = [
+        let args = [
             "render",
             "scene.ply",
             "--cameras",
@@ -264,12 +264,12 @@ fn poses_alone_are_seen_through_the_lens_that_is_asked_for() {
             "--formats",
             "exr",
         ];
-        atsplat(here, &[&words, more].concat())
+        atsplat(here, &[&args, more].concat())
     };
     for more in [&[][..], &["--fov", "90"], &["--size", "40x30"]] {
         let outcome = render("poses.json", more);
-        let told = outcome.stderr.contains("poses.json holds camera matrices without intrinsics");
-        assert!(outcome.code == 1 && told && outcome.stderr.contains("--fov"), "{more:?}: {}", outcome.stderr);
+        let message = outcome.stderr.contains("poses.json holds camera matrices without intrinsics");
+        assert!(outcome.code == 1 && message && outcome.stderr.contains("--fov"), "{more:?}: {}", outcome.stderr);
     }
     assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
     assert_eq!(render("own.json", &[]).code, 0);
@@ -287,10 +287,10 @@ fn poses_alone_are_seen_through_the_lens_that_is_asked_for() {
 }
 
 #[test]
-fn cameras_of_no_known_dialect_say_what_they_seem_to_be() {
+fn errors_name_unsupported_camera_formats() {
     let folder = folder();
     let here = folder.path();
-    for (text, told) in [
+    for (text, message) in [
         (r#"[{"cameras": {}, "shots": {}}]"#, "a reconstruction of OpenSfM"),
         (r"[[1, 2, 3]]", "a list of 1, the first of which is a list of 3"),
         (r#"{"camera_path": [], "keyframes": []}"#, "a camera path of nerfstudio's viewer"),
@@ -299,22 +299,22 @@ fn cameras_of_no_known_dialect_say_what_they_seem_to_be() {
     ] {
         fs::write(here.join("odd.json"), text).unwrap();
         let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "odd.json", "--out", "out"]);
-        assert!(outcome.code == 1 && outcome.stderr.contains(told), "{text}: {}", outcome.stderr);
+        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{text}: {}", outcome.stderr);
         assert!(outcome.stderr.contains("odd.json"), "{}", outcome.stderr);
     }
 }
 
 #[test]
-fn a_round_trip_keeps_a_ply_and_states_what_others_cost() {
+fn a_round_trip_is_lossless_for_ply_and_measured_for_others() {
     let folder = folder();
     let here = folder.path();
     let scene = fixture("degree3_little_endian.ply");
-    let mut words = vec!["render", scene.to_str().unwrap(), "--orbit", "3", "--size", "64x48", "--out", "out"];
-    words.extend(["--round-trip", "ply,ply-ascii,ply-big-endian,spz2,spz3"]);
-    let text = succeed(here, &words);
+    let mut args = vec!["render", scene.to_str().unwrap(), "--orbit", "3", "--size", "64x48", "--out", "out"];
+    args.extend(["--round-trip", "ply,ply-ascii,ply-big-endian,spz2,spz3"]);
+    let text = succeed(here, &args);
     assert!(text.contains("identical") && text.contains(" dB"), "{text}");
-    words.push("--json");
-    let report = json_of(&succeed(here, &words));
+    args.push("--json");
+    let report = json_of(&succeed(here, &args));
     let rows = report["round-trip"]["rows"].as_array().unwrap();
     for row in &rows[..3] {
         assert_eq!(
@@ -336,7 +336,7 @@ fn a_round_trip_keeps_a_ply_and_states_what_others_cost() {
 }
 
 #[test]
-fn a_frame_that_cannot_be_rendered_is_counted_and_the_others_are_not_lost() {
+fn a_failed_frame_is_counted_and_the_others_are_written() {
     let folder = folder();
     let here = folder.path();
     let view = |number: usize, width: u32| {
@@ -345,8 +345,8 @@ fn a_frame_that_cannot_be_rendered_is_counted_and_the_others_are_not_lost() {
                 "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 } })
     };
     fs::write(here.join("views"), json!({ "views": [view(0, 4), view(1, 70_000), view(2, 4)] }).to_string()).unwrap();
-    let words = ["render", "scene.ply", "--cameras", "views", "--out", "out", "--strict"];
-    let outcome = atsplat(here, &words);
+    let args = ["render", "scene.ply", "--cameras", "views", "--out", "out", "--strict"];
+    let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 4, "{}", outcome.stderr);
     assert!(outcome.stdout.contains("2 of 3 frames") && outcome.stderr.contains("frame 1: "), "{}", outcome.stderr);
     let record = record(&here.join("out"));
@@ -354,20 +354,20 @@ fn a_frame_that_cannot_be_rendered_is_counted_and_the_others_are_not_lost() {
     assert!(record["views"][1]["fault"].as_str().unwrap().contains("70000"), "{record}");
     assert!(here.join("out/000002.png").exists() && !here.join("out/000001.png").exists());
     fs::write(here.join("views"), json!({ "views": [view(1, 70_000)] }).to_string()).unwrap();
-    let outcome = atsplat(here, &words[..words.len() - 1]);
+    let outcome = atsplat(here, &args[..args.len() - 1]);
     assert_eq!(outcome.code, 1, "nothing was rendered");
     assert!(outcome.stderr.contains("no frame could be rendered"), "{}", outcome.stderr);
 }
 
 #[test]
-fn no_gaussians_are_a_background() {
+fn an_empty_scene_renders_as_background() {
     let folder = folder();
     let here = folder.path();
     let empty = SCENE.replace("vertex 6", "vertex 0").split_inclusive("end_header\n").next().unwrap().to_owned();
     fs::write(here.join("empty.ply"), empty).unwrap();
-    let words =
+    let args =
         ["render", "empty.ply", "--cameras", "path.txt", "--frames", "3", "--size", "4x3", "--background", "0,1,0.2"];
-    let outcome = atsplat(here, &[&words[..], &["--out", "out"]].concat());
+    let outcome = atsplat(here, &[&args[..], &["--out", "out"]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert!(outcome.stderr.contains("no Gaussian is left"), "{}", outcome.stderr);
     let picture = decode(&fs::read(here.join("out/000003.png")).unwrap(), &DecodeLimits::default()).unwrap();
@@ -378,7 +378,7 @@ fn no_gaussians_are_a_background() {
 }
 
 #[test]
-fn wrong_words_are_told_before_anything_is_made() {
+fn usage_errors_are_reported_before_anything_is_written() {
     let folder = folder();
     let here = folder.path();
     let start = ["render", "scene.ply", "--out", "out"];
@@ -425,14 +425,14 @@ fn wrong_words_are_told_before_anything_is_made() {
 
 /// The record replaces nothing that it was made from.
 #[test]
-fn cameras_are_not_replaced_by_their_record() {
+fn a_record_never_replaces_its_camera_file() {
     let folder = folder();
     let here = folder.path();
     succeed(here, &["render", "scene.ply", "--orbit", "2", "--size", "8x6", "--out", "out"]);
     let before = contents(&here.join("out"));
-    for words in [["--cameras", "out/render.json"], ["--spline", "out/../out/render.json"]] {
+    for args in [["--cameras", "out/render.json"], ["--spline", "out/../out/render.json"]] {
         let outcome =
-            atsplat(here, &[&["render", "scene.ply"], &words[..], &["--frames", "0", "--out", "out"]].concat());
+            atsplat(here, &[&["render", "scene.ply"], &args[..], &["--frames", "0", "--out", "out"]].concat());
         assert_eq!(outcome.code, 1, "{}", outcome.stderr);
         assert!(outcome.stderr.contains("would replace the cameras"), "{}", outcome.stderr);
         assert_eq!(contents(&here.join("out")), before);
@@ -440,7 +440,7 @@ fn cameras_are_not_replaced_by_their_record() {
 }
 
 #[test]
-fn pictures_of_nothing_are_told() {
+fn warns_of_images_without_gaussians() {
     let folder = folder();
     let here = folder.path();
     let view = |number: usize, z: f64| {
@@ -456,20 +456,20 @@ fn pictures_of_nothing_are_told() {
 
 /// The pictures are made by then: their record says what went wrong behind them.
 #[test]
-fn a_failed_round_trip_loses_no_record() {
+fn a_failed_round_trip_keeps_the_record() {
     let folder = folder();
     let here = folder.path();
-    let words = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--out", "out", "--round-trip", "ply"];
+    let args = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--out", "out", "--round-trip", "ply"];
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    let outcome = command.args(words).current_dir(here).env("TMPDIR", here.join("nowhere")).output().unwrap();
-    let told = String::from_utf8(outcome.stderr).unwrap();
-    assert!(outcome.status.code() == Some(1) && told.contains("a folder for the round trip in"), "{told}");
+    let outcome = command.args(args).current_dir(here).env("TMPDIR", here.join("nowhere")).output().unwrap();
+    let message = String::from_utf8(outcome.stderr).unwrap();
+    assert!(outcome.status.code() == Some(1) && message.contains("a folder for the round trip in"), "{message}");
     let fault = record(&here.join("out"))["round-trip"]["fault"].as_str().unwrap().to_owned();
     assert!(fault.contains("nowhere"), "{fault}");
 }
 
 #[test]
-fn what_cannot_be_read_or_written_is_named() {
+fn errors_name_unreadable_and_unwritable_files() {
     let folder = folder();
     let here = folder.path();
     fs::write(here.join("taken"), b"a file").unwrap();
@@ -484,7 +484,7 @@ fn what_cannot_be_read_or_written_is_named() {
         (&["scene.ply", "--cameras", "cut.json", "--out", "out"], "cut.json: expected JSON"),
         (
             &["scene.ply", "--orbit", "2", "--exposure", "exposure.json", "--out", "out"],
-            "no exposure of the view \"1\"",
+            "no exposure for the view \"1\"",
         ),
         (&["scene.ply", "--orbit", "2", "--exposure", "broken.json", "--out", "out"], "a 3×4 array"),
         (&["scene.ply", "--orbit", "--out", "taken"], "taken"),
@@ -497,22 +497,21 @@ fn what_cannot_be_read_or_written_is_named() {
         (&["scene.ply", "--cameras", "path.txt", "--frames", "12", "--out", "out"], "12 frames"),
         (&["scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"], "near plane"),
     ];
-    for (words, told) in cases {
-        let outcome = atsplat(here, &[&["render"], words].concat());
-        assert_eq!(outcome.code, 1, "{words:?}: {}", outcome.stderr);
-        assert!(outcome.stderr.contains(told), "{words:?}: {}", outcome.stderr);
+    for (args, expected) in cases {
+        let outcome = atsplat(here, &[&["render"], args].concat());
+        assert_eq!(outcome.code, 1, "{args:?}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
     }
-    assert!(!here.join("out/render.json").exists(), "a record is of pictures that were made");
+    assert!(!here.join("out/render.json").exists(), "a record belongs to images that were written");
 }
 
 #[test]
-fn the_reference_renders_what_the_processor_does() {
+fn cpu_and_reference_agree() {
     let folder = folder();
     let here = folder.path();
     for backend in ["cpu", "reference"] {
-        let words =
-            ["render", "scene.ply", "--orbit", "2", "--size", "24x18", "--formats", "exr", "--backend", backend];
-        succeed(here, &[&words[..], &["--out", backend]].concat());
+        let args = ["render", "scene.ply", "--orbit", "2", "--size", "24x18", "--formats", "exr", "--backend", backend];
+        succeed(here, &[&args[..], &["--out", backend]].concat());
         assert!(record(&here.join(backend))["backend"].as_str().unwrap().starts_with(backend));
     }
     let picture = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
@@ -525,16 +524,16 @@ fn the_reference_renders_what_the_processor_does() {
 
 /// On an adapter where there is one; else the processor takes over, and says so. One that was named has to be there.
 #[test]
-fn an_adapter_renders_or_the_processor_takes_over() {
+fn renders_on_an_adapter_or_falls_back_to_the_cpu() {
     let folder = folder();
     let here = folder.path();
-    let words = ["render", "scene.ply", "--orbit", "1", "--size", "24x18", "--formats", "exr"];
-    succeed(here, &[&words[..], &["--out", "cpu"]].concat());
+    let args = ["render", "scene.ply", "--orbit", "1", "--size", "24x18", "--formats", "exr"];
+    succeed(here, &[&args[..], &["--out", "cpu"]].concat());
     let named = ["--backend", "gpu", "--adapter", "no such adapter", "--out", "none"];
-    let outcome = atsplat(here, &[&words[..], &named].concat());
+    let outcome = atsplat(here, &[&args[..], &named].concat());
     assert!(outcome.code == 1 && outcome.stderr.contains("no such adapter"), "{}", outcome.stderr);
 
-    let outcome = atsplat(here, &[&words[..], &["--backend", "gpu", "--out", "gpu"]].concat());
+    let outcome = atsplat(here, &[&args[..], &["--backend", "gpu", "--out", "gpu"]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     let backend = record(&here.join("gpu"))["backend"].as_str().unwrap().to_owned();
     let taken_over = outcome.stderr.lines().any(|line| line.contains("cpu, ") && line.contains(" renders: "));
@@ -548,16 +547,16 @@ fn an_adapter_renders_or_the_processor_takes_over() {
 }
 
 #[test]
-fn effects_that_are_skipped_are_told_and_stay_within_the_tolerance() {
+fn skipped_effects_are_reported_and_stay_within_the_tolerance() {
     let folder = folder();
     let here = folder.path();
     let scene = fixture("degree3_little_endian.ply");
     let mut pictures = Vec::new();
     for effects in ["all", "auto", "none"] {
-        let words =
+        let args =
             ["render", scene.to_str().unwrap(), "--orbit", "3", "--size", "32x24", "--formats", "exr", "--effects"];
         let more = [effects, "--tolerance", "0.01", "--background", "white", "--out", effects, "--explain"];
-        let text = succeed(here, &[&words[..], &more[..]].concat());
+        let text = succeed(here, &[&args[..], &more[..]].concat());
         assert!(text.contains("view-dependence") && text.contains(" ms to decide"), "{text}");
         let rows = record(&here.join(effects))["effects"]["effects"].clone();
         let row = rows.as_array().unwrap().iter().find(|row| row["effect"] == "background").unwrap().clone();
@@ -568,27 +567,27 @@ fn effects_that_are_skipped_are_told_and_stay_within_the_tolerance() {
         };
         pictures.push((0..3).flat_map(read).map(f64::from).collect::<Vec<_>>());
     }
-    let words = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--formats", "exr", "--effects", "none"];
-    let text = succeed(here, &[&words[..], &["--out", "plane"]].concat());
+    let args = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--formats", "exr", "--effects", "none"];
+    let text = succeed(here, &[&args[..], &["--out", "plane"]].concat());
     assert!(text.contains("depth: left out in 1 frame, its image is not written"), "{text}");
     Tolerance::absolute(0.01 + 1e-5).assert(pictures[1].clone(), pictures[0].clone(), "auto is all");
     assert!(Tolerance::absolute(0.5).check(pictures[2].clone(), pictures[0].clone()).is_err(), "none is black");
 }
 
 #[test]
-fn exposure_by_gain_by_name_and_from_a_record() {
+fn exposes_by_gain_by_name_and_from_a_record() {
     let folder = folder();
     let here = folder.path();
     let array = [[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]];
     fs::write(here.join("exposure.json"), json!({ "0": array, "1": array, "another": array }).to_string()).unwrap();
-    let words = ["render", "scene.ply", "--size", "24x18", "--formats", "exr", "--effects", "all"];
+    let args = ["render", "scene.ply", "--size", "24x18", "--formats", "exr", "--effects", "all"];
     let exposures = [("gain", "1.5", Exposure::uniform(1.5)), ("listed", "exposure.json", Exposure::from_3dgs(array))];
     for (out, word, exposure) in exposures {
         let text =
-            succeed(here, &[&words[..], &["--orbit", "2", "--out", out, "--exposure", word, "--explain"]].concat());
+            succeed(here, &[&args[..], &["--orbit", "2", "--out", out, "--exposure", word, "--explain"]].concat());
         assert!(text.contains("exposure         runs"), "{text}");
         let again = format!("{out}-again");
-        succeed(here, &[&words[..], &["--cameras", &format!("{out}/render.json"), "--out", &again]].concat());
+        succeed(here, &[&args[..], &["--cameras", &format!("{out}/render.json"), "--out", &again]].concat());
         let options = RenderOptions {
             channels: Channels { depth: true, ..Channels::default() },
             exposure: Some(exposure),

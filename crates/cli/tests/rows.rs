@@ -1,4 +1,4 @@
-//! Rows belong to the data that they were made from, and a store to one process at a time.
+//! Rows depend on the data they were made from, and a store has one writer at a time.
 
 #![cfg(unix)]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -24,7 +24,7 @@ fn results(here: &Path, store: &str) -> Results {
     Results::read(&here.join(store)).unwrap()
 }
 
-/// Rounds of two processes; more with `ATSPLAT_ROUNDS`.
+/// Number of rounds of two processes; `ATSPLAT_ROUNDS` sets it.
 fn rounds() -> usize {
     std::env::var("ATSPLAT_ROUNDS").map_or(4, |rounds| rounds.parse().unwrap())
 }
@@ -34,7 +34,7 @@ fn signal(child: &Child, name: &str) {
 }
 
 #[test]
-fn a_second_process_is_told_who_writes_and_no_trial_is_lost() {
+fn a_second_writer_is_rejected_and_no_trial_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 16);
@@ -43,9 +43,9 @@ fn a_second_process_is_told_who_writes_and_no_trial_is_lost() {
     assert_eq!(expected.0.len(), 32);
     for round in 0..rounds() {
         let store = format!("store-{round}");
-        let words = [&RUN[..7], &[store.as_str()]].concat();
+        let args = [&RUN[..7], &[store.as_str()]].concat();
         let mut first = Command::new(env!("CARGO_BIN_EXE_atsplat"))
-            .args(&words)
+            .args(&args)
             .current_dir(here)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
@@ -54,16 +54,16 @@ fn a_second_process_is_told_who_writes_and_no_trial_is_lost() {
         while !["run.json", "provenance.json"].iter().all(|file| here.join(&store).join(file).exists()) {
             std::thread::sleep(Duration::from_millis(1));
         }
-        // Anywhere in its work.
+        // At any point of its work.
         std::thread::sleep(Duration::from_millis((round * 7 % 20) as u64));
         signal(&first, "-STOP");
-        let second = atsplat(here, &words);
+        let second = atsplat(here, &args);
         assert_eq!(second.code, 1, "{}", second.stdout);
         let process = format!("{store} is being written by process {} on ", first.id());
         for part in [process.as_str(), "UTC", "--shard 1/2", "atsplat merge"] {
             assert!(second.stderr.contains(part), "{part}: {}", second.stderr);
         }
-        // Whoever reads is not kept out.
+        // Readers are not locked out.
         let report = atsplat(here, &["tradeoff", &store]);
         assert_eq!(report.code, 0, "{}", report.stderr);
         signal(&first, "-CONT");
@@ -72,7 +72,7 @@ fn a_second_process_is_told_who_writes_and_no_trial_is_lost() {
     }
 }
 
-/// A picture with a byte after its end, written long ago as far as the file system knows.
+/// Writes an image with a trailing byte and an old modification time.
 fn write_with_tail(path: &Path, picture: &[u8], tail: u8) {
     std::fs::write(path, [picture, &[tail]].concat()).unwrap();
     let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
@@ -80,7 +80,7 @@ fn write_with_tail(path: &Path, picture: &[u8], tail: u8) {
 }
 
 #[test]
-fn changed_pictures_are_computed_again_and_verify_reads_every_one() {
+fn changed_images_are_recomputed_and_verify_reads_all() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 3);
@@ -89,11 +89,11 @@ fn changed_pictures_are_computed_again_and_verify_reads_every_one() {
     write_with_tail(&picture, &bytes, 1);
     assert!(succeed(here, &RUN).contains("6 results computed"));
     assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("0 results computed; 6 were there before"));
-    // The same size and time: only who reads it sees that it is another file.
+    // With the same size and time, only reading the file detects the change.
     write_with_tail(&picture, &bytes, 2);
     assert!(succeed(here, &RUN).contains("0 results computed"));
     assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("2 results computed; 4 were there before"));
-    // Another picture.
+    // A different image.
     let other = std::fs::read(here.join("data/scene-02/0.png")).unwrap();
     std::fs::write(&picture, other).unwrap();
     let alone = [&RUN[..5], &["warp"], &RUN[6..]].concat();
@@ -106,7 +106,7 @@ fn changed_pictures_are_computed_again_and_verify_reads_every_one() {
 }
 
 #[test]
-fn a_store_named_twice_is_refused_and_repeated_results_are_counted() {
+fn rejects_a_store_given_twice_and_counts_repeated_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 4);
@@ -128,7 +128,7 @@ fn a_store_named_twice_is_refused_and_repeated_results_are_counted() {
 }
 
 #[test]
-fn a_device_that_evaluations_do_not_use_is_refused() {
+fn evaluations_reject_other_devices_than_the_cpu() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);
@@ -136,12 +136,12 @@ fn a_device_that_evaluations_do_not_use_is_refused() {
     let network = ["--weights", "nano-rooms", "--device"];
     let run = [&["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "atsplat"], &network[..]].concat();
     let sweep = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--out", "store", "--sweep", "sweep.toml"];
-    for words in [run, [&sweep, &network[..]].concat()] {
-        let refused = atsplat(here, &[&words[..], &["wgpu"]].concat());
-        let message = refused.stderr.contains("--device wgpu: evaluations run on the central processor alone");
+    for args in [run, [&sweep, &network[..]].concat()] {
+        let refused = atsplat(here, &[&args[..], &["wgpu"]].concat());
+        let message = refused.stderr.contains("--device wgpu: evaluations run on the CPU only");
         assert!(refused.code == 2 && message, "{} {}", refused.code, refused.stderr);
         assert!(!here.join("store").exists());
-        let accepted = atsplat(here, &[&words[..], &["cpu"]].concat());
+        let accepted = atsplat(here, &[&args[..], &["cpu"]].concat());
         assert_ne!(accepted.code, 2, "{}", accepted.stderr);
         std::fs::remove_dir_all(here.join("store")).ok();
     }
@@ -158,7 +158,7 @@ fn weights(here: &Path, name: &str, change: impl FnOnce(&mut StoredTensors)) -> 
 }
 
 #[test]
-fn edited_configurations_of_weights_are_not_whole() {
+fn rejects_weights_with_an_edited_configuration() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let edit = |stored: &mut StoredTensors| {
@@ -173,7 +173,7 @@ fn edited_configurations_of_weights_are_not_whole() {
         edit(stored);
     });
     let message = succeed(here, &["weights", "verify", "whole.safetensors"]);
-    assert!(message.contains("whole: ") && !message.contains("no hash recorded"), "{message}");
+    assert!(message.contains("complete: ") && !message.contains("no hash recorded"), "{message}");
     let refused = atsplat(here, &["weights", "verify", "edited.safetensors"]);
     let named = refused.stderr.contains("configuration, provenance") && refused.stderr.contains("edited.safetensors");
     assert!(refused.code == 1 && named, "{}", refused.stderr);

@@ -22,7 +22,7 @@ use evaluation::{bare, write_index, write_preset};
 
 const FLOORS: [&str; 2] = ["--method", "nearest-view,warp"];
 
-/// Simulated yards under a protocol of small pictures, in `data/test`, with their index beside them.
+/// Simulated yards under a protocol of small images, in `data/test`, next to their index.
 fn simulated(here: &Path, scenes: u32) {
     let request = |number| Request {
         size: ImageSize { width: 40, height: 40 },
@@ -45,25 +45,25 @@ fn key(results: &Results, method: &str, scene: usize) -> TrialKey {
 }
 
 #[test]
-fn a_simulated_dataset_goes_through_the_floors_and_comes_back_identical() {
+fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 2);
-    let words = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
-    let told = succeed(here, &[&words[..], &FLOORS].concat());
-    assert!(told.contains("4 results computed"), "{told}");
+    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
+    let message = succeed(here, &[&args[..], &FLOORS].concat());
+    assert!(message.contains("4 results computed"), "{message}");
     let floors = Results::read(&here.join("floors")).unwrap();
     assert_eq!((floors.trials.len(), floors.targets.len()), (4, 12));
     assert!(floors.targets.iter().all(|row| row.scores.contains_key("ssim")));
     let leaked = floors.targets.iter().filter(|row| row.leaked && row.key.method == "nearest-view");
     assert_eq!(leaked.map(|row| row.status).collect::<Vec<_>>(), [TargetStatus::Identical; 2]);
 
-    // The true pictures, as any other method might have written them.
+    // The ground-truth images, as written by any other method.
     let truth = "floors/pictures/tiny/truth";
     let score =
         ["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--name", "oracle", "--out", "oracle"];
-    let told = succeed(here, &[&score[..], &["--strict"]].concat());
-    assert!(told.contains("6 identical"), "{told}");
+    let message = succeed(here, &[&score[..], &["--strict"]].concat());
+    assert!(message.contains("6 identical"), "{message}");
     let oracle = Results::read(&here.join("oracle")).unwrap();
     for row in &oracle.targets {
         assert_eq!(row.status, TargetStatus::Identical, "{row:?}");
@@ -75,7 +75,7 @@ fn a_simulated_dataset_goes_through_the_floors_and_comes_back_identical() {
     assert_eq!((&json["rows"][0]["identical"], &json["rows"][0]["means"]["psnr"]), (&6.into(), &100.0.into()));
 }
 
-/// One after another, equally distributed in [0, 1).
+/// Uniform draws from [0, 1).
 fn draws() -> impl FnMut() -> f64 {
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
     move || {
@@ -86,13 +86,13 @@ fn draws() -> impl FnMut() -> f64 {
 
 /// Noise of σ 0.05 far from black and white: 20 · log10(1 / 0.05) dB.
 #[test]
-fn noise_of_a_known_deviation_has_the_analytic_psnr() {
+fn noise_of_known_deviation_has_the_analytic_psnr() {
     const DEVIATION: f64 = 0.05;
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir_all(here.join("data/grey")).unwrap();
     write_trajectory(&here.join("data/grey.txt"), 5);
-    // Squares, seen by cameras of squares.
+    // Square images with square pixels.
     let trajectory = std::fs::read_to_string(here.join("data/grey.txt")).unwrap();
     std::fs::write(here.join("data/grey.txt"), trajectory.replace(" 0.48 0.86 ", " 0.86 0.86 ")).unwrap();
     write_preset(here, 256);
@@ -118,12 +118,12 @@ fn noise_of_a_known_deviation_has_the_analytic_psnr() {
 }
 
 #[test]
-fn broken_renders_are_counted_rows() {
+fn broken_renders_are_counted_as_rows() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 2);
-    let words = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
-    succeed(here, &[&words[..], &["--method", "warp"]].concat());
+    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
+    succeed(here, &[&args[..], &["--method", "warp"]].concat());
     let floors = Results::read(&here.join("floors")).unwrap();
     let picture = |scene, frame| picture_path(&here.join("floors"), &key(&floors, "warp", scene), frame);
     std::fs::remove_file(picture(0, 1)).unwrap();
@@ -135,8 +135,8 @@ fn broken_renders_are_counted_rows() {
 
     let renders = "floors/pictures/tiny/warp";
     let score = ["score", "tiny.toml", "--data", "data/test", "--renders", renders, "--out", "scored"];
-    let told = succeed(here, &score);
-    assert!(told.contains("3 failed") && told.contains("2 not whole"), "{told}");
+    let message = succeed(here, &score);
+    assert!(message.contains("3 failed") && message.contains("2 incomplete"), "{message}");
     assert_eq!(atsplat(here, &[&score[..], &["--strict"]].concat()).code, 4);
     let scored = Results::read(&here.join("scored")).unwrap();
     let detail = |target: usize| scored.targets[target].detail.clone().unwrap_or_default();
@@ -148,13 +148,13 @@ fn broken_renders_are_counted_rows() {
 }
 
 #[test]
-fn shards_are_merged_and_missing_ones_are_told() {
+fn merges_shards_and_reports_missing_ones() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 5);
     let run = |out: &str, more: &[&str]| {
-        let words = ["run", "tiny.toml", "--data", "data/test", "--out", out];
-        succeed(here, &[&words[..], &FLOORS, more].concat());
+        let args = ["run", "tiny.toml", "--data", "data/test", "--out", out];
+        succeed(here, &[&args[..], &FLOORS, more].concat());
         Results::read(&here.join(out)).unwrap()
     };
     let whole = run("whole", &[]);
@@ -171,13 +171,13 @@ fn shards_are_merged_and_missing_ones_are_told() {
 }
 
 #[test]
-fn times_are_measured_where_asked_for_and_else_absent_with_the_reason() {
+fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 4);
     let run = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
-    let told = succeed(here, &run);
-    assert!(told.contains("no times of warp: no timing pass was made"), "{told}");
+    let message = succeed(here, &run);
+    assert!(message.contains("no times of warp: no timing pass was made"), "{message}");
     let refused = atsplat(here, &[&run[..], &["--repetitions", "7"]].concat());
     assert!(refused.code == 1 && refused.stderr.contains("--timing"), "{}", refused.stderr);
     assert_eq!(atsplat(here, &[&run[..], &["--timing", "--repetitions", "4"]].concat()).code, 2, "five at the least");
@@ -193,15 +193,15 @@ fn times_are_measured_where_asked_for_and_else_absent_with_the_reason() {
     assert!(times["repetitions"].as_u64().unwrap() >= 7 && render["median"].as_f64().unwrap() > 0.0, "{times}");
     assert!(times["busy"].is_boolean() && render["mad"].is_number() && times["machine"]["threads"].is_u64(), "{times}");
     let table = succeed(here, &["tradeoff", "store"]);
-    assert!(table.contains("Timed on") && !table.contains("left out: no timing"), "{table}");
+    assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
 }
 
 #[test]
-fn what_is_wrong_is_said_before_work_begins() {
+fn errors_are_reported_before_the_work_starts() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 1);
-    let run = |words: &[&str]| atsplat(here, &[&["run", "tiny.toml", "--data", "data/test"], words].concat());
+    let run = |args: &[&str]| atsplat(here, &[&["run", "tiny.toml", "--data", "data/test"], args].concat());
     std::fs::write(here.join("file"), b"").unwrap();
     let unwritable = run(&[&["--out", "file/store"], &FLOORS[..]].concat());
     assert!(unwritable.code == 1 && unwritable.stderr.contains("file/store"), "{}", unwritable.stderr);
@@ -220,25 +220,25 @@ fn what_is_wrong_is_said_before_work_begins() {
 }
 
 #[test]
-fn a_store_of_tomorrow_and_one_made_otherwise_are_not_gone_on_with() {
+fn a_store_of_a_newer_version_or_other_settings_is_not_resumed() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 1);
-    let words = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
-    succeed(here, &words);
-    let other = atsplat(here, &[&words[..], &["--metrics", "l1"]].concat());
+    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
+    succeed(here, &args);
+    let other = atsplat(here, &[&args[..], &["--metrics", "l1"]].concat());
     assert!(other.code == 1 && other.stderr.contains("metrics of the two runs differ"), "{}", other.stderr);
     let path = here.join("store/provenance.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let written = format!("\"schema-version\": {}", atsplat_eval::store::SCHEMA_VERSION);
     std::fs::write(&path, text.replace(&written, "\"schema-version\": 99")).unwrap();
-    let newer = atsplat(here, &words);
+    let newer = atsplat(here, &args);
     assert!(newer.code == 1 && newer.stderr.contains("a newer one is needed"), "{}", newer.stderr);
 }
 
-/// A capture whose first target was cropped and whose lens bends: `run` skips the one by name and counts the other.
+/// A capture whose first target was cropped and whose lens distorts: `run` skips the former by name and counts the latter.
 #[test]
-fn data_that_is_not_what_it_says_is_reported() {
+fn reports_data_that_contradicts_its_description() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_preset(here, 32);
@@ -259,32 +259,32 @@ fn data_that_is_not_what_it_says_is_reported() {
         keys.push(key);
     }
     write_index(&here.join("data"), &keys, "[0, 2]", "[1]");
-    let words = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "nearest-view"];
-    let outcome = atsplat(here, &words);
+    let args = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "nearest-view"];
+    let outcome = atsplat(here, &args);
     let skipped = "entries skipped, picture-misfit: scene cropped: frame 1: expected a picture of 64×48";
     assert!(outcome.stdout.contains(skipped) && outcome.stdout.contains("found 48×48"), "{}", outcome.stdout);
     assert!(outcome.stderr.contains("2 × lens-distortion"), "{}", outcome.stderr);
     let results = Results::read(&here.join("store")).unwrap();
     assert_eq!(results.trials.iter().map(|trial| trial.key.scene.as_str()).collect::<Vec<_>>(), ["whole"]);
-    let words =
+    let args =
         ["reconstruct", "data", "--key", "cropped", "--views", "0,1", "--weights", "random:1", "--model", "nano"];
-    let outcome = atsplat(here, &[&words[..], &["--size", "48x48", "--out", "scene.ply"]].concat());
+    let outcome = atsplat(here, &[&args[..], &["--size", "48x48", "--out", "scene.ply"]].concat());
     assert_eq!(outcome.code, 1, "{}", outcome.stderr);
     assert!(outcome.stderr.contains("cropped") && outcome.stderr.contains("frame 1"), "{}", outcome.stderr);
     assert!(outcome.stderr.contains("64×48") && outcome.stderr.contains("48×48"), "{}", outcome.stderr);
 }
 
-/// The scene of RealEstate10K under the two official indices, which are found by their hashes.
+/// A scene of RealEstate10K under the two official indices, found by their hashes.
 #[test]
-fn a_real_scene_under_the_official_indices() {
+fn evaluates_a_real_scene_under_the_official_indices() {
     let Some(shared) = shared_data("a_real_scene_under_the_official_indices") else { return };
     let shared = shared.canonicalize().unwrap();
     let (data, index) = (shared.join("re10k/000c3ab189999a83"), shared.join("index"));
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let words = ["run", "re10k-2v-256", "re10k-overlap", "--any-size", "--data", data.to_str().unwrap()];
+    let args = ["run", "re10k-2v-256", "re10k-overlap", "--any-size", "--data", data.to_str().unwrap()];
     let more = ["--index", index.to_str().unwrap(), "--out", "store"];
-    succeed(here, &[&words[..], &more, &FLOORS].concat());
+    succeed(here, &[&args[..], &more, &FLOORS].concat());
     let results = Results::read(&here.join("store")).unwrap();
     assert_eq!(results.trials.len(), 4);
     let of = |preset: &str| results.trials.iter().find(|trial| trial.key.preset == preset).unwrap();

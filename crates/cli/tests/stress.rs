@@ -7,10 +7,10 @@ use atsplat_tests::graphics_required;
 use common::{atsplat, succeed};
 
 #[test]
-fn a_table_with_a_row_per_case_and_path() {
+fn prints_a_row_per_case_and_path() {
     let folder = tempfile::tempdir().unwrap();
-    let words = ["stress", "--case", "needles", "--case", "not-a-number", "--path", "reference", "--path", "portable"];
-    let table = succeed(folder.path(), &words);
+    let args = ["stress", "--case", "needles", "--case", "not-a-number", "--path", "reference", "--path", "portable"];
+    let table = succeed(folder.path(), &args);
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines[0].starts_with("case") && lines[0].ends_with("verdict"), "{table}");
     for (line, start) in lines[1..5].iter().zip(["needles", "  ", "not-a-number", "  "]) {
@@ -20,10 +20,10 @@ fn a_table_with_a_row_per_case_and_path() {
 }
 
 #[test]
-fn json_and_a_plot() {
+fn writes_json_and_a_plot() {
     let folder = tempfile::tempdir().unwrap();
-    let words = ["stress", "--case", "saturated", "--path", "cpu", "--json", "--plot", "errors.svg"];
-    let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &words)).unwrap();
+    let args = ["stress", "--case", "saturated", "--path", "cpu", "--json", "--plot", "errors.svg"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &args)).unwrap();
     assert_eq!(report["failed"], 0, "{report}");
     let row = &report["rows"][0];
     assert_eq!(
@@ -41,7 +41,7 @@ fn json_and_a_plot() {
 }
 
 #[test]
-fn names_are_listed_and_wrong_ones_refused() {
+fn lists_names_and_rejects_unknown_ones() {
     let folder = tempfile::tempdir().unwrap();
     let list = succeed(folder.path(), &["stress", "--list"]);
     assert!(list.lines().count() > 50 && list.contains("needle-end-on"), "{list}");
@@ -49,24 +49,24 @@ fn names_are_listed_and_wrong_ones_refused() {
     assert!(outcome.code == 2 && outcome.stderr.contains("--list"), "{}", outcome.stderr);
     let outcome = atsplat(folder.path(), &["stress", "--path", "abacus"]);
     assert!(outcome.code == 2 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
-    let words = ["stress", "--list", "--case", "needles", "--case", "needles"];
-    let outcome = atsplat(folder.path(), &words);
+    let args = ["stress", "--list", "--case", "needles", "--case", "needles"];
+    let outcome = atsplat(folder.path(), &args);
     assert!(outcome.code == 2 && outcome.stderr.contains("needles is given twice"), "{}", outcome.stderr);
-    for words in [["stress", "--list", "--strict"], ["adapters", "--json", "--strict"]] {
-        let outcome = atsplat(folder.path(), &words);
+    for args in [["stress", "--list", "--strict"], ["adapters", "--json", "--strict"]] {
+        let outcome = atsplat(folder.path(), &args);
         assert!(outcome.code == 2 && outcome.stderr.contains("--strict"), "{}", outcome.stderr);
     }
 }
 
 #[test]
-fn adapters_are_listed() {
+fn lists_adapters() {
     let folder = tempfile::tempdir().unwrap();
-    // Verdicts lie in a folder of the test's own.
+    // Verdicts are cached in a folder of this test.
     let cache = folder.path().join("cache");
-    let adapters = |words: &[&str]| {
+    let adapters = |args: &[&str]| {
         let start = std::time::Instant::now();
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_atsplat"));
-        let command = command.arg("adapters").args(words).env("XDG_CACHE_HOME", &cache).env("HOME", folder.path());
+        let command = command.arg("adapters").args(args).env("XDG_CACHE_HOME", &cache).env("HOME", folder.path());
         let mut child =
             command.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
         let mut first = [0; 8];
@@ -83,14 +83,14 @@ fn adapters_are_listed() {
     let adapters = report["adapters"].as_array().unwrap();
     let lines: Vec<&str> = text.lines().collect();
     if adapters.is_empty() {
-        assert_eq!(lines, ["no graphics adapter; the processor renders"]);
+        assert_eq!(lines, ["no graphics adapter: rendering runs on the CPU"]);
     } else {
         assert_eq!(lines.len(), 2 * adapters.len(), "{text}");
     }
     for (adapter, lines) in adapters.iter().zip(lines.chunks(2)) {
         let start = format!("{}  {} (", adapter["number"], adapter["name"].as_str().unwrap());
         assert!(lines[0].starts_with(&start) && lines[0].ends_with(" MiB"), "{text}");
-        let verdict = adapter["fault"].as_str().unwrap_or("passes its test: a picture and its derivative");
+        let verdict = adapter["fault"].as_str().unwrap_or("passes its test: an image and its gradients");
         assert!(lines[1].trim_start().starts_with(verdict), "{text}");
         assert_eq!(adapter["remembered"], false, "the first time");
         let passed = adapter["fault"].is_null();

@@ -1,4 +1,4 @@
-//! `atsplat train` from the outside: killed at any moment, it ends with the same bytes.
+//! `atsplat train` as a user runs it: killed at any moment, it resumes to identical bytes.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -58,7 +58,7 @@ fn train(folder: &Path, out: &str, more: &[&str]) -> String {
     succeed(folder, &[&["train", "--config", "tiny.toml", "--out", out], more].concat())
 }
 
-/// What a run leaves, less wall-clock times.
+/// The outputs of a run without wall-clock times.
 fn outcome(folder: &Path, out: &str) -> (Vec<u8>, Vec<u8>, Vec<String>) {
     let folder = folder.join(out);
     let without_times = |line: &str| {
@@ -74,27 +74,27 @@ fn outcome(folder: &Path, out: &str) -> (Vec<u8>, Vec<u8>, Vec<String>) {
 }
 
 #[test]
-fn killed_at_random_moments_it_ends_with_the_same_bytes() {
+fn a_run_killed_at_random_moments_resumes_to_identical_bytes() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     train(folder.path(), "undisturbed", &[]);
     let expected = outcome(folder.path(), "undisturbed");
     assert_eq!(expected.2.len(), 24);
 
-    let mut words = vec!["train", "--config", "tiny.toml", "--out", "killed"];
+    let mut args = vec!["train", "--config", "tiny.toml", "--out", "killed"];
     let steps =
         || std::fs::read_to_string(folder.path().join("killed/steps.jsonl")).unwrap_or_default().lines().count();
     let mut state = 0x9e37_79b9u64;
     let mut killed_within = 0;
     for _ in 0..10 {
         let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"))
-            .args(&words)
+            .args(&args)
             .current_dir(folder.path())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // Some steps further, then anywhere within a step or a checkpoint.
+        // After some steps, at any point within a step or a checkpoint.
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let (before, further) = (steps(), (state >> 60) as usize % 5);
         while run.try_wait().unwrap().is_none() && steps() < before + further {
@@ -105,8 +105,8 @@ fn killed_at_random_moments_it_ends_with_the_same_bytes() {
         // SIGKILL.
         run.kill().unwrap();
         run.wait().unwrap();
-        if words.len() == 5 && folder.path().join("killed/steps.jsonl").exists() {
-            words.push("--resume");
+        if args.len() == 5 && folder.path().join("killed/steps.jsonl").exists() {
+            args.push("--resume");
         }
     }
     assert!(killed_within >= 5, "{killed_within} of 10 were killed on the way");
@@ -115,18 +115,18 @@ fn killed_at_random_moments_it_ends_with_the_same_bytes() {
 }
 
 #[test]
-fn a_run_leaves_what_it_promises() {
+fn a_run_writes_all_its_outputs() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
-    let told = train(folder.path(), "out", &["--steps", "4"]);
-    assert!(told.contains("4 of 24 steps, 0 skipped") && told.contains("--resume"), "{told}");
+    let message = train(folder.path(), "out", &["--steps", "4"]);
+    assert!(message.contains("4 of 24 steps, 0 skipped") && message.contains("--resume"), "{message}");
     for file in
         ["steps.parquet", "evaluations.parquet", "learning-curve.png", "contact-sheet.png", "weights.safetensors"]
     {
         assert!(folder.path().join("out").join(file).metadata().unwrap().len() > 200, "{file}");
     }
-    let told = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
-    assert!(told.contains("rooms train 0 to 0 at 32x32"), "{told}");
+    let message = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
+    assert!(message.contains("rooms train 0 to 0 at 32x32"), "{message}");
     let again = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
     assert_eq!(again.code, 1);
     assert!(again.stderr.contains("expected no run, found one of 4 steps"), "{}", again.stderr);
@@ -135,9 +135,9 @@ fn a_run_leaves_what_it_promises() {
     assert_eq!(wrong.code, 2);
 }
 
-/// Said before a scene is simulated or a folder made.
+/// Reported before a scene is simulated or a folder created.
 #[test]
-fn a_configuration_that_cannot_train_is_refused_with_file_and_field() {
+fn rejects_an_untrainable_configuration_with_file_and_field() {
     let folder = tempdir().unwrap();
     for (from, to, field, expected) in [
         ("size = [32, 32]", "size = [32, 30]", "data[0].source.rooms.size", "patches of 16 pixels divide, found 32x30"),
@@ -155,7 +155,7 @@ fn a_configuration_that_cannot_train_is_refused_with_file_and_field() {
 }
 
 #[test]
-fn two_threads_and_one_give_the_same_bytes() {
+fn one_and_two_threads_give_identical_bytes() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     for threads in ["1", "2"] {
@@ -165,7 +165,7 @@ fn two_threads_and_one_give_the_same_bytes() {
 }
 
 #[test]
-fn nothing_is_no_run_to_go_on_with() {
+fn resuming_needs_an_existing_run() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     std::fs::create_dir(folder.path().join("empty")).unwrap();
@@ -178,17 +178,16 @@ fn nothing_is_no_run_to_go_on_with() {
     assert_eq!(std::fs::read_dir(folder.path().join("empty")).unwrap().count(), 0);
 }
 
-/// A run that was stopped before its first checkpoint begins again, and says so; a damaged checkpoint is passed over, and
-/// named.
+/// A run stopped before its first checkpoint restarts with a notice; a damaged checkpoint is skipped and named.
 #[test]
-fn what_going_on_cannot_use_is_told() {
+fn resuming_reports_unusable_checkpoints() {
     let folder = tempdir().unwrap();
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     std::fs::create_dir_all(folder.path().join("out")).unwrap();
     std::fs::write(folder.path().join("out/steps.jsonl"), "").unwrap();
     let resumed = |steps: &str| {
-        let words = ["train", "--config", "tiny.toml", "--out", "out", "--resume", "--steps", steps];
-        let outcome = atsplat(folder.path(), &words);
+        let args = ["train", "--config", "tiny.toml", "--out", "out", "--resume", "--steps", steps];
+        let outcome = atsplat(folder.path(), &args);
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
         outcome.stderr
     };

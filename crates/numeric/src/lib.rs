@@ -2,12 +2,14 @@
 //! NaN where the standard library's `max` and `min` ignore it, [`median`] and [`quantile`], and the random number
 //! generator [`SplitMix64`].
 
+mod bytes;
 mod extremes;
 mod order;
 mod random;
 mod rank;
 mod tolerance;
 
+pub use bytes::format_bytes;
 pub use extremes::Extremes;
 pub use order::{median, quantile};
 pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix};

@@ -15,6 +15,7 @@ mod error;
 mod form;
 mod lamp;
 mod material;
+pub mod motion_report;
 mod noise;
 mod path;
 mod render;

@@ -2,6 +2,7 @@
 //! models. Also the papers' joint preprocessing of pictures and intrinsics, dataset statistics and checks, and export to
 //! Arrow, Parquet and CSV. Independent of models.
 
+pub mod camera_file;
 mod camera_policy;
 pub mod colmap;
 #[cfg(feature = "columns")]
@@ -25,6 +26,7 @@ pub mod poses;
 pub mod preprocess;
 pub mod re10k;
 mod scene;
+mod scene_key;
 #[cfg(all(test, feature = "columns"))]
 mod test_source;
 pub mod torch;
@@ -40,4 +42,5 @@ pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};
 pub use scene::{Frame, MadePicture, Picture, PictureFolder, PictureHeader, Scene};
+pub use scene_key::{AmbiguousScene, scene_key};
 pub use warnings::{Warning, WarningKind, Warnings};

@@ -5,26 +5,25 @@ use anyhow::bail;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::torch::{ChunkScene, ChunkWriter, ChunksWritten};
 use atsplat_scene::{SceneError, SceneSource as _, WarningKind, Warnings};
-use clap::Args;
 use serde::Serialize;
 
-use crate::dataset_words::DatasetWords;
+use crate::dataset_args::DatasetArgs;
 use crate::output::{print_report, print_warnings};
 use crate::progress::Progress;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     #[command(flatten)]
-    dataset: DatasetWords,
+    dataset: DatasetArgs,
 
     /// A file that ends in .parquet, .arrow or .csv; or a folder, for `.torch` chunks.
     out: PathBuf,
 
-    /// Write `.torch` chunks with pictures, as pixelSplat's loader reads them, into the folder OUT.
+    /// Write `.torch` chunks with images, as read by pixelSplat's loader, into the folder OUT.
     #[arg(long)]
     chunks: bool,
 
-    /// Bytes of pictures after which a chunk is full.
+    /// Bytes of images after which a chunk is full.
     #[arg(long, value_name = "BYTES", default_value_t = ChunkWriter::TARGET_BYTES, requires = "chunks")]
     chunk_bytes: u64,
 
@@ -40,10 +39,10 @@ enum Report {
     Chunks { chunks: usize, scenes: usize, skipped: u64 },
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
-    let report = if words.chunks { write_chunks(words, &mut warnings)? } else { write_table(words, &mut warnings)? };
-    print_report(&report, words.json)?;
+    let report = if args.chunks { write_chunks(args, &mut warnings)? } else { write_table(args, &mut warnings)? };
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
     Ok(match report {
         Report::Table(summary) => summary.skipped == 0,
@@ -51,23 +50,23 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     })
 }
 
-fn write_table(words: &Words, warnings: &mut Warnings) -> anyhow::Result<Report> {
-    let format = ExportFormat::of_path(&words.out)?;
+fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
+    let format = ExportFormat::of_path(&args.out)?;
     let mut found = Warnings::new();
-    let dataset = words.dataset.open(&mut found)?;
+    let dataset = args.dataset.open(&mut found)?;
     let progress = Progress::new("scenes", dataset.keys().len());
-    let summary = export(&dataset, &words.out, format, &mut found, &|| progress.step())?;
-    // A table holds cameras: what pictures there are does not matter.
+    let summary = export(&dataset, &args.out, format, &mut found, &|| progress.step())?;
+    // A table holds only cameras: warnings about images do not matter.
     warnings.merge(found.about_cameras());
     Ok(Report::Table(summary))
 }
 
-fn write_chunks(words: &Words, warnings: &mut Warnings) -> anyhow::Result<Report> {
-    if words.out.is_file() {
-        bail!("chunks go into a folder, and {} is a file", words.out.display());
+fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
+    if args.out.is_file() {
+        bail!("expected a folder for the chunks, found the file {}", args.out.display());
     }
-    let dataset = words.dataset.open(warnings)?;
-    let mut writer = ChunkWriter::create(&words.out, words.chunk_bytes)?;
+    let dataset = args.dataset.open(warnings)?;
+    let mut writer = ChunkWriter::create(&args.out, args.chunk_bytes)?;
     let progress = Progress::new("scenes", dataset.keys().len());
     let mut skipped = 0;
     for key in dataset.keys() {

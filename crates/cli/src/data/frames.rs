@@ -1,16 +1,14 @@
 use std::path::PathBuf;
 
-use clap::Args;
-
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Video that the trajectory was filmed in.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Video of the trajectory.
     video: PathBuf,
 
-    /// RE10K trajectory whose timestamps are cut.
+    /// RE10K trajectory with the timestamps of the frames.
     trajectory: PathBuf,
 
-    /// Folder under which `<key>/<timestamp>.jpg` are written.
+    /// Folder for `<key>/<timestamp>.jpg`.
     #[arg(long, short, value_name = "FOLDER")]
     out: PathBuf,
 
@@ -32,12 +30,12 @@ pub(crate) struct Words {
 }
 
 #[cfg(not(feature = "opencv"))]
-pub(crate) fn run(_: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(_: &Args) -> anyhow::Result<bool> {
     Err(super::needs_opencv("data frames"))
 }
 
 #[cfg(feature = "opencv")]
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     use anyhow::Context as _;
     use atsplat_scene::opencv::{CutOptions, FrameFormat, cut_frames};
     use atsplat_scene::re10k::read_trajectory;
@@ -45,16 +43,16 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     use crate::output::print_report;
     use crate::progress::Progress;
 
-    let trajectory = read_trajectory(&words.trajectory)?;
+    let trajectory = read_trajectory(&args.trajectory)?;
     let timestamps: Vec<i64> = trajectory.rows.iter().map(|row| row.timestamp_micros).collect();
-    let of_file = || words.trajectory.file_stem()?.to_str().map(str::to_owned);
+    let file_stem = || args.trajectory.file_stem()?.to_str().map(str::to_owned);
     let key =
-        words.key.clone().or_else(of_file).context("the trajectory's file name makes no scene key; give --key")?;
-    let format = if words.png { FrameFormat::Png } else { FrameFormat::Jpeg(words.quality) };
-    let options = CutOptions { folder: words.out.clone(), format };
+        args.key.clone().or_else(file_stem).context("the trajectory's file name is not a scene key: give --key")?;
+    let format = if args.png { FrameFormat::Png } else { FrameFormat::Jpeg(args.quality) };
+    let options = CutOptions { folder: args.out.clone(), format };
     let progress = Progress::new("frames", timestamps.len());
-    let cut = cut_frames(&words.video, &key, &timestamps, &options, |decided| progress.reach(decided))?;
+    let cut = cut_frames(&args.video, &key, &timestamps, &options, |decided| progress.reach(decided))?;
     drop(progress);
-    print_report(&cut, words.json)?;
+    print_report(&cut, args.json)?;
     Ok(cut.written() == timestamps.len())
 }

@@ -1,11 +1,11 @@
-//! The geometry check of `data inspect`, where the build has OpenCV.
+//! The geometry check of `data inspect`, in builds with OpenCV.
 
 use atsplat_scene::{Dataset, Warnings};
 
 #[cfg(feature = "opencv")]
 pub(super) use atsplat_scene::opencv::GeometryCheck as GeometryReport;
 
-/// Checks scenes evenly spread over the dataset, one after the other: OpenCV uses its own threads.
+/// Checks at most `most` scenes, evenly spread over the dataset, one after the other: OpenCV has its own threads.
 #[cfg(feature = "opencv")]
 pub(super) fn check(
     dataset: &Dataset,
@@ -38,7 +38,7 @@ pub(super) fn check(
     Ok(reports)
 }
 
-/// What a build without OpenCV has instead of a report: nothing, ever.
+/// The report of a build without OpenCV, of which there is none.
 #[cfg(not(feature = "opencv"))]
 #[derive(Debug, serde::Serialize)]
 pub(super) enum GeometryReport {}

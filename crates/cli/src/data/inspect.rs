@@ -2,21 +2,20 @@ use std::fmt;
 
 use atsplat_scene::inspect::{InspectOptions, Inspection, SizeSampling, inspect};
 use atsplat_scene::{SceneSource as _, Warnings};
-use clap::Args;
 use serde::Serialize;
 
 use super::geometry::{self, GeometryReport};
-use crate::dataset_words::DatasetWords;
+use crate::dataset_args::DatasetArgs;
 use crate::output::{print_report, print_warnings};
 use crate::progress::Progress;
 
-#[derive(Debug, Args)]
-#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag of the command line")]
+pub(crate) struct Args {
     #[command(flatten)]
-    dataset: DatasetWords,
+    dataset: DatasetArgs,
 
-    /// Read every picture's header instead of three a scene.
+    /// Read every image header instead of three per scene.
     #[arg(long)]
     all_sizes: bool,
 
@@ -24,7 +23,7 @@ pub(crate) struct Words {
     #[arg(long)]
     scenes: bool,
 
-    /// Match features between frames and tell whether the cameras explain them, and if not, which mistake
+    /// Match features between frames and check whether the cameras explain them, and if not, which mistake
     /// would (feature `opencv`).
     #[arg(long)]
     check_geometry: bool,
@@ -33,7 +32,7 @@ pub(crate) struct Words {
     #[arg(long, value_name = "N", default_value_t = 4, requires = "check_geometry")]
     check_scenes: usize,
 
-    /// Frame pairs that are compared in each of them, as `9:126,0:40`; a spread of the scene by default.
+    /// Frame pairs compared in each of them, as `9:126,0:40`; a spread of the scene by default.
     #[arg(long, value_name = "A:B,…", value_delimiter = ',', value_parser = frame_pair, requires = "check_geometry")]
     pairs: Vec<(usize, usize)>,
 
@@ -51,25 +50,25 @@ struct Report {
     geometry: Vec<GeometryReport>,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
-    let dataset = words.dataset.open(&mut warnings)?;
+    let dataset = args.dataset.open(&mut warnings)?;
     let options = InspectOptions {
-        sizes: if words.all_sizes { SizeSampling::All } else { InspectOptions::default().sizes },
-        per_scene: words.scenes,
+        sizes: if args.all_sizes { SizeSampling::All } else { InspectOptions::default().sizes },
+        per_scene: args.scenes,
     };
     let progress = Progress::new("scenes", dataset.keys().len());
     let inspection = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| progress.step());
     drop(progress);
-    let mut of_geometry = Warnings::new();
-    let geometry = if words.check_geometry {
-        geometry::check(&dataset, words.check_scenes, &words.pairs, &mut of_geometry)?
+    let mut geometry_warnings = Warnings::new();
+    let geometry = if args.check_geometry {
+        geometry::check(&dataset, args.check_scenes, &args.pairs, &mut geometry_warnings)?
     } else {
         Vec::new()
     };
     let complete = inspection.is_complete();
-    print_report(&Report { inspection, geometry }, words.json)?;
-    print_warnings(&of_geometry);
+    print_report(&Report { inspection, geometry }, args.json)?;
+    print_warnings(&geometry_warnings);
     Ok(complete)
 }
 

@@ -1,4 +1,4 @@
-//! `atsplat data`: one file per verb.
+//! `atsplat data`: one file per subcommand.
 
 mod export;
 mod frames;
@@ -10,38 +10,38 @@ mod undistort;
 
 use clap::Subcommand;
 
-use crate::exit::{Exit, Skipping, done};
+use crate::exit::{Exit, WithStrict, done};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Print what a path holds: format, counts, sizes, intrinsics, baselines, problems.
-    Inspect(Skipping<inspect::Words>),
-    /// Measure how cameras move: speed, turn rate, straightness, baselines, focal length; simulated beside real.
-    Motion(Skipping<motion::Words>),
+    /// Print the contents of a dataset: format, counts, sizes, intrinsics, baselines, problems.
+    Inspect(WithStrict<inspect::Args>),
+    /// Measure camera motion: speed, turn rate, straightness, baselines, focal length; simulated next to real.
+    Motion(WithStrict<motion::Args>),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
-    Export(Skipping<export::Words>),
+    Export(WithStrict<export::Args>),
     /// Simulate scenes from seeds into a dataset, with exact depth.
-    Simulate(simulate::Words),
+    Simulate(simulate::Args),
     /// Cut frames out of a video at a trajectory's timestamps (feature `opencv`).
-    Frames(Skipping<frames::Words>),
-    /// Remove lens distortion from pictures and cameras (feature `opencv`).
-    Undistort(Skipping<undistort::Words>),
+    Frames(WithStrict<frames::Args>),
+    /// Remove lens distortion from images and cameras (feature `opencv`).
+    Undistort(WithStrict<undistort::Args>),
 }
 
-/// Runs one command.
+/// Runs a subcommand.
 pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
     match command {
-        Command::Inspect(words) => words.run(inspect::run),
-        Command::Motion(words) => words.run(motion::run),
-        Command::Export(words) => words.run(export::run),
-        Command::Simulate(words) => done(simulate::run(words)),
-        Command::Frames(words) => words.run(frames::run),
-        Command::Undistort(words) => words.run(undistort::run),
+        Command::Inspect(args) => args.run(inspect::run),
+        Command::Motion(args) => args.run(motion::run),
+        Command::Export(args) => args.run(export::run),
+        Command::Simulate(args) => done(simulate::run(args)),
+        Command::Frames(args) => args.run(frames::run),
+        Command::Undistort(args) => args.run(undistort::run),
     }
 }
 
-/// What a build without the feature says.
+/// The error of builds without the feature.
 #[cfg(not(feature = "opencv"))]
 fn needs_opencv(what: &str) -> anyhow::Error {
-    anyhow::anyhow!("{what} needs a build with `--features opencv`; see CONTRIBUTING.md for what it takes")
+    anyhow::anyhow!("{what} needs a build with `--features opencv`; see CONTRIBUTING.md for its dependencies")
 }

@@ -1,4 +1,4 @@
-//! `atsplat data simulate`: scenes from seeds, written as a dataset.
+//! `atsplat data simulate`: writes scenes simulated from seeds as a dataset.
 
 use std::fmt;
 use std::ops::Range;
@@ -10,70 +10,69 @@ use atsplat_rooms::{
     EffectChoice, EffectKind, Layout, ManifestScene, PictureCoding, Request, Route, SceneKind, SceneSeed, Simulation,
     Split, WriteOptions, write_dataset,
 };
-use atsplat_scene::{SceneSource as _, Warnings};
-use clap::{Args, ValueEnum};
+use atsplat_scene::{SceneSource as _, Warnings, scene_key};
+use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::dataset_words::key_of;
-use crate::output::{complain, print_report, print_warnings};
+use crate::output::{print_report, print_warnings, warn};
+use crate::parse;
 use crate::progress::Progress;
-use crate::render::words;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// Folder for the dataset; it must be new or empty.
     out: PathBuf,
 
-    /// rooms: one or two connected rooms, filmed as RE10K is. yards: courtyards and halls, as DL3DV.
+    /// rooms: one or two connected rooms, filmed as in RE10K. yards: courtyards and halls, as in DL3DV.
     #[arg(long, value_name = "KIND", default_value = "rooms")]
-    kind: KindWord,
+    kind: KindArg,
 
-    /// What the scenes are for; no scene is in both.
+    /// Split of the scenes; no scene is in both.
     #[arg(long, value_name = "SPLIT", default_value = "test")]
-    split: SplitWord,
+    split: SplitArg,
 
-    /// How many scenes, or which, as 8 or 16..24.
+    /// Number or range of scenes, as 8 or 16..24.
     #[arg(long, value_name = "N|A..B", default_value = "8", value_parser = numbers)]
     scenes: Range<u32>,
 
-    /// Frames of each scene; by default 150 for rooms and 100 for yards.
-    #[arg(long, value_name = "N", value_parser = words::frames, conflicts_with = "route")]
+    /// Frames per scene; by default 150 for rooms and 100 for yards.
+    #[arg(long, value_name = "N", value_parser = parse::frames, conflicts_with = "route")]
     frames: Option<usize>,
 
-    /// Size of the pictures; by default that of the dataset that the layout belongs to: 640x360 for re10k and chunks,
+    /// Image size; by default that of the dataset that the layout belongs to: 640x360 for re10k and chunks,
     /// 480x270 for nerfstudio.
-    #[arg(long, value_name = "WxH", value_parser = words::size)]
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
     size: Option<ImageSize>,
 
-    /// Rays a pixel.
+    /// Rays per pixel.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=256))]
     samples: u32,
 
-    /// auto runs the effects that can change a scene's pictures; all; none; or a list, as soft-shadows,motion-blur.
+    /// auto (the effects that can change a scene's images), all, none, or a list, as soft-shadows,motion-blur.
     #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto", value_parser = effects)]
     effects: EffectChoice,
 
-    /// Follow this dataset's cameras from a place that has room for them.
+    /// Follow the cameras of this dataset, from a place with enough room.
     #[arg(long, value_name = "DATA")]
     route: Option<PathBuf>,
 
-    /// Which scene of the route's dataset, where it holds several.
+    /// Which scene of the route's dataset, if it holds several.
     #[arg(long, value_name = "KEY", requires = "route")]
     route_key: Option<String>,
 
-    /// How the dataset lies on disk.
+    /// Format of the dataset.
     #[arg(long, value_name = "LAYOUT", default_value = "re10k")]
-    layout: LayoutWord,
+    layout: LayoutArg,
 
-    /// png, or jpeg with its quality, as jpeg:90.
+    /// Image format: png, or jpeg with its quality, as jpeg:90.
     #[arg(long, value_name = "CODING", default_value = "png", value_parser = coding)]
     pictures: PictureCoding,
 
-    /// Write depth too: `depth/<scene>/<frame>.exr`, channel Z, in scene units along the camera's z axis.
+    /// Also write depth: `depth/<scene>/<frame>.exr`, channel Z, in scene units along the camera's z axis.
     #[arg(long)]
     depth: bool,
 
-    /// Measure what each effect costs in a scene's middle frame.
+    /// Measure the cost of each effect in the middle frame of each scene.
     #[arg(long)]
     costs: bool,
 
@@ -83,19 +82,19 @@ pub(crate) struct Words {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum KindWord {
+pub(super) enum KindArg {
     Rooms,
     Yards,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum SplitWord {
+pub(super) enum SplitArg {
     Train,
     Test,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum LayoutWord {
+enum LayoutArg {
     Re10k,
     Chunks,
     Nerfstudio,
@@ -113,9 +112,9 @@ struct Report {
 struct SceneRecord {
     #[serde(flatten)]
     scene: ManifestScene,
-    /// The scene's size, its effects and why they run.
+    /// Description: the scene's size, its effects and why they run.
     #[serde(skip)]
-    told: String,
+    description: String,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     costs: Vec<CostRecord>,
 }
@@ -127,35 +126,35 @@ struct CostRecord {
     secs_a_frame: f64,
 }
 
-/// Simulates; `true`, since nothing is skipped.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    refuse_full_folder(&words.out)?;
+/// Simulates; always `true`, because nothing is skipped.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    reject_nonempty_folder(&args.out)?;
     let mut warnings = Warnings::new();
-    let requests = words.requests(&mut warnings)?;
+    let requests = args.requests(&mut warnings)?;
     let progress = Progress::new("scenes", requests.len());
     let mut records = Vec::new();
     let mut failed = None;
-    let told = |simulation: &Simulation, scene: &ManifestScene| {
-        match words.costs_of(simulation) {
-            Ok(costs) => records.push(SceneRecord { scene: scene.clone(), told: simulation.to_string(), costs }),
+    let record = |simulation: &Simulation, scene: &ManifestScene| {
+        match args.costs_of(simulation) {
+            Ok(costs) => records.push(SceneRecord { scene: scene.clone(), description: simulation.to_string(), costs }),
             Err(error) => failed = Some(error),
         }
         progress.step();
     };
-    write_dataset(&words.out, requests, &words.options(), &mut warnings, told)?;
+    write_dataset(&args.out, requests, &args.options(), &mut warnings, record)?;
     drop(progress);
     if let Some(error) = failed {
         return Err(error);
     }
-    print_report(&Report { folder: words.out.clone(), scenes: records }, words.json)?;
+    print_report(&Report { folder: args.out.clone(), scenes: records }, args.json)?;
     print_warnings(&warnings);
-    if words.layout != LayoutWord::Nerfstudio && warnings.counts().next().is_some() {
-        complain("note: --layout nerfstudio keeps lenses; --effects without lens-distortion makes none");
+    if args.layout != LayoutArg::Nerfstudio && warnings.counts().next().is_some() {
+        warn("note: --layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
     }
     Ok(true)
 }
 
-impl Words {
+impl Args {
     fn requests(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Request>> {
         let route = self.route(warnings)?;
         let request = |number| {
@@ -176,10 +175,10 @@ impl Words {
     fn route(&self, warnings: &mut Warnings) -> anyhow::Result<Route> {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
-        let scene = dataset.load(key_of(&dataset, self.route_key.as_deref())?, warnings)?;
-        // Datasets without times are taken as films of 30 frames a second.
-        let cameras = scene.frames.iter().enumerate().map(|(at, frame)| {
-            let micros = frame.timestamp_micros.unwrap_or(i64::try_from(at * 33_333).unwrap_or(i64::MAX));
+        let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
+        // Datasets without timestamps are assumed to have 30 frames per second.
+        let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
+            let micros = frame.timestamp_micros.unwrap_or(at * 33_333);
             (micros, frame.camera)
         });
         Ok(Route::Given(cameras.collect()))
@@ -187,9 +186,9 @@ impl Words {
 
     fn options(&self) -> WriteOptions {
         let layout = match self.layout {
-            LayoutWord::Re10k => Layout::Re10k,
-            LayoutWord::Chunks => Layout::Chunks,
-            LayoutWord::Nerfstudio => Layout::Nerfstudio,
+            LayoutArg::Re10k => Layout::Re10k,
+            LayoutArg::Chunks => Layout::Chunks,
+            LayoutArg::Nerfstudio => Layout::Nerfstudio,
         };
         WriteOptions { layout, coding: self.pictures, depth: self.depth }
     }
@@ -203,22 +202,22 @@ impl Words {
     }
 }
 
-/// Files of an earlier dataset would stand among this one's.
-fn refuse_full_folder(folder: &Path) -> anyhow::Result<()> {
+/// Files of an earlier dataset would mix with the new ones.
+fn reject_nonempty_folder(folder: &Path) -> anyhow::Result<()> {
     if folder.is_file() {
-        bail!("{} is a file, expected a folder", folder.display());
+        bail!("expected a folder, found the file {}", folder.display());
     }
     if folder.is_dir() {
         let mut entries = folder.read_dir().with_context(|| format!("reading {}", folder.display()))?;
         if entries.next().is_some() {
-            bail!("{} is not empty: a dataset is written into a new folder", folder.display());
+            bail!("{} is not empty: expected a new or empty folder", folder.display());
         }
     }
-    std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))
+    std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))
 }
 
-impl LayoutWord {
-    /// What the papers' protocols expect of the dataset.
+impl LayoutArg {
+    /// Image size that the papers' protocols expect.
     const fn native_size(self) -> ImageSize {
         match self {
             Self::Re10k | Self::Chunks => ImageSize { width: 640, height: 360 },
@@ -227,30 +226,30 @@ impl LayoutWord {
     }
 }
 
-impl From<KindWord> for SceneKind {
-    fn from(word: KindWord) -> Self {
-        match word {
-            KindWord::Rooms => Self::Rooms,
-            KindWord::Yards => Self::Yards,
+impl From<KindArg> for SceneKind {
+    fn from(arg: KindArg) -> Self {
+        match arg {
+            KindArg::Rooms => Self::Rooms,
+            KindArg::Yards => Self::Yards,
         }
     }
 }
 
-impl From<SplitWord> for Split {
-    fn from(word: SplitWord) -> Self {
-        match word {
-            SplitWord::Train => Self::Train,
-            SplitWord::Test => Self::Test,
+impl From<SplitArg> for Split {
+    fn from(arg: SplitArg) -> Self {
+        match arg {
+            SplitArg::Train => Self::Train,
+            SplitArg::Test => Self::Test,
         }
     }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for SceneRecord { told, costs, .. } in &self.scenes {
-            f.write_str(told)?;
+        for SceneRecord { description, costs, .. } in &self.scenes {
+            f.write_str(description)?;
             for CostRecord { effect, secs_a_frame } in costs {
-                writeln!(f, "    {effect}: {:+.1} ms a frame", secs_a_frame * 1e3)?;
+                writeln!(f, "    {effect}: {:+.1} ms per frame", secs_a_frame * 1e3)?;
             }
         }
         let frames: usize = self.scenes.iter().map(|record| record.scene.frames).sum();
@@ -264,8 +263,8 @@ fn numbers(text: &str) -> Result<Range<u32>, String> {
         Some((first, past)) => number(first).zip(number(past)).map(|(first, past)| first..past),
         None => number(text).map(|count| 0..count),
     };
-    let told = || format!("expected a number of scenes, or a range as 16..24, found {text:?}");
-    range.filter(|range| !range.is_empty()).ok_or_else(told)
+    let message = || format!("expected a number of scenes, or a range as 16..24, found {text:?}");
+    range.filter(|range| !range.is_empty()).ok_or_else(message)
 }
 
 fn coding(text: &str) -> Result<PictureCoding, String> {
@@ -281,8 +280,8 @@ fn coding(text: &str) -> Result<PictureCoding, String> {
 fn effects(text: &str) -> Result<EffectChoice, String> {
     let kind = |name: &str| {
         EffectKind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
-            let known: Vec<&str> = EffectKind::ALL.into_iter().map(EffectKind::name).collect();
-            format!("expected auto, all, none, or a list of {}, found {name:?}", known.join(", "))
+            let names: Vec<&str> = EffectKind::ALL.into_iter().map(EffectKind::name).collect();
+            format!("expected auto, all, none, or a list of {}, found {name:?}", names.join(", "))
         })
     };
     match text {
@@ -298,7 +297,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_and_what_is_none() {
+    fn parses_scene_ranges_codings_and_effects() {
         assert_eq!(numbers("8"), Ok(0..8));
         assert_eq!(numbers("16..24"), Ok(16..24));
         for broken in ["0", "", "5..5", "7..3", "-1", "a..b", "1.."] {
@@ -310,7 +309,7 @@ mod tests {
         }
         let only = EffectChoice::Only(vec![EffectKind::MotionBlur, EffectKind::SoftShadows]);
         assert_eq!(effects("motion-blur,soft-shadows"), Ok(only));
-        let told = effects("fog").unwrap_err();
-        assert!(told.contains("sensor-noise") && told.contains("\"fog\""), "{told}");
+        let message = effects("fog").unwrap_err();
+        assert!(message.contains("sensor-noise") && message.contains("\"fog\""), "{message}");
     }
 }

@@ -1,19 +1,19 @@
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 
-use crate::dataset_words::DatasetWords;
+use crate::dataset_args::DatasetArgs;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     #[command(flatten)]
-    dataset: DatasetWords,
+    dataset: DatasetArgs,
 
-    /// Folder under which `<key>/images/<frame>.png` and `<key>/transforms.json` are written.
+    /// Folder for `<key>/images/<frame>.png` and `<key>/transforms.json`.
     #[arg(long, short, value_name = "FOLDER")]
     out: PathBuf,
 
-    /// Which pinhole camera the new pictures are of.
+    /// Pinhole camera of the new images.
     #[arg(long, value_enum, default_value_t = Mode::KeepK)]
     mode: Mode,
 
@@ -22,17 +22,17 @@ pub(crate) struct Words {
     json: bool,
 }
 
-/// Which pinhole camera undistorted pictures are of.
+/// Pinhole camera of the undistorted images.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum Mode {
-    /// The same intrinsics; parts of the rim may be black.
+    /// The same intrinsics; the border may be black.
     KeepK,
-    /// New intrinsics without black rim, as Long-LRM and iLRM-wide undistort DL3DV.
+    /// New intrinsics without a black border, as Long-LRM and iLRM-wide undistort DL3DV.
     LongLrm,
 }
 
 #[cfg(not(feature = "opencv"))]
-pub(crate) fn run(_: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(_: &Args) -> anyhow::Result<bool> {
     Err(super::needs_opencv("data undistort"))
 }
 
@@ -53,16 +53,16 @@ mod with_opencv {
     use serde::Serialize;
     use serde_json::{Value, json};
 
-    use super::{Mode, Words};
+    use super::{Args, Mode};
     use crate::output::{PendingFile, print_report, print_warnings};
     use crate::progress::Progress;
 
     #[derive(Serialize)]
     #[serde(rename_all = "kebab-case")]
     struct Report {
-        /// Pictures.
+        /// Images.
         written: u64,
-        /// Scenes, and frames of others.
+        /// Scenes, and frames of other scenes.
         skipped: u64,
     }
 
@@ -72,24 +72,24 @@ mod with_opencv {
         }
     }
 
-    pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-        let mode = match words.mode {
+    pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+        let mode = match args.mode {
             Mode::KeepK => UndistortMode::KeepK,
             Mode::LongLrm => UndistortMode::LongLrm,
         };
-        std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+        std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
         let mut warnings = Warnings::new();
-        let dataset = words.dataset.open(&mut warnings)?;
+        let dataset = args.dataset.open(&mut warnings)?;
         let (mut written, mut skipped) = (0u64, 0u64);
         for key in dataset.keys() {
             if !is_plain_name(key) {
                 skipped += 1;
-                warnings.push(WarningKind::UnreadableScene, key, "its key names no folder of its own");
+                warnings.push(WarningKind::UnreadableScene, key, "its key is not a folder name");
                 continue;
             }
             match dataset.load(key, &mut warnings) {
                 Ok(scene) => {
-                    let (of_scene, missing) = undistort_scene(&scene, mode, &words.out, &mut warnings)?;
+                    let (of_scene, missing) = undistort_scene(&scene, mode, &args.out, &mut warnings)?;
                     written += of_scene;
                     skipped += missing;
                 }
@@ -99,12 +99,12 @@ mod with_opencv {
                 }
             }
         }
-        print_report(&Report { written, skipped }, words.json)?;
+        print_report(&Report { written, skipped }, args.json)?;
         print_warnings(&warnings);
         Ok(skipped == 0)
     }
 
-    /// Writes one scene's pictures and its `transforms.json`; returns pictures written and frames skipped.
+    /// Writes the images and `transforms.json` of a scene; returns the numbers of images written and frames skipped.
     fn undistort_scene(
         scene: &Scene,
         mode: UndistortMode,
@@ -139,15 +139,15 @@ mod with_opencv {
                     && camera.distortion == frame.camera.distortion
                     && *of_size == size
             };
-            // Frames of one lens share one map.
+            // Frames with the same lens share a map.
             let current = match undistorter.take().filter(fits) {
                 Some(current) => current,
                 None => (frame.camera, size, Undistorter::new(&frame.camera, size, mode)?),
             };
             let straight = current.2.undistort(&picture)?;
-            let name = format!("images/{}.png", own_name(frame, position, &mut names));
+            let name = format!("images/{}.png", unique_name(frame, position, &mut names));
             PendingFile::open(&folder.join(&name))?.finish(&encode_png(&straight)?)?;
-            frames.push(listed(frame, &name, size, &current.2));
+            frames.push(frame_json(frame, &name, size, &current.2));
             undistorter = Some(current);
         }
         let written = frames.len() as u64;
@@ -156,8 +156,8 @@ mod with_opencv {
         Ok((written, skipped))
     }
 
-    /// The frame's name, with its position where another frame has that name or it is none for a file.
-    fn own_name(frame: &Frame, position: usize, taken: &mut BTreeSet<String>) -> String {
+    /// The frame's name, with its position if the name is taken or is not a file name.
+    fn unique_name(frame: &Frame, position: usize, taken: &mut BTreeSet<String>) -> String {
         let mut name = if is_plain_name(&frame.name) { frame.name.clone() } else { "frame".to_owned() };
         while !taken.insert(name.clone()) {
             name = format!("{name}_{position:06}");
@@ -165,8 +165,8 @@ mod with_opencv {
         name
     }
 
-    /// A frame as nerfstudio lists it: OpenGL camera-to-world, its own pinhole intrinsics in pixels.
-    fn listed(frame: &Frame, name: &str, size: ImageSize, undistorter: &Undistorter) -> Value {
+    /// A frame in nerfstudio's format: OpenGL camera-to-world, pinhole intrinsics in pixels.
+    fn frame_json(frame: &Frame, name: &str, size: ImageSize, undistorter: &Undistorter) -> Value {
         let pose = frame.camera.camera_from_world.inverse().opengl_from_opencv().to_rows();
         let mut matrix: Vec<Vec<f64>> = pose.chunks(4).map(<[f64]>::to_vec).collect();
         matrix.push(vec![0.0, 0.0, 0.0, 1.0]);

@@ -4,38 +4,37 @@ use std::path::PathBuf;
 use atsplat_eval::Results;
 use atsplat_eval::drift::probe::{Inputs, Pipeline, Recipe, run as run_probe};
 use atsplat_eval::drift::{Acceptance, Baseline, Limit, Verdict, compare, date};
-use clap::Args;
 use clap::builder::NonEmptyStringValueParser;
 use serde::Serialize;
 
 use super::recipe;
 use crate::exit::Exit;
-use crate::machine::here;
 use crate::output::print_report;
+use crate::process::provenance;
 
-#[derive(Debug, Args)]
-pub(super) struct Words {
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
     /// Folder of results.
     store: PathBuf,
 
-    /// The baseline to replace, or to begin.
+    /// Baseline file to create or replace.
     #[arg(long, value_name = "FILE")]
     baseline: PathBuf,
 
-    /// Why these numbers are right; it stays in the baseline's history.
+    /// Why these numbers are correct, kept in the baseline's history.
     #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
     why: String,
 
-    /// Results of the same run once more; may be given several times. What is not deterministic may later move as far as
-    /// these differ.
+    /// Results of a repetition of the run; may be given several times. Numbers that are not deterministic may later move as
+    /// far as these differ.
     #[arg(long, value_name = "STORE")]
     repeat: Vec<PathBuf>,
 
-    /// How the probe is run, in TOML; without it as before, or in the smallest way.
+    /// Recipe of the probe, in TOML; by default that of the old baseline, or the smallest one.
     #[arg(long, value_name = "FILE", conflicts_with = "no_probe")]
     probe: Option<PathBuf>,
 
-    /// Keep no probe: drift will be found and not attributed.
+    /// Store no probe: drift will be detected but not attributed.
     #[arg(long)]
     no_probe: bool,
 
@@ -44,12 +43,12 @@ pub(super) struct Words {
     json: bool,
 }
 
-/// What was accepted.
+/// The accepted baseline.
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Report {
     baseline: PathBuf,
-    /// Of the new numbers against the old baseline, where there was one.
+    /// Verdict of the new numbers against the old baseline, if there was one.
     moved: Option<Verdict>,
     accepted: Acceptance,
     acceptances: usize,
@@ -59,22 +58,22 @@ struct Report {
     probe: Option<Recipe>,
 }
 
-pub(super) fn run(words: &Words) -> anyhow::Result<Exit> {
-    let asked = words.probe.as_deref().map(recipe).transpose()?;
-    let before = if words.baseline.exists() { Some(Baseline::read(&words.baseline)?) } else { None };
-    let results = Results::read(&words.store)?;
-    let repeats = words.repeat.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
+pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
+    let requested = args.probe.as_deref().map(recipe).transpose()?;
+    let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
+    let results = Results::read(&args.store)?;
+    let repeats = args.repeat.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
     let scored = results.targets.iter().filter(|row| !row.scores.is_empty()).count();
     anyhow::ensure!(
         scored > 0,
-        "{}: expected results with scores, found {} targets without one; a baseline of nothing watches nothing",
-        words.store.display(),
+        "{}: expected results with scores, found {} targets without scores; an empty baseline cannot detect drift",
+        args.store.display(),
         results.targets.len()
     );
-    let now = here();
+    let now = provenance();
     let acceptance = Acceptance {
         date: date(now.started),
-        reason: words.why.clone(),
+        reason: args.why.clone(),
         atsplat: results.provenance.atsplat.clone(),
         commit: results.provenance.commit.clone(),
     };
@@ -83,16 +82,16 @@ pub(super) fn run(words: &Words) -> anyhow::Result<Exit> {
         Some(before) => before.accept(&results, &repeats, acceptance.clone()),
         None => Baseline::new(&results, &repeats, acceptance.clone()),
     };
-    let recipe = asked.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
-    if !words.no_probe {
+    let recipe = requested.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
+    if !args.no_probe {
         let stages = Pipeline::of(&recipe)?;
         let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
-        Baseline::write_probe(&words.baseline, &outputs)?;
+        Baseline::write_probe(&args.baseline, &outputs)?;
         baseline = baseline.with_probe(recipe, &outputs);
     }
-    baseline.write(&words.baseline)?;
+    baseline.write(&args.baseline)?;
     let report = Report {
-        baseline: words.baseline.clone(),
+        baseline: args.baseline.clone(),
         moved,
         accepted: acceptance,
         acceptances: baseline.history.len(),
@@ -101,7 +100,7 @@ pub(super) fn run(words: &Words) -> anyhow::Result<Exit> {
         limits: baseline.limits,
         probe: baseline.probe.map(|probe| probe.recipe),
     };
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     Ok(Exit::Done)
 }
 
@@ -113,7 +112,7 @@ impl fmt::Display for Report {
             None => writeln!(f, "a new baseline")?,
             Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
             Some(Verdict::Nothing) => {
-                writeln!(f, "no number was there before; acceptance {acceptances} of this baseline")?;
+                writeln!(f, "the old baseline had none of these numbers; acceptance {acceptances} of this baseline")?;
             }
             Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }

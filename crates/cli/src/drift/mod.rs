@@ -1,4 +1,4 @@
-//! Results against a baseline: verdict, attribution, exit code 3.
+//! `atsplat drift`: compares results with a baseline; exits with code 3 on drift.
 
 mod accept;
 mod check;
@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use atsplat_eval::drift::probe::Recipe;
-use clap::{Args, Subcommand};
+use clap::Subcommand;
 
 use crate::exit::Exit;
 
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub(crate) struct Words {
+pub(crate) struct Args {
     #[command(subcommand)]
     command: Option<Command>,
 
@@ -26,16 +26,16 @@ pub(crate) struct Words {
     #[arg(long, value_name = "FILE", required = true)]
     baseline: Option<PathBuf>,
 
-    /// Run the probe as this recipe says, in TOML, and not as the baseline's does.
+    /// Recipe of the probe, in TOML, instead of the baseline's.
     #[arg(long, value_name = "FILE", conflicts_with = "no_probe")]
     probe: Option<PathBuf>,
 
-    /// Compare rows alone, and attribute nothing.
+    /// Compare only rows, without attribution to stages.
     #[arg(long)]
     no_probe: bool,
 
     #[command(flatten)]
-    history: history::HistoryWords,
+    history: history::HistoryArgs,
 
     /// Print JSON.
     #[arg(long)]
@@ -44,15 +44,15 @@ pub(crate) struct Words {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make these results the baseline, and remember why.
-    Accept(accept::Words),
+    /// Make these results the baseline, and record why.
+    Accept(accept::Args),
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<Exit> {
-    match (&words.command, &words.store, &words.baseline) {
-        (Some(Command::Accept(words)), ..) => accept::run(words),
-        (None, Some(store), Some(baseline)) => check::run(words, store, baseline),
-        _ => anyhow::bail!("a folder of results and a baseline are needed"),
+pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
+    match (&args.command, &args.store, &args.baseline) {
+        (Some(Command::Accept(args)), ..) => accept::run(args),
+        (None, Some(store), Some(baseline)) => check::run(args, store, baseline),
+        _ => anyhow::bail!("expected a folder of results and --baseline"),
     }
 }
 

@@ -4,30 +4,29 @@ use std::path::PathBuf;
 use anyhow::ensure;
 use atsplat_protocol::{BuiltIndex, IndexBuilder, IndexLayout};
 use atsplat_scene::{SceneSource as _, Warnings};
-use clap::Args;
 use serde::Serialize;
 
-use super::parse;
-use crate::dataset_words::PictureWords;
+use crate::dataset_args::PictureArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
+use crate::parse;
 use crate::progress::Progress;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Dataset, in any format that is read.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Dataset, in any supported format.
     data: PathBuf,
 
-    /// Where the index goes.
+    /// Index file to write.
     #[arg(long, short, value_name = "INDEX")]
     out: PathBuf,
 
-    /// How frames are chosen: the name of a rule in `eval/samplers/` (e.g. re10k-2v, dl3dv-6v), or a path that
+    /// Sampling rule: the name of a rule in `eval/samplers/` (e.g. re10k-2v, dl3dv-6v), or a path that
     /// ends in `.toml`.
     #[arg(long, value_name = "RULE", value_parser = parse::sampler)]
     sampler: String,
 
     #[command(flatten)]
-    pictures: PictureWords,
+    pictures: PictureArgs,
 
     /// Print JSON.
     #[arg(long)]
@@ -45,11 +44,11 @@ struct Report<'a> {
     nulls: &'a std::collections::BTreeMap<&'static str, usize>,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let builder = IndexBuilder::resolve(&words.sampler)?;
-    let out = PendingFile::open(&words.out)?;
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let builder = IndexBuilder::resolve(&args.sampler)?;
+    let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
-    let dataset = words.pictures.open(&words.data, &mut warnings)?;
+    let dataset = args.pictures.open(&args.data, &mut warnings)?;
     let progress = Progress::new("scenes", dataset.keys().len());
     let built = builder.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
@@ -63,14 +62,9 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         missing_pictures: *missing_pictures,
         nulls,
     };
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
-    ensure!(
-        *entries > 0,
-        "no scene of {} has an entry: {} asks for nothing",
-        words.data.display(),
-        words.out.display()
-    );
+    ensure!(*entries > 0, "no scene of {} has an entry: {} is empty", args.data.display(), args.out.display());
     Ok(nulls.is_empty())
 }
 
@@ -78,10 +72,10 @@ impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "sampler {}: {} scenes, {} entries", self.rule.sampler.name(), self.scenes, self.entries)?;
         if self.refused_entries > 0 {
-            writeln!(f, "{:>7}  entries refused for their overlap", self.refused_entries)?;
+            writeln!(f, "{:>7}  entries rejected for their overlap", self.refused_entries)?;
         }
         if self.missing_pictures > 0 {
-            writeln!(f, "{:>7}  frames left out, their pictures are missing", self.missing_pictures)?;
+            writeln!(f, "{:>7}  frames skipped, their images are missing", self.missing_pictures)?;
         }
         for (reason, count) in self.nulls {
             writeln!(f, "{count:>7}  scenes null: {reason}")?;

@@ -1,49 +1,36 @@
-//! `atsplat protocol estimators`: estimated overlap against true co-visibility, on simulated scenes.
+//! `atsplat protocol estimators`: compares overlap estimators with true co-visibility on simulated scenes.
 
-use atsplat_numeric::SplitMix64;
-use std::fmt;
-
-use anyhow::Context as _;
 use atsplat_camera::ImageSize;
-use atsplat_numeric::rank_correlation;
-use atsplat_pixels::{ImageU8, Rounding};
-use atsplat_protocol::overlap::{DepthMap, OverlapEstimator, OverlapView};
+use atsplat_eval::overlap_estimators::{EstimatedPair, EstimatorReport, EstimatorStudy, KINDS};
+use atsplat_protocol::overlap::OverlapEstimator;
 use atsplat_protocol::{BinRule, OverlapBins};
 use atsplat_report::plot::{EstimatePoint, EstimatorPanel, EstimatorScatter};
-use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};
-use clap::Args;
-use serde::Serialize;
+use atsplat_rooms::SceneKind;
 
-use super::parse;
-use crate::output::{PendingFile, print_report};
+use crate::output::print_report;
+use crate::parse;
 use crate::plot::PlotFile;
 use crate::progress::Progress;
-use crate::render::words;
 
-/// Judged each by itself: what holds indoors need not hold on a walk around a thing.
-const KINDS: [SceneKind; 2] = [SceneKind::Rooms, SceneKind::Yards];
-/// Frames between the two views at least: neighbours see the same.
-const LEAST_GAP: usize = 5;
-
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// How many simulated rooms, and as many yards.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Number of simulated rooms, and of simulated yards.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     scenes: u32,
 
-    /// Pairs of views of each scene.
+    /// Pairs of views per scene.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pairs: u32,
 
-    /// Size of the pictures and depth maps.
-    #[arg(long, value_name = "WxH", default_value = "160x90", value_parser = words::size)]
+    /// Size of images and depth maps.
+    #[arg(long, value_name = "WxH", default_value = "160x90", value_parser = parse::size)]
     size: ImageSize,
 
-    /// Seed of the pairs.
+    /// Seed of the choice of pairs.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 
-    /// Plot of every estimate against the truth, .svg or .png.
+    /// Plot every estimate against the truth, .svg or .png.
     #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
@@ -52,93 +39,21 @@ pub(crate) struct Words {
     json: bool,
 }
 
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Report {
-    scenes: usize,
-    size: ImageSize,
-    pairs: Vec<Pair>,
-    estimators: Vec<Row>,
-}
-
-/// Two views, what they truly share, and what each estimator says.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Pair {
-    kind: SceneKind,
-    scene: String,
-    frames: [usize; 2],
-    truth: f64,
-    /// By the order of the report's estimators; `null` where an estimator has no answer.
-    estimates: Vec<Option<f64>>,
-}
-
-/// How one estimator fares with one kind of scene.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Row {
-    kind: SceneKind,
-    estimator: &'static str,
-    measured: usize,
-    /// Spearman's, of estimates and truth.
-    rank_correlation: Option<f64>,
-    /// Mean of estimate less truth.
-    bias: Option<f64>,
-    /// Mean of the absolute difference.
-    error: Option<f64>,
-    /// Share of pairs that fall into the same of `NoPoSplat`'s bins as the truth.
-    same_bin: Option<f64>,
-}
-
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let estimators = estimators()?;
-    let plot = match &words.plot {
-        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
-        None => None,
-    };
-    let progress = Progress::new("scenes", KINDS.len() * words.scenes as usize);
-    let mut pairs = Vec::new();
-    for kind in KINDS {
-        for number in 0..words.scenes {
-            let seed = SceneSeed { split: Split::Test, number };
-            let simulation = Simulation::new(Request { size: words.size, ..Request::new(kind, seed) })?;
-            for frames in words.draw(&simulation) {
-                pairs.push(measure(&simulation, frames, &estimators)?);
-            }
-            progress.step();
-        }
-    }
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
+    let study = EstimatorStudy { scenes: args.scenes, pairs: args.pairs, size: args.size, seed: args.seed };
+    let progress = Progress::new("scenes", KINDS.len() * args.scenes as usize);
+    let report = study.run(&estimators, &|| progress.step())?;
     drop(progress);
-    let rows = KINDS.into_iter().flat_map(|kind| {
-        let of_kind: Vec<&Pair> = pairs.iter().filter(|pair| pair.kind == kind).collect();
-        let rows = estimators.iter().enumerate().map(move |(at, estimator)| row(kind, estimator.name(), at, &of_kind));
-        rows.collect::<Vec<_>>()
-    });
-    let rows = rows.collect();
-    let scenes = KINDS.len() * words.scenes as usize;
-    let report = Report { scenes, size: words.size, pairs, estimators: rows };
-    if let Some((file, format)) = plot {
-        file.finish(&scatter(&report, &estimators).draw().encode(format)?)?;
+    if let Some(plot) = plot {
+        plot.finish(|format| scatter(&report, &estimators).draw().encode(format))?;
     }
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     Ok(true)
 }
 
-impl Words {
-    /// Pairs of frames, every gap as likely as any other.
-    fn draw(&self, simulation: &Simulation) -> Vec<[usize; 2]> {
-        let last = simulation.shots().len() - 1;
-        let mut random = SplitMix64::for_scene(self.seed, &simulation.key());
-        let mut pair = || {
-            let gap = random.within(LEAST_GAP..=last)?;
-            let first = random.within(0..=last - gap)?;
-            Some([first, first + gap])
-        };
-        (0..self.pairs).filter_map(|_| pair()).collect()
-    }
-}
-
-/// All that this build has.
+/// All estimators of this build.
 fn estimators() -> anyhow::Result<Vec<OverlapEstimator>> {
     let names: &[&str] = if cfg!(feature = "opencv") {
         &["epipolar-ray", "feature-coverage", "depth-covisibility"]
@@ -148,62 +63,9 @@ fn estimators() -> anyhow::Result<Vec<OverlapEstimator>> {
     names.iter().map(|name| parse::estimator(name)).collect()
 }
 
-fn measure(simulation: &Simulation, frames: [usize; 2], estimators: &[OverlapEstimator]) -> anyhow::Result<Pair> {
-    let [first, second] = frames;
-    let truth = simulation.covisibility(first, second)?.overlap();
-    let wants_pictures = estimators.iter().any(OverlapEstimator::needs_pictures);
-    let (a, b) = (Seen::of(simulation, first, wants_pictures)?, Seen::of(simulation, second, wants_pictures)?);
-    let (view_a, view_b) = (a.view()?, b.view()?);
-    // An estimator without an answer, as where two pictures share no feature, is a result.
-    let estimates = estimators.iter().map(|estimator| estimator.estimate(&view_a, &view_b).ok()).collect();
-    Ok(Pair { kind: simulation.request().kind, scene: simulation.key(), frames, truth, estimates })
-}
-
-/// A view with all that an estimator may ask for.
-struct Seen {
-    camera: atsplat_camera::Camera,
-    geometry: Geometry,
-    picture: Option<ImageU8>,
-}
-
-impl Seen {
-    fn of(simulation: &Simulation, frame: usize, with_picture: bool) -> anyhow::Result<Self> {
-        let picture = || Ok::<_, anyhow::Error>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?);
-        Ok(Self {
-            camera: simulation.camera(frame)?,
-            geometry: simulation.geometry(frame)?,
-            picture: with_picture.then(picture).transpose()?,
-        })
-    }
-
-    fn view(&self) -> anyhow::Result<OverlapView<'_>> {
-        let depth = DepthMap::new(self.geometry.size, &self.geometry.depth).context("a simulated depth map")?;
-        Ok(OverlapView { camera: &self.camera, picture: self.picture.as_ref(), depth: Some(depth) })
-    }
-}
-
-fn row(kind: SceneKind, estimator: &'static str, at: usize, pairs: &[&Pair]) -> Row {
-    let both = |pair: &&Pair| Some((pair.truth, pair.estimates.get(at).copied().flatten()?));
-    let (truths, estimates): (Vec<f64>, Vec<f64>) = pairs.iter().filter_map(both).unzip();
-    let mean = |value: &dyn Fn(f64, f64) -> f64| {
-        let sum: f64 = truths.iter().zip(&estimates).map(|(truth, estimate)| value(*truth, *estimate)).sum();
-        (!truths.is_empty()).then(|| sum / truths.len() as f64)
-    };
+fn scatter(report: &EstimatorReport, estimators: &[OverlapEstimator]) -> EstimatorScatter {
     let bins = OverlapBins::noposplat(BinRule::Strict);
-    Row {
-        kind,
-        estimator,
-        measured: truths.len(),
-        rank_correlation: rank_correlation(&truths, &estimates),
-        bias: mean(&|truth, estimate| estimate - truth),
-        error: mean(&|truth, estimate| (estimate - truth).abs()),
-        same_bin: mean(&|truth, estimate| f64::from(bins.place(truth) == bins.place(estimate))),
-    }
-}
-
-fn scatter(report: &Report, estimators: &[OverlapEstimator]) -> EstimatorScatter {
-    let bins = OverlapBins::noposplat(BinRule::Strict);
-    let point = |pair: &Pair, at: usize| {
+    let point = |pair: &EstimatedPair, at: usize| {
         let kind = KINDS.iter().position(|kind| *kind == pair.kind)?;
         let estimate = pair.estimates.get(at).copied().flatten()?;
         Some(EstimatePoint { kind, truth: pair.truth, estimate })
@@ -231,30 +93,5 @@ fn scatter(report: &Report, estimators: &[OverlapEstimator]) -> EstimatorScatter
         bins: bins.names().to_vec(),
         edges: bins.edges().to_vec(),
         panels: estimators.iter().enumerate().map(panel).collect(),
-    }
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} pairs of views of {} simulated scenes, {}", self.pairs.len(), self.scenes, self.size)?;
-        let [kind, estimator, measured, rank, bias, error, same] =
-            ["scenes", "estimator", "measured", "rank corr.", "bias", "error", "same bin"];
-        writeln!(f, "{kind:<7} {estimator:<20} {measured:>8} {rank:>10} {bias:>7} {error:>7} {same:>8}")?;
-        let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));
-        for row in &self.estimators {
-            let share = row.same_bin.map_or("-".to_owned(), |share| format!("{:.0} %", share * 100.0));
-            writeln!(
-                f,
-                "{:<7} {:<20} {:>8} {:>10} {:>7} {:>7} {:>8}",
-                row.kind.to_string(),
-                row.estimator,
-                row.measured,
-                number(row.rank_correlation),
-                number(row.bias),
-                number(row.error),
-                share
-            )?;
-        }
-        Ok(())
     }
 }

@@ -6,39 +6,38 @@ use atsplat_protocol::extrapolation::{
 };
 use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
-use clap::Args;
 use indexmap::IndexMap;
 use serde::Serialize;
 
-use crate::dataset_words::PictureWords;
+use crate::dataset_args::PictureArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::progress::Progress;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// Evaluation index whose context windows are kept (JSON).
     index: PathBuf,
 
-    /// Where the new index goes.
+    /// Index file to write.
     #[arg(long, short, value_name = "INDEX")]
     out: PathBuf,
 
-    /// Dataset that tells how long each scene is. Without it every scene counts as long enough.
+    /// Dataset with the length of each scene. Without it every scene counts as long enough.
     #[arg(long, value_name = "PATH")]
     data: Option<PathBuf>,
 
     #[command(flatten)]
-    pictures: PictureWords,
+    pictures: PictureArgs,
 
-    /// Frames before and after the window that become targets, 1 to 1000.
+    /// Number of frames before and after the window that become targets, 1 to 1000.
     #[arg(long, value_name = "FRAMES", default_value_t = Margin::TEN)]
     margin: Margin,
 
-    /// Leave windows where they are instead of shifting those that start or end too close to the scene's ends.
+    /// Keep windows in place instead of shifting those too close to the scene's ends.
     #[arg(long)]
     keep_windows: bool,
 
-    /// Keep entries with fewer targets than asked for.
+    /// Keep entries with fewer targets.
     #[arg(long)]
     clip: bool,
 
@@ -51,29 +50,29 @@ pub(crate) struct Words {
 #[serde(transparent)]
 struct Report(ExtrapolationReport);
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let index = IndexFile::read(&words.index)?.into_unambiguous()?;
-    let out = PendingFile::open(&words.out)?;
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let index = IndexFile::read(&args.index)?.into_unambiguous()?;
+    let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
-    let lengths = match &words.data {
+    let lengths = match &args.data {
         Some(path) => {
-            let dataset = words.pictures.open(path, &mut warnings)?;
+            let dataset = args.pictures.open(path, &mut warnings)?;
             let progress = Progress::new("scenes", index.scene_count());
             scene_lengths(&index, &dataset, &|| progress.step(), &mut warnings)
         }
         None => IndexMap::new(),
     };
     let split = Extrapolation {
-        margin: words.margin,
-        placement: if words.keep_windows { Placement::Keep } else { Placement::Shift },
-        incomplete: if words.clip { Incomplete::Clip } else { Incomplete::Drop },
+        margin: args.margin,
+        placement: if args.keep_windows { Placement::Keep } else { Placement::Shift },
+        incomplete: if args.clip { Incomplete::Clip } else { Incomplete::Drop },
     };
     let report = split.split(&index, &lengths);
     out.finish(report.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
-    // Without data nobody expects lengths to be known; with data, a scene that it lacks was not looked at.
-    let looked_at = words.data.is_none() || report.length_unknown == 0;
-    let complete = looked_at && report.left_out() == 0;
-    print_report(&Report(report), words.json)?;
+    // With data, a scene of unknown length is missing.
+    let all_found = args.data.is_none() || report.length_unknown == 0;
+    let complete = all_found && report.left_out() == 0;
+    print_report(&Report(report), args.json)?;
     print_warnings(&warnings);
     Ok(complete)
 }
@@ -88,10 +87,10 @@ impl fmt::Display for Report {
             ("windows shifted earlier", report.shifted_earlier),
             ("entries with every target", report.complete),
             ("entries clipped", report.clipped.len()),
-            ("entries left out, scene too short", report.too_short.len()),
-            ("entries left out, no room before the window", report.no_room_before.len()),
-            ("entries left out, no room after the window", report.no_room_after.len()),
-            ("entries left out, frames outside the scene", report.invalid.len()),
+            ("entries dropped, scene too short", report.too_short.len()),
+            ("entries dropped, no room before the window", report.no_room_before.len()),
+            ("entries dropped, no room after the window", report.no_room_after.len()),
+            ("entries dropped, frames outside the scene", report.invalid.len()),
             ("entries whose scene length is unknown", report.length_unknown),
         ];
         for (what, count) in rows {

@@ -6,30 +6,29 @@ use atsplat_protocol::{
     Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Misfit, Preset, compare, lint_file,
 };
 use atsplat_scene::Warnings;
-use clap::Args;
 use serde::Serialize;
 
-use super::parse;
-use crate::dataset_words::PictureWords;
+use crate::dataset_args::PictureArgs;
 use crate::output::{print_report, print_warnings};
+use crate::parse;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// Evaluation index (JSON).
     index: PathBuf,
 
-    /// Preset, by name or `.toml` path, whose index, bins and filters are applied.
+    /// Preset, by name or `.toml` path, whose index, bins and filters apply.
     #[arg(long, value_parser = parse::preset)]
     preset: Option<String>,
 
-    /// Dataset in which the index's scenes are looked up; needs `--preset`, whose filters decide.
+    /// Dataset in which the index's scenes are checked by the filters of `--preset`.
     #[arg(long, value_name = "PATH", requires = "preset")]
     data: Option<PathBuf>,
 
     #[command(flatten)]
-    pictures: PictureWords,
+    pictures: PictureArgs,
 
-    /// Second index: may results on the two share a table?
+    /// Second index: check whether results on the two are comparable.
     #[arg(long, value_name = "INDEX")]
     against: Option<PathBuf>,
 
@@ -59,12 +58,12 @@ struct PresetMatch<'a> {
     misfits: Vec<Misfit>,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let file = IndexFile::read(&words.index)?;
-    let preset = words.preset.as_deref().map(Preset::resolve).transpose()?;
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let file = IndexFile::read(&args.index)?;
+    let preset = args.preset.as_deref().map(Preset::resolve).transpose()?;
     let mut warnings = Warnings::new();
-    let dataset = match &words.data {
-        Some(path) => Some(words.pictures.open(path, &mut warnings)?),
+    let dataset = match &args.data {
+        Some(path) => Some(args.pictures.open(path, &mut warnings)?),
         None => None,
     };
     let mut options = LintOptions::default();
@@ -75,7 +74,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         options.dataset = Some(DatasetCheck::of(dataset, preset));
     }
     let lint = lint_file(&file, &options, &mut warnings);
-    let against = match &words.against {
+    let against = match &args.against {
         Some(path) => Some(compare(&file.index, &IndexFile::read(path).context("reading the second index")?.index)),
         None => None,
     };
@@ -85,7 +84,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         index: preset.index.recognise(&file),
         misfits: preset.misfits(&file.index, &file.sha256),
     });
-    print_report(&Report { lint, preset, against }, words.json)?;
+    print_report(&Report { lint, preset, against }, args.json)?;
     print_warnings(&warnings);
     Ok(complete)
 }

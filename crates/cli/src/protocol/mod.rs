@@ -1,45 +1,43 @@
-//! `atsplat protocol`: one file per verb.
+//! `atsplat protocol`: one file per subcommand.
 
 mod build;
 mod estimators;
 mod extrapolate;
 mod lint;
-mod list;
 mod overlap;
-pub(crate) mod parse;
-mod show;
+mod presets;
 
 use clap::Subcommand;
 
-use crate::exit::{Exit, Skipping, done};
+use crate::exit::{Exit, WithStrict, done};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print the built-in presets.
-    List(list::Words),
+    List(presets::ListArgs),
     /// Print one preset: every convention, source and inference.
-    Show(show::Words),
-    /// Print what an index holds that its numbers do not tell: leaks, dropped scenes, bins, comparability.
-    Lint(Skipping<lint::Words>),
-    /// Measure or read overlaps, write them into an index, draw their histogram.
-    Overlap(Box<Skipping<overlap::Words>>),
-    /// Measure how well each estimator of overlap predicts what two views of simulated scenes truly share.
-    Estimators(estimators::Words),
+    Show(presets::ShowArgs),
+    /// Check an index for leaks, dropped scenes, bins and comparability.
+    Lint(WithStrict<lint::Args>),
+    /// Measure or read overlaps, write them into an index, plot their histogram.
+    Overlap(Box<WithStrict<overlap::Args>>),
+    /// Measure how well each overlap estimator predicts the true co-visibility in simulated scenes.
+    Estimators(estimators::Args),
     /// Derive the split with targets before and after each window of context frames.
-    Extrapolate(Skipping<extrapolate::Words>),
-    /// Make an index for a dataset that has none.
-    Build(Skipping<build::Words>),
+    Extrapolate(WithStrict<extrapolate::Args>),
+    /// Build an index for a dataset that has none.
+    Build(WithStrict<build::Args>),
 }
 
-/// Runs one command; `true` where nothing had to be skipped.
+/// Runs a subcommand.
 pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
     match command {
-        Command::List(words) => done(list::run(words)),
-        Command::Show(words) => done(show::run(words)),
-        Command::Lint(words) => words.run(lint::run),
-        Command::Overlap(words) => words.run(overlap::run),
-        Command::Estimators(words) => done(estimators::run(words)),
-        Command::Extrapolate(words) => words.run(extrapolate::run),
-        Command::Build(words) => words.run(build::run),
+        Command::List(args) => done(presets::list(args)),
+        Command::Show(args) => done(presets::show(args)),
+        Command::Lint(args) => args.run(lint::run),
+        Command::Overlap(args) => args.run(overlap::run),
+        Command::Estimators(args) => done(estimators::run(args)),
+        Command::Extrapolate(args) => args.run(extrapolate::run),
+        Command::Build(args) => args.run(build::run),
     }
 }

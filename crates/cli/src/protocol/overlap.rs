@@ -5,28 +5,28 @@ use std::path::PathBuf;
 use anyhow::{bail, ensure};
 use atsplat_protocol::overlap::{DepthFolder, OverlapEstimator, UnmeasuredExample, annotate_overlaps};
 use atsplat_protocol::{BinCounts, BinPlace, BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
+use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
-use clap::Args;
 use serde::Serialize;
 
-use super::parse;
-use crate::dataset_words::PictureWords;
+use crate::dataset_args::PictureArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
-use crate::plot::{OverlapHistogram, PlotFile, PlotFormat, draw_overlap_histogram};
+use crate::parse;
+use crate::plot::PlotFile;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Evaluation index (JSON). Without `--data`, the overlaps that it ships are used.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Evaluation index (JSON). Without `--data`, its own overlaps are used.
     index: PathBuf,
 
-    /// Dataset whose cameras, or pictures, the overlaps are measured on.
+    /// Dataset on whose cameras or images overlaps are measured.
     #[arg(long, value_name = "PATH")]
     data: Option<PathBuf>,
 
     #[command(flatten)]
-    pictures: PictureWords,
+    pictures: PictureArgs,
 
-    /// Definition of overlap: epipolar-ray (cameras alone), feature-coverage (pictures, feature `opencv`) or
+    /// Definition of overlap: epipolar-ray (only cameras), feature-coverage (images, feature `opencv`) or
     /// depth-covisibility (depth maps, `--depth`).
     #[arg(
         long,
@@ -37,12 +37,12 @@ pub(crate) struct Words {
     )]
     estimator: OverlapEstimator,
 
-    /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` a context frame, channel `Z` or the only
+    /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` per context frame, channel `Z` or the only
     /// channel, in scene units along the camera's z axis.
     #[arg(long, value_name = "FOLDER", requires = "data", required_if_eq("estimator", "depth-covisibility"))]
     depth: Option<PathBuf>,
 
-    /// Where the index with overlaps goes.
+    /// Index file with overlaps to write.
     #[arg(long, short, value_name = "INDEX")]
     out: Option<PathBuf>,
 
@@ -54,12 +54,12 @@ pub(crate) struct Words {
     #[arg(long, value_name = "BINS", value_parser = parse::bins)]
     bins: Option<OverlapBins>,
 
-    /// File overlaps below the first edge in no bin instead of the second, where NoPoSplat's code puts them.
+    /// Put overlaps below the first edge in no bin, instead of the second one as NoPoSplat's code does.
     #[arg(long)]
     strict_bins: bool,
 
-    /// File overlaps into the bins that were published for another estimator, which are then named below. Without it, and
-    /// without `--bins`, they have bins of their own: a third of the values in each.
+    /// Use the published bins even if they belong to another estimator, which is then noted. Without it, and without
+    /// `--bins`, such overlaps get their own bins with a third of the values in each.
     #[arg(long)]
     force: bool,
 
@@ -82,38 +82,35 @@ struct Report {
     examples: Vec<UnmeasuredExample>,
     bins: BinCounts,
     edges: Vec<f64>,
-    /// Why these bins say less than they seem to.
+    /// Caveat about these bins.
     #[serde(skip_serializing_if = "Option::is_none")]
     footer: Option<String>,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let depth = depth(words)?;
-    let file = IndexFile::read(&words.index)?;
-    let out = words.out.as_deref().map(PendingFile::open).transpose()?;
-    let plot = match &words.plot {
-        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
-        None => None,
-    };
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let depth = depth(args)?;
+    let file = IndexFile::read(&args.index)?;
+    let out = args.out.as_deref().map(PendingFile::open).transpose()?;
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let layout = file.layout;
     let title = match KnownIndex::by_sha256(&file.sha256) {
         Some(known) => format!("{} {}", known.repository, known.path),
-        None => words.index.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        None => args.index.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let mut warnings = Warnings::new();
     let mut index = file.into_unambiguous()?;
     let mut measured = None;
-    if let Some(path) = &words.data {
-        let estimator = &words.estimator;
-        let dataset = words.pictures.open(path, &mut warnings)?;
+    if let Some(path) = &args.data {
+        let estimator = &args.estimator;
+        let dataset = args.pictures.open(path, &mut warnings)?;
         let found = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
         index.clone_from(&found.index);
         measured = Some(found);
     }
-    let (bins, footer) = words.bins_of(&index);
+    let (bins, footer) = args.bins_of(&index);
     let definition = match (&measured, index.overlap_estimators().as_slice()) {
-        (Some(_), _) => format!("{}: {}", words.estimator.name(), words.estimator.definition()),
-        (None, []) => "as the index ships them".to_owned(),
+        (Some(_), _) => format!("{}: {}", args.estimator.name(), args.estimator.definition()),
+        (None, []) => "as given in the index".to_owned(),
         (None, recorded) => format!("as the index records them, by {}", recorded.join(" and ")),
     };
     let report = Report {
@@ -126,22 +123,24 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         unmeasured: measured.as_ref().map_or_else(BTreeMap::new, |found| found.unmeasured.clone()),
         examples: measured.map_or_else(Vec::new, |found| found.examples),
     };
-    if let Some((file, format)) = plot {
-        file.finish(&histogram(&index, &bins, &title, format)?)?;
+    if let Some(plot) = plot {
+        let overlaps = placed_overlaps(&index, &bins);
+        let histogram = OverlapHistogram { title: &title, overlaps: &overlaps, bins: bins.names() };
+        plot.finish(|format| histogram.encode(format))?;
     }
     if let Some(out) = out {
         out.finish(index.to_json(&layout).as_bytes())?;
     }
     let complete = report.unmeasured.is_empty();
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
     let nothing = report.measured == Some(0) && !report.unmeasured.is_empty();
-    ensure!(!nothing, "no overlap of {} was measured", words.index.display());
+    ensure!(!nothing, "no overlap of {} could be measured", args.index.display());
     Ok(complete)
 }
 
-impl Words {
-    /// The bins that these overlaps are filed into, and what a reader must know of them.
+impl Args {
+    /// The bins for these overlaps, and a caveat if there is one.
     fn bins_of(&self, index: &EvaluationIndex) -> (OverlapBins, Option<String>) {
         let rule = if self.strict_bins { BinRule::Strict } else { BinRule::Published };
         if let Some(bins) = &self.bins {
@@ -150,7 +149,7 @@ impl Words {
         let published = OverlapBins::noposplat(rule);
         let estimators = index.overlap_estimators();
         let Some(foreign) = published.foreign(&estimators) else { return (published, None) };
-        let of = published.estimator().unwrap_or_default();
+        let of = published.estimator().unwrap_or("another estimator");
         if self.force {
             let footer =
                 format!("the bins were published for {of}, and these overlaps are {foreign}'s: they do not compare");
@@ -164,27 +163,26 @@ impl Words {
     }
 }
 
-/// The folder of depth maps, where the estimator looks at them.
-fn depth(words: &Words) -> anyhow::Result<Option<DepthFolder>> {
-    let estimator = &words.estimator;
+/// The folder of depth maps, if the estimator uses them.
+fn depth(args: &Args) -> anyhow::Result<Option<DepthFolder>> {
+    let estimator = &args.estimator;
     #[cfg(not(feature = "opencv"))]
     if *estimator == OverlapEstimator::FeatureCoverage {
-        bail!("feature-coverage needs a build with `--features opencv`; see CONTRIBUTING.md for what it takes");
+        bail!("feature-coverage needs a build with `--features opencv`; see CONTRIBUTING.md for its dependencies");
     }
-    if words.depth.is_some() && !estimator.needs_depth() {
-        bail!("--depth is for --estimator depth-covisibility; {} looks at no depth", estimator.name());
+    if args.depth.is_some() && !estimator.needs_depth() {
+        bail!("--depth is for --estimator depth-covisibility; {} does not use depth", estimator.name());
     }
-    Ok(words.depth.as_deref().map(DepthFolder::open).transpose()?)
+    Ok(args.depth.as_deref().map(DepthFolder::open).transpose()?)
 }
 
-fn histogram(index: &EvaluationIndex, bins: &OverlapBins, title: &str, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
+/// Each overlap with its bin; `None` outside all bins.
+fn placed_overlaps(index: &EvaluationIndex, bins: &OverlapBins) -> Vec<(f64, Option<usize>)> {
     let place = |overlap| match bins.place(overlap) {
         BinPlace::Bin(bin) => Some(bin),
         BinPlace::Below | BinPlace::Above => None,
     };
-    let overlaps: Vec<(f64, Option<usize>)> =
-        index.overlaps().map(|overlap| (overlap.value, place(overlap.value))).collect();
-    draw_overlap_histogram(&OverlapHistogram { title, overlaps: &overlaps, bins: bins.names() }, format)
+    index.overlaps().map(|overlap| (overlap.value, place(overlap.value))).collect()
 }
 
 impl fmt::Display for Report {

@@ -1,34 +1,31 @@
-//! Which network, with which weights.
+//! Arguments of a network with its weights.
 
-use atsplat_files::Sha256Digest;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::bail;
-use atsplat_eval::method::WeightsOf;
+use atsplat_eval::reconstruct::{NetworkSource, UntrainedBackbone};
+use atsplat_files::Sha256Digest;
+use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
-use atsplat_model::network::{Device, Network};
-use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
-use atsplat_model::{ImageSize, ModelConfig};
-use clap::{Args, ValueEnum};
-use serde::Serialize;
+use atsplat_model::weights::{ModelWeights, TensorFile};
+use clap::ValueEnum;
 
-use crate::carried;
-use crate::model_words::{ChangeWords, ProcessorWord, model};
+use crate::embedded;
+use crate::model_args::{ChangeArgs, ProcessorArg, model};
+use crate::parse::usage_error;
 
-/// What `random:SEED` runs where no model is named.
-const SMALLEST: &str = "nano";
+/// Default model of `random:SEED`.
+const DEFAULT_UNTRAINED: &str = "nano";
 
-#[derive(Debug, Args)]
-pub(crate) struct NetworkWords {
-    /// A weights file of this toolkit (`atsplat weights import` makes one); `micro-rooms`, a small network that the binary
-    /// carries; or `random:SEED`: an untrained network, to try the way and its cost without weights.
+#[derive(Debug, clap::Args)]
+pub(crate) struct NetworkArgs {
+    /// A weights file of this toolkit (`atsplat weights import` makes one); `micro-rooms`, a small network embedded in the
+    /// binary; or `random:SEED`: an untrained network, to try the pipeline and its cost without weights.
     #[arg(long, value_name = "FILE|micro-rooms|random:SEED")]
-    weights: Option<WeightsWord>,
+    weights: Option<WeightsArg>,
 
-    /// sha256 that the weights file must have.
+    /// Expected sha256 of the weights file.
     #[arg(long, value_name = "HEX")]
     sha256: Option<Sha256Digest>,
 
@@ -41,24 +38,24 @@ pub(crate) struct NetworkWords {
     #[arg(long, value_name = "FILE")]
     backbone: Option<PathBuf>,
 
-    /// sha256 that the backbone's file must have.
+    /// Expected sha256 of the backbone file.
     #[arg(long, value_name = "HEX", requires = "backbone")]
     backbone_sha256: Option<Sha256Digest>,
 
     #[command(flatten)]
-    changes: ChangeWords,
+    changes: ChangeArgs,
 
     /// Size at which the network sees the photos: the one that its weights were trained at (the shorter side; the longer one
-    /// in proportion, in whole patches), or the photos' own after cropping and scaling. Pictures are rendered at the photos'
-    /// size in either case. Nothing was learned at any size by random weights: they see photos as given.
+    /// in proportion, in whole patches), or the photos' own after cropping and scaling. Renders have the photos' size in
+    /// either case. Random weights were not trained at any size: they see photos as given.
     #[arg(long, value_name = "SIZE", default_value = "trained")]
     context_size: ContextSize,
 
-    /// What the network computes on; wgpu needs a build with `--features gpu-network`, and is for `reconstruct` alone.
+    /// Device of the network; wgpu needs a build with `--features gpu-network` and works with `reconstruct` only.
     #[arg(long = "device", value_name = "DEVICE", default_value = "cpu")]
-    pub(super) processor: ProcessorWord,
+    pub(super) processor: ProcessorArg,
 
-    /// What random selection of tokens draws with.
+    /// Seed of random token selection.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
 }
@@ -71,12 +68,12 @@ enum ContextSize {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum WeightsWord {
+enum WeightsArg {
     File(PathBuf),
     Untrained(u64),
 }
 
-impl FromStr for WeightsWord {
+impl FromStr for WeightsArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -93,198 +90,85 @@ impl FromStr for WeightsWord {
     }
 }
 
-/// A configuration, and where its weights are: known before anything heavy is read.
-pub(crate) struct Source<'a> {
-    words: &'a NetworkWords,
-    weights: &'a WeightsWord,
-    pub(crate) config: ModelConfig,
-    /// What the file says that it was written for.
-    file: Option<(TensorFile, ModelConfig)>,
-}
-
-/// The configuration that ran.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct ModelRecord {
-    name: String,
-    /// Of all that can change a Gaussian.
-    hash: String,
-    /// What the weights file was written for, where something else ran.
-    written_for: Option<WrittenFor>,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct WrittenFor {
-    name: String,
-    hash: String,
-}
-
-/// Where every number of the network came from.
-#[derive(Debug, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
-pub(crate) enum WeightsRecord {
-    File { file: PathBuf, sha256: String, provenance: BTreeMap<String, String> },
-    Untrained { seed: u64, told: &'static str, backbone: Option<BackboneRecord> },
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct BackboneRecord {
-    file: PathBuf,
-    sha256: String,
-    /// What the file is, if its hash is known.
-    known: Option<&'static str>,
-}
-
-impl WeightsRecord {
-    /// As a results store has it.
-    pub(crate) fn weights(&self) -> WeightsOf {
-        match self {
-            Self::File { sha256, .. } => WeightsOf::File { sha256: sha256.clone() },
-            Self::Untrained { seed, backbone, .. } => {
-                let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
-                WeightsOf::Random { seed: *seed, backbone_sha256 }
-            }
-        }
-    }
-
-    const TOLD: &str = "random weights, nothing was learned; the Gaussians show the way and its cost, not a scene";
-
-    /// What must be said of an untrained network wherever its output is named.
-    pub(crate) const fn untrained(&self) -> Option<&'static str> {
-        match self {
-            Self::File { .. } => None,
-            Self::Untrained { told, .. } => Some(told),
-        }
-    }
-}
-
-impl NetworkWords {
+impl NetworkArgs {
     pub(crate) fn check(&self) -> Result<(), String> {
-        let is_file = matches!(self.weights, Some(WeightsWord::File(_)));
+        let is_file = matches!(self.weights, Some(WeightsArg::File(_)));
         if is_file && self.backbone.is_some() {
-            return Err("--backbone is for random weights: a weights file holds its backbone".to_owned());
+            return Err("--backbone is for random weights: a weights file includes its backbone".to_owned());
         }
         if !is_file && self.sha256.is_some() {
-            return Err("--sha256 is that of a weights file, and random weights have none".to_owned());
+            return Err("--sha256 is for weights files: random weights have none".to_owned());
         }
         Ok(())
     }
 
-    /// [`Self::check`] for commands that evaluate networks: results are computed on the central processor alone.
+    /// [`Self::check`] for commands that evaluate networks: results are computed on the CPU only.
     pub(crate) fn check_for_evaluation(&self) -> Result<(), clap::Error> {
         let on_cpu = match self.processor {
-            ProcessorWord::Cpu => Ok(()),
-            ProcessorWord::Wgpu => Err("--device wgpu: evaluations run on the central processor alone so far, whose bits \
-                                        a baseline can be compared with; leave --device out, or reconstruct single scenes \
-                                        with `atsplat reconstruct --device wgpu`"
+            ProcessorArg::Cpu => Ok(()),
+            ProcessorArg::Wgpu => Err("--device wgpu: evaluations run on the CPU only, whose results are bit for bit \
+                                       reproducible; omit --device, or reconstruct single scenes with `atsplat \
+                                       reconstruct --device wgpu`"
                 .to_owned()),
         };
-        let checked = on_cpu.and_then(|()| self.check());
-        checked.map_err(|text| clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, text))
+        on_cpu.and_then(|()| self.check()).map_err(usage_error)
     }
 
-    /// Reads the configuration and, of a file, what it says of itself.
-    pub(crate) fn source(&self) -> anyhow::Result<Source<'_>> {
-        let asked = self.model.as_deref().map(ModelConfig::resolve).transpose()?;
-        let Some(weights) = &self.weights else {
-            bail!("--weights is needed: a weights file, or random:SEED for an untrained network");
-        };
-        let (base, file) = match weights {
-            WeightsWord::Untrained(_) => (asked.map_or_else(|| ModelConfig::named(SMALLEST), Ok)?, None),
-            WeightsWord::File(path) => {
-                let advised = asked.clone().map_or_else(|| ModelConfig::named("paper-re10k"), Ok)?;
-                let asked_hash = self.sha256.map(|hash| hash.to_string());
-                let file = carried::find(path, || {
-                    let advice = ModelWeights::advice(&advised, asked_hash.as_deref());
-                    format!("{advice}; `random:SEED` in place of a file runs the network untrained")
-                })?;
-                file.check_sha256(asked_hash.as_deref())?;
-                if !ModelWeights::is_one(&file.stored) {
-                    bail!(
-                        "weights: expected a file of this toolkit, found {} tensors without its metadata: `atsplat \
-                         weights import {} --model NAME --out FILE` makes one ({})",
-                        file.stored.tensors.len(),
-                        path.display(),
-                        path.display()
-                    );
+    /// Resolves the configuration, and opens the weights file if there is one.
+    pub(crate) fn source(&self) -> anyhow::Result<NetworkSource> {
+        let requested = self.model.as_deref().map(ModelConfig::resolve).transpose()?;
+        let source = match &self.weights {
+            None => bail!("--weights is needed: a weights file, or random:SEED for an untrained network"),
+            Some(WeightsArg::Untrained(seed)) => {
+                let base = requested.map_or_else(|| ModelConfig::named(DEFAULT_UNTRAINED), Ok)?;
+                let config = self.changed(&base)?;
+                match &self.backbone {
+                    None => NetworkSource::untrained(config, *seed),
+                    Some(path) => {
+                        let backbone = UntrainedBackbone { path: path.clone(), sha256: self.backbone_sha256 };
+                        NetworkSource::untrained_with_backbone(config, *seed, backbone)
+                    }
                 }
-                let own = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
-                (asked.unwrap_or_else(|| own.clone()), Some((file, own)))
+            }
+            Some(WeightsArg::File(path)) => {
+                let (file, written_for) = self.weights_file(path, requested.as_ref())?;
+                let config = self.changed(requested.as_ref().unwrap_or(&written_for))?;
+                NetworkSource::from_file(config, path.clone(), file, written_for)
             }
         };
+        Ok(match self.context_size {
+            ContextSize::Trained => source,
+            ContextSize::Given => source.seeing_as_given(),
+        })
+    }
+
+    fn changed(&self, base: &ModelConfig) -> anyhow::Result<ModelConfig> {
         if self.backbone.is_some() && !matches!(base.backbone, BackboneConfig::DinoV2 { .. }) {
             bail!("--backbone: the model {} has no DINOv2 backbone", base.name);
         }
-        Ok(Source { words: self, weights, config: self.changes.applied(&base)?, file })
-    }
-}
-
-impl Source<'_> {
-    /// What size of pictures the weights were trained at, unless the network is to see pictures as given.
-    fn trained_at(&self) -> Option<ImageSize> {
-        let own = self.file.as_ref().map(|(_, own)| own.resolution);
-        own.filter(|_| self.words.context_size == ContextSize::Trained)
+        self.changes.applied(base)
     }
 
-    /// The size at which the network will see pictures of a size.
-    pub(crate) fn sees(&self, given: ImageSize) -> ImageSize {
-        self.trained_at().map_or(given, |trained| self.config.context_size(given, trained))
-    }
-
-    /// The network with its weights, whole or not at all.
-    pub(crate) fn load(&self, device: &Device) -> anyhow::Result<(Network, WeightsRecord)> {
-        let network = Network::new(&self.config, device)?;
-        let network = match self.trained_at() {
-            Some(size) => network.trained_at(size),
-            None => network,
-        };
-        match (self.weights, &self.file) {
-            (WeightsWord::File(path), Some((file, _))) => {
-                // Other configurations may run on the same parameters.
-                let weights = ModelWeights::of_file(file)?
-                    .for_network(self.config.clone())
-                    .map_err(|error| error.in_file(path))?;
-                let record = WeightsRecord::File {
-                    file: path.clone(),
-                    sha256: file.sha256.clone(),
-                    provenance: weights.provenance,
-                };
-                Ok((network.with_weights(&weights.tensors)?, record))
-            }
-            (WeightsWord::File(path), None) => bail!("{} was not read", path.display()),
-            (WeightsWord::Untrained(seed), _) => {
-                let mut tensors = generated(&parameters(&self.config), *seed);
-                let mut record = None;
-                if let Some(path) = &self.words.backbone {
-                    let asked = self.words.backbone_sha256.map(|hash| hash.to_string());
-                    let backbone = read_backbone(path, &self.config, asked.as_deref())?;
-                    tensors.tensors.extend(backbone.tensors.tensors);
-                    let known = backbone.known.map(|known| known.what);
-                    record = Some(BackboneRecord { file: path.clone(), sha256: backbone.sha256, known });
-                }
-                let told = WeightsRecord::TOLD;
-                let record = WeightsRecord::Untrained { seed: *seed, told, backbone: record };
-                Ok((network.with_weights(&tensors)?, record))
-            }
+    /// Opens a weights file, and reads the configuration that it was written for.
+    fn weights_file(&self, path: &Path, requested: Option<&ModelConfig>) -> anyhow::Result<(TensorFile, ModelConfig)> {
+        let advised = requested.map_or_else(|| ModelConfig::named("paper-re10k"), |config| Ok(config.clone()))?;
+        let expected_hash = self.sha256.map(|hash| hash.to_string());
+        let file = embedded::find(path, || {
+            let advice = ModelWeights::advice(&advised, expected_hash.as_deref());
+            format!("{advice}; `random:SEED` in place of a file runs the network untrained")
+        })?;
+        file.check_sha256(expected_hash.as_deref())?;
+        if !ModelWeights::is_one(&file.stored) {
+            bail!(
+                "weights: expected a file of this toolkit, found {} tensors without its metadata: convert it with \
+                 `atsplat weights import {} --model NAME --out FILE` ({})",
+                file.stored.tensors.len(),
+                path.display(),
+                path.display()
+            );
         }
-    }
-
-    pub(crate) fn record(&self) -> anyhow::Result<ModelRecord> {
-        let hash = self.config.hash()?;
-        let written_for = match &self.file {
-            Some((_, own)) => Some(WrittenFor { name: own.name.clone(), hash: own.hash()? }),
-            None => None,
-        };
-        let written_for = written_for.filter(|own| own.hash != hash);
-        Ok(ModelRecord { name: self.config.name.clone(), hash, written_for })
-    }
-}
-
-impl ModelRecord {
-    pub(crate) fn name(&self) -> &str {
-        &self.name
+        let written_for = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
+        Ok((file, written_for))
     }
 }
 
@@ -293,12 +177,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_a_file_or_a_seed() {
-        assert_eq!("random:7".parse(), Ok(WeightsWord::Untrained(7)));
-        assert_eq!("a.safetensors".parse(), Ok(WeightsWord::File("a.safetensors".into())));
-        assert_eq!("randomly/a".parse(), Ok(WeightsWord::File("randomly/a".into())));
+    fn parses_a_weights_file_or_a_seed() {
+        assert_eq!("random:7".parse(), Ok(WeightsArg::Untrained(7)));
+        assert_eq!("a.safetensors".parse(), Ok(WeightsArg::File("a.safetensors".into())));
+        assert_eq!("randomly/a".parse(), Ok(WeightsArg::File("randomly/a".into())));
         for broken in ["random", "random:", "random:x", "random:-1", "random:1.5"] {
-            assert!(broken.parse::<WeightsWord>().is_err(), "{broken:?}");
+            assert!(broken.parse::<WeightsArg>().is_err(), "{broken:?}");
         }
     }
 }

@@ -1,14 +1,31 @@
-//! The file of Gaussians.
+//! The output files: Gaussians, renders and plots.
 
 use std::path::{Path, PathBuf};
 
-use atsplat_splat::Gaussians;
+use atsplat_eval::images::frame_file_name;
+use atsplat_eval::reconstruct::{Photos, RendersRecord, write_renders};
+use atsplat_model::network::Network;
+use atsplat_protocol::NearFar;
+use atsplat_report::figures::of_expansion;
+use atsplat_report::plot::PlotFormat;
 use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::{Gaussians, RenderOptions};
+use clap::ValueEnum;
 use serde::Serialize;
 
-use super::FrameWord;
+use crate::expansion::study_trial;
+use crate::output::PendingFile;
+use crate::parse;
 
-/// What a file's name asks for.
+/// Coordinate frame of the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum FrameArg {
+    Scene,
+    Network,
+}
+
+/// Format of the scene file, by its extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SceneFormat {
     Ply,
@@ -21,8 +38,8 @@ pub(super) enum SceneFormat {
 pub(super) struct OutputRecord {
     pub(super) file: PathBuf,
     format: Output,
-    /// Whose axes and unit of length.
-    pub(super) frame: FrameWord,
+    /// Coordinate frame of the Gaussians.
+    pub(super) frame: FrameArg,
     pub(super) gaussians: usize,
     pub(super) sh_degree: u8,
 }
@@ -44,19 +61,19 @@ pub(super) fn path(text: &str) -> Result<PathBuf, String> {
     Ok(path)
 }
 
-/// `scene.ply.json`: what belongs to whom is seen in a listing, and no dataset's file is called so.
+/// `scene.ply.json`: listed next to its scene, and not the name of any dataset's file.
 pub(super) fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".json");
     PathBuf::from(name)
 }
 
-/// Writes Gaussians, which are in this frame.
+/// Writes Gaussians that are given in this frame.
 pub(super) fn write(
     path: &Path,
     gaussians: &Gaussians,
     format: SceneFormat,
-    frame: FrameWord,
+    frame: FrameArg,
 ) -> anyhow::Result<OutputRecord> {
     let format = match format {
         SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
@@ -70,4 +87,107 @@ pub(super) fn write(
         gaussians: gaussians.len(),
         sh_degree: gaussians.sh_degree(),
     })
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct RenderArgs {
+    /// Folder for images: `inputs/` as given to the network, `context/` renders of the same views, and `targets/`.
+    #[arg(long, value_name = "DIR")]
+    renders: Option<PathBuf>,
+
+    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
+    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
+    constants: String,
+
+    /// black, white, or R,G,B from 0 to 1.
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::background)]
+    background: [f64; 3],
+}
+
+impl RenderArgs {
+    pub(super) fn check(&self, has_targets: bool) -> Result<(), String> {
+        match (&self.renders, has_targets) {
+            (None, true) => Err("--targets are views to render: add --renders DIR or --plots DIR".to_owned()),
+            _ => Ok(()),
+        }
+    }
+
+    /// Creates the folder before long work starts.
+    pub(super) fn open(&self) -> anyhow::Result<()> {
+        let Some(folder) = &self.renders else { return Ok(()) };
+        PendingFile::open(&folder.join("inputs").join(frame_file_name(0, "png"))).map(drop)
+    }
+
+    /// Render options, with lengths in the network's unit.
+    pub(super) fn options(&self, near_far: NearFar) -> anyhow::Result<RenderOptions> {
+        let mut options = RenderOptions {
+            constants: parse::constants(&self.constants)?,
+            background: self.background,
+            ..RenderOptions::default()
+        };
+        (options.constants.near, options.constants.far) = (near_far.near, near_far.far);
+        options.constants.name = format!("{} with near {} and far {}", self.constants, near_far.near, near_far.far);
+        Ok(options)
+    }
+
+    /// Renders the requested views.
+    pub(super) fn render(&self, gaussians: &Gaussians, photos: &Photos) -> anyhow::Result<Option<RendersRecord>> {
+        let Some(folder) = &self.renders else { return Ok(None) };
+        let options = self.options(photos.trial().near_far())?;
+        Ok(Some(write_renders(folder, gaussians, photos, &options)?))
+    }
+}
+
+/// Targets that are shown next to their ground truth.
+const MAX_TARGETS: usize = 4;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct PlotArgs {
+    /// Folder for plots of the token expansion, each as .svg and .png: children around their parents; and with --targets
+    /// renders with expansion in ever more blocks, and predicted uncertainty next to the error. The network runs once more
+    /// for each expanding block.
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
+}
+
+/// The plots.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct PlotsRecord {
+    pub(super) folder: PathBuf,
+    pub(super) files: Vec<String>,
+}
+
+impl PlotArgs {
+    pub(super) const fn requested(&self) -> bool {
+        self.plots.is_some()
+    }
+
+    /// Creates the folder before long work starts.
+    pub(super) fn open(&self) -> anyhow::Result<()> {
+        let Some(folder) = &self.plots else { return Ok(()) };
+        PendingFile::open(&folder.join("uncertainty.svg")).map(drop)
+    }
+
+    /// Draws the requested plots; `subject` names network and weights.
+    pub(super) fn draw(
+        &self,
+        network: &Network,
+        photos: &Photos,
+        options: RenderOptions,
+        seed: u64,
+        subject: &str,
+    ) -> anyhow::Result<Option<PlotsRecord>> {
+        let Some(folder) = &self.plots else { return Ok(None) };
+        let scene = study_trial(network, (photos.trial(), photos.ground_truth()), options, seed, MAX_TARGETS)?;
+        let mut files = Vec::new();
+        for (name, drawing) in of_expansion(subject, &[scene])? {
+            for format in [PlotFormat::Svg, PlotFormat::Png] {
+                let file = format!("{name}.{}", format.extension());
+                PendingFile::open(&folder.join(&file))?.finish(&drawing.encode(format)?)?;
+                files.push(file);
+            }
+        }
+        Ok(Some(PlotsRecord { folder: folder.clone(), files }))
+    }
 }

@@ -1,11 +1,10 @@
-//! What `atsplat render` wrote, as a scene: its cameras from `render.json`, its pictures from beside it.
+//! Output of `atsplat render` as a scene: cameras from `render.json`, images from the same folder.
 
 use std::path::Path;
 
+use atsplat_eval::images::frame_file_name;
+use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
 use atsplat_scene::{Frame, Picture, Scene, Warnings};
-
-use crate::render::camera_file::{self, FileCamera, LensOfPoses};
-use crate::render::frames::file_name;
 
 /// The scene; `None` for anything but a `render.json` or a folder with one and no other dataset's files.
 pub(super) fn open(path: &Path) -> anyhow::Result<Option<Scene>> {
@@ -17,7 +16,7 @@ pub(super) fn open(path: &Path) -> anyhow::Result<Option<Scene>> {
     let folder = file.parent().unwrap_or(Path::new("."));
     let cameras = camera_file::read(&file, None, LensOfPoses::default(), &mut Warnings::new())?;
     let frame = |FileCamera { number, name, camera, size, .. }: FileCamera| {
-        let picture = folder.join(file_name(number, "png"));
+        let picture = folder.join(frame_file_name(number, "png"));
         Frame {
             name,
             timestamp_micros: None,

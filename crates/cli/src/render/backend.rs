@@ -6,33 +6,33 @@ use clap::ValueEnum;
 
 use crate::adapter_tests::AdapterTests;
 
-/// Who renders.
+/// The renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum BackendWord {
-    /// Every core, vector instructions, f32 pixels.
+pub(crate) enum BackendArg {
+    /// CPU, all cores, vector instructions, f32 pixels.
     Cpu,
-    /// A graphics card.
+    /// GPU.
     Gpu,
-    /// The slow, obvious f64.
+    /// CPU, the slow and simple f64 reference.
     Reference,
 }
 
-/// A renderer, and why it is not the one that was asked for.
+/// A renderer, and why it is not the requested one.
 pub(crate) struct Backend {
     pub(crate) renderer: Box<dyn Renderer>,
     pub(crate) note: Option<String>,
 }
 
-/// The renderer that a word stands for. Another adapter or the processor takes over from one that fails.
+/// Opens a renderer. If the requested adapter fails its test, another adapter or the CPU replaces it.
 ///
 /// # Errors
-/// For an adapter that was asked for and does not exist.
-pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> anyhow::Result<Backend> {
-    let here = |renderer: Box<dyn Renderer>| Backend { renderer, note: None };
-    Ok(match word {
-        BackendWord::Cpu => here(Box::<CpuRenderer>::default()),
-        BackendWord::Reference => here(Box::new(ReferenceRenderer)),
-        BackendWord::Gpu => {
+/// If the requested adapter does not exist.
+pub(crate) fn backend(arg: BackendArg, adapter: Option<&AdapterChoice>) -> anyhow::Result<Backend> {
+    let requested = |renderer: Box<dyn Renderer>| Backend { renderer, note: None };
+    Ok(match arg {
+        BackendArg::Cpu => requested(Box::<CpuRenderer>::default()),
+        BackendArg::Reference => requested(Box::new(ReferenceRenderer)),
+        BackendArg::Gpu => {
             let choice = adapter.cloned().unwrap_or_default();
             let tests = AdapterTests::new(false);
             let Fallback { renderer, passed_over } =
@@ -46,9 +46,9 @@ pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> any
 }
 
 /// Parses `--adapter`.
-pub(crate) fn adapter(word: &str) -> Result<AdapterChoice, String> {
-    if word.is_empty() {
-        return Err("expected a number or a part of a name; `atsplat adapters` tells those that there are".to_owned());
+pub(crate) fn adapter(text: &str) -> Result<AdapterChoice, String> {
+    if text.is_empty() {
+        return Err("expected a number or a part of a name; `atsplat adapters` lists the adapters".to_owned());
     }
-    Ok(word.parse().map_or_else(|_| AdapterChoice::Name(word.to_owned()), AdapterChoice::Index))
+    Ok(text.parse().map_or_else(|_| AdapterChoice::Name(text.to_owned()), AdapterChoice::Index))
 }

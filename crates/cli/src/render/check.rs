@@ -1,33 +1,30 @@
-//! Words that do not fit together, told before any file is read or made.
+//! Rejects contradicting arguments before any file is read or created.
 
-use clap::Command;
-use clap::error::ErrorKind;
+use super::backend::BackendArg;
+use super::{Args, FormatArg};
+use crate::parse::{names, once, usage_error};
 
-use super::backend::BackendWord;
-use super::{FormatWord, Words};
-use crate::words::{names, once};
-
-impl Words {
+impl Args {
     pub(super) fn check(&self) -> Result<(), clap::Error> {
-        self.fit().map_err(|text| Command::new("atsplat").error(ErrorKind::ValueValidation, text))
+        self.consistent().map_err(usage_error)
     }
 
-    fn fit(&self) -> Result<(), String> {
+    fn consistent(&self) -> Result<(), String> {
         self.views.check()?;
         once("--formats", &names(&self.formats))?;
-        once("--round-trip", &names(&self.round_trip))?;
+        once("--round-trip", &self.round_trip.iter().map(|format| format.name().to_owned()).collect::<Vec<_>>())?;
         let planes = names(&self.look.channels);
         once("--channels", &planes)?;
-        if !planes.is_empty() && !self.writes(FormatWord::Exr) {
-            return Err("--channels are planes of EXR files: add --formats exr".to_owned());
+        if !planes.is_empty() && !self.writes(FormatArg::Exr) {
+            return Err("--channels selects planes of EXR files: add --formats exr".to_owned());
         }
-        // An effect is called as its plane is.
+        // An effect has the name of its plane.
         let effects = &self.effects.effects;
         if let Some(plane) = planes.iter().find(|plane| !effects.allows(plane)) {
-            return Err(format!("--channels {plane}: --effects {effects} leaves it out"));
+            return Err(format!("--channels {plane}: excluded by --effects {effects}"));
         }
-        if self.adapter.is_some() && self.backend != BackendWord::Gpu {
-            return Err("--adapter is what --backend gpu renders on: add --backend gpu".to_owned());
+        if self.adapter.is_some() && self.backend != BackendArg::Gpu {
+            return Err("--adapter selects the adapter of --backend gpu: add --backend gpu".to_owned());
         }
         Ok(())
     }

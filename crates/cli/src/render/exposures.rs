@@ -1,4 +1,4 @@
-//! `--exposure`: what the cameras' settings make of colour after compositing.
+//! `--exposure`: the exposure applied to colour after compositing.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,12 +11,12 @@ use super::views::Shot;
 
 /// One gain for all views, or a file of matrices.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum ExposureWord {
+pub(crate) enum ExposureArg {
     Gain(f64),
     File(PathBuf),
 }
 
-impl FromStr for ExposureWord {
+impl FromStr for ExposureArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -31,13 +31,13 @@ impl FromStr for ExposureWord {
     }
 }
 
-/// What each view is exposed with.
+/// The exposure of each view.
 #[derive(Debug)]
 pub(crate) enum Exposures {
-    /// What the camera file says, if anything.
+    /// From the camera file, if it has any.
     OfCameras,
     Uniform(Exposure),
-    /// By the views' names.
+    /// By view name.
     Listed {
         file: PathBuf,
         by_name: BTreeMap<String, Exposure>,
@@ -45,24 +45,24 @@ pub(crate) enum Exposures {
 }
 
 impl Exposures {
-    /// Reads the file, where there is one, in the form of 3DGS's `exposure.json` (graphdeco-inria/gaussian-splatting
-    /// `scene/__init__.py`): an object with a 3×4 array for each view's name.
-    pub(crate) fn read(word: Option<&ExposureWord>) -> anyhow::Result<Self> {
-        let file = match word {
+    /// Reads the file, if given, in the format of 3DGS' `exposure.json` (graphdeco-inria/gaussian-splatting
+    /// `scene/__init__.py`): an object with a 3×4 array per view name.
+    pub(crate) fn read(arg: Option<&ExposureArg>) -> anyhow::Result<Self> {
+        let file = match arg {
             None => return Ok(Self::OfCameras),
-            Some(ExposureWord::Gain(gain)) => return Ok(Self::Uniform(Exposure::uniform(*gain))),
-            Some(ExposureWord::File(file)) => file.clone(),
+            Some(ExposureArg::Gain(gain)) => return Ok(Self::Uniform(Exposure::uniform(*gain))),
+            Some(ExposureArg::File(file)) => file.clone(),
         };
-        let doing = || format!("reading exposures from {}", file.display());
-        let bytes = std::fs::read(&file).with_context(doing)?;
+        let reading = || format!("reading exposures from {}", file.display());
+        let bytes = std::fs::read(&file).with_context(reading)?;
         let arrays: BTreeMap<String, [[f64; 4]; 3]> = atsplat_scene::json::parse(&bytes)
             .and_then(serde_json::from_value)
-            .with_context(|| format!("{}: expected a 3×4 array for each view's name", doing()))?;
+            .with_context(|| format!("{}: expected a 3×4 array per view name", reading()))?;
         let by_name = arrays.into_iter().map(|(name, array)| (name, Exposure::from_3dgs(array))).collect();
         Ok(Self::Listed { file, by_name })
     }
 
-    /// Exposes the views.
+    /// Sets the exposure of the views.
     pub(crate) fn expose(&self, shots: &mut [Shot]) -> anyhow::Result<()> {
         for shot in shots {
             match self {
@@ -70,7 +70,7 @@ impl Exposures {
                 Self::Uniform(exposure) => shot.exposure = Some(*exposure),
                 Self::Listed { file, by_name } => match by_name.get(&shot.name) {
                     Some(exposure) => shot.exposure = Some(*exposure),
-                    None => bail!("{} has no exposure of the view {:?}", file.display(), shot.name),
+                    None => bail!("{} has no exposure for the view {:?}", file.display(), shot.name),
                 },
             }
         }
@@ -83,11 +83,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gain_or_a_path() {
-        assert_eq!("1.5".parse(), Ok(ExposureWord::Gain(1.5)));
-        assert_eq!("a/exposure.json".parse(), Ok(ExposureWord::File("a/exposure.json".into())));
+    fn parses_a_gain_or_a_path() {
+        assert_eq!("1.5".parse(), Ok(ExposureArg::Gain(1.5)));
+        assert_eq!("a/exposure.json".parse(), Ok(ExposureArg::File("a/exposure.json".into())));
         for broken in ["-1", "NaN", "inf", "1e13", "bright", ""] {
-            assert!(broken.parse::<ExposureWord>().is_err(), "{broken:?}");
+            assert!(broken.parse::<ExposureArg>().is_err(), "{broken:?}");
         }
     }
 }

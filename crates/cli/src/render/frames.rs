@@ -1,24 +1,25 @@
-//! Renders frame after frame and writes them, both at once: while one batch is rendered, the batch before it is encoded.
+//! Renders and writes frames in batches: while one batch is rendered, the previous one is encoded.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use atsplat_pixels::{ImageU8, PixelError, Rounding, encode_png};
+use atsplat_eval::frame_timings::FrameTiming;
+use atsplat_eval::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
+use atsplat_files::Writer;
+use atsplat_pixels::{ImageU8, PixelError, Preview, Rounding, encode_png, preview_frame};
 use atsplat_splat::effects::Decision;
 use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
 use super::effects::Look;
-use super::picture;
-use super::preview::{Preview, reduced};
 use super::views::Shot;
 use crate::output::PendingFile;
 use crate::progress::Progress;
 
-/// Bytes that renderings waiting to be written may take.
-const WAITING_BYTES: usize = 1 << 30;
+/// Memory limit of rendered frames waiting to be written.
+const MAX_PENDING_BYTES: usize = 1 << 30;
 
-/// What is written of each frame, and where.
+/// Which files are written per frame, and where.
 #[derive(Debug)]
 pub(crate) struct FrameFiles {
     pub(crate) folder: PathBuf,
@@ -27,76 +28,71 @@ pub(crate) struct FrameFiles {
     pub(crate) rounding: Rounding,
 }
 
-/// What became of a frame.
+/// The outcome of a frame.
 #[derive(Debug)]
 pub(crate) struct Frame {
     /// Names of its files inside the folder.
     pub(crate) files: Vec<String>,
-    /// `None` where it was not rendered.
+    /// `None` if it was not rendered.
     pub(crate) census: Option<Census>,
-    /// Why it is not whole.
+    /// Why it is incomplete.
     pub(crate) fault: Option<String>,
-    /// What became of the effects.
+    /// Decisions on effects.
     pub(crate) decisions: Vec<Decision>,
     pub(crate) timing: FrameTiming,
 }
 
-/// Where a frame's time went.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct FrameTiming {
-    pub(crate) stages: Vec<Stage>,
-    pub(crate) render_secs: f64,
-    pub(crate) write_secs: f64,
-}
-
-/// A frame between rendering and writing.
-struct Waiting<'a> {
+/// A rendered frame that is not written yet.
+struct Pending<'a> {
     shot: &'a Shot,
     rendering: Result<Rendering<f32>, String>,
     decisions: Vec<Decision>,
     timing: FrameTiming,
 }
 
-/// Renders and writes every shot, in order. A frame that cannot be rendered or has no honest bytes is told in its
-/// [`Frame`]; a file that cannot be written ends the work. With `apart`, nothing else runs while a frame is rendered.
-pub(crate) fn shoot(
+/// Renders and writes every shot, in order. A frame that cannot be rendered or encoded is reported in its [`Frame`]; a file
+/// that cannot be written is an error. With `sequential`, nothing else runs while a frame is rendered.
+pub(crate) fn render_all(
     renderer: &mut dyn Renderer,
     (gaussians, shots): (&Gaussians, &[Shot]),
     look: &Look,
     files: &FrameFiles,
-    mut preview: Option<&mut Preview>,
-    apart: bool,
+    mut preview: Option<&mut Preview<Writer>>,
+    sequential: bool,
 ) -> anyhow::Result<Vec<Frame>> {
     let progress = Progress::new("frames", shots.len());
-    let mut render = |shots| rendered(renderer, gaussians, shots, look);
-    let mut write = |waiting| written(waiting, files, preview.as_deref_mut(), &progress);
+    let mut render = |shots| render_batch(renderer, gaussians, shots, look);
+    let mut write = |pending| write_batch(pending, files, preview.as_deref_mut(), &progress);
     let mut frames = Vec::with_capacity(shots.len());
-    let mut waiting = Vec::new();
-    for batch in shots.chunks(if apart { 1 } else { batch_length(shots) }) {
-        let before = std::mem::take(&mut waiting);
-        let (done, next) =
-            if apart { (write(before), render(batch)) } else { rayon::join(|| write(before), || render(batch)) };
+    let mut pending = Vec::new();
+    for batch in shots.chunks(if sequential { 1 } else { batch_length(shots) }) {
+        let previous = std::mem::take(&mut pending);
+        let (done, next) = if sequential {
+            (write(previous), render(batch))
+        } else {
+            rayon::join(|| write(previous), || render(batch))
+        };
         frames.extend(done?);
-        waiting = next;
+        pending = next;
     }
-    frames.extend(write(waiting)?);
+    frames.extend(write(pending)?);
     Ok(frames)
 }
 
-/// Enough frames that every thread has one to encode, few enough to hold two batches.
+/// Enough frames for every thread to encode one, few enough to hold two batches in memory.
 fn batch_length(shots: &[Shot]) -> usize {
     let largest = shots.iter().map(|shot| shot.view.pixels()).max().unwrap_or(1);
-    // Colour, opacity and up to three more planes, as f32.
-    let fit = WAITING_BYTES / 2 / (7 * 4 * largest).max(1);
+    // Colour, alpha and up to three more planes, as f32.
+    let fit = MAX_PENDING_BYTES / 2 / (7 * 4 * largest).max(1);
     rayon::current_num_threads().min(fit).max(1)
 }
 
-fn rendered<'a>(
+fn render_batch<'a>(
     renderer: &mut dyn Renderer,
     gaussians: &Gaussians,
     shots: &'a [Shot],
     look: &Look,
-) -> Vec<Waiting<'a>> {
+) -> Vec<Pending<'a>> {
     let mut one = |shot: &'a Shot| {
         let start = Instant::now();
         let outcome = look.render(renderer, gaussians, shot);
@@ -111,29 +107,29 @@ fn rendered<'a>(
             }
             Err(error) => Err(error.to_string()),
         };
-        Waiting { shot, rendering, decisions, timing }
+        Pending { shot, rendering, decisions, timing }
     };
     shots.iter().map(&mut one).collect()
 }
 
-fn written(
-    waiting: Vec<Waiting<'_>>,
+fn write_batch(
+    pending: Vec<Pending<'_>>,
     files: &FrameFiles,
-    preview: Option<&mut Preview>,
+    preview: Option<&mut Preview<Writer>>,
     progress: &Progress,
 ) -> anyhow::Result<Vec<Frame>> {
     let size = preview.as_ref().map(|preview| preview.size());
-    let write = |waiting| {
-        let outcome = write_frame(waiting, files, size.is_some());
+    let write = |pending| {
+        let outcome = write_frame(pending, files, size.is_some());
         progress.step();
         let (frame, picture) = outcome?;
         let picture = match (picture, size) {
-            (Some(picture), Some(size)) => Some(reduced(&picture, size)?),
+            (Some(picture), Some(size)) => Some(preview_frame(&picture, size)?),
             _ => None,
         };
         Ok((frame, picture))
     };
-    let done: Vec<(Frame, Option<ImageU8>)> = waiting.into_par_iter().map(write).collect::<anyhow::Result<_>>()?;
+    let done: Vec<(Frame, Option<ImageU8>)> = pending.into_par_iter().map(write).collect::<anyhow::Result<_>>()?;
     if let Some(preview) = preview {
         for (_, picture) in &done {
             preview.push(picture.as_ref())?;
@@ -143,9 +139,9 @@ fn written(
 }
 
 fn write_frame(
-    Waiting { shot, rendering, decisions, timing }: Waiting<'_>,
+    Pending { shot, rendering, decisions, timing }: Pending<'_>,
     files: &FrameFiles,
-    wants_bytes: bool,
+    needs_bytes: bool,
 ) -> anyhow::Result<(Frame, Option<ImageU8>)> {
     let mut frame = Frame { files: Vec::new(), census: None, fault: None, decisions, timing };
     let rendering = match rendering {
@@ -155,13 +151,13 @@ fn write_frame(
     frame.census = Some(rendering.census);
     let start = Instant::now();
     if files.exr {
-        write(files, shot, "exr", &picture::exr(&rendering)?, &mut frame)?;
+        write(files, shot, "exr", &rendered_exr(&rendering)?, &mut frame)?;
     }
-    let picture = if files.png || wants_bytes {
-        match picture::image(&rendering)?.to_u8(files.rounding) {
+    let picture = if files.png || needs_bytes {
+        match rendered_image(&rendering)?.to_u8(files.rounding) {
             Ok(picture) => Some(picture),
             Err(fault @ PixelError::NonFinite { .. }) => {
-                frame.fault = Some(format!("no 8-bit picture: {fault}"));
+                frame.fault = Some(format!("no 8-bit image: {fault}"));
                 None
             }
             Err(error) => return Err(error.into()),
@@ -177,44 +173,33 @@ fn write_frame(
 }
 
 fn write(files: &FrameFiles, shot: &Shot, extension: &str, bytes: &[u8], frame: &mut Frame) -> anyhow::Result<()> {
-    let name = file_name(shot.number, extension);
+    let name = frame_file_name(shot.number, extension);
     PendingFile::open(&files.folder.join(&name))?.finish(bytes)?;
     frame.files.push(name);
     Ok(())
 }
 
-/// `000029.png`: the number of the camera, as pixelSplat names its renderings.
-pub(crate) fn file_name(number: usize, extension: &str) -> String {
-    format!("{number:06}.{extension}")
-}
-
-/// Whether a file may be called this by [`file_name`].
-pub(crate) fn is_frame_name(name: &str) -> bool {
-    match name.split_once('.') {
-        Some((number, "png" | "exr")) => number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit()),
-        _ => false,
-    }
-}
-
-/// What to tell of frames that show no Gaussian, though there are some.
-pub(crate) fn unseen(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
+/// The warning about frames in which no Gaussian is drawn, though the scene has some.
+pub(crate) fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
     let rendered = frames.iter().filter_map(|frame| frame.census).collect::<Vec<_>>();
     let empty = rendered.iter().filter(|census| census.drawn == 0).count();
     (empty > 0 && !gaussians.is_empty()).then(|| {
         let all = rendered.len();
-        format!("no Gaussian is drawn in {empty} of {all} frames: do the cameras belong to this scene, in its axes?")
+        format!(
+            "no Gaussian is drawn in {empty} of {all} frames: do the cameras belong to this scene and use its axes?"
+        )
     })
 }
 
-/// How many pictures a folder holds that look like frames and are none of these: an earlier call's.
-pub(crate) fn strangers(folder: &Path, frames: &[Frame]) -> anyhow::Result<usize> {
+/// Number of image files in a folder that are named like frames but were written by another call.
+pub(crate) fn unknown_images(folder: &Path, frames: &[Frame]) -> anyhow::Result<usize> {
     let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
     let entries = std::fs::read_dir(folder)?.collect::<std::io::Result<Vec<_>>>()?;
     let names = entries.iter().map(std::fs::DirEntry::file_name);
-    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_name(name) && !is_ours(name))).count())
+    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_file_name(name) && !is_ours(name))).count())
 }
 
-/// The folder, made and tried before long work starts.
+/// Creates the folder and opens `render.json` before long work starts.
 pub(crate) fn open_folder(folder: &Path) -> anyhow::Result<PendingFile> {
     PendingFile::open(&folder.join("render.json"))
 }

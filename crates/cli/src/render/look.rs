@@ -1,59 +1,59 @@
 use anyhow::bail;
+use atsplat_splat::scene_file::SceneFile;
 use atsplat_splat::{Channels, MAX_SH_DEGREE, PrincipalPoint, RasterMode, RenderOptions, RendererConstants};
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::scene_file::SceneFile;
 use super::views::Shot;
-use super::words;
+use crate::parse;
 
-/// How Gaussians become pixels.
-#[derive(Debug, Args)]
-pub(crate) struct LookWords {
-    /// Numbers and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
-    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = words::constants_name)]
+/// Render options.
+#[derive(Debug, clap::Args)]
+pub(crate) struct LookArgs {
+    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
+    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
     constants: String,
 
     /// Near plane in scene units, instead of the preset's.
-    #[arg(long, value_name = "DEPTH", value_parser = words::positive)]
+    #[arg(long, value_name = "DEPTH", value_parser = parse::positive)]
     near: Option<f64>,
 
     /// Far plane in scene units, instead of the preset's.
-    #[arg(long, value_name = "DEPTH", value_parser = words::positive)]
+    #[arg(long, value_name = "DEPTH", value_parser = parse::positive)]
     far: Option<f64>,
 
     /// black, white, or R,G,B from 0 to 1.
-    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = words::background)]
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::background)]
     background: [f64; 3],
 
-    /// What becomes of Gaussians smaller than a pixel; by default what the file says, else classic.
+    /// How Gaussians smaller than a pixel are drawn; by default as recorded in the file, else classic.
     #[arg(long, value_name = "MODE")]
-    mode: Option<ModeWord>,
+    mode: Option<ModeArg>,
 
     /// Highest degree of spherical harmonics that is evaluated.
     #[arg(long, value_name = "DEGREE", default_value_t = MAX_SH_DEGREE, value_parser = clap::value_parser!(u8).range(..=i64::from(MAX_SH_DEGREE)))]
     sh_degree: u8,
 
-    /// Planes beside colour and opacity in EXR files: depth, scalar, median-depth; depth by default.
+    /// Planes in addition to colour and alpha in EXR files: depth, scalar, median-depth; depth by default.
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    pub(super) channels: Vec<ChannelWord>,
+    pub(super) channels: Vec<ChannelArg>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum ModeWord {
+enum ModeArg {
     Classic,
     Antialiased,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum ChannelWord {
+pub(super) enum ChannelArg {
     Depth,
     Scalar,
     MedianDepth,
 }
 
-/// [`RenderOptions`] as `render.json` keeps them.
+/// [`RenderOptions`] as recorded in `render.json`.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct LookRecord {
@@ -64,14 +64,14 @@ pub(crate) struct LookRecord {
     channels: Channels,
 }
 
-impl LookWords {
-    /// The constants, with what was overridden in their name.
+impl LookArgs {
+    /// The constants; overrides are appended to their name.
     pub(crate) fn constants(&self) -> anyhow::Result<RendererConstants> {
-        let mut constants = words::constants(&self.constants)?;
-        for (field, asked) in [("near", self.near), ("far", self.far)] {
-            let Some(asked) = asked else { continue };
-            constants.name = format!("{} with {field} {asked}", constants.name);
-            *(if field == "near" { &mut constants.near } else { &mut constants.far }) = asked;
+        let mut constants = parse::constants(&self.constants)?;
+        for (field, value) in [("near", self.near), ("far", self.far)] {
+            let Some(value) = value else { continue };
+            constants.name = format!("{} with {field} {value}", constants.name);
+            *(if field == "near" { &mut constants.near } else { &mut constants.far }) = value;
         }
         let in_order = constants.near < constants.far;
         if !in_order {
@@ -80,26 +80,26 @@ impl LookWords {
         Ok(constants)
     }
 
-    /// Options for a scene; `planes` where an EXR has room for more than colour.
+    /// Options for a scene; `planes` if more than colour is written.
     pub(crate) fn options(
         &self,
         constants: RendererConstants,
         scene: &SceneFile,
         planes: bool,
     ) -> anyhow::Result<RenderOptions> {
-        let asked = |channel| self.channels.contains(&channel);
+        let requested = |channel| self.channels.contains(&channel);
         let channels = Channels {
-            depth: planes && (asked(ChannelWord::Depth) || self.channels.is_empty()),
-            scalar: asked(ChannelWord::Scalar),
-            median_depth: asked(ChannelWord::MedianDepth),
+            depth: planes && (requested(ChannelArg::Depth) || self.channels.is_empty()),
+            scalar: requested(ChannelArg::Scalar),
+            median_depth: requested(ChannelArg::MedianDepth),
         };
         if channels.scalar && scene.gaussians.parts().scalars.is_none() {
             bail!("--channels scalar: the Gaussians of this scene have no scalar (a PLY's `uncertainty`)");
         }
         let mode = match self.mode {
-            Some(ModeWord::Antialiased) => RasterMode::Antialiased,
+            Some(ModeArg::Antialiased) => RasterMode::Antialiased,
             None if scene.record.antialiased == Some(true) => RasterMode::Antialiased,
-            Some(ModeWord::Classic) | None => RasterMode::Classic,
+            Some(ModeArg::Classic) | None => RasterMode::Classic,
         };
         let background = self.background;
         Ok(RenderOptions {
@@ -113,8 +113,8 @@ impl LookWords {
     }
 }
 
-/// What the constants ignore of the cameras.
-pub(crate) fn ignored(constants: &RendererConstants, shots: &[Shot]) -> Option<String> {
+/// The warning about principal points that the constants ignore.
+pub(crate) fn ignored_principal_points(constants: &RendererConstants, shots: &[Shot]) -> Option<String> {
     const CENTRED: f64 = 1e-3;
     let is_off = |shot: &&Shot| {
         let intrinsics = shot.view.camera.intrinsics;

@@ -1,101 +1,97 @@
-//! `atsplat render`: Gaussians along a path of cameras, into pictures.
+//! `atsplat render`: renders Gaussians along a camera path.
 
 pub(crate) mod backend;
-pub(crate) mod camera_file;
 mod check;
 mod effects;
 mod exposures;
-pub(crate) mod frames;
-mod framing;
+mod frames;
 mod look;
-pub(crate) mod picture;
 mod preview;
 mod report;
-mod round_trip;
 mod scene_file;
-mod timings;
 mod views;
-pub(crate) mod words;
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
+use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
-use atsplat_splat::Census;
 use atsplat_splat::gpu::AdapterChoice;
-use clap::{Args, ValueEnum};
+use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
+use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, View};
+use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use crate::output::{complain, print_report, print_warnings};
-use backend::{Backend, BackendWord, adapter, backend};
-use effects::EffectWords;
-use exposures::{ExposureWord, Exposures};
-use frames::{Frame, FrameFiles, open_folder, shoot, strangers, unseen};
-use look::{LookRecord, LookWords, ignored};
-use preview::PreviewWords;
+use crate::output::{print_report, print_warnings, warn};
+use crate::progress::Progress;
+use backend::{Backend, BackendArg, adapter, backend};
+use effects::EffectArgs;
+use exposures::{ExposureArg, Exposures};
+use frames::{Frame, FrameFiles, empty_frames_warning, open_folder, render_all, unknown_images};
+use look::{LookArgs, LookRecord, ignored_principal_points};
+use preview::PreviewArgs;
 use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
-use round_trip::{RoundTripWord, RoundTrips};
-use scene_file::SceneWords;
-use timings::Timings;
-use views::{Plan, Shot, ViewWords};
+use scene_file::SceneArgs;
+use views::{Plan, Shot, ViewArgs};
 
-/// Pairs of renderings that an effect's cost is the median of.
-const EXPLAINING_PAIRS: usize = 5;
+/// Pairs of renders over which the cost of an effect is the median.
+const EXPLANATION_PAIRS: usize = 5;
 
 // The scene comes first: `--orbit` and `--spline` take a number where one follows.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(
     override_usage = "atsplat render <SCENE> --out <DIR> <--cameras <FILE> | --orbit [N] | --spline <FILE> [N]> [OPTIONS]"
 )]
-pub(crate) struct Words {
+pub(crate) struct Args {
     #[command(flatten)]
-    scene: SceneWords,
+    scene: SceneArgs,
 
     #[command(flatten, next_help_heading = "Cameras")]
-    views: ViewWords,
+    views: ViewArgs,
 
     #[command(flatten, next_help_heading = "Rendering")]
-    look: LookWords,
+    look: LookArgs,
 
     #[command(flatten, next_help_heading = "Rendering")]
-    effects: EffectWords,
+    effects: EffectArgs,
 
-    /// What becomes of colour after compositing: a gain for every view, or a .json like 3DGS's `exposure.json`, with a
-    /// 3x4 array for each view's name; by default what a `render.json` says, else nothing.
+    /// Exposure applied after compositing: a gain for every view, or a .json like 3DGS' `exposure.json`, with a 3x4 array per
+    /// view name; by default as recorded in a `render.json`, else none.
     #[arg(long, value_name = "GAIN|FILE", help_heading = "Rendering")]
-    exposure: Option<ExposureWord>,
+    exposure: Option<ExposureArg>,
 
-    /// Who renders.
+    /// Renderer.
     #[arg(long, value_name = "NAME", default_value = "cpu", help_heading = "Rendering")]
-    backend: BackendWord,
+    backend: BackendArg,
 
     /// Adapter that `--backend gpu` renders on: its number, or a part of its name; see `atsplat adapters`.
     #[arg(long, value_name = "NAME", value_parser = adapter, help_heading = "Rendering")]
     adapter: Option<AdapterChoice>,
 
-    /// Folder for `000000.png`, `000000.exr`, … and `render.json`, which tells how they were made.
+    /// Folder for `000000.png`, `000000.exr`, … and `render.json`, which records how they were made.
     #[arg(long, short, value_name = "DIR", help_heading = "Output")]
     out: PathBuf,
 
-    /// What is written of each frame: png (8 bits), exr (colour, opacity, depth as f32).
+    /// Files per frame: png (8 bits), exr (colour, alpha, depth as f32).
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "png", help_heading = "Output")]
-    formats: Vec<FormatWord>,
+    formats: Vec<FormatArg>,
 
-    /// How f32 becomes 8 bits: to the nearest, or truncated as pixelSplat does.
+    /// Rounding from f32 to 8 bits: to the nearest, or truncated as pixelSplat does.
     #[arg(long, value_name = "RULE", default_value = "nearest", help_heading = "Output")]
-    rounding: RoundingWord,
+    rounding: RoundingArg,
 
     #[command(flatten, next_help_heading = "Output")]
-    preview: PreviewWords,
+    preview: PreviewArgs,
 
-    /// Print where the time goes, stage by stage; frames are then written one after the other, not meanwhile.
+    /// Print the time per stage; frames are then rendered and written one after the other.
     #[arg(long, help_heading = "Output")]
     timings: bool,
 
-    /// Export, import, render again and print what that cost in dB: ply, ply-ascii, ply-big-endian, spz2, spz3. Renders
-    /// every view once more, and once for each format.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Output")]
-    round_trip: Vec<RoundTripWord>,
+    /// Export, import, render again and print the loss in dB: ply, ply-ascii, ply-big-endian, spz2, spz3. Renders every
+    /// view once more, and once per format.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = round_trip_formats(), help_heading = "Output")]
+    round_trip: Vec<RoundTripFormat>,
 
     /// Print JSON.
     #[arg(long, help_heading = "Output")]
@@ -103,40 +99,47 @@ pub(crate) struct Words {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum FormatWord {
+enum FormatArg {
     Png,
     Exr,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum RoundingWord {
+enum RoundingArg {
     Nearest,
     Truncate,
 }
 
-/// Renders; `true` where every frame is whole.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    words.check()?;
-    words.views.spare(&words.out.join("render.json"))?;
-    let exposures = Exposures::read(words.exposure.as_ref())?;
-    let Backend { mut renderer, note } = backend(words.backend, words.adapter.as_ref())?;
-    let record_file = open_folder(&words.out)?;
-    let preview_file = words.preview.open()?;
-    let constants = words.look.constants()?;
+/// Renders; `true` if every frame is complete.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.check()?;
+    args.views.reject_overwriting(&args.out.join("render.json"))?;
+    let exposures = Exposures::read(args.exposure.as_ref())?;
+    let Backend { mut renderer, note } = backend(args.backend, args.adapter.as_ref())?;
+    let record_file = open_folder(&args.out)?;
+    let preview_file = args.preview.open()?;
+    let constants = args.look.constants()?;
     let mut warnings = Warnings::new();
-    let cameras = words.views.read(&mut warnings)?;
+    let cameras = args.views.read(&mut warnings)?;
 
-    let scene = words.scene.read()?;
-    let look = words.effects.look(words.look.options(constants, &scene, words.writes(FormatWord::Exr))?);
-    let Plan { mut shots, path, notes } = words.views.plan(cameras, &scene.gaussians)?;
+    let scene = args.scene.read()?;
+    let look = args.effects.look(args.look.options(constants, &scene, args.writes(FormatArg::Exr))?);
+    let Plan { mut shots, path, notes } = args.views.plan(cameras, &scene.gaussians)?;
     exposures.expose(&mut shots)?;
-    let (gaussians, mut notes) = (scene.gaussians, [scene.notes, notes].concat());
+    let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
     notes.extend(note);
-    notes.extend(ignored(&look.options.constants, &shots));
+    notes.extend(ignored_principal_points(&look.options.constants, &shots));
 
-    let mut preview = preview_file.map(|file| words.preview.start(file, &shots)).transpose()?;
-    let files = words.files();
-    let frames = shoot(renderer.as_mut(), (&gaussians, &shots), &look, &files, preview.as_mut(), words.timings)?;
+    let mut preview = preview_file.map(|file| args.preview.start(file, &shots)).transpose()?;
+    let files = args.files();
+    let frames = render_all(
+        renderer.as_mut(),
+        (&gaussians, &shots),
+        &look,
+        &files,
+        preview.as_mut().map(|pending| &mut pending.preview),
+        args.timings,
+    )?;
     let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
     let faults = || shots.iter().zip(&frames).filter_map(|(shot, frame)| Some((shot.number, frame.fault.as_ref()?)));
     if done == 0 {
@@ -147,11 +150,14 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         preview.finish()?;
     }
     notes.extend(faults().map(|(number, fault)| format!("frame {number}: {fault}")));
-    notes.extend(unseen(&frames, &gaussians));
-    let formats = &words.round_trip;
-    let round_trip = (!formats.is_empty())
-        .then(|| RoundTrips::measure(renderer.as_mut(), (&gaussians, &shots), &look.options, formats));
-    let broken_promise = round_trip.as_ref().and_then(RoundTrips::broken_promise);
+    notes.extend(empty_frames_warning(&frames, &gaussians));
+    let round_trip = (!args.round_trip.is_empty()).then(|| {
+        let views: Vec<_> = shots.iter().map(|shot| (shot.view, shot.exposed(&look.options))).collect();
+        let measured = measure_round_trips(renderer.as_mut(), &gaussians, &views, &args.round_trip);
+        // The images are already written: a failure is recorded with them.
+        measured.unwrap_or_else(|error| RoundTrips::failed(format!("--round-trip: {error:#}")))
+    });
+    let failure = round_trip.as_ref().and_then(RoundTrips::failure);
 
     let mut census = Census::default();
     frames.iter().filter_map(|frame| frame.census).for_each(|of_frame| census += of_frame);
@@ -161,7 +167,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         path,
         backend: renderer.name(),
         look: LookRecord::of(&look.options)?,
-        effects: look.record(&frames),
+        effects: look.summary(&frames),
         rounding: files.rounding,
         values: "display-referred RGB, over the background",
         frames: FrameCounts { asked: shots.len(), done, failed: shots.len() - done },
@@ -172,43 +178,64 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let views = shots.iter().zip(&frames).map(|(shot, frame)| ViewRecord::of(shot, frame)).collect();
     let text = serde_json::to_string_pretty(&RenderFile { record: &record, views })?;
     record_file.finish(format!("{text}\n").as_bytes())?;
-    let timings = words.timings.then(|| Timings::of(scene.reading_secs, &frames));
-    let explanation = match whole(&shots, &frames).filter(|_| words.effects.explain) {
-        Some(shot) => Some(look.plan(&gaussians, shot)?.explain(renderer.as_mut(), &gaussians, EXPLAINING_PAIRS)?),
+    let rendered = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing);
+    let timings = args.timings.then(|| FrameTimings::of(scene.reading_secs, rendered));
+    let explanation = match first_complete(&shots, &frames).filter(|_| args.effects.explain) {
+        Some(shot) => Some(look.plan(&gaussians, shot)?.explain(renderer.as_mut(), &gaussians, EXPLANATION_PAIRS)?),
         None => None,
     };
-    let preview = words.preview.preview.clone();
-    let report = Report { out: words.out.clone(), preview, record, timings, explanation };
-    print_report(&report, words.json)?;
+    let preview = args.preview.preview.clone();
+    let report = Report { out: args.out.clone(), preview, record, timings, explanation };
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
     for note in &report.record.warnings {
-        complain(&format!("warning: {note}"));
+        warn(&format!("warning: {note}"));
     }
-    let strangers = strangers(&words.out, &frames)?;
-    if strangers > 0 {
-        complain(&format!("warning: {} holds {strangers} pictures of another call", words.out.display()));
+    let unknown = unknown_images(&args.out, &frames)?;
+    if unknown > 0 {
+        warn(&format!("warning: {} holds {unknown} images of another call", args.out.display()));
     }
-    broken_promise.map_or(Ok(report.record.frames.failed == 0), |promise| bail!("{promise}"))
+    failure.map_or(Ok(report.record.frames.failed == 0), |failure| bail!("{failure}"))
 }
 
-/// The first frame that nothing is wrong with.
-fn whole<'a>(shots: &'a [Shot], frames: &[Frame]) -> Option<&'a Shot> {
+fn measure_round_trips(
+    renderer: &mut dyn Renderer,
+    gaussians: &Gaussians,
+    views: &[(View, RenderOptions)],
+    formats: &[RoundTripFormat],
+) -> anyhow::Result<RoundTrips> {
+    let temporary = std::env::temp_dir();
+    let scratch = tempfile::tempdir_in(&temporary)
+        .with_context(|| format!("creating a folder for the round trip in {}", temporary.display()))?;
+    let progress = Progress::new("views of the round trip", views.len());
+    Ok(RoundTrips::measure(renderer, gaussians, views, formats, scratch.path(), &mut || progress.step())?)
+}
+
+fn round_trip_formats() -> impl TypedValueParser<Value = RoundTripFormat> {
+    PossibleValuesParser::new(RoundTripFormat::ALL.map(RoundTripFormat::name)).try_map(|name| {
+        let format = RoundTripFormat::ALL.into_iter().find(|format| format.name() == name);
+        format.ok_or_else(|| format!("unknown format {name:?}"))
+    })
+}
+
+/// The first complete frame.
+fn first_complete<'a>(shots: &'a [Shot], frames: &[Frame]) -> Option<&'a Shot> {
     shots.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()).map(|(shot, _)| shot)
 }
 
-impl Words {
-    fn writes(&self, format: FormatWord) -> bool {
+impl Args {
+    fn writes(&self, format: FormatArg) -> bool {
         self.formats.contains(&format)
     }
 
     fn files(&self) -> FrameFiles {
         FrameFiles {
             folder: self.out.clone(),
-            png: self.writes(FormatWord::Png),
-            exr: self.writes(FormatWord::Exr),
+            png: self.writes(FormatArg::Png),
+            exr: self.writes(FormatArg::Exr),
             rounding: match self.rounding {
-                RoundingWord::Nearest => Rounding::Nearest,
-                RoundingWord::Truncate => Rounding::Truncate,
+                RoundingArg::Nearest => Rounding::Nearest,
+                RoundingArg::Truncate => Rounding::Truncate,
             },
         }
     }

@@ -4,33 +4,32 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_scene::Warnings;
-use atsplat_splat::{Exposure, Gaussians, RenderOptions, View};
-use clap::{ArgGroup, Args, ValueEnum};
+use atsplat_scene::camera_file::{self, CameraRecord, FileCamera, LensOfPoses};
+use atsplat_splat::{Exposure, Gaussians, RenderOptions, View, framing};
+use clap::{ArgGroup, ValueEnum};
 use serde::Serialize;
 
-use super::camera_file::{self, FileCamera, LensOfPoses};
-use super::framing;
-use super::words::{self, Axis};
+use crate::parse::{self, Axis};
 use crate::selection::Selection;
 
-/// Size of pictures of an orbit.
+/// Image size of an orbit.
 const ORBIT_SIZE: ImageSize = ImageSize { width: 960, height: 540 };
-/// Degrees from the left edge of those to the right.
+/// Horizontal field of view of an orbit in degrees.
 const ORBIT_FOV: f64 = 50.0;
 const DEFAULT_FRAMES: &str = "60";
 
-/// Where the cameras come from.
-#[derive(Debug, Args)]
+/// The camera path.
+#[derive(Debug, clap::Args)]
 #[group(skip)]
 #[command(group = ArgGroup::new("path").required(true).args(["cameras", "orbit", "spline"]))]
-pub(crate) struct ViewWords {
+pub(crate) struct ViewArgs {
     /// Every camera of FILE: any dataset that `data inspect` reads, 3DGS' `cameras.json`, a `render.json`, or a JSON list of
-    /// matrices from the world to the camera, as MotionCtrl has them (with --fov and --size).
+    /// camera_from_world matrices, as in MotionCtrl (with --fov and --size).
     #[arg(long, value_name = "FILE")]
     cameras: Option<PathBuf>,
 
     /// N views on a circle around the scene.
-    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = DEFAULT_FRAMES, value_parser = words::frames)]
+    #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = DEFAULT_FRAMES, value_parser = parse::frames)]
     orbit: Option<usize>,
 
     /// N views on a smooth path through the cameras of FILE; 60 by default.
@@ -41,62 +40,61 @@ pub(crate) struct ViewWords {
     #[arg(long, value_name = "SEL", conflicts_with = "orbit")]
     frames: Option<Selection>,
 
-    /// Which scene of FILE, where it holds several.
+    /// Which scene of FILE, if it holds several.
     #[arg(long, value_name = "KEY", conflicts_with = "orbit")]
     key: Option<String>,
 
-    /// Pixels; by default what FILE says, 960x540 for an orbit.
-    #[arg(long, value_name = "WxH", value_parser = words::size)]
+    /// Image size; by default that of FILE, and 960x540 for an orbit.
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
     size: Option<ImageSize>,
 
-    /// Take cameras for pinholes, whatever FILE says of their lenses.
+    /// Ignore lens distortion in FILE.
     #[arg(long, conflicts_with = "orbit")]
     no_distortion: bool,
 
-    /// Close the path: after the last camera back to the first.
+    /// Close the path from the last camera back to the first.
     #[arg(long, conflicts_with_all = ["cameras", "orbit"])]
     closed: bool,
 
-    /// What is even along the path: the way between views, or the time between cameras.
+    /// Even spacing along the path: of the distance between views, or of the time between cameras.
     #[arg(long, value_name = "WHAT", conflicts_with_all = ["cameras", "orbit"], default_value = "way")]
-    spacing: SpacingWord,
+    spacing: SpacingArg,
 
     /// Degrees above the horizon.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", allow_negative_numbers = true, value_parser = words::elevation)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", allow_negative_numbers = true, value_parser = parse::elevation)]
     elevation: f64,
 
-    /// Distance in multiples of that which just frames the bulk of the scene.
-    #[arg(long, value_name = "FACTOR", conflicts_with_all = ["cameras", "spline"], default_value = "1", value_parser = words::positive)]
+    /// Distance in multiples of the one that just frames the bulk of the scene.
+    #[arg(long, value_name = "FACTOR", conflicts_with_all = ["cameras", "spline"], default_value = "1", value_parser = parse::positive)]
     distance: f64,
 
-    /// Upwards in the scene; -y is that of OpenCV's and 3DGS' axes.
+    /// Up direction of the scene; -y in the axes of OpenCV and 3DGS.
     #[arg(long, value_name = "AXIS", conflicts_with_all = ["cameras", "spline"], default_value = "-y", allow_hyphen_values = true)]
     up: Axis,
 
-    /// Degrees from the left edge to the right: of an orbit, where it is 50 by default, and of cameras whose file holds
-    /// poses alone.
-    #[arg(long, value_name = "DEGREES", value_parser = words::angle)]
+    /// Horizontal field of view in degrees: of an orbit, 50 by default, or of cameras whose file holds only poses.
+    #[arg(long, value_name = "DEGREES", value_parser = parse::angle)]
     fov: Option<f64>,
 
-    /// Degrees at which the orbit begins, to the camera's right.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "0", allow_negative_numbers = true, value_parser = words::finite)]
+    /// Start of the orbit in degrees, towards the camera's right.
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "0", allow_negative_numbers = true, value_parser = parse::finite)]
     azimuth: f64,
 
-    /// Degrees around.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "360", allow_negative_numbers = true, value_parser = words::finite)]
+    /// Extent of the orbit in degrees.
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "360", allow_negative_numbers = true, value_parser = parse::finite)]
     sweep: f64,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum SpacingWord {
+enum SpacingArg {
     Way,
     Time,
 }
 
-/// One picture to take.
+/// One image to render.
 #[derive(Clone, Debug)]
 pub(crate) struct Shot {
-    /// Names its files.
+    /// Number in its file names.
     pub(crate) number: usize,
     pub(crate) name: String,
     pub(crate) view: View,
@@ -104,18 +102,24 @@ pub(crate) struct Shot {
 }
 
 impl Shot {
-    /// The same options with this picture's exposure.
+    /// The camera as recorded in `render.json`.
+    pub(crate) fn record(&self) -> CameraRecord {
+        let exposure = self.exposure.map(|exposure| exposure.to_3dgs());
+        CameraRecord::new(self.number, self.name.clone(), &self.view.camera, self.view.size, exposure)
+    }
+
+    /// The same options with the exposure of this shot.
     pub(crate) fn exposed(&self, options: &RenderOptions) -> RenderOptions {
         RenderOptions { exposure: self.exposure, ..options.clone() }
     }
 }
 
-/// The pictures to take, and how their cameras were found.
+/// The images to render, and how their cameras were found.
 #[derive(Debug)]
 pub(crate) struct Plan {
     pub(crate) shots: Vec<Shot>,
     pub(crate) path: PathRecord,
-    /// What a user should know.
+    /// Warnings.
     pub(crate) notes: Vec<String>,
 }
 
@@ -143,23 +147,23 @@ pub(crate) enum PathRecord {
     },
 }
 
-impl ViewWords {
-    /// What can be told wrong before any file is read.
+impl ViewArgs {
+    /// Rejects invalid values before any file is read.
     pub(crate) fn check(&self) -> Result<(), String> {
         self.spline_frames().map(|_| ())
     }
 
     fn spline_frames(&self) -> Result<usize, String> {
-        let count = self.spline.as_ref().and_then(|words| words.get(1)).map_or(DEFAULT_FRAMES, String::as_str);
-        words::frames(count).map_err(|error| format!("--spline: {error}"))
+        let count = self.spline.as_ref().and_then(|values| values.get(1)).map_or(DEFAULT_FRAMES, String::as_str);
+        parse::frames(count).map_err(|error| format!("--spline: {error}"))
     }
 
     fn file(&self) -> Option<PathBuf> {
         self.cameras.clone().or_else(|| Some(PathBuf::from(self.spline.as_ref()?.first()?)))
     }
 
-    /// Refuses to replace the cameras by their record, which may hold fewer.
-    pub(crate) fn spare(&self, record: &Path) -> anyhow::Result<()> {
+    /// Refuses to overwrite the camera file with `record`, which may hold fewer cameras.
+    pub(crate) fn reject_overwriting(&self, record: &Path) -> anyhow::Result<()> {
         let (file, record) = (self.file().and_then(|file| file.canonicalize().ok()), record.canonicalize().ok());
         match file.filter(|file| Some(file) == record.as_ref()) {
             Some(file) => bail!("--out would replace the cameras in {}: choose another folder", file.display()),
@@ -167,7 +171,7 @@ impl ViewWords {
         }
     }
 
-    /// The cameras of FILE, read before the scene is.
+    /// Reads the cameras of FILE.
     pub(crate) fn read(&self, warnings: &mut Warnings) -> anyhow::Result<Option<Vec<FileCamera>>> {
         let Some(file) = self.file() else { return Ok(None) };
         let lens = LensOfPoses { fov: self.fov, size: self.size };
@@ -184,7 +188,7 @@ impl ViewWords {
         Ok(Some(cameras))
     }
 
-    /// The pictures to take of these Gaussians.
+    /// Plans the images of these Gaussians.
     pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, gaussians: &Gaussians) -> anyhow::Result<Plan> {
         let mut notes = Vec::new();
         let Some(cameras) = cameras else { return self.orbit(gaussians) };
@@ -194,15 +198,15 @@ impl ViewWords {
         }
         let size = self.size_of(cameras.first(), &mut notes)?;
         if cameras.iter().any(|key| key.exposure.is_some()) {
-            notes.push("a path between cameras takes none of their exposures: see --exposure".to_owned());
+            notes.push("a path between cameras ignores their exposures: see --exposure".to_owned());
         }
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
         let count = self.spline_frames().map_err(anyhow::Error::msg)?;
         let spacing = match self.spacing {
-            SpacingWord::Way => Spacing::ArcLength,
-            SpacingWord::Time => Spacing::Time,
+            SpacingArg::Way => Spacing::ArcLength,
+            SpacingArg::Time => Spacing::Time,
         };
-        let file = self.file().unwrap_or_default();
+        let file = self.file().context("a path along a spline needs a camera file")?;
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing };
         let spline = if self.closed { CameraSpline::closed(keys)? } else { CameraSpline::open(keys)? };
         let views = spline.resampled(count, spacing)?;
@@ -217,31 +221,32 @@ impl ViewWords {
                 bail!("cameras {:?} and {:?} both have the number {}", other.name, camera.name, camera.number);
             }
             let FileCamera { number, name, camera, exposure, .. } = camera;
+            let exposure = exposure.map(Exposure::from_3dgs);
             shots.push(Shot { number, name, view: View { camera, size }, exposure });
         }
         Ok(shots)
     }
 
-    /// What was asked for, or what the file says; a picture squeezed in one direction is told once.
+    /// The requested size, or that of the file; a change of aspect ratio is reported once.
     fn size_of(&self, camera: Option<&FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<ImageSize> {
         let stated = camera.and_then(|camera| camera.size);
-        let shape = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
-        if let (Some(asked), Some(stated)) = (self.size, stated)
-            && (shape(asked) / shape(stated) - 1.0).abs() > 0.01
+        let aspect = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
+        if let (Some(requested), Some(stated)) = (self.size, stated)
+            && (aspect(requested) / aspect(stated) - 1.0).abs() > 0.01
             && notes.is_empty()
         {
-            notes.push(format!("--size {asked} squeezes what the cameras see at {stated}: its shape is another"));
+            notes.push(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"));
         }
-        self.size.or(stated).context("the cameras come without a picture size: say which with --size")
+        self.size.or(stated).context("the cameras have no image size: set it with --size")
     }
 
     fn orbit(&self, gaussians: &Gaussians) -> anyhow::Result<Plan> {
         let count = self.orbit.unwrap_or(1);
-        let sphere = framing::bulk(gaussians).context("the scene has no visible Gaussian to orbit")?;
+        let sphere = framing::visible_bulk(gaussians).context("the scene has no visible Gaussian to orbit")?;
         let size = self.size.unwrap_or(ORBIT_SIZE);
         let intrinsics = NormalizedIntrinsics::with_horizontal_view(radians(self.fov.unwrap_or(ORBIT_FOV)), size)?;
         let distance = self.distance * intrinsics.distance_that_frames(sphere.radius)?;
-        let table = Turntable {
+        let turntable = Turntable {
             target: sphere.centre,
             up: self.up.vector(),
             distance,
@@ -249,11 +254,11 @@ impl ViewWords {
             azimuth: radians(self.azimuth),
             sweep: radians(self.sweep),
         };
-        let poses = table.poses(count)?;
+        let poses = turntable.poses(count)?;
         let views = poses.iter().map(|pose| Camera::pinhole(pose.inverse(), intrinsics)).collect();
         let path = PathRecord::Orbit {
-            target: table.target.to_array(),
-            up: table.up.to_array(),
+            target: turntable.target.to_array(),
+            up: turntable.up.to_array(),
             distance,
             framed_radius: sphere.radius,
             elevation_degrees: self.elevation,

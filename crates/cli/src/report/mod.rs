@@ -1,4 +1,4 @@
-//! `atsplat report`: results stores into tables, plots and one HTML page.
+//! `atsplat report`: writes tables, plots and an HTML page of results stores.
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -10,31 +10,31 @@ use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::{PageStore, PictureBudget};
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 use serde_json::json;
 
-use crate::output::{complain, print_text};
-use crate::words::once;
+use crate::output::{print_text, warn};
+use crate::parse::once;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Folders of results, as `atsplat run` writes them, finished or not.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Folders of results of `atsplat run`, complete or not.
     #[arg(value_name = "STORE", required = true)]
     stores: Vec<PathBuf>,
 
-    /// Folder to write `tables/`, `plots/` and `index.html` into.
+    /// Folder for `tables/`, `plots/` and `index.html`.
     #[arg(long, value_name = "DIR", default_value = "reports/latest")]
     out: PathBuf,
 
-    /// Which of the paper's tables; by default all that the stores have something for.
+    /// Which of the paper's tables; by default all for which the stores have results.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = table_name)]
     tables: Vec<String>,
 
-    /// What tables are written as.
+    /// Formats of the tables.
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values = ["markdown", "latex", "csv", "json", "terminal"])]
     format: Vec<Format>,
 
-    /// Put results of different protocols into one table, which then says so.
+    /// Put results of different protocols into one table, which is then marked.
     #[arg(long)]
     force: bool,
 
@@ -42,7 +42,7 @@ pub(crate) struct Words {
     #[arg(long, value_name = "TEXT", default_value = "Results beside the paper")]
     title: String,
 
-    /// How many megabytes of pictures the page may hold.
+    /// Maximum size of the images in the page, in megabytes.
     #[arg(long, value_name = "MB", default_value_t = 16)]
     pictures: u16,
 
@@ -79,50 +79,50 @@ fn table_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// Writes the report and prints its tables; `false` where a table that was asked for has nothing measured.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    once("--tables", &words.tables).map_err(anyhow::Error::msg)?;
-    let labels = labels(&words.stores);
-    std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+/// Writes the report and prints its tables; `false` if a requested table has no results.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    once("--tables", &args.tables).map_err(anyhow::Error::msg)?;
+    let labels = labels(&args.stores);
+    std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
-    let results = words.stores.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
+    let results = args.stores.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
     let stores: Vec<PageStore<'_>> = results
         .iter()
         .zip(&labels)
-        .zip(&words.stores)
+        .zip(&args.stores)
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
-    let tables = if words.tables.is_empty() {
+    let tables = if args.tables.is_empty() {
         TableDefinition::names().map(str::to_owned).collect()
     } else {
-        words.tables.clone()
+        args.tables.clone()
     };
     let request = Request {
-        title: words.title.clone(),
+        title: args.title.clone(),
         tables,
-        formats: words.format.iter().map(|format| (*format).into()).collect(),
-        mixing: if words.force { Mixing::Forced } else { Mixing::Apart },
-        budget: PictureBudget { bytes: usize::from(words.pictures) * 1_000_000 },
+        formats: args.format.iter().map(|format| (*format).into()).collect(),
+        mixing: if args.force { Mixing::Forced } else { Mixing::Apart },
+        budget: PictureBudget { bytes: usize::from(args.pictures) * 1_000_000 },
         sections: Vec::new(),
     };
     let report = Report::new(&request, &stores)?;
-    let files = report.write(&words.out)?;
-    if words.json {
+    let files = report.write(&args.out)?;
+    if args.json {
         let tables: Vec<_> = report.tables.iter().map(json_of).collect();
         let written = json!({ "tables": tables, "unmeasured": report.unmeasured, "files": files });
         print_text(&format!("{}\n", serde_json::to_string_pretty(&written)?))?;
     } else {
         print_tables(&report)?;
-        complain(&format!(
+        warn(&format!(
             "{} files in {}, the page is {}",
             files.len(),
-            words.out.display(),
-            words.out.join("index.html").display()
+            args.out.display(),
+            args.out.join("index.html").display()
         ));
     }
-    let missing = if words.tables.is_empty() { &[][..] } else { &report.unmeasured };
+    let missing = if args.tables.is_empty() { &[][..] } else { &report.unmeasured };
     for name in missing {
-        complain(&format!("warning: the stores have nothing for table {name}"));
+        warn(&format!("warning: the stores have no results for table {name}"));
     }
     Ok(missing.is_empty())
 }
@@ -133,7 +133,7 @@ fn print_tables(report: &Report) -> anyhow::Result<()> {
         print_text(&format!("{}\n", terminal.write(table)))?;
     }
     if report.tables.is_empty() {
-        return print_text("No table of the paper has anything measured in these stores.\n");
+        return print_text("These stores have no results for any table of the paper.\n");
     }
     for table in &report.tables {
         print_text(&format!("{}: {}\n", table.title, verdict(table)))?;
@@ -141,17 +141,18 @@ fn print_tables(report: &Report) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// As wide as the terminal, with bold and underlined figures where `NO_COLOR` does not forbid.
+/// As wide as the terminal, with bold and underlined numbers unless `NO_COLOR` is set.
 fn terminal() -> Terminal {
-    const ELSEWHERE: usize = 120;
-    const NARROWEST: u16 = 40;
-    let shown = std::io::stdout().is_terminal();
+    const DEFAULT_WIDTH: usize = 120;
+    const MIN_WIDTH: u16 = 40;
+    let is_terminal = std::io::stdout().is_terminal();
     let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let width = terminal_size::terminal_size().filter(|_| shown).map(|(width, _)| usize::from(width.0.max(NARROWEST)));
-    Terminal { width: width.unwrap_or(ELSEWHERE), styled: shown && !plain }
+    let width =
+        terminal_size::terminal_size().filter(|_| is_terminal).map(|(width, _)| usize::from(width.0.max(MIN_WIDTH)));
+    Terminal { width: width.unwrap_or(DEFAULT_WIDTH), styled: is_terminal && !plain }
 }
 
-/// What stores are called: the folder's name, with a number where two have the same.
+/// Labels of stores: the folder's name, with a number if several have the same.
 fn labels(stores: &[PathBuf]) -> Vec<String> {
     let name = |path: &Path| {
         path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
@@ -169,13 +170,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stores_of_one_name_are_told_apart() {
+    fn stores_of_the_same_name_get_distinct_labels() {
         let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
         assert_eq!(labels(&stores), ["run (1)", "run (2)", "other"]);
     }
 
     #[test]
-    fn tables_are_words() {
+    fn parses_table_names() {
         assert_eq!(table_name("re10k").as_deref(), Ok("re10k"));
         assert!(table_name("re20k").unwrap_err().contains("re10k_overlap"));
     }

@@ -1,32 +1,32 @@
-//! The report's section on expansion: two scenes, looked at block by block.
+//! The report's section on token expansion: two scenes, block by block.
 
 use std::sync::Arc;
 
 use atsplat_eval::method::constants_of;
 use atsplat_eval::runner::Dataset;
+use atsplat_eval::trained::TrainedNetwork;
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
 use atsplat_report::figures::{ExpansionScene, of_expansion};
 use atsplat_report::page::PlotSection;
 use atsplat_splat::RenderOptions;
 
-use super::methods::Trained;
-use crate::expansion::studied;
+use crate::expansion::study_trial;
 
-/// The protocol that the paper's figures of expansion are on.
+/// The protocol of the paper's figures on expansion.
 const PROTOCOL: &str = "re10k-2v-256";
-/// Scenes that are shown.
+/// Number of scenes shown.
 const SCENES: usize = 2;
-/// Scenes that are tried, where pictures of the first are missing.
-const TRIED: usize = 8;
+/// Number of scenes tried if images of the first are missing.
+const CANDIDATES: usize = 8;
 
-/// The first scenes of the protocol or its stand-in, else of a dataset like it, else of any.
-pub(super) fn section(datasets: &[Dataset], trained: &Trained) -> anyhow::Result<PlotSection> {
+/// Shows the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
+pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<PlotSection> {
     let published =
         |dataset: &&Dataset| dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name) == PROTOCOL;
-    let alike = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
-    let found = datasets.iter().find(published).or_else(|| datasets.iter().find(alike)).or_else(|| datasets.first());
-    let Some(dataset) = found else { anyhow::bail!("no dataset") };
+    let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
+    let found = datasets.iter().find(published).or_else(|| datasets.iter().find(similar)).or_else(|| datasets.first());
+    let Some(dataset) = found else { anyhow::bail!("there is no dataset") };
     let network = trained.bare(&trained.config)?;
     let mut first_skipped = None;
     let mut scenes: Vec<ExpansionScene> = Vec::new();
@@ -38,7 +38,7 @@ pub(super) fn section(datasets: &[Dataset], trained: &Trained) -> anyhow::Result
                     background: dataset.preset.renderer.background,
                     ..RenderOptions::default()
                 };
-                scenes.push(studied(&network, (&trial, &truths), options, 0, 1)?);
+                scenes.push(study_trial(&network, (&trial, &truths), options, 0, 1)?);
             }
             Err(skipped) => first_skipped = first_skipped.or(Some(skipped)),
         }
@@ -53,32 +53,32 @@ pub(super) fn section(datasets: &[Dataset], trained: &Trained) -> anyhow::Result
     Ok(PlotSection {
         title: "Expansion".to_owned(),
         hint: format!(
-            "Where tokens expand, what each expansion adds, and whether the predicted uncertainty is where the error is; \
-             of {}, {}.",
+            "Where tokens expand, what each expansion adds, and whether the predicted uncertainty matches the error; \
+             on {}, {}.",
             dataset.name, dataset.told
         ),
         plots: of_expansion(&subject, &scenes)?,
     })
 }
 
-/// The first question of each of the first scenes.
+/// The first trial of each of the first scenes.
 fn trials(dataset: &Dataset) -> Trials {
-    let asked = dataset.index.index.scenes.iter().filter(|(key, _)| dataset.source.keys().contains(key));
-    let first = asked.filter_map(|(key, entries)| Some((key.clone(), vec![entries.first()?.clone()])));
-    let index = EvaluationIndex { scenes: first.take(TRIED).collect() };
-    let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    Trials::new(Arc::clone(&dataset.source), &index, TrialRecipe::of(&dataset.preset, "ATSplat"), nothing_ahead)
+    let present = dataset.index.index.scenes.iter().filter(|(key, _)| dataset.source.keys().contains(key));
+    let first = present.filter_map(|(key, entries)| Some((key.clone(), vec![entries.first()?.clone()])));
+    let index = EvaluationIndex { scenes: first.take(CANDIDATES).collect() };
+    let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+    Trials::new(Arc::clone(&dataset.source), &index, TrialRecipe::of(&dataset.preset, "ATSplat"), no_prefetch)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reproduce::suite::{SuiteWord, simulated_datasets};
+    use atsplat_eval::discovery::simulated_datasets;
 
     #[test]
-    fn the_stand_in_of_the_papers_protocol_is_looked_at() {
-        let datasets = simulated_datasets(SuiteWord::Quick).unwrap();
-        let trained = Trained::carried().unwrap();
+    fn shows_the_stand_in_of_the_papers_protocol() {
+        let datasets = simulated_datasets(|_, _| 8).unwrap();
+        let trained = crate::embedded::trained(None).unwrap();
         let section = section(&datasets, &trained).unwrap();
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);

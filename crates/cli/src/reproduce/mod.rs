@@ -1,15 +1,13 @@
-//! `atsplat reproduce`: everything that can run here, run, and the whole report of it.
+//! `atsplat reproduce`: runs everything that can run here and writes the full report.
 
 mod expansion;
-mod found;
-mod methods;
-mod suite;
 mod summary;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
+use atsplat_eval::discovery::{Found, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary, metric_ids, named_metrics};
 use atsplat_eval::timing::TimingPlan;
@@ -18,73 +16,98 @@ use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
-use clap::Args;
+use clap::ValueEnum;
 
-use crate::machine::here;
+use crate::embedded;
 use crate::output::{print_findings, print_warnings};
+use crate::process::provenance;
 use crate::progress::Progress;
-use found::{Found, NotRun};
-use methods::Trained;
-use suite::SuiteWord;
 
-/// Presets that the paper's ablations are run on, and the simulated ones in their place.
+/// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Folder with datasets and evaluation indices, however deep: RE10K, DL3DV, any posed capture. Without it, simulated
-    /// scenes take their place.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Folder with datasets and evaluation indices, at any depth: RE10K, DL3DV, any posed capture. By default, simulated
+    /// scenes.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
 
-    /// Weights of ATSplat: a file that `atsplat train` or `atsplat weights import` wrote; by default those that the binary
-    /// carries, a small network trained on simulated rooms.
+    /// Weights of ATSplat: a file of `atsplat train` or `atsplat weights import`; by default the embedded weights of a small
+    /// network trained on simulated rooms.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 
     /// quick takes a few scenes of each protocol, full all of them.
     #[arg(long, value_name = "SUITE", default_value = "quick")]
-    suite: SuiteWord,
+    suite: SuiteArg,
 
-    /// Folder for results and report; gone on with where it holds an unfinished run.
+    /// Folder for results and report; an unfinished run in it is resumed.
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
     out: PathBuf,
 
-    /// How many megabytes of pictures the page may hold.
+    /// Maximum size of the images in the page, in megabytes.
     #[arg(long, value_name = "MB", default_value_t = 12)]
     pictures: u16,
 
-    /// Folder with the weights of LPIPS and ST-LPIPS, looked in before torch's cache.
+    /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
     #[arg(long, value_name = "DIR")]
     metric_weights: Option<PathBuf>,
 
-    /// Read every picture again to tell whether it changed since its results were made.
+    /// Read every image again to detect changes since its results were made.
     #[arg(long)]
     verify: bool,
 }
 
-/// What methods made of datasets.
+/// Extent of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SuiteArg {
+    /// A few scenes of every protocol; takes minutes.
+    Quick,
+    /// All scenes.
+    Full,
+}
+
+impl SuiteArg {
+    /// Number of scenes of a simulated preset.
+    const fn simulated_scenes(self, context_views: usize, targets: usize) -> usize {
+        match self {
+            Self::Full => usize::MAX,
+            Self::Quick if context_views > 6 => 1,
+            Self::Quick if targets > 8 => 2,
+            Self::Quick if context_views > 2 => 4,
+            Self::Quick => 8,
+        }
+    }
+
+    /// Number of scenes per protocol on a user's data.
+    const fn limit(self) -> Option<u64> {
+        match self {
+            Self::Quick => Some(4),
+            Self::Full => None,
+        }
+    }
+}
+
+/// Results of methods on datasets.
 struct Evaluated {
     results: Results,
     summary: Summary,
-    /// Why no target was compared, where none was.
+    /// Why no target was evaluated, if none was.
     nothing: Option<String>,
 }
 
-/// Reproduces; `true` where nothing was skipped and nothing failed.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+/// Reproduces; `true` if nothing was skipped and nothing failed.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let mut warnings = Warnings::new();
-    let Found { datasets, mut not_run } = words.found(&mut warnings)?;
-    anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", told(&not_run));
-    let trained = match &words.weights {
-        Some(path) => Trained::read(path)?,
-        None => Trained::carried()?,
-    };
+    let Found { datasets, mut not_run } = args.found(&mut warnings)?;
+    anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
+    let trained = embedded::trained(args.weights.as_deref())?;
     let of_ablations: Vec<usize> =
         datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
     let Evaluated { results, summary, nothing } =
-        words.evaluate("results", &datasets, &trained.methods()?, Some(TimingPlan::default()))?;
+        args.evaluate("results", &datasets, &trained.methods()?, Some(TimingPlan::default()))?;
     if let Some(why) = nothing {
         bail!("nothing was evaluated: {why}");
     }
@@ -100,17 +123,17 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     if !of_ablations.is_empty() {
         let all = datasets.into_iter().enumerate();
         let datasets: Vec<Dataset> = all.filter(|(at, _)| of_ablations.contains(at)).map(|(_, one)| one).collect();
-        // Their tables hold no times.
-        let Evaluated { results, summary, .. } = words.evaluate("ablations", &datasets, &trained.variants()?, None)?;
+        // Ablation tables have no times.
+        let Evaluated { results, summary, .. } = args.evaluate("ablations", &datasets, &trained.variants()?, None)?;
         complete &= summary.is_complete();
         stores.push(("ablations", results));
     }
-    let report = summary::write(&words.out, &stores, sections, words.pictures)?;
+    let report = summary::write(&args.out, &stores, sections, args.pictures)?;
     print_warnings(&warnings);
     for (_, results) in &stores {
         print_findings(results, &warnings);
     }
-    summary::print(&report, &stores, &not_run, &trained, &words.out)?;
+    summary::print(&report, &stores, &not_run, &trained, &args.out)?;
     Ok(complete && not_run.is_empty())
 }
 
@@ -119,15 +142,18 @@ fn is_for_ablations(dataset: &Dataset) -> bool {
     ABLATIONS.contains(&stands_for)
 }
 
-fn told(not_run: &[NotRun]) -> String {
+fn reasons(not_run: &[NotRun]) -> String {
     not_run.iter().map(|NotRun { what, why }| format!("{what}: {why}")).collect::<Vec<_>>().join("; ")
 }
 
-impl Words {
+impl Args {
     fn found(&self, warnings: &mut Warnings) -> anyhow::Result<Found> {
         match &self.data {
-            Some(folder) => found::look(folder, warnings),
-            None => Ok(Found { datasets: suite::simulated_datasets(self.suite)?, not_run: Vec::new() }),
+            Some(folder) => Ok(find_datasets(folder, warnings)?),
+            None => {
+                let limit = |context_views, targets| self.suite.simulated_scenes(context_views, targets);
+                Ok(Found { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
+            }
         }
     }
 
@@ -149,7 +175,7 @@ impl Words {
             pictures: KeepPictures::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
-        let mut store = Store::resume(&self.store(name), plan.provenance(here())?)?;
+        let mut store = Store::resume(&self.store(name), plan.provenance(provenance())?)?;
         if self.verify {
             store = store.reread_pictures()?;
         }

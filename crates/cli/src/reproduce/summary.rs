@@ -1,9 +1,11 @@
-//! The report of a run, and what the terminal says of it in the end.
+//! The report of a run, and its printed summary.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use atsplat_eval::Results;
+use atsplat_eval::discovery::NotRun;
+use atsplat_eval::trained::TrainedNetwork;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
@@ -11,11 +13,9 @@ use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 use indexmap::IndexSet;
 
-use super::found::NotRun;
-use super::methods::Trained;
 use crate::output::print_text;
 
-/// Writes tables, plots and the page of all stores, which holds so many megabytes of pictures.
+/// Writes tables, plots and a page of all stores, with at most `pictures` megabytes of images.
 pub(super) fn write(
     folder: &Path,
     stores: &[(&str, Results)],
@@ -47,18 +47,18 @@ pub(super) fn write(
     Ok(report)
 }
 
-/// Every table with its verdict, and what could not be run.
+/// Prints every table's verdict, and what could not be run.
 pub(super) fn print(
     report: &Report,
     stores: &[(&str, Results)],
     not_run: &[NotRun],
-    trained: &Trained,
+    trained: &TrainedNetwork,
     folder: &Path,
 ) -> anyhow::Result<()> {
     let (trials, targets) = stores.iter().fold((0, 0), |(trials, targets), (_, results)| {
         (trials + results.trials.len(), targets + results.targets.len())
     });
-    let mut text = format!("{trials} trials, {targets} targets; ATSplat: {}\n\n", trained.told);
+    let mut text = format!("{trials} trials, {targets} targets; ATSplat: {}\n\n", trained.description);
     for table in &report.tables {
         let verdict = verdict(table);
         writeln!(text, "{}", table.title)?;
@@ -68,7 +68,7 @@ pub(super) fn print(
         writeln!(text, "    {verdict}")?;
     }
     if !report.unmeasured.is_empty() {
-        writeln!(text, "\nnothing measured for: {}", report.unmeasured.join(", "))?;
+        writeln!(text, "\nno results for: {}", report.unmeasured.join(", "))?;
     }
     let metrics = stores.iter().flat_map(|(_, results)| &results.provenance.metrics);
     let absent: IndexSet<String> =

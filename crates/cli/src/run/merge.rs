@@ -3,16 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use atsplat_eval::Results;
 use atsplat_eval::store::Merged;
-use clap::Args;
+use atsplat_eval::{Results, RunReport};
 
 use super::read;
-use super::report::Report;
-use crate::output::{complain, print_report};
+use crate::output::{print_report, warn};
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// Stores that `atsplat run --shard` filled.
     #[arg(value_name = "STORE", required = true)]
     stores: Vec<PathBuf>,
@@ -21,7 +19,7 @@ pub(crate) struct Words {
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
-    /// Merge even where shards are missing; the result says that it is a part.
+    /// Merge even if shards are missing; the result is marked as partial.
     #[arg(long)]
     partial: bool,
 
@@ -30,30 +28,28 @@ pub(crate) struct Words {
     json: bool,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    each_once(&words.stores)?;
-    let Merged { results, missing_shards, repeated } = Results::merge(read(&words.stores)?)?;
-    if !missing_shards.is_empty() && !words.partial {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    reject_duplicates(&args.stores)?;
+    let Merged { results, missing_shards, repeated } = Results::merge(read(&args.stores)?)?;
+    if !missing_shards.is_empty() && !args.partial {
         let missing: Vec<String> = missing_shards.iter().map(ToString::to_string).collect();
-        bail!("shards {} are missing: --partial merges what is there", missing.join(", "));
+        bail!("shards {} are missing: --partial merges the others", missing.join(", "));
     }
-    results.write(&words.out)?;
-    print_report(&Report::of(&results, None, &words.out), words.json)?;
+    results.write(&args.out)?;
+    print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {
-        complain(&format!(
-            "warning: {repeated} results stood in several stores, the same in each, and were taken once"
-        ));
+        warn(&format!("warning: {repeated} results stood in several stores with equal values, and were taken once"));
     }
     Ok(missing_shards.is_empty())
 }
 
-/// Refuses a store that is named twice, by whichever paths.
-fn each_once(stores: &[PathBuf]) -> anyhow::Result<()> {
+/// Rejects stores that are given twice, even by different paths.
+fn reject_duplicates(stores: &[PathBuf]) -> anyhow::Result<()> {
     let mut seen: Vec<(PathBuf, &PathBuf)> = Vec::new();
     for store in stores {
-        // One that is not there is told when it is read.
+        // A missing store is reported when it is read.
         let place = store.canonicalize().unwrap_or_else(|_| store.clone());
-        if let Some((_, first)) = seen.iter().find(|(known, _)| *known == place) {
+        if let Some((_, first)) = seen.iter().find(|(other, _)| *other == place) {
             bail!("{} is the same store as {}: name each store once", store.display(), first.display());
         }
         seen.push((place, store));

@@ -1,4 +1,4 @@
-//! Which methods, in words.
+//! Arguments that select methods.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -10,15 +10,15 @@ use atsplat_eval::method::{
 };
 use atsplat_model::network::Device;
 use atsplat_splat::effects::EffectSelection;
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 
-use crate::reconstruct::network::NetworkWords;
-use crate::render::backend::{BackendWord, backend};
-use crate::render::words;
+use crate::parse;
+use crate::reconstruct::network::NetworkArgs;
+use crate::render::backend::{BackendArg, backend};
 
-/// A method as the command line names it.
+/// A method on the command line: `KIND` or `NAME=KIND`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct MethodWord {
+pub(super) struct MethodArg {
     name: Option<String>,
     kind: Kind,
 }
@@ -32,7 +32,7 @@ pub(super) enum Kind {
     Ply(PathBuf),
 }
 
-impl FromStr for MethodWord {
+impl FromStr for MethodArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -50,11 +50,13 @@ impl FromStr for MethodWord {
             _ => None,
         };
         let kind = kind.ok_or_else(|| {
-            format!("expected atsplat, nearest-view, warp, renders:DIR or ply:DIR, with NAME= before it or not, found {text:?}")
+            format!(
+                "expected atsplat, nearest-view, warp, renders:DIR or ply:DIR, optionally after NAME=, found {text:?}"
+            )
         })?;
-        let is_floor = matches!(kind, Kind::NearestView | Kind::Warp);
-        if is_floor && name.is_some() {
-            return Err(format!("{method} has no variants to tell apart by a name, found {text:?}"));
+        let is_baseline = matches!(kind, Kind::NearestView | Kind::Warp);
+        if is_baseline && name.is_some() {
+            return Err(format!("{method} has no variants and takes no name, found {text:?}"));
         }
         Ok(Self { name, kind })
     }
@@ -71,64 +73,64 @@ pub(super) fn named(text: &str) -> Result<String, String> {
     ))
 }
 
-#[derive(Debug, Args)]
-pub(super) struct MethodWords {
+#[derive(Debug, clap::Args)]
+pub(super) struct MethodArgs {
     #[command(flatten)]
-    network: NetworkWords,
+    network: NetworkArgs,
 
     #[command(flatten)]
-    gaussians: GaussianWords,
+    gaussians: GaussianArgs,
 }
 
-/// How Gaussians are read and rendered.
-#[derive(Debug, Args)]
-pub(super) struct GaussianWords {
-    /// Numbers and rules of a rasterizer in place of the protocol's: exact, gsplat-1.5, gsplat-1.6, inria,
+/// Arguments for reading and rendering Gaussians.
+#[derive(Debug, clap::Args)]
+pub(super) struct GaussianArgs {
+    /// Constants and rules of a rasterizer instead of the protocol's: exact, gsplat-1.5, gsplat-1.6, inria,
     /// pixelsplat-family, or a .toml.
-    #[arg(long, value_name = "PRESET", value_parser = words::constants_name)]
+    #[arg(long, value_name = "PRESET", value_parser = parse::constants_name)]
     constants: Option<String>,
 
-    /// black, white, or R,G,B from 0 to 1, in place of the protocol's.
-    #[arg(long, value_name = "COLOUR", value_parser = words::background)]
+    /// black, white, or R,G,B from 0 to 1, instead of the protocol's.
+    #[arg(long, value_name = "COLOUR", value_parser = parse::background)]
     background: Option<[f64; 3]>,
 
-    /// Effects that run where they are asked for: auto (only those that can change a picture by more than a quarter of an
+    /// Which of the requested effects run: auto (only those that can change an image by more than a quarter of an
     /// 8-bit step), all, none, or a list of names.
     #[arg(long, value_name = "LIST", default_value = "all")]
     effects: EffectSelection,
 
-    /// Who renders.
+    /// Renderer.
     #[arg(long, value_name = "WHO", default_value = "cpu")]
-    backend: BackendWord,
+    backend: BackendArg,
 
-    /// Whose axes and unit of length imported Gaussians have: the dataset's, or the trial's, whose poses are normalised.
+    /// Coordinate frame of imported Gaussians: the dataset's, or that of the trial's normalised poses.
     #[arg(long, value_name = "FRAME", default_value = "dataset")]
-    ply_frame: FrameWord,
+    ply_frame: FrameArg,
 
-    /// Take the opacities of imported PLY files for what they are and not for logits, as pixelSplat's and NoPoSplat's
-    /// exporters write them.
+    /// Read stored opacities of imported PLY files as opacities, not logits, as written by the exporters of pixelSplat and
+    /// NoPoSplat.
     #[arg(long)]
     opacities_as_stored: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum FrameWord {
+enum FrameArg {
     Dataset,
     Trial,
 }
 
-impl MethodWords {
-    /// Words that do not fit together, told before anything is read.
+impl MethodArgs {
+    /// Rejects contradicting arguments before anything is read.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
         self.network.check_for_evaluation()
     }
 
-    /// The methods, ready to run.
-    pub(super) fn methods(&self, words: &[MethodWord]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        words.iter().map(|word| self.method(word)).collect()
+    /// Loads the methods.
+    pub(super) fn methods(&self, args: &[MethodArg]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
+        args.iter().map(|arg| self.method(arg)).collect()
     }
 
-    fn method(&self, MethodWord { name, kind }: &MethodWord) -> anyhow::Result<Arc<dyn Method>> {
+    fn method(&self, MethodArg { name, kind }: &MethodArg) -> anyhow::Result<Arc<dyn Method>> {
         match kind {
             Kind::AtSplat => {
                 let source = self.network.source().context("--method atsplat")?;
@@ -143,18 +145,18 @@ impl MethodWords {
     }
 }
 
-impl GaussianWords {
+impl GaussianArgs {
     /// A method without a network.
     pub(super) fn imported(&self, name: Option<&str>, kind: &Kind) -> anyhow::Result<Arc<dyn Method>> {
         Ok(match kind {
-            Kind::AtSplat => anyhow::bail!("a network is no imported method"),
+            Kind::AtSplat => anyhow::bail!("atsplat is not an imported method"),
             Kind::NearestView => Arc::new(NearestView),
             Kind::Warp => Arc::new(Warp),
             Kind::Renders(folder) => Arc::new(Renders::new(folder, name)?),
             Kind::Ply(folder) => {
                 let frame = match self.ply_frame {
-                    FrameWord::Dataset => GaussianFrame::Dataset,
-                    FrameWord::Trial => GaussianFrame::Trial,
+                    FrameArg::Dataset => GaussianFrame::Dataset,
+                    FrameArg::Trial => GaussianFrame::Trial,
                 };
                 Arc::new(Ply::new(folder, name, frame, self.opacities_as_stored, self.splatting()?)?)
             }
@@ -163,15 +165,15 @@ impl GaussianWords {
 
     fn splatting(&self) -> anyhow::Result<Splatting> {
         let constants = match &self.constants {
-            Some(name) => ConstantsChoice::These(words::constants(name)?),
+            Some(name) => ConstantsChoice::These(parse::constants(name)?),
             None => ConstantsChoice::OfPreset,
         };
         let (backend, passed_over) = match self.backend {
-            BackendWord::Cpu => (Backend::default(), None),
+            BackendArg::Cpu => (Backend::default(), None),
             other => {
                 let chosen = backend(other, None)?;
                 if let Some(note) = &chosen.note {
-                    crate::output::complain(&format!("warning: {note}"));
+                    crate::output::warn(&format!("warning: {note}"));
                 }
                 (Backend::One(Mutex::new(chosen.renderer)), chosen.note)
             }
@@ -185,14 +187,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn methods_have_kinds_and_may_have_names() {
-        let word = |name: Option<&str>, kind| Ok(MethodWord { name: name.map(str::to_owned), kind });
-        assert_eq!("atsplat".parse(), word(None, Kind::AtSplat));
-        assert_eq!("small=atsplat".parse(), word(Some("small"), Kind::AtSplat));
-        assert_eq!("renders:a/b".parse(), word(None, Kind::Renders("a/b".into())));
-        assert_eq!("MVSplat=ply:out:1".parse(), word(Some("MVSplat"), Kind::Ply("out:1".into())));
+    fn parses_methods_with_optional_names() {
+        let method = |name: Option<&str>, kind| Ok(MethodArg { name: name.map(str::to_owned), kind });
+        assert_eq!("atsplat".parse(), method(None, Kind::AtSplat));
+        assert_eq!("small=atsplat".parse(), method(Some("small"), Kind::AtSplat));
+        assert_eq!("renders:a/b".parse(), method(None, Kind::Renders("a/b".into())));
+        assert_eq!("MVSplat=ply:out:1".parse(), method(Some("MVSplat"), Kind::Ply("out:1".into())));
         for broken in ["", "splat", "renders", "renders:", "=warp", "x=warp", "truth=renders:a", "a/b=renders:c"] {
-            assert!(broken.parse::<MethodWord>().is_err(), "{broken:?}");
+            assert!(broken.parse::<MethodArg>().is_err(), "{broken:?}");
         }
     }
 }

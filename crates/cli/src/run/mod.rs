@@ -3,65 +3,62 @@
 pub(crate) mod merge;
 mod methods;
 pub(crate) mod protocols;
-mod report;
 pub(crate) mod score;
 pub(crate) mod settings;
 
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::Results;
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Plan};
+use atsplat_eval::{Results, RunReport};
 use atsplat_scene::Warnings;
-use clap::Args;
 
-use crate::machine::here;
-use crate::output::{complain, print_findings, print_report, print_warnings};
+use crate::output::{print_findings, print_report, print_warnings, warn};
+use crate::process::provenance;
 use crate::progress::Progress;
-use methods::{MethodWord, MethodWords};
-use protocols::ProtocolWords;
-use report::Report;
-use settings::{SettingWords, TimingArgs};
+use methods::{MethodArg, MethodArgs};
+use protocols::ProtocolArgs;
+use settings::{SettingArgs, TimingArgs};
 
 // The protocols come first.
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(
     override_usage = "atsplat run <PRESET|FILE>… --data <PATH> --method <METHOD>… --out <STORE> [OPTIONS]",
-    after_help = "A store that was left unfinished, by a crash or on purpose, is gone on with: what is in it is not computed \
-                  again. Trials that fail are rows with a reason, and never stop the others."
+    after_help = "An unfinished store is resumed: what it holds is not computed again. Failed trials become rows with a \
+                  reason and never stop the others."
 )]
-pub(crate) struct Words {
+pub(crate) struct Args {
     #[command(flatten)]
-    protocols: ProtocolWords,
+    protocols: ProtocolArgs,
 
-    /// What answers: atsplat, nearest-view, warp, renders:DIR (pictures by any other method), ply:DIR (its Gaussians), each
-    /// as NAME=METHOD too to call it so in the results.
+    /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its Gaussians);
+    /// NAME=METHOD sets the name in the results.
     #[arg(long = "method", value_name = "METHOD", required = true, value_delimiter = ',')]
-    methods: Vec<MethodWord>,
+    methods: Vec<MethodArg>,
 
     #[command(flatten, next_help_heading = "Methods")]
-    sources: MethodWords,
+    sources: MethodArgs,
 
     #[command(flatten, next_help_heading = "Run")]
-    settings: SettingWords,
+    settings: SettingArgs,
 
     #[command(flatten, next_help_heading = "Run")]
     timing: TimingArgs,
 }
 
-/// Runs methods; `true` where nothing was skipped and nothing failed.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    words.sources.check()?;
-    let methods = words.sources.methods(&words.methods)?;
-    evaluate(&words.protocols, &methods, &words.settings, words.timing)
+/// Runs methods; `true` if nothing was skipped and nothing failed.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.sources.check()?;
+    let methods = args.sources.methods(&args.methods)?;
+    evaluate(&args.protocols, &methods, &args.settings, args.timing)
 }
 
-/// Runs methods that are ready.
+/// Evaluates loaded methods.
 fn evaluate(
-    protocols: &ProtocolWords,
+    protocols: &ProtocolArgs,
     methods: &[std::sync::Arc<dyn Method>],
-    settings: &SettingWords,
+    settings: &SettingArgs,
     timing: TimingArgs,
 ) -> anyhow::Result<bool> {
     let timing = timing.plan()?;
@@ -75,18 +72,18 @@ fn evaluate(
         selection: settings.selection(),
         timing,
         pictures: settings.pictures(),
-        prefetch: SettingWords::prefetch(),
+        prefetch: SettingArgs::prefetch(),
     };
-    // A folder without a single scene is a mistyped one: nothing is begun.
+    // A folder without any scene of the index is a typing error: `surveys` fails before the run starts.
     for survey in plan.surveys()? {
-        complain(&survey.to_string());
+        warn(&survey.to_string());
     }
-    let store = settings.store(plan.provenance(here())?)?;
+    let store = settings.store(plan.provenance(provenance())?)?;
     let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);
     let takes_any_size = protocols.takes_any_size();
-    print_report(&Report::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
+    print_report(&RunReport::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
     print_warnings(&warnings);
     print_findings(&results, &warnings);
     if let Some(why) = plan.nothing_evaluated(&results) {
@@ -95,7 +92,7 @@ fn evaluate(
     Ok(summary.is_complete())
 }
 
-/// Reads stores that a command was given.
+/// Reads results stores.
 fn read(stores: &[PathBuf]) -> anyhow::Result<Vec<Results>> {
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     stores.iter().map(read).collect()

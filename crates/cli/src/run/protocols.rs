@@ -1,4 +1,4 @@
-//! Which protocols, on which data, with which index.
+//! Arguments that select protocols, data and index.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -8,42 +8,41 @@ use atsplat_eval::runner::{Dataset, PlannedIndex};
 use atsplat_eval::sources::AlreadyCropped;
 use atsplat_protocol::Preset;
 use atsplat_scene::{SceneSource, Warnings};
-use clap::Args;
 
-use crate::dataset_words::PictureWords;
-use crate::protocol::parse;
+use crate::dataset_args::PictureArgs;
+use crate::parse;
 
-#[derive(Debug, Args)]
-pub(crate) struct ProtocolWords {
+#[derive(Debug, clap::Args)]
+pub(crate) struct ProtocolArgs {
     /// Protocols: names of `atsplat protocol list`, or paths that end in .toml.
     #[arg(value_name = "PRESET|FILE", required = true, value_parser = parse::preset)]
     presets: Vec<String>,
 
-    /// Dataset, in any format that is read.
+    /// Dataset, in any supported format.
     #[arg(long, value_name = "PATH")]
     data: PathBuf,
 
     #[command(flatten)]
-    pictures: PictureWords,
+    pictures: PictureArgs,
 
-    /// Evaluation index (JSON); or a folder, in which each protocol's published index is found by its hash. By default the
+    /// Evaluation index (JSON), or a folder in which each protocol's published index is found by its hash. By default the
     /// file PRESET.json or `evaluation_index.json` in the dataset's folder.
     #[arg(long, value_name = "INDEX|DIR", conflicts_with = "sampler")]
     index: Option<PathBuf>,
 
-    /// For data that no index was published for: choose frames by a rule of `eval/samplers/`, or a path that ends in .toml.
-    /// Numbers on a sampled index compare with no published ones.
+    /// For data without a published index: choose frames by a rule of `eval/samplers/`, or a path that ends in .toml.
+    /// Results on a sampled index are not comparable with published ones.
     #[arg(long, value_name = "RULE", value_parser = parse::sampler)]
     sampler: Option<String>,
 
-    /// Take pictures of any size, where a protocol asks for one: the preprocessing then starts from another picture, and
-    /// the results' protocol hash is another one. Pictures of the size that the protocol crops to are taken to be cropped
-    /// beforehand, and their cameras are cropped with them.
+    /// Accept images of any size, even if a protocol requires one: preprocessing then starts from different images, and the
+    /// protocol hash of the results changes. Images of the size that the protocol crops to are taken as already cropped, and
+    /// their cameras are cropped accordingly.
     #[arg(long)]
     any_size: bool,
 }
 
-impl ProtocolWords {
+impl ProtocolArgs {
     /// Opens the data and finds each protocol's index.
     pub(crate) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Dataset>> {
         let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open(&self.data, warnings)?);
@@ -51,22 +50,22 @@ impl ProtocolWords {
         for name in &self.presets {
             let mut preset = Preset::resolve(name)?;
             let mut source = Arc::clone(&source);
-            let mut told = self.data.display().to_string();
+            let mut description = self.data.display().to_string();
             if self.any_size {
                 if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
                     (source, preset) = (Arc::new(cropped), adapted);
-                    told.push_str(", pictures cropped beforehand");
+                    description.push_str(", pictures cropped beforehand");
                 } else {
                     preset.preprocessing.expected_size = None;
                 }
             }
             let index = self.index(&preset, source.as_ref(), warnings).with_context(|| format!("protocol {name}"))?;
-            datasets.push(Dataset { name: preset.name.clone(), preset, source, told, index });
+            datasets.push(Dataset { name: preset.name.clone(), preset, source, told: description, index });
         }
         Ok(datasets)
     }
 
-    /// Whether pictures of any size are taken already.
+    /// Whether images of any size are accepted.
     pub(super) const fn takes_any_size(&self) -> bool {
         self.any_size
     }
@@ -80,11 +79,11 @@ impl ProtocolWords {
         if let Some(sampler) = &self.sampler {
             return Ok(PlannedIndex::sampled(sampler, source, warnings)?);
         }
-        let beside = || PlannedIndex::beside(&self.data, preset);
-        let Some(path) = self.index.clone().or_else(beside) else {
+        let default = || PlannedIndex::beside(&self.data, preset);
+        let Some(path) = self.index.clone().or_else(default) else {
             let accepted: Vec<&str> = preset.index.accepted.iter().map(|accepted| accepted.name.as_str()).collect();
             bail!(
-                "no evaluation index beside {}: say --index with the file of {}, or --sampler for data without one",
+                "no evaluation index in {}: give --index with the file of {}, or --sampler for data without an index",
                 self.data.display(),
                 accepted.join(" or ")
             )

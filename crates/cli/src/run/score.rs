@@ -1,27 +1,25 @@
-//! `atsplat score`: what any other method wrote, under a protocol.
+//! `atsplat score`: evaluates output files of any other method under a protocol.
 
 use std::path::PathBuf;
 
-use clap::Args;
-
 use super::evaluate;
-use super::methods::{GaussianWords, Kind, named};
-use super::protocols::ProtocolWords;
-use super::settings::{SettingWords, TimingArgs};
+use super::methods::{GaussianArgs, Kind, named};
+use super::protocols::ProtocolArgs;
+use super::settings::{SettingArgs, TimingArgs};
 
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(
     override_usage = "atsplat score <PRESET|FILE>… --data <PATH> <--renders <DIR>|--ply <DIR>> --out <STORE> [OPTIONS]",
-    after_help = "Pictures are found as SCENE/color/000029.png (pixelSplat and its descendants), SCENE/000029.png or \
+    after_help = "Images are found as SCENE/color/000029.png (pixelSplat and its descendants), SCENE/000029.png or \
                   SCENE/29.png, .exr before .png; Gaussians as SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, .spz \
-                  and .splat too. A frame's number is its position in the scene, as in the evaluation index. What is \
-                  missing, damaged, transparent or of another size is a failed target and counted."
+                  and .splat too. A frame's number is its position in the scene, as in the evaluation index. Files that are \
+                  missing, damaged, transparent or of another size are counted as failed targets."
 )]
-pub(crate) struct Words {
+pub(crate) struct Args {
     #[command(flatten)]
-    protocols: ProtocolWords,
+    protocols: ProtocolArgs,
 
-    /// Folder of pictures that the method rendered.
+    /// Folder of images that the method rendered.
     #[arg(long, value_name = "DIR", required_unless_present = "ply", conflicts_with = "ply")]
     renders: Option<PathBuf>,
 
@@ -29,22 +27,22 @@ pub(crate) struct Words {
     #[arg(long, value_name = "DIR")]
     ply: Option<PathBuf>,
 
-    /// What the results call it; by default the folder's name.
+    /// Name in the results; by default the folder's name.
     #[arg(long, value_name = "NAME", value_parser = named)]
     name: Option<String>,
 
     #[command(flatten, next_help_heading = "Gaussians")]
-    gaussians: GaussianWords,
+    gaussians: GaussianArgs,
 
     #[command(flatten, next_help_heading = "Run")]
-    settings: SettingWords,
+    settings: SettingArgs,
 
     #[command(flatten, next_help_heading = "Run")]
     timing: TimingArgs,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let kinds = words.renders.iter().cloned().map(Kind::Renders).chain(words.ply.iter().cloned().map(Kind::Ply));
-    let methods = kinds.map(|kind| words.gaussians.imported(words.name.as_deref(), &kind));
-    evaluate(&words.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &words.settings, words.timing)
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let kinds = args.renders.iter().cloned().map(Kind::Renders).chain(args.ply.iter().cloned().map(Kind::Ply));
+    let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind));
+    evaluate(&args.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &args.settings, args.timing)
 }

@@ -1,4 +1,4 @@
-//! How a run is done.
+//! Settings of a run.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -9,39 +9,39 @@ use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 
-/// Bytes of features of true pictures that learned metrics keep.
-const FEATURES: usize = 512 << 20;
+/// Cache of ground-truth features for learned metrics, in bytes.
+const FEATURE_CACHE_BYTES: usize = 512 << 20;
 
-#[derive(Debug, Args)]
-pub(crate) struct SettingWords {
-    /// Folder of the results; gone on with where it holds some.
+#[derive(Debug, clap::Args)]
+pub(crate) struct SettingArgs {
+    /// Folder of the results; an unfinished run in it is resumed.
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
-    /// Only the K-th of N parts of the scenes, as 2/8; `atsplat merge` puts the parts together.
+    /// Only the K-th of N parts of the scenes, as 2/8; `atsplat merge` merges the parts.
     #[arg(long, value_name = "K/N")]
-    shard: Option<ShardWord>,
+    shard: Option<ShardArg>,
 
     /// Only N scenes of each dataset, spread evenly over the index.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
 
-    /// Metrics beside the protocols' own, by id, or all.
+    /// Metrics in addition to the protocols' own, by id, or all.
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     metrics: Vec<String>,
 
-    /// Folder with the weights of LPIPS and ST-LPIPS, looked in before torch's cache.
+    /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
     #[arg(long, value_name = "DIR")]
     metric_weights: Option<PathBuf>,
 
-    /// Pictures beside the results: none, those of each method's ten trials of lowest PSNR, or all.
+    /// Images kept with the results: none, those of each method's ten trials of lowest PSNR, or all.
     #[arg(long, value_name = "WHICH", default_value = "none")]
-    keep_pictures: KeepWord,
+    keep_pictures: KeepArg,
 
-    /// Read every picture again to tell whether it changed since its results were made; otherwise those of the same size and
-    /// time of modification are taken for the same.
+    /// Read every image again to detect changes since its results were made; otherwise images with the same size and
+    /// modification time count as unchanged.
     #[arg(long)]
     verify: bool,
 
@@ -50,22 +50,22 @@ pub(crate) struct SettingWords {
     pub(crate) json: bool,
 }
 
-/// How often a timing pass repeats its work.
-#[derive(Clone, Copy, Debug, Args)]
+/// Repetitions of a timing pass.
+#[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct RepetitionArgs {
-    /// How often encoding and rendering of each timed trial are repeated, at the least; 5 by default.
+    /// Minimum number of repetitions of encoding and rendering per timed trial; 5 by default.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=10_000))]
     repetitions: Option<u32>,
 
-    /// Repetitions before those that count; 1 by default.
+    /// Warm-up repetitions, which are not counted; 1 by default.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     warm_up: Option<u32>,
 }
 
 /// Whether a run is timed.
-#[derive(Clone, Copy, Debug, Args)]
+#[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct TimingArgs {
-    /// Make a timing pass after the evaluation: three trials of each protocol under each method, one at a time and with nothing
+    /// Run a timing pass after the evaluation: three trials of each protocol under each method, one at a time with nothing
     /// else running, after a warm-up. Without it, the results hold no times.
     #[arg(long)]
     timing: bool,
@@ -90,23 +90,23 @@ impl TimingArgs {
         let RepetitionArgs { repetitions, warm_up } = self.repetitions;
         anyhow::ensure!(
             self.timing || (repetitions, warm_up) == (None, None),
-            "--repetitions and --warm-up are of the timing pass: say --timing too"
+            "--repetitions and --warm-up belong to the timing pass: add --timing"
         );
         Ok(self.timing.then(|| self.repetitions.plan()))
     }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum KeepWord {
+enum KeepArg {
     None,
     Worst,
     All,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct ShardWord(Shard);
+struct ShardArg(Shard);
 
-impl FromStr for ShardWord {
+impl FromStr for ShardArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -117,26 +117,26 @@ impl FromStr for ShardWord {
     }
 }
 
-impl SettingWords {
+impl SettingArgs {
     pub(crate) fn out(&self) -> &Path {
         &self.out
     }
 
-    /// The store, gone on with or new.
+    /// Opens the store: resumed or new.
     pub(crate) fn store(&self, provenance: Provenance) -> Result<Store, EvalError> {
         let store = Store::resume(&self.out, provenance)?;
         if self.verify { store.reread_pictures() } else { Ok(store) }
     }
 
     pub(crate) fn selection(&self) -> Selection {
-        Selection { limit: self.limit, shard: self.shard.map(|word| word.0) }
+        Selection { limit: self.limit, shard: self.shard.map(|arg| arg.0) }
     }
 
     pub(crate) const fn pictures(&self) -> KeepPictures {
         match self.keep_pictures {
-            KeepWord::None => KeepPictures::Nothing,
-            KeepWord::Worst => KeepPictures::Worst,
-            KeepWord::All => KeepPictures::All,
+            KeepArg::None => KeepPictures::Nothing,
+            KeepArg::Worst => KeepPictures::Worst,
+            KeepArg::All => KeepPictures::All,
         }
     }
 
@@ -144,13 +144,13 @@ impl SettingWords {
         Prefetch { trials: 2 * rayon::current_num_threads(), ..Prefetch::default() }
     }
 
-    /// The metrics of the protocols, and those that were asked for.
+    /// The metrics of the protocols and the requested ones.
     pub(crate) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
         let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
         let definitions = named_metrics(own.chain(self.metrics.iter().map(String::as_str)))?;
         let given = WeightsFolders::new(self.metric_weights.iter().cloned().collect());
         let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
-        Ok(Suite::new(definitions, networks, FEATURES))
+        Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
     }
 }
 
@@ -159,20 +159,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_timing_pass_is_asked_for_or_not_made() {
-        let args =
+    fn repetitions_need_a_timing_pass() {
+        let timing_args =
             |timing, repetitions| TimingArgs { timing, repetitions: RepetitionArgs { repetitions, warm_up: None } };
-        assert_eq!(args(false, None).plan().unwrap(), None);
-        assert_eq!(args(true, None).plan().unwrap(), Some(TimingPlan::default()));
-        assert_eq!(args(true, Some(9)).plan().unwrap().map(|plan| plan.repetitions), Some(9));
-        assert!(args(false, Some(9)).plan().unwrap_err().to_string().contains("--timing"));
+        assert_eq!(timing_args(false, None).plan().unwrap(), None);
+        assert_eq!(timing_args(true, None).plan().unwrap(), Some(TimingPlan::default()));
+        assert_eq!(timing_args(true, Some(9)).plan().unwrap().map(|plan| plan.repetitions), Some(9));
+        assert!(timing_args(false, Some(9)).plan().unwrap_err().to_string().contains("--timing"));
     }
 
     #[test]
-    fn shards() {
-        assert_eq!("2/8".parse(), Ok(ShardWord(Shard { number: 2, of: 8 })));
+    fn parses_shards() {
+        assert_eq!("2/8".parse(), Ok(ShardArg(Shard { number: 2, of: 8 })));
         for broken in ["0/3", "4/3", "1", "1/0", "a/b", "-1/2", "1/2/3", ""] {
-            assert!(broken.parse::<ShardWord>().is_err(), "{broken:?}");
+            assert!(broken.parse::<ShardArg>().is_err(), "{broken:?}");
         }
     }
 }

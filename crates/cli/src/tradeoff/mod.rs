@@ -1,27 +1,25 @@
-//! Accuracy against time: what each way to run a method scores and takes, and which ways are worth choosing.
+//! `atsplat tradeoff`: quality against time and Gaussians of each setting of a method, and which settings are worth it.
 
-mod report;
 mod sweep;
 
 use std::path::PathBuf;
 
 use atsplat_eval::Results;
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{across, tradeoffs};
+use atsplat_eval::tradeoff::{TradeoffReport, across, tradeoffs};
 use atsplat_metrics::definition;
-use clap::{Args, Subcommand};
+use clap::Subcommand;
 
-use crate::exit::{Exit, Skipping};
+use crate::exit::{Exit, WithStrict};
 use crate::output::print_report;
-use report::Report;
 
-#[derive(Debug, Args)]
+#[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub(crate) struct Words {
+pub(crate) struct Args {
     #[command(subcommand)]
     command: Option<Command>,
 
-    /// Folder of results: each method in it is a point.
+    /// Folder of results, in which each method is a point.
     #[arg(required = true)]
     store: Option<PathBuf>,
 
@@ -29,11 +27,11 @@ pub(crate) struct Words {
     #[arg(long, value_name = "ID", default_value = "psnr", value_parser = metric)]
     metric: Vec<String>,
 
-    /// Leave targets out that methods were given as context.
+    /// Exclude targets that methods were given as context.
     #[arg(long)]
     without_leaked: bool,
 
-    /// Put all protocols of the folder on one frontier, although their numbers answer different questions.
+    /// Put all protocols of the folder on one frontier, although their numbers are not comparable.
     #[arg(long)]
     across: bool,
 
@@ -44,31 +42,31 @@ pub(crate) struct Words {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Run a network at every setting of a sweep, then say what is worth it.
-    Sweep(Box<Skipping<sweep::Words>>),
+    /// Run a network at every setting of a sweep, then compare the settings.
+    Sweep(Box<WithStrict<sweep::Args>>),
 }
 
-/// Compares settings that were run, or runs them first.
-pub(crate) fn run(words: &Words) -> anyhow::Result<Exit> {
-    let store = match (&words.command, &words.store) {
-        (Some(Command::Sweep(words)), _) => return words.run(sweep::run),
+/// Compares settings, running a sweep first if requested.
+pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
+    let store = match (&args.command, &args.store) {
+        (Some(Command::Sweep(args)), _) => return args.run(sweep::run),
         (None, Some(store)) => store,
-        (None, None) => anyhow::bail!("a folder of results is needed"),
+        (None, None) => anyhow::bail!("expected a folder of results"),
     };
     let results = Results::read(store)?;
-    let leaked = if words.without_leaked { Leaked::Excluded } else { Leaked::Included };
-    let metrics: Vec<&str> = words.metric.iter().map(String::as_str).collect();
-    let tradeoffs = if words.across {
+    let leaked = if args.without_leaked { Leaked::Excluded } else { Leaked::Included };
+    let metrics: Vec<&str> = args.metric.iter().map(String::as_str).collect();
+    let tradeoffs = if args.across {
         metrics.iter().map(|metric| across(&results, metric, leaked)).collect::<Result<_, _>>()?
     } else {
         tradeoffs(&results, &metrics, leaked)?
     };
-    print_report(&Report { tradeoffs }, words.json)?;
+    print_report(&TradeoffReport { tradeoffs }, args.json)?;
     Ok(Exit::Done)
 }
 
-fn metric(word: &str) -> Result<String, String> {
-    definition(word).map(|definition| definition.id.to_owned()).ok_or_else(|| {
+fn metric(name: &str) -> Result<String, String> {
+    definition(name).map(|definition| definition.id.to_owned()).ok_or_else(|| {
         let known: Vec<&str> = atsplat_metrics::definitions().iter().map(|definition| definition.id).collect();
         format!("expected one of {}", known.join(", "))
     })

@@ -1,6 +1,5 @@
-//! `atsplat train`: a configuration into weights.
+//! `atsplat train`: trains a network from a configuration.
 
-mod curves;
 mod report;
 
 use std::path::PathBuf;
@@ -8,17 +7,17 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use atsplat_pixels::encode_png;
-use atsplat_train::{Limits, Start, TrainConfig, Trainer, contact_sheet, journal};
-use clap::Args;
+use atsplat_report::plot::{LearningCurve, PlotFormat};
+use atsplat_train::{Limits, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
 
 use crate::output::{PendingFile, print_text};
 use report::Live;
 
-/// Rows of the contact sheet, and pairs of a render and its truth in each.
+/// Rows of the contact sheet, and pairs of render and ground truth per row.
 const SHEET: (usize, usize) = (8, 3);
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// The run's configuration: data, losses, schedule, sizes, seeds.
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
@@ -27,19 +26,19 @@ pub(crate) struct Words {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 
-    /// Go on where the run in DIR was stopped or killed.
+    /// Resume the run in DIR.
     #[arg(long)]
     resume: bool,
 
-    /// Begin with the weights in this file.
+    /// Start with the weights in this file.
     #[arg(long, value_name = "WEIGHTS", conflicts_with = "resume")]
     init: Option<PathBuf>,
 
-    /// Stop after so many steps in all; the schedule is the configuration's.
+    /// Stop at this step; the schedule stays that of the configuration.
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
 
-    /// Stop after so many hours of this call.
+    /// Stop after this many hours.
     #[arg(long, value_name = "H", value_parser = hours)]
     hours: Option<Duration>,
 }
@@ -50,42 +49,53 @@ fn hours(text: &str) -> Result<Duration, String> {
     Duration::try_from_secs_f64(hours * 3600.0).ok().filter(|time| !time.is_zero()).ok_or_else(expected)
 }
 
-/// Trains; gives whether the last step of the configuration was done.
-pub(crate) fn run(words: &Words) -> anyhow::Result<()> {
-    let config = TrainConfig::read(&words.config)?;
-    let start = match (&words.init, words.resume) {
+/// Trains until the last step or a limit.
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let config = TrainConfig::read(&args.config)?;
+    let start = match (&args.init, args.resume) {
         (Some(weights), _) => Start::Weights(weights.clone()),
         (None, true) => Start::Resume,
         (None, false) => Start::Fresh,
     };
-    if !words.resume {
-        std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+    if !args.resume {
+        std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     }
     let steps = config.steps.get();
-    let mut trainer = Trainer::new(config, &words.out, &start)?;
-    let mut live = Live::new(words.steps.map_or(steps, |most| most.min(steps)), trainer.state().step);
-    let outcome = trainer.run(Limits { steps: words.steps, time: words.hours }, &mut |event| live.hear(event));
+    let mut trainer = Trainer::new(config, &args.out, &start)?;
+    let mut live = Live::new(args.steps.map_or(steps, |most| most.min(steps)), trainer.state().step);
+    let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));
     drop(live);
-    // What was learnt until then is worth a look even where the run was stopped.
-    let drawn = draw(words, &trainer);
-    let whole = outcome?;
+    // Logs and plots are written even if the run failed.
+    let drawn = write_logs(args, &trainer);
+    let complete = outcome?;
     drawn?;
     let done = trainer.state().step;
-    let end = if whole { "" } else { "; `--resume` goes on" };
+    let end = if complete { "" } else { "; `--resume` continues" };
     print_text(&format!("{done} of {steps} steps, {} skipped{end}\n", trainer.state().skipped()))
 }
 
-/// Logs as Parquet, the learning curve, the contact sheet.
-fn draw(words: &Words, trainer: &Trainer) -> anyhow::Result<()> {
-    let steps: Vec<journal::StepRecord> = journal::read(&words.out.join("steps.jsonl"))?;
-    let evaluations: Vec<journal::EvaluationRecord> = journal::read(&words.out.join("evaluations.jsonl"))?;
-    journal::write_steps(&words.out.join("steps.parquet"), &steps)?;
-    journal::write_evaluations(&words.out.join("evaluations.parquet"), &evaluations)?;
-    let plot = curves::draw(&trainer.config().title, &steps, &evaluations)?;
-    PendingFile::open(&words.out.join("learning-curve.png"))?.finish(&plot)?;
+/// Writes the logs as Parquet, the learning curve, and the contact sheet.
+fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
+    let steps: Vec<journal::StepRecord> = journal::read(&args.out.join("steps.jsonl"))?;
+    let evaluations: Vec<journal::EvaluationRecord> = journal::read(&args.out.join("evaluations.jsonl"))?;
+    journal::write_steps(&args.out.join("steps.parquet"), &steps)?;
+    journal::write_evaluations(&args.out.join("evaluations.parquet"), &evaluations)?;
+    let terms = Terms::default().named().map(|(name, _)| name);
+    let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
+    let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();
+    let curve = LearningCurve {
+        title: &trainer.config().title,
+        steps: &steps.iter().map(|record| record.step).collect::<Vec<_>>(),
+        losses: &losses,
+        evaluations: &evaluations
+            .iter()
+            .map(|record| (record.step, record.psnr, record.nearest_view_psnr))
+            .collect::<Vec<_>>(),
+    };
+    PendingFile::open(&args.out.join("learning-curve.png"))?.finish(&curve.encode(PlotFormat::Png)?)?;
     if let Some(evaluation) = trainer.evaluation() {
         let sheet = contact_sheet(evaluation, &trainer.network()?, SHEET.0, SHEET.1)?;
-        PendingFile::open(&words.out.join("contact-sheet.png"))?.finish(&encode_png(&sheet)?)?;
+        PendingFile::open(&args.out.join("contact-sheet.png"))?.finish(&encode_png(&sheet)?)?;
     }
     Ok(())
 }

@@ -2,22 +2,21 @@ use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_model::weights::{KeyMap, ModelWeights};
-use clap::Args;
 use serde::Serialize;
 
 use super::import::key_map;
 use crate::output::{PendingFile, print_report};
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// A weights file of this toolkit.
     file: PathBuf,
 
-    /// The map that `weights import` would read the result with; it is read backwards.
+    /// The key map with which `weights import` reads the result; it is applied in reverse.
     #[arg(long, value_name = "NAME|FILE", value_parser = key_map)]
     key_map: String,
 
-    /// Only tensors whose names in FILE begin so, as `backbone.`.
+    /// Only tensors whose names in FILE start with this prefix, as `backbone.`.
     #[arg(long, value_name = "PREFIX", default_value = "")]
     only: String,
 
@@ -40,22 +39,22 @@ struct Report {
     out: PathBuf,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let map = KeyMap::resolve(&words.key_map)?;
-    let out = PendingFile::open(&words.out)?;
-    let source = crate::carried::find(&words.file, || "a weights file of this toolkit".to_owned())?;
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let map = KeyMap::resolve(&args.key_map)?;
+    let out = PendingFile::open(&args.out)?;
+    let source = crate::embedded::find(&args.file, || "a weights file of this toolkit".to_owned())?;
     let mut weights = ModelWeights::of_file(&source)?;
-    weights.tensors.tensors.retain(|name, _| name.starts_with(&words.only));
+    weights.tensors.tensors.retain(|name, _| name.starts_with(&args.only));
     let exported = map.export(&weights.tensors)?;
     out.finish(&exported.to_safetensors()?)?;
     let report = Report {
-        file: words.file.clone(),
-        key_map: words.key_map.clone(),
+        file: args.file.clone(),
+        key_map: args.key_map.clone(),
         parameters: weights.tensors.tensors.len(),
         tensors: exported.tensors.len(),
-        out: words.out.clone(),
+        out: args.out.clone(),
     };
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     Ok(true)
 }
 

@@ -1,32 +1,30 @@
-//! `atsplat weights`: files of numbers, looked at, checked, and brought under this toolkit's names. One file per verb.
+//! `atsplat weights`: one file per subcommand.
 
-mod backbone;
 mod export;
 mod import;
 mod inspect;
-mod precision;
 mod verify;
 
 use clap::Subcommand;
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Make a weights file of a PyTorch checkpoint or of safetensors, by a map of names.
-    Import(Box<import::Words>),
-    /// Write a weights file's tensors under somebody else's names.
-    Export(export::Words),
-    /// Print what a file holds; nothing is refused.
-    Inspect(inspect::Words),
-    /// Check hash, names, shapes and numbers; exits with 1 where something is wrong.
-    Verify(verify::Words),
+    /// Convert a PyTorch checkpoint or safetensors to a weights file, by a key map.
+    Import(Box<import::Args>),
+    /// Write the tensors of a weights file under other names.
+    Export(export::Args),
+    /// Print the contents of a file, even if it is invalid.
+    Inspect(inspect::Args),
+    /// Check hash, names, shapes and numbers; exits with 1 if something is wrong.
+    Verify(verify::Args),
 }
 
-/// Runs one command; `true`, since nothing is skipped.
+/// Runs a subcommand; always `true`, because nothing is skipped.
 pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
     match command {
-        Command::Import(words) => import::run(words),
-        Command::Export(words) => export::run(words),
-        Command::Inspect(words) => inspect::run(words),
-        Command::Verify(words) => verify::run(words),
+        Command::Import(args) => import::run(args),
+        Command::Export(args) => export::run(args),
+        Command::Inspect(args) => inspect::run(args),
+        Command::Verify(args) => verify::run(args),
     }
 }

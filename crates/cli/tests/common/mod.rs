@@ -6,16 +6,16 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-/// What one call of the binary did.
+/// Outcome of a call of the binary.
 pub(crate) struct Outcome {
     pub(crate) code: i32,
     pub(crate) stdout: String,
     pub(crate) stderr: String,
 }
 
-/// Runs `atsplat` with `words` in `folder`.
-pub(crate) fn atsplat(folder: &Path, words: &[&str]) -> Outcome {
-    let output = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(words).current_dir(folder).output().unwrap();
+/// Runs `atsplat` with `args` in `folder`.
+pub(crate) fn atsplat(folder: &Path, args: &[&str]) -> Outcome {
+    let output = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(args).current_dir(folder).output().unwrap();
     Outcome {
         code: output.status.code().unwrap(),
         stdout: String::from_utf8(output.stdout).unwrap(),
@@ -23,14 +23,14 @@ pub(crate) fn atsplat(folder: &Path, words: &[&str]) -> Outcome {
     }
 }
 
-/// Runs `atsplat` and insists on exit code 0.
-pub(crate) fn succeed(folder: &Path, words: &[&str]) -> String {
-    let outcome = atsplat(folder, words);
-    assert_eq!(outcome.code, 0, "{words:?}: {}", outcome.stderr);
+/// Runs `atsplat`, expects exit code 0, and returns its standard output.
+pub(crate) fn succeed(folder: &Path, args: &[&str]) -> String {
+    let outcome = atsplat(folder, args);
+    assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
     outcome.stdout
 }
 
-/// Writes a RE10K trajectory of a camera that moves right by 2 cm a frame and turns a little.
+/// Writes a RE10K trajectory of a camera that moves right by 2 cm per frame and turns a little.
 pub(crate) fn write_trajectory(path: &Path, frames: usize) {
     let mut text = "https://example.org/video\n".to_owned();
     for frame in 0..frames {

@@ -1,4 +1,4 @@
-//! Small protocols and what two runs of them have in common.
+//! Small protocols, and the reproducible part of their results.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(dead_code, reason = "each test takes what it needs")]
@@ -12,7 +12,7 @@ use atsplat_pixels::{ImageU8, encode_png};
 /// Frames of a scene of [`write_noise`].
 pub(crate) const FRAMES: u32 = 40;
 
-/// Scenes of noise in `data`, with their index: nothing has to be rendered to make them.
+/// Writes noise scenes to `data`, with their index.
 pub(crate) fn write_noise(here: &Path, scenes: u8) {
     let keys: Vec<String> = (0..scenes).map(|scene| format!("scene-{scene:02}")).collect();
     for (scene, key) in (0..).zip(&keys) {
@@ -33,7 +33,7 @@ pub(crate) fn write_noise(here: &Path, scenes: u8) {
     write_index(&here.join("data"), &keys, "[0, 20]", "[1, 3, 5, 7, 9, 11, 13, 15]");
 }
 
-/// Writes `tiny.toml`: RE10K's two-view protocol on pictures of `side`².
+/// Writes `tiny.toml`: RE10K's two-view protocol on images of `side`².
 pub(crate) fn write_preset(here: &Path, side: u32) {
     let text = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap();
     let text = text.replacen("name = \"re10k-2v-256\"", "name = \"tiny\"", 1);
@@ -42,14 +42,14 @@ pub(crate) fn write_preset(here: &Path, side: u32) {
     std::fs::write(here.join("tiny.toml"), text).unwrap();
 }
 
-/// Writes an index that asks the same of every scene.
+/// Writes an index with the same frames in every scene.
 pub(crate) fn write_index(folder: &Path, scenes: &[&str], context: &str, target: &str) {
     let entries: Vec<String> =
         scenes.iter().map(|scene| format!("{scene:?}: {{\"context\": {context}, \"target\": {target}}}")).collect();
     std::fs::write(folder.join("evaluation_index.json"), format!("{{{}}}", entries.join(", "))).unwrap();
 }
 
-/// Rows without times, which differ from run to run.
+/// Rows without times, which differ between runs.
 pub(crate) fn bare(results: &Results) -> (Vec<TrialRow>, Vec<TargetRow>) {
     (results.trials.clone(), results.targets.clone())
 }

@@ -6,6 +6,7 @@
 mod frontier;
 mod knobs;
 mod parts;
+mod report;
 mod sample;
 mod sweep;
 #[cfg(test)]
@@ -14,5 +15,6 @@ mod tests;
 pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, Swept, parts};
+pub use report::TradeoffReport;
 pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

@@ -6,6 +6,7 @@
 
 mod backbone;
 mod generated;
+mod inspection;
 mod key_map;
 mod known_files;
 mod model_weights;
@@ -17,6 +18,7 @@ mod tensor;
 pub use atsplat_pickle::DType;
 pub use backbone::{BackboneWeights, read_backbone};
 pub use generated::generated;
+pub use inspection::{Backbone, Inspection};
 pub use key_map::KeyMap;
 pub use known_files::KnownFile;
 pub use model_weights::{ModelWeights, Precision};

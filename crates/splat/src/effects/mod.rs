@@ -18,6 +18,7 @@ mod geometry;
 mod lens;
 mod plan;
 mod selection;
+mod summary;
 mod view_dependence;
 
 use std::fmt::Debug;
@@ -27,6 +28,7 @@ use crate::{Gaussians, RenderOptions, View};
 pub use explain::{Cost, Explanation};
 pub use plan::{Decision, EffectPlan, Verdict};
 pub use selection::EffectSelection;
+pub use summary::EffectSummary;
 
 /// A view and options to render, in full or after effects were removed.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,6 +5,7 @@ mod differences;
 mod gradients;
 mod images;
 pub(crate) mod parameter;
+mod report;
 mod row;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
@@ -15,6 +16,7 @@ use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, S
 
 use differences::Differences;
 
+pub use report::StressReport;
 pub use row::{MeasuredError, StressRow};
 
 /// A renderer and its error allowance.

@@ -1,0 +1,100 @@
+//! `atsplat budget`: tokens, Gaussians and memory of a configuration by formula, and whether the network keeps to them.
+
+use anyhow::Context as _;
+use atsplat_camera::ImageSize as CameraSize;
+use atsplat_eval::budget::{BudgetCase, BudgetMeasurer, BudgetReport, BudgetRow, PublishedBudget, published_budgets};
+use atsplat_model::ModelConfig;
+
+use crate::model_args::{ChangeArgs, ProcessorArg, model, model_size};
+use crate::output::{print_report, warn};
+use crate::parse;
+use crate::progress::Progress;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// One configuration instead of the paper's table: a name, or a path that ends in .toml.
+    #[arg(long, value_name = "NAME|FILE", value_parser = model)]
+    model: Option<String>,
+
+    /// Number of views; by default that of the configuration.
+    #[arg(long, value_name = "N", requires = "model", value_parser = clap::value_parser!(u16).range(1..))]
+    views: Option<u16>,
+
+    /// Image size; by default that of the configuration. Width comes first, as in every command; the papers write 448x256
+    /// as 256x448.
+    #[arg(long, value_name = "WxH", requires = "model", value_parser = parse::size)]
+    size: Option<CameraSize>,
+
+    #[command(flatten)]
+    changes: ChangeArgs,
+
+    /// Run each row through a network with random weights, compare its counts with the formula, and print seconds and
+    /// memory. The paper's high resolution takes minutes and 16 GiB.
+    #[arg(long)]
+    run: bool,
+
+    /// Device of --run; wgpu needs a build with `--features gpu-network`. The peak is that of host memory.
+    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", requires = "run")]
+    processor: ProcessorArg,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Prints the table; `false` if a number differs from the expected one.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let cases = args.cases()?;
+    let mut rows = Vec::with_capacity(cases.len());
+    let mut measurer = BudgetMeasurer::new(args.processor.open()?);
+    let progress = args.run.then(|| Progress::new("networks", cases.len()));
+    for case in cases {
+        let measured = if args.run {
+            let BudgetCase { config, views, size, .. } = &case;
+            warn(&format!("running {}, {views} views of {size}", config.name));
+            let measured = measurer.run(config, *views, *size);
+            Some(measured.with_context(|| format!("running {}", config.name))?)
+        } else {
+            None
+        };
+        rows.push(BudgetRow::new(case, measured)?);
+        if let Some(progress) = &progress {
+            progress.step();
+        }
+    }
+    drop(progress);
+    let report = BudgetReport { rows, changed: !args.changes.is_empty() };
+    print_report(&report, args.json)?;
+    Ok(report.is_right())
+}
+
+impl Args {
+    fn cases(&self) -> anyhow::Result<Vec<BudgetCase>> {
+        let published = published_budgets()?;
+        let Some(name) = &self.model else {
+            let case = |row: PublishedBudget| -> anyhow::Result<BudgetCase> {
+                let config = self.changes.applied(&ModelConfig::named(row.model)?)?;
+                let (dataset, views, size) = (Some(row.dataset), row.views, row.size);
+                // Nothing is published about a changed configuration.
+                let published = self.changes.is_empty().then_some(row);
+                Ok(BudgetCase { dataset, config, views, size, published })
+            };
+            return published.into_iter().map(case).collect();
+        };
+        let config = self.changes.applied(&ModelConfig::resolve(name)?)?;
+        let views = self.views.map_or(config.views, usize::from);
+        let size = self.size.map_or(config.resolution, model_size);
+        let hash = config.hash()?;
+        let is_this = |row: &PublishedBudget| -> anyhow::Result<bool> {
+            Ok((row.views, row.size) == (views, size) && ModelConfig::named(row.model)?.hash()? == hash)
+        };
+        let mut matching = None;
+        for row in published {
+            if is_this(&row)? {
+                matching = Some(row);
+            }
+        }
+        let dataset = matching.as_ref().map(|row| row.dataset);
+        Ok(vec![BudgetCase { dataset, config, views, size, published: matching }])
+    }
+}

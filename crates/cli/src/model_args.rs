@@ -1,0 +1,122 @@
+//! Arguments that select and change a network configuration.
+
+use anyhow::Context as _;
+use atsplat_model::config::SelectionRatio;
+use atsplat_model::network::{Device, Processor};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use clap::ValueEnum;
+
+use crate::parse::{name_or_path, not_negative};
+
+/// Changes of a configuration for one call; weights stay as they are.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(crate) struct ChangeArgs {
+    /// Expand every token whose uncertainty exceeds its block's threshold, so that the scene determines the number of
+    /// Gaussians; one number for each expanding block, as `0.05,0.05,0.2`.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = not_negative, conflicts_with = "ratios")]
+    thresholds: Vec<f64>,
+
+    /// Expand these shares of the tokens, one for each expanding block, as `0.5,0.5,0.25`.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = ratio)]
+    ratios: Vec<SelectionRatio>,
+
+    /// Expand only in the first N expanding blocks.
+    #[arg(long, value_name = "N")]
+    expand_first: Option<usize>,
+}
+
+/// The device of a network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProcessorArg {
+    /// Every core.
+    Cpu,
+    /// A GPU.
+    Wgpu,
+}
+
+impl From<ProcessorArg> for Processor {
+    fn from(arg: ProcessorArg) -> Self {
+        match arg {
+            ProcessorArg::Cpu => Self::Cpu,
+            ProcessorArg::Wgpu => Self::Wgpu,
+        }
+    }
+}
+
+impl ProcessorArg {
+    pub(crate) fn open(self) -> anyhow::Result<Device> {
+        Processor::from(self).open().context("--device")
+    }
+}
+
+impl ChangeArgs {
+    /// Applies the changes.
+    pub(crate) fn applied(&self, config: &ModelConfig) -> anyhow::Result<ModelConfig> {
+        let mut config = config.clone();
+        if !self.thresholds.is_empty() {
+            config = config.with_thresholds(&self.thresholds).context("--thresholds")?;
+        }
+        if !self.ratios.is_empty() {
+            config = config.with_ratios(&self.ratios).context("--ratios")?;
+        }
+        if let Some(blocks) = self.expand_first {
+            config = config.with_expansion_in_first(blocks);
+        }
+        Ok(config)
+    }
+
+    /// Whether nothing is changed.
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.thresholds.is_empty() && self.ratios.is_empty() && self.expand_first.is_none()
+    }
+}
+
+/// The same size in the order of the model: height, then width.
+pub(crate) fn model_size(size: atsplat_camera::ImageSize) -> ImageSize {
+    ImageSize::new(size.height as usize, size.width as usize)
+}
+
+/// Parses the name or path of a configuration.
+pub(crate) fn model(text: &str) -> Result<String, ModelError> {
+    name_or_path(text, ModelConfig::text_of)
+}
+
+fn ratio(text: &str) -> Result<SelectionRatio, String> {
+    let ratio = text.parse().ok().and_then(SelectionRatio::new);
+    ratio.ok_or_else(|| format!("expected a share from 0 to 1 with at most six decimals, found {text:?}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn changes(thresholds: &[f64], ratios: &[&str], expand_first: Option<usize>) -> ChangeArgs {
+        let ratios = ratios.iter().map(|text| ratio(text).unwrap()).collect();
+        ChangeArgs { thresholds: thresholds.to_vec(), ratios, expand_first }
+    }
+
+    fn max_gaussians(changes: &ChangeArgs) -> usize {
+        let config = changes.applied(&ModelConfig::named("nano").unwrap()).unwrap();
+        atsplat_model::budget::budget(&config, 2, config.resolution).unwrap().most.gaussians
+    }
+
+    #[test]
+    fn changes_change_the_budget() {
+        assert_eq!(max_gaussians(&ChangeArgs::default()), 23_040);
+        assert_eq!(max_gaussians(&changes(&[0.1, 0.1, 0.4], &[], None)), 65_536);
+        assert_eq!(max_gaussians(&changes(&[], &["1", "0.5", "0"], None)), 24_576);
+        assert_eq!(max_gaussians(&changes(&[], &[], Some(0))), 8192);
+        assert_eq!(max_gaussians(&changes(&[], &["0.5", "0.5", "1"], Some(2))), 18_432);
+    }
+
+    #[test]
+    fn rejects_lists_of_the_wrong_length_and_shares_above_one() {
+        let nano = ModelConfig::named("nano").unwrap();
+        assert!(changes(&[0.1], &[], None).applied(&nano).is_err());
+        let error = changes(&[], &["0.5"], None).applied(&nano).unwrap_err();
+        assert!(format!("{error:#}").contains("expected 3 ratios"), "{error:#}");
+        for broken in ["1.5", "-0.1", "NaN", "half", ""] {
+            assert!(ratio(broken).is_err(), "{broken:?}");
+        }
+    }
+}

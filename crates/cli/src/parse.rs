@@ -1,0 +1,278 @@
+//! Args of the command line into values.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use anyhow::{Context as _, bail};
+use atsplat_camera::ImageSize;
+use atsplat_protocol::overlap::OverlapEstimator;
+use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
+use atsplat_splat::RendererConstants;
+use clap::ValueEnum;
+use glam::DVec3;
+
+/// Most frames that one call renders.
+const MAX_FRAMES: usize = 1_000_000;
+/// Longest side of an image that the CPU renderer accepts, in pixels.
+const MAX_SIDE: u32 = u16::MAX as u32;
+
+/// A direction along one of the world's axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Axis(DVec3);
+
+impl Axis {
+    pub(crate) const fn vector(self) -> DVec3 {
+        self.0
+    }
+}
+
+impl FromStr for Axis {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (sign, letter) = text.strip_prefix('-').map_or((1.0, text.trim_start_matches('+')), |rest| (-1.0, rest));
+        let axis = match letter {
+            "x" => DVec3::X,
+            "y" => DVec3::Y,
+            "z" => DVec3::Z,
+            _ => return Err(format!("expected x, y, z, -x, -y or -z, found {text:?}")),
+        };
+        Ok(Self(axis * sign))
+    }
+}
+
+/// `WxH` in pixels.
+pub(crate) fn size(text: &str) -> Result<ImageSize, String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_SIDE).contains(side));
+    let sides = text.split_once(['x', '×']).and_then(|(width, height)| Some((side(width)?, side(height)?)));
+    let (width, height) =
+        sides.ok_or_else(|| format!("expected WIDTHxHEIGHT of 1 to {MAX_SIDE} pixels, found {text:?}"))?;
+    Ok(ImageSize { width, height })
+}
+
+/// A number of frames.
+pub(crate) fn frames(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|count| (1..=MAX_FRAMES).contains(count));
+    count.ok_or_else(|| {
+        let hint = if text.parse::<f64>().is_ok() { "" } else { "; the scene file comes before the cameras" };
+        format!("expected 1 to {MAX_FRAMES} frames, found {text:?}{hint}")
+    })
+}
+
+pub(crate) fn finite(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| number.is_finite());
+    number.ok_or_else(|| format!("expected a finite number, found {text:?}"))
+}
+
+fn within(text: &str, expected: &str, holds: impl Fn(f64) -> bool) -> Result<f64, String> {
+    let number = finite(text).ok().filter(|number| holds(*number));
+    number.ok_or_else(|| format!("expected {expected}, found {text:?}"))
+}
+
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    within(text, "a number above 0", |number| number > 0.0)
+}
+
+pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
+    within(text, "a number of at least 0", |number| number >= 0.0)
+}
+
+pub(crate) fn elevation(text: &str) -> Result<f64, String> {
+    within(text, "-90 to 90 degrees", |number| number.abs() <= 90.0)
+}
+
+pub(crate) fn angle(text: &str) -> Result<f64, String> {
+    within(text, "an angle between 0 and 180 degrees", |number| number > 0.0 && number < 180.0)
+}
+
+/// `black`, `white`, or three numbers from 0 to 1.
+pub(crate) fn background(text: &str) -> Result<[f64; 3], String> {
+    match text {
+        "black" => return Ok([0.0; 3]),
+        "white" => return Ok([1.0; 3]),
+        _ => {}
+    }
+    let channel = |text: &str| within(text.trim(), "", |number| (0.0..=1.0).contains(&number)).ok();
+    let channels: Option<Vec<f64>> = text.split(',').map(channel).collect();
+    let rgb = channels.and_then(|channels| channels.try_into().ok());
+    rgb.ok_or_else(|| format!("expected black, white or R,G,B from 0 to 1, found {text:?}"))
+}
+
+/// The name or path of a preset of renderer constants.
+pub(crate) fn constants_name(text: &str) -> Result<String, String> {
+    if is_toml(text) || RendererConstants::named(text).is_some() {
+        return Ok(text.to_owned());
+    }
+    let names = RendererConstants::PRESETS.join(", ");
+    Err(format!("expected {names} or a path that ends in .toml, found {text:?}"))
+}
+
+/// Resolves a name or path that [`constants_name`] accepted.
+pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
+    if let Some(preset) = RendererConstants::named(text) {
+        return Ok(preset);
+    }
+    let reading = || format!("reading renderer constants from {text}");
+    let file = std::fs::read_to_string(text).with_context(reading)?;
+    let constants: RendererConstants = toml::from_str(&file).with_context(reading)?;
+    constants.check().with_context(|| text.to_owned())?;
+    Ok(constants)
+}
+
+/// Whether the text is a path rather than a name.
+pub(crate) fn is_toml(text: &str) -> bool {
+    Path::new(text).extension().is_some_and(|extension| extension == "toml")
+}
+
+/// The name or path of a protocol preset.
+pub(crate) fn preset(text: &str) -> Result<String, ProtocolError> {
+    name_or_path(text, Preset::resolve)
+}
+
+/// The name or path of a sampling rule.
+pub(crate) fn sampler(text: &str) -> Result<String, ProtocolError> {
+    name_or_path(text, IndexBuilder::resolve)
+}
+
+/// Accepts paths as they are; names must resolve.
+pub(crate) fn name_or_path<T, E>(text: &str, resolve: impl Fn(&str) -> Result<T, E>) -> Result<String, E> {
+    if !is_toml(text) {
+        resolve(text)?;
+    }
+    Ok(text.to_owned())
+}
+
+/// An estimator's name.
+pub(crate) fn estimator(name: &str) -> anyhow::Result<OverlapEstimator> {
+    let text = format!("estimator = {name:?}");
+    toml::from_str(&text).map_err(|error| anyhow::anyhow!("{}", error.message()))
+}
+
+/// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, then each bin's name and upper edge.
+pub(crate) fn bins(text: &str) -> anyhow::Result<OverlapBins> {
+    let mut parts = text.split(',');
+    let mut edges = vec![edge(parts.next().unwrap_or_default())?];
+    let mut names = Vec::new();
+    for part in parts {
+        let Some((name, upper)) = part.split_once(':') else {
+            bail!("expected NAME:UPPER, found {part:?}");
+        };
+        names.push(name.trim().to_owned());
+        edges.push(edge(upper)?);
+    }
+    Ok(OverlapBins::new(BinRule::Published, names, edges)?)
+}
+
+fn edge(text: &str) -> anyhow::Result<f64> {
+    text.trim().parse().with_context(|| format!("expected a number, found {text:?}"))
+}
+
+/// The names of enum values as on the command line.
+pub(crate) fn names<T: ValueEnum>(values: &[T]) -> Vec<String> {
+    values.iter().filter_map(T::to_possible_value).map(|value| value.get_name().to_owned()).collect()
+}
+
+/// Rejects a repeated value of a list option.
+pub(crate) fn once(option: &str, values: &[String]) -> Result<(), String> {
+    let is_repeated = |(at, value): &(usize, &String)| values.iter().take(*at).any(|before| before == *value);
+    match values.iter().enumerate().find(is_repeated) {
+        Some((_, value)) => Err(format!("{option}: {value} is given twice")),
+        None => Ok(()),
+    }
+}
+
+/// A usage error, which exits with code 2 as those of the argument parser do.
+pub(crate) fn usage_error(message: impl std::fmt::Display) -> clap::Error {
+    clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parses_sizes_and_axes() {
+        assert_eq!(size("640x360"), Ok(ImageSize { width: 640, height: 360 }));
+        for broken in ["640", "0x3", "3x0", "x", "1x2x3", "65536x1", "-1x4"] {
+            assert!(size(broken).is_err(), "{broken:?}");
+        }
+        assert_eq!("-y".parse(), Ok(Axis(-DVec3::Y)));
+        assert_eq!("+z".parse(), Ok(Axis(DVec3::Z)));
+        assert!("up".parse::<Axis>().is_err() && "--y".parse::<Axis>().is_err());
+    }
+
+    #[test]
+    fn parses_backgrounds() {
+        assert_eq!(background("white"), Ok([1.0; 3]));
+        assert_eq!(background("0, 0.5,1"), Ok([0.0, 0.5, 1.0]));
+        for broken in ["grey", "1,2", "0,0,2", "NaN,0,0", "0,0,0,0", ""] {
+            assert!(background(broken).is_err(), "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn rejects_numbers_out_of_range() {
+        assert!(positive("0").is_err() && positive("inf").is_err() && positive("0.5").is_ok());
+        assert!(elevation("-90").is_ok() && elevation("91").is_err() && elevation("NaN").is_err());
+        assert!(angle("180").is_err() && angle("179").is_ok() && angle("0").is_err());
+        assert!(frames("0").is_err() && frames("60").is_ok() && frames("1e3").is_err());
+    }
+
+    #[test]
+    fn reads_constants_by_name_and_from_a_file() {
+        assert!(constants_name("inria").is_ok() && constants_name("brush").is_err());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        let preset = RendererConstants::named("gsplat-1.5").unwrap();
+        std::fs::write(&path, toml::to_string(&preset).unwrap()).unwrap();
+        let text = path.to_str().unwrap();
+        assert_eq!(constants(text).unwrap(), preset);
+        for broken in [
+            RendererConstants { near: f64::NAN, ..preset.clone() },
+            RendererConstants { far: 0.001, ..preset.clone() },
+            RendererConstants { min_alpha: 0.0, ..preset.clone() },
+            RendererConstants { blur: -1.0, ..preset.clone() },
+            RendererConstants { max_alpha: 1.5, ..preset.clone() },
+            RendererConstants { min_alpha: 0.9999, ..preset.clone() },
+            RendererConstants { min_transmittance: 2.0, ..preset.clone() },
+            RendererConstants { min_compensation: 1.5, ..preset },
+        ] {
+            std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
+            let message = format!("{:#}", constants(text).unwrap_err());
+            assert!(message.contains("mine.toml: ") && message.contains(", found "), "{message}");
+        }
+        assert!(constants("no/such.toml").is_err());
+    }
+
+    #[test]
+    fn parses_overlap_bins() {
+        let found = bins("0.05,small:0.3, medium:0.55,large:0.8").unwrap();
+        let published = OverlapBins::noposplat(BinRule::Published);
+        assert_eq!((found.names(), found.edges()), (published.names(), published.edges()));
+        assert_eq!(found.estimator(), None, "bins of the user are of no estimator");
+        for broken in ["", "0.1", "0.1,a", "0.1,a:x", "0.3,a:0.1", "0.1,a:0.2,a:0.3"] {
+            assert!(bins(broken).is_err(), "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn resolves_estimators_by_name() {
+        assert_eq!(estimator("epipolar-ray").unwrap().name(), "epipolar-ray");
+        let error = estimator("guess").unwrap_err().to_string();
+        assert!(error.contains("epipolar-ray"), "the names are listed: {error}");
+    }
+
+    #[test]
+    fn checks_names_and_accepts_any_path() {
+        assert!(preset("re10k-2v-256").is_ok() && sampler("re10k-2v").is_ok());
+        assert!(preset("nope").is_err() && sampler("nope").is_err());
+        assert!(preset("no/such.toml").is_ok() && sampler("no/such.toml").is_ok());
+    }
+
+    #[test]
+    fn a_repeated_value_is_named() {
+        let list = |values: &str| values.split(',').map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(once("--case", &list("a,b")), Ok(()));
+        assert_eq!(once("--case", &list("a,b,a")), Err("--case: a is given twice".to_owned()));
+    }
+}

@@ -1,0 +1,119 @@
+//! `atsplat stress`: runs every hard case on every renderer and tabulates the errors.
+
+use atsplat_report::plot::{StressError, StressErrors};
+use atsplat_splat::gpu::AdapterChoice;
+use atsplat_splat::hard_cases::{HardCase, catalogue};
+use atsplat_splat::stress::{self, Path, StressReport, StressRow};
+
+use crate::adapter_tests::AdapterTests;
+use crate::output::{print_report, print_text, warn};
+use crate::parse::{once, usage_error};
+use crate::plot::PlotFile;
+use crate::progress::Progress;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Name of a hard case; may be given several times; all by default.
+    #[arg(long, value_name = "NAME", value_parser = case_name)]
+    case: Vec<String>,
+
+    /// Renderer path by its name or a part of it, as `reference`, `cpu` or `avx2`; may be given several times; by default all
+    /// that this machine supports.
+    #[arg(long, value_name = "NAME")]
+    path: Vec<String>,
+
+    /// List the cases and their descriptions without running them.
+    #[arg(long, conflicts_with_all = ["path", "plot", "json"])]
+    list: bool,
+
+    /// Plot the errors by case, .svg or .png.
+    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    plot: Option<PlotFile>,
+
+    /// Print JSON; an error with a null bound must only be finite.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the cases; `true` if all passed.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    for (option, values) in [("--case", &args.case), ("--path", &args.path)] {
+        once(option, values).map_err(usage_error)?;
+    }
+    if args.list {
+        print_text(&list(&args.case))?;
+        return Ok(true);
+    }
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
+    let report = StressReport::of(run_cases(&args.case, &args.path)?);
+    if let Some(plot) = plot {
+        let errors = plotted_errors(&report.rows);
+        plot.finish(|format| StressErrors { errors: &errors }.encode(format))?;
+    }
+    print_report(&report, args.json)?;
+    Ok(report.failed == 0)
+}
+
+fn plotted_errors(rows: &[StressRow]) -> Vec<StressError<'_>> {
+    let errors = rows.iter().flat_map(|row| row.errors.iter().map(move |error| (row, error)));
+    let plotted = errors.map(|(row, error)| StressError {
+        case: &row.case,
+        path: &row.path,
+        // Without compared values there is no error to show, but the case keeps its row.
+        kind: if error.compared > 0 { error.name } else { "" },
+        relative: error.relative,
+        bound: error.bound,
+        passes: error.passes(),
+    });
+    plotted.collect()
+}
+
+/// Parses `--case`.
+fn case_name(name: &str) -> Result<String, String> {
+    if catalogue().iter().any(|case| case.name == name) {
+        Ok(name.to_owned())
+    } else {
+        Err("no hard case has this name; `atsplat stress --list` lists all".to_owned())
+    }
+}
+
+/// Runs the selected cases and paths, or all if none is selected.
+fn run_cases(cases: &[String], names: &[String]) -> anyhow::Result<Vec<StressRow>> {
+    let mut paths = stress::paths();
+    let exists = |paths: &[Path], name: &str| paths.iter().any(|path| path.renderer.name().contains(name));
+    if names.is_empty() || names.iter().any(|name| !exists(&paths, name)) {
+        let tests = AdapterTests::new(false);
+        let path = stress::gpu_path(&AdapterChoice::Automatic, &tests);
+        tests.finish();
+        match path {
+            Ok(path) => paths.push(path),
+            Err(error) => warn(&format!("warning: no rows for a GPU: {error}")),
+        }
+    }
+    if let Some(name) = names.iter().find(|name| !exists(&paths, name)) {
+        let known: Vec<String> = paths.iter().map(|path| path.renderer.name()).collect();
+        return Err(usage_error(format!("--path {name}: this machine has {}", known.join("; "))).into());
+    }
+    paths.retain(|path| names.is_empty() || names.iter().any(|name| path.renderer.name().contains(name)));
+    let selected = selected(cases);
+    let progress = Progress::new("hard cases", selected.len());
+    let mut rows = Vec::with_capacity(selected.len() * paths.len());
+    for case in &selected {
+        rows.extend(stress::rows(case, &mut paths)?);
+        progress.step();
+    }
+    Ok(rows)
+}
+
+/// One line per case with name and description.
+fn list(cases: &[String]) -> String {
+    let lines: Vec<String> =
+        selected(cases).iter().map(|case| format!("{:<24} {}", case.name, case.description)).collect();
+    lines.join("\n") + "\n"
+}
+
+fn selected(cases: &[String]) -> Vec<HardCase> {
+    let mut all = catalogue();
+    all.retain(|case| cases.is_empty() || cases.iter().any(|name| name == case.name));
+    all
+}

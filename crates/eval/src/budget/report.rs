@@ -1,0 +1,222 @@
+use std::fmt;
+
+use atsplat_model::budget::{Budget, BudgetRange, MemoryEstimate, budget, memory};
+use atsplat_model::network::StageSeconds;
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_numeric::format_bytes;
+use serde::Serialize;
+
+use super::{MeasuredBudget, PublishedBudget};
+
+/// The table of budgets. [`Display`](fmt::Display) prints it, with the runs below.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BudgetReport {
+    /// A row per configuration and input size.
+    pub rows: Vec<BudgetRow>,
+    /// Whether the configurations are changed from those of their names.
+    pub changed: bool,
+}
+
+/// A configuration and the size of its input.
+#[derive(Clone, Debug)]
+pub struct BudgetCase {
+    /// The dataset, if the case is published.
+    pub dataset: Option<&'static str>,
+    /// The configuration.
+    pub config: ModelConfig,
+    /// Number of context views.
+    pub views: usize,
+    /// Height and width in pixels.
+    pub size: ImageSize,
+    /// The paper's numbers, if any.
+    pub published: Option<PublishedBudget>,
+}
+
+/// The budget of a configuration and input size.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BudgetRow {
+    dataset: Option<&'static str>,
+    model: String,
+    views: usize,
+    /// Height and width in pixels.
+    size: ImageSize,
+    /// If no token exceeds a threshold; equal to `most` for fixed ratios.
+    least: Tokens,
+    most: Tokens,
+    published: Option<PublishedBudget>,
+    verdict: Verdict,
+    #[serde(flatten)]
+    memory: MemoryEstimate,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    run: Option<Run>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Tokens {
+    initial: usize,
+    blocks: Vec<usize>,
+    r#final: usize,
+    gaussians: usize,
+}
+
+/// Comparison of the formula with the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Verdict {
+    Equal,
+    Differs,
+    NotPublished,
+}
+
+/// Comparison of the network with the formula.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Run {
+    tokens: Tokens,
+    /// Whether the counts are within the range of the formula.
+    keeps_to_formula: bool,
+    seconds: StageSeconds,
+    total_secs: f64,
+    making_secs: f64,
+    peak_bytes: Option<u64>,
+}
+
+impl From<&Budget> for Tokens {
+    fn from(budget: &Budget) -> Self {
+        Self {
+            initial: budget.initial_tokens,
+            blocks: budget.tokens.clone(),
+            r#final: budget.final_tokens,
+            gaussians: budget.gaussians,
+        }
+    }
+}
+
+impl BudgetRow {
+    /// Computes the budget of a case by formula, and compares it with the published and the measured one.
+    ///
+    /// # Errors
+    /// [`ModelError`] if the input does not fit the configuration.
+    pub fn new(case: BudgetCase, measured: Option<MeasuredBudget>) -> Result<Self, ModelError> {
+        let BudgetCase { dataset, config, views, size, published } = case;
+        let range: BudgetRange = budget(&config, views, size)?;
+        let memory: MemoryEstimate = memory(&config, views, size)?;
+        let model = config.name;
+        let (least, most) = (Tokens::from(&range.least), Tokens::from(&range.most));
+        let verdict = match (&published, range.fixed()) {
+            (None, _) => Verdict::NotPublished,
+            (Some(row), Some(budget)) if row.agrees(budget) => Verdict::Equal,
+            (Some(_), _) => Verdict::Differs,
+        };
+        let run = measured.map(|measured| {
+            let MeasuredBudget { budget, seconds, making_secs, peak_bytes } = measured;
+            let tokens = Tokens::from(&budget);
+            let keeps_to_formula = tokens.is_between(&least, &most);
+            Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), making_secs, peak_bytes }
+        });
+        Ok(Self { dataset, model, views, size, least, most, published, verdict, memory, run })
+    }
+}
+
+impl Tokens {
+    fn is_between(&self, least: &Self, most: &Self) -> bool {
+        let within = |low: usize, found: usize, high: usize| (low..=high).contains(&found);
+        self.blocks.len() == least.blocks.len()
+            && within(least.initial, self.initial, most.initial)
+            && within(least.gaussians, self.gaussians, most.gaussians)
+            && self
+                .blocks
+                .iter()
+                .zip(&least.blocks)
+                .zip(&most.blocks)
+                .all(|((&found, &low), &high)| within(low, found, high))
+    }
+}
+
+impl BudgetReport {
+    /// Whether the formula agrees with the paper and every network with the formula.
+    pub fn is_right(&self) -> bool {
+        let right = |row: &BudgetRow| {
+            row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula)
+        };
+        self.rows.iter().all(right)
+    }
+}
+
+impl fmt::Display for BudgetReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<7} {:<16} {:>9} {:>5}  {:>12}  {:>15}  {:>15}  {:<8}  {:>9}",
+            "dataset", "model", "pictures", "views", "tokens", "Gaussians", "published", "verdict", "memory"
+        )?;
+        for row in &self.rows {
+            row.fmt(f)?;
+        }
+        if self.changed {
+            writeln!(
+                f,
+                "changed by --thresholds, --ratios or --expand-first: nothing is published about these networks"
+            )?;
+        }
+        if self.rows.iter().any(|row| row.run.is_some()) {
+            writeln!(f, "\nrun with random weights")?;
+            writeln!(
+                f,
+                "{:<16} {:>9} {:>5}  {:>12}  {:>9}  {:<9}  {:>8}  {:>9}  seconds of each stage",
+                "model", "pictures", "views", "tokens", "Gaussians", "formula", "seconds", "peak"
+            )?;
+            for row in &self.rows {
+                row.write_run(f)?;
+            }
+        }
+        writeln!(f, "\nimage sizes are height x width, as in the papers; memory is estimated by formula")
+    }
+}
+
+impl BudgetRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { dataset, model, views, least, most, published, verdict, .. } = self;
+        let range = |least: usize, most: usize| {
+            if least == most { most.to_string() } else { format!("{least} to {most}") }
+        };
+        let tokens = format!("{} > {}", most.initial, range(least.r#final, most.r#final));
+        let gaussians = range(least.gaussians, most.gaussians);
+        let reported = published.as_ref().map_or_else(
+            || "-".to_owned(),
+            |row| match row.final_tokens {
+                Some(tokens) => format!("{tokens}, {}", row.gaussians),
+                None => row.gaussians.to_string(),
+            },
+        );
+        let verdict = match verdict {
+            Verdict::Equal => "equal",
+            Verdict::Differs => "DIFFERS",
+            Verdict::NotPublished => "-",
+        };
+        let (dataset, size) = (dataset.unwrap_or("-"), self.size.to_string());
+        let memory = format_bytes(self.memory.peak_bytes());
+        writeln!(
+            f,
+            "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {reported:>15}  {verdict:<8}  {memory:>9}"
+        )
+    }
+
+    fn write_run(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(run) = &self.run else { return Ok(()) };
+        let tokens = format!("{} > {}", run.tokens.initial, run.tokens.r#final);
+        let formula = if run.keeps_to_formula { "kept" } else { "NOT KEPT" };
+        let peak = run.peak_bytes.map_or_else(|| "-".to_owned(), format_bytes);
+        let stages: Vec<String> =
+            run.seconds.stages().iter().map(|(stage, seconds)| format!("{stage} {seconds:.2}")).collect();
+        let (model, size, views) = (&self.model, self.size.to_string(), self.views);
+        let (gaussians, seconds, stages) = (run.tokens.gaussians, run.total_secs, stages.join(", "));
+        writeln!(
+            f,
+            "{model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>9}  {formula:<9}  {seconds:>8.2}  {peak:>9}  {stages}"
+        )
+    }
+}

@@ -1,0 +1,254 @@
+//! Finds every dataset in a folder, and every protocol that fits it.
+
+use atsplat_files::Sha256Digest;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use atsplat_camera::ImageSize;
+use atsplat_protocol::Preset;
+use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
+use atsplat_protocol::{EvaluationIndex, IndexLayout};
+use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
+use serde::Serialize;
+
+use crate::EvalError;
+use crate::runner::{Dataset, PlannedIndex};
+use crate::sources::{AlreadyCropped, PresentFrames};
+
+/// Maximum depth of the search.
+const MAX_DEPTH: usize = 4;
+/// Downscaling factors of a capture's image copies.
+const DOWNSCALES: [u32; 3] = [8, 4, 2];
+
+/// The datasets found, and what cannot run and why.
+#[derive(Default)]
+#[expect(missing_debug_implementations, reason = "datasets have none")]
+pub struct Found {
+    /// Datasets with their protocol and index, ready to run.
+    pub datasets: Vec<Dataset>,
+    /// What cannot run.
+    pub not_run: Vec<NotRun>,
+}
+
+/// A protocol that does not run on a dataset.
+#[derive(Clone, Debug, Serialize)]
+pub struct NotRun {
+    /// Protocol and dataset.
+    pub what: String,
+    /// The reason.
+    pub why: String,
+}
+
+/// A dataset on disk.
+struct OnDisk {
+    path: PathBuf,
+    format: Format,
+    source: Arc<dyn SceneSource>,
+}
+
+/// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
+///
+/// # Errors
+/// [`EvalError::Settings`] if `folder` is not a folder, [`EvalError::Protocol`] for a broken preset.
+pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Found, EvalError> {
+    if !folder.is_dir() {
+        let found = folder.display().to_string();
+        return Err(EvalError::Settings { what: "data", expected: "a folder".to_owned(), found });
+    }
+    let mut found = Found::default();
+    let mut on_disk = Vec::new();
+    search(folder, 0, &mut on_disk);
+    if on_disk.is_empty() {
+        let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
+        found.not_run.push(NotRun { what: folder.display().to_string(), why });
+    }
+    for dataset in &on_disk {
+        fit(folder, dataset, &mut found, warnings)?;
+    }
+    Ok(found)
+}
+
+/// Collects the dataset in a folder and those below it. Scene folders of a collection are not searched, since they would be
+/// found twice; other folders next to them are.
+fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
+    let entries = folder.read_dir().into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    if let Ok(dataset) = open_with(folder, &OpenOptions::default(), &mut Warnings::new()) {
+        let (path, format) = (folder.to_owned(), dataset.format);
+        let source: Arc<dyn SceneSource> = Arc::new(dataset);
+        if source.keys().iter().any(|key| first_picture(source.as_ref(), key).is_some()) {
+            let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
+            let is_scene = |path: &PathBuf| {
+                path.file_name().and_then(|name| name.to_str()).is_some_and(|name| scenes.contains(name))
+            };
+            let is_collection = folders.iter().any(is_scene);
+            folders.retain(|path| is_collection && !is_scene(path));
+            found.push(OnDisk { path, format, source: Arc::clone(&source) });
+        }
+    }
+    if depth < MAX_DEPTH {
+        for folder in &folders {
+            search(folder, depth + 1, found);
+        }
+    }
+}
+
+/// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampler.
+fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnings) -> Result<(), EvalError> {
+    let before = found.datasets.len();
+    for name in Preset::names() {
+        let preset = Preset::named(name)?;
+        if preset.stands_for.is_some() || !suits(dataset.format, &preset) {
+            continue;
+        }
+        let what = format!("{name} on {}", dataset.path.display());
+        let Some((source, preset, description)) = prepared(dataset, &preset) else {
+            let size = preset.preprocessing.expected_size.map_or("any".to_owned(), |size| size.to_string());
+            found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
+            continue;
+        };
+        match index(folder, dataset.format, &source, &preset, warnings) {
+            Ok((index, source)) => {
+                let taken = found.datasets.iter().any(|other| other.name == name);
+                let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
+                found.datasets.push(Dataset { name, preset, source, told: description, index });
+            }
+            Err(why) => found.not_run.push(NotRun { what, why }),
+        }
+    }
+    // A dataset that fits no protocol is still a capture.
+    if found.datasets.len() == before {
+        let preset = Preset::named("photos-3v-256")?;
+        let source: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(&dataset.source)));
+        let what = format!("{} on {}", preset.name, dataset.path.display());
+        match sampled(&source, &preset, warnings) {
+            Ok(index) => {
+                let description = dataset.path.display().to_string();
+                let name =
+                    format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
+                found.datasets.push(Dataset { name, preset, source, told: description, index });
+            }
+            Err(why) => found.not_run.push(NotRun { what, why }),
+        }
+    }
+    Ok(())
+}
+
+/// Whether a dataset of this format can be the preset's.
+fn suits(format: Format, preset: &Preset) -> bool {
+    match preset.dataset.as_str() {
+        "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
+        "dl3dv" => matches!(format, Format::Nerfstudio | Format::TorchChunks),
+        _ => false,
+    }
+}
+
+/// The dataset with images in the preset's size: as they are, already cropped, or a downscaled copy.
+fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
+    let description = dataset.path.display().to_string();
+    let Some(expected) = preset.preprocessing.expected_size else {
+        return Some((Arc::clone(&dataset.source), preset.clone(), description));
+    };
+    if picture_size(dataset.source.as_ref()) == Some(expected) {
+        return Some((Arc::clone(&dataset.source), preset.clone(), description));
+    }
+    if let Some((source, preset)) = AlreadyCropped::of(&dataset.source, preset) {
+        return Some((Arc::new(source), preset, format!("{description}, pictures cropped beforehand")));
+    }
+    DOWNSCALES.into_iter().find_map(|factor| {
+        let pictures = PictureFolder::Downscaled(factor);
+        let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
+        let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
+        let source: Arc<dyn SceneSource> = Arc::new(open_with(&dataset.path, &options, &mut Warnings::new()).ok()?);
+        let fits = picture_size(source.as_ref()) == Some(expected);
+        fits.then(|| (source, preset.clone(), format!("{description}, images_{factor}")))
+    })
+}
+
+/// The published index that names a scene of the dataset, or an index by the preset's sampler.
+fn index(
+    folder: &Path,
+    format: Format,
+    source: &Arc<dyn SceneSource>,
+    preset: &Preset,
+    warnings: &mut Warnings,
+) -> Result<(PlannedIndex, Arc<dyn SceneSource>), String> {
+    match PlannedIndex::read(folder, preset, source.as_ref(), warnings) {
+        Ok(index) => {
+            let is_there = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
+            if index.index.scenes.iter().any(is_there) {
+                return Ok((index, Arc::clone(source)));
+            }
+        }
+        // The folder has no published index.
+        Err(EvalError::Settings { .. }) => {}
+        Err(broken) => return Err(broken.to_string()),
+    }
+    // RE10K's protocols apply only to the official scenes; DL3DV's sampler applies to any capture in its layout. Chunks do
+    // not say which dataset they belong to.
+    if preset.dataset != "dl3dv" || format == Format::TorchChunks {
+        return Err("no published index in the folder names one of its scenes".to_owned());
+    }
+    let present: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(source)));
+    sampled(&present, preset, warnings).map(|index| (index, present))
+}
+
+fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
+    let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampler".to_owned()) };
+    let mut planned = PlannedIndex::sampled(sampler, source.as_ref(), warnings).map_err(|error| error.to_string())?;
+    if let Some(derivation) = preset.index.derivation {
+        let lengths = scene_lengths(&planned.index, source.as_ref(), &|| (), warnings);
+        planned.index = Extrapolation::from(derivation).split(&planned.index, &lengths).index;
+        planned.sha256 = Sha256Digest::of(planned.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
+        planned.told = format!("{}, its windows with frames before and after them", planned.told);
+    }
+    if is_empty(&planned.index) { Err(format!("{sampler} finds no frames")) } else { Ok(planned) }
+}
+
+fn is_empty(index: &EvaluationIndex) -> bool {
+    index.entries().next().is_none()
+}
+
+fn picture_size(source: &dyn SceneSource) -> Option<ImageSize> {
+    source.keys().iter().find_map(|key| {
+        let (scene, at) = first_picture(source, key)?;
+        scene.frames.get(at)?.size(key, at).ok()
+    })
+}
+
+fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
+    let scene = source.load(key, &mut Warnings::new()).ok()?;
+    let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
+    Some((scene, at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn capture(folder: &Path) {
+        std::fs::create_dir_all(folder).unwrap();
+        let picture = atsplat_pixels::ImageU8::new(2, 2, vec![9; 12]).unwrap();
+        std::fs::write(folder.join("0.png"), atsplat_pixels::encode_png(&picture).unwrap()).unwrap();
+        let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+        let frame = format!(r#"{{"file_path":"0.png","transform_matrix":{pose}}}"#);
+        let intrinsics = r#""w":2,"h":2,"fl_x":2,"fl_y":2,"cx":1,"cy":1"#;
+        std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
+    }
+
+    #[test]
+    fn finds_every_scene_once_at_any_depth() {
+        let root = tempfile::tempdir().unwrap();
+        for scene in ["a", "captures/b", "captures/c", "captures/more/d"] {
+            capture(&root.path().join(scene));
+        }
+        let mut found = Vec::new();
+        search(root.path(), 0, &mut found);
+        let mut keys: Vec<String> = found.iter().flat_map(|dataset| dataset.source.keys().to_vec()).collect();
+        keys.sort();
+        assert_eq!(keys, ["a", "b", "c", "d"]);
+    }
+}

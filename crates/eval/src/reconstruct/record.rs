@@ -1,0 +1,169 @@
+use std::path::PathBuf;
+
+use atsplat_camera::{Distortion, Fallback, PoseNormalisation};
+use atsplat_files::Sha256Digest;
+use atsplat_model::network::{Processor, Reconstruction};
+use atsplat_protocol::NearFar;
+use atsplat_protocol::trial::AppliedNormalisation;
+use serde::Serialize;
+
+use super::Photos;
+
+/// The input photos and their preprocessing.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct InputRecord {
+    /// The dataset.
+    pub data: PathBuf,
+    /// Key of the scene.
+    pub scene: String,
+    /// Context views.
+    pub views: Vec<ViewRecord>,
+    /// Target views.
+    pub targets: Vec<ViewRecord>,
+    /// Identity of the trial: frames, source cameras, preprocessing, normalisation, near and far planes.
+    pub trial: Sha256Digest,
+    /// The protocol whose recipe was used, if any.
+    pub protocol: Option<String>,
+    /// Preprocessing of images and intrinsics.
+    pub preprocessing: String,
+    /// Normalisation of the poses.
+    pub normalisation: NormalisationRecord,
+    /// Near and far plane in the network's unit of length.
+    pub near_far: NearFar,
+}
+
+/// A frame of the scene.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ViewRecord {
+    /// Position in the scene.
+    pub frame: usize,
+    /// The dataset's name of the frame.
+    pub name: String,
+}
+
+/// `network = scale · rotation · (scene − origin)`.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct NormalisationRecord {
+    /// The rule.
+    pub rule: PoseNormalisation,
+    /// Row-major.
+    pub rotation: [[f64; 3]; 3],
+    /// In scene units.
+    pub origin: [f64; 3],
+    /// Network units per scene unit.
+    pub scale: f64,
+    /// Fallbacks of the rule for degenerate views.
+    pub fallbacks: Vec<Fallback>,
+}
+
+impl From<&AppliedNormalisation> for NormalisationRecord {
+    fn from(applied: &AppliedNormalisation) -> Self {
+        let change = &applied.new_from_old;
+        Self {
+            rule: applied.rule.clone(),
+            rotation: change.rotation.transpose().to_cols_array_2d(),
+            origin: change.origin.to_array(),
+            scale: change.scale,
+            fallbacks: applied.fallbacks.clone(),
+        }
+    }
+}
+
+/// Tokens before and after each decoder block.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TokenRecord {
+    /// Tokens that entered the decoder.
+    pub initial: usize,
+    /// One per decoder block.
+    pub blocks: Vec<BlockRecord>,
+    /// Tokens that left the decoder.
+    pub r#final: usize,
+    /// Gaussians of these tokens.
+    pub gaussians: usize,
+}
+
+/// Tokens of one decoder block.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BlockRecord {
+    /// Tokens that entered.
+    pub entered: usize,
+    /// Tokens that were expanded.
+    pub expanded: usize,
+    /// Tokens that left.
+    pub left: usize,
+    /// Gaussians that the head would make of the tokens that left.
+    pub gaussians: usize,
+    /// Minimum and maximum predicted uncertainty of the tokens that entered, if the block scores them.
+    pub scores: Option<[f32; 2]>,
+}
+
+impl TokenRecord {
+    /// Counts the tokens of a reconstruction.
+    pub fn of(reconstruction: &Reconstruction) -> Self {
+        let budget = &reconstruction.budget;
+        let per_token = budget.gaussians.checked_div(budget.final_tokens).unwrap_or(0);
+        let mut entered = budget.initial_tokens;
+        let rows = budget.expanded.iter().zip(&budget.tokens).zip(&reconstruction.blocks);
+        let blocks = rows.map(|((&expanded, &left), outcome)| {
+            let scores = outcome.scores.as_ref().and_then(|scores| {
+                let minimum = scores.iter().copied().min_by(f32::total_cmp)?;
+                Some([minimum, scores.iter().copied().max_by(f32::total_cmp)?])
+            });
+            let row = BlockRecord { entered, expanded, left, gaussians: per_token * left, scores };
+            entered = left;
+            row
+        });
+        let blocks = blocks.collect();
+        let (initial, r#final, gaussians) = (budget.initial_tokens, budget.final_tokens, budget.gaussians);
+        Self { initial, blocks, r#final, gaussians }
+    }
+}
+
+impl InputRecord {
+    /// Records photos of the dataset `data`, prepared with the recipe of `protocol` if there is one.
+    pub fn new(photos: &Photos, data: PathBuf, protocol: Option<String>) -> Self {
+        let trial = photos.trial();
+        let view = |frame: usize| ViewRecord { frame, name: photos.name(frame).unwrap_or("unnamed").to_owned() };
+        Self {
+            data,
+            scene: trial.scene().to_owned(),
+            views: trial.context().iter().map(|context| view(context.frame)).collect(),
+            targets: trial.targets().iter().map(|target| view(target.frame)).collect(),
+            trial: trial.hash(),
+            protocol,
+            preprocessing: trial.preprocessing().to_string(),
+            normalisation: trial.normalisation().into(),
+            near_far: trial.near_far(),
+        }
+    }
+}
+
+/// Warnings about photos and result: degenerate normalisation, lens distortion, invalid Gaussians, and a device that cannot
+/// render.
+pub fn warnings(reconstruction: &Reconstruction, photos: &Photos, processor: Processor) -> Vec<String> {
+    let refused = |why| format!("the GPU cannot render the network's Gaussians: {why}");
+    let mut warnings: Vec<String> = processor.refusal().map(refused).into_iter().collect();
+    let fallbacks = &photos.trial().normalisation().fallbacks;
+    if !fallbacks.is_empty() {
+        let names: Vec<String> = fallbacks.iter().map(|fallback| format!("{fallback:?}")).collect();
+        warnings.push(format!("the pose normalisation is not stable for these views: {}", names.join(", ")));
+    }
+    let distorted = photos.trial().context().iter().filter(|view| view.camera.distortion != Distortion::None).count();
+    if distorted > 0 {
+        warnings.push(format!(
+            "{distorted} views have lens distortion: their rays follow it, which the papers' networks were never trained on; \
+             `atsplat data undistort` removes it from the photos, --no-distortion ignores it"
+        ));
+    }
+    let found = reconstruction.gaussians.validate();
+    if !found.is_clean() {
+        let (invalid, total) = (found.invalid, found.total);
+        warnings.push(format!("{invalid} of {total} Gaussians are invalid; `atsplat render` lists the problems"));
+    }
+    warnings
+}

@@ -1,0 +1,335 @@
+//! The summary of a run: means over scenes. `atsplat report` makes tables, intervals and plots.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use atsplat_metrics::{DECIBEL_CAP, definition};
+use atsplat_numeric::format_bytes;
+use atsplat_protocol::DropReason;
+use serde::Serialize;
+
+use crate::runner::Summary;
+use crate::timing::{Spread, Times, times};
+use crate::{IDENTICAL, MetricRecord, Results, TargetRow, TargetStatus, WarningCount};
+
+/// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
+/// table, [`Serialize`] as JSON.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RunReport {
+    store: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    summary: Option<Summary>,
+    rows: Vec<Row>,
+    /// Times of each method under each protocol, from the timing pass.
+    times: Vec<MethodTimes>,
+    /// Metrics that were not computed, and why.
+    not_computed: BTreeMap<String, String>,
+    /// Index entries and targets without numbers, by reason.
+    without: Vec<Without>,
+    /// Warnings about indices and data.
+    warnings: Vec<WarningCount>,
+    /// A suggestion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    advice: Option<&'static str>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct MethodTimes {
+    preset: String,
+    method: String,
+    /// `None` with the reason in `absent`.
+    #[serde(flatten)]
+    times: Option<Times>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    absent: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Without {
+    preset: String,
+    what: String,
+    count: usize,
+    example: String,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    preset: String,
+    method: String,
+    untrained: bool,
+    scenes: usize,
+    targets: usize,
+    failed: usize,
+    non_finite: usize,
+    identical: usize,
+    /// Means over scenes of means over targets; identical images count as 100 dB.
+    means: BTreeMap<String, f64>,
+}
+
+impl RunReport {
+    /// Summarises the results in the folder `store`, after a run with this summary if there was one.
+    pub fn of(results: &Results, summary: Option<Summary>, store: &Path) -> Self {
+        let provenance = &results.provenance;
+        let (mut rows, mut of_methods) = (Vec::new(), Vec::new());
+        for preset in &provenance.presets {
+            for method in &provenance.methods {
+                let own: Vec<&TargetRow> = results
+                    .targets
+                    .iter()
+                    .filter(|row| row.key.preset == preset.name && row.key.method == method.name)
+                    .collect();
+                if !own.is_empty() {
+                    let ids = provenance.metrics.iter().map(|metric| metric.id.as_str());
+                    rows.push(Row::of(&preset.name, &method.name, method.untrained, &own, ids));
+                    let found = times(results, &preset.name, &method.name);
+                    let (preset, method) = (preset.name.clone(), method.name.clone());
+                    let (times, absent) = match found {
+                        Ok(times) => (Some(times), None),
+                        Err(reason) => (None, Some(reason)),
+                    };
+                    of_methods.push(MethodTimes { preset, method, times, absent });
+                }
+            }
+        }
+        let absent = |metric: &MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
+        let not_computed = provenance.metrics.iter().filter_map(absent).collect();
+        let (without, warnings) = (without(results), provenance.warnings.clone());
+        Self {
+            store: store.to_owned(),
+            summary,
+            rows,
+            times: of_methods,
+            not_computed,
+            without,
+            warnings,
+            advice: None,
+        }
+    }
+
+    /// Suggests `--any-size` if images were rejected for their size without it.
+    #[must_use]
+    pub fn advising(self, takes_any_size: bool) -> Self {
+        const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
+        let refused = self.without.iter().any(|without| without.what.ends_with(DropReason::PictureSize.name()));
+        Self { advice: (refused && !takes_any_size).then_some(ADVICE), ..self }
+    }
+}
+
+/// Entries and targets without numbers, with the first of each kind.
+fn without(results: &Results) -> Vec<Without> {
+    let skipped = results.provenance.skipped.iter();
+    let skipped = skipped.map(|entry| {
+        let example = format!("scene {}: {}", entry.scene, entry.detail);
+        (&entry.preset, format!("entries skipped, {}", entry.reason), example)
+    });
+    let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
+    let failed = failed.map(|row| {
+        let detail = row.detail.as_deref().unwrap_or("unknown reason");
+        let what = format!("targets of {} failed, {}", row.key.method, kind_of(detail, &row.key.scene));
+        (&row.key.preset, what, format!("scene {}, frame {}: {detail}", row.key.scene, row.frame))
+    });
+    let mut kinds: BTreeMap<(&String, String), (usize, String)> = BTreeMap::new();
+    for (preset, what, example) in skipped.chain(failed) {
+        kinds.entry((preset, what)).or_insert((0, example)).0 += 1;
+    }
+    let without = |((preset, what), (count, example)): ((&String, String), (usize, String))| Without {
+        preset: preset.clone(),
+        what,
+        count,
+        example,
+    };
+    kinds.into_iter().map(without).collect()
+}
+
+/// The common text of failures of one kind: without paths, numbers and the scene's name.
+fn kind_of(detail: &str, scene: &str) -> String {
+    const LONGEST: usize = 60;
+    let words = detail.split_whitespace().take_while(|word| !word.starts_with('('));
+    let words = words.map(|word| {
+        let bare = word.trim_end_matches([':', ',', ';']);
+        if bare == scene {
+            return format!("SCENE{}", word.get(bare.len()..).unwrap_or_default());
+        }
+        let word = if word.contains('/') { "PATH" } else { word };
+        let mut kind = String::new();
+        for c in word.chars() {
+            if !c.is_ascii_digit() {
+                kind.push(c);
+            } else if !kind.ends_with('N') {
+                kind.push('N');
+            }
+        }
+        kind
+    });
+    let text = words.collect::<Vec<_>>().join(" ");
+    let short = text.split_once(": ").map_or(text.as_str(), |(short, _)| short);
+    short.chars().take(LONGEST).collect::<String>().trim_end_matches([':', ',', ';']).to_owned()
+}
+
+impl Row {
+    fn of<'a>(
+        preset: &str,
+        method: &str,
+        untrained: bool,
+        targets: &[&TargetRow],
+        ids: impl Iterator<Item = &'a str>,
+    ) -> Self {
+        let count = |status| targets.iter().filter(|row| row.status == status).count();
+        let scenes: std::collections::BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
+        Self {
+            preset: preset.to_owned(),
+            method: method.to_owned(),
+            untrained,
+            scenes: scenes.len(),
+            targets: targets.len(),
+            failed: count(TargetStatus::Failed),
+            non_finite: count(TargetStatus::NonFinite),
+            identical: count(TargetStatus::Identical),
+            means: ids.filter_map(|id| Some((id.to_owned(), mean(targets, id)?))).collect(),
+        }
+    }
+}
+
+/// The mean over scenes of the means over their targets.
+fn mean(targets: &[&TargetRow], id: &str) -> Option<f64> {
+    let mut scenes: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
+    for row in targets {
+        let identical = row.not_computed.get(id).is_some_and(|why| why == IDENTICAL);
+        if let Some(score) = row.scores.get(id).copied().or_else(|| identical.then_some(DECIBEL_CAP)) {
+            let (sum, count) = scenes.entry(&row.key.scene).or_default();
+            *sum += score;
+            *count += 1;
+        }
+    }
+    let means = scenes.values().map(|(sum, count)| sum / *count as f64);
+    (!scenes.is_empty()).then(|| means.sum::<f64>() / scenes.len() as f64)
+}
+
+impl fmt::Display for RunReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown: Vec<&String> = Vec::new();
+        for id in self.rows.iter().flat_map(|row| row.means.keys()) {
+            if !shown.contains(&id) {
+                shown.push(id);
+            }
+        }
+        let width = |of: fn(&Row) -> &str| self.rows.iter().map(|row| of(row).chars().count()).max().unwrap_or(0);
+        let preset = width(|row| &row.preset).max("protocol".len());
+        let method = width(|row| &row.method).max("method".len()) + 2;
+        write!(f, "{:<preset$}  {:<method$} {:>7} {:>8}", "protocol", "method", "scenes", "targets")?;
+        shown.iter().try_for_each(|id| write!(f, " {:>width$}", name(id), width = name(id).chars().count().max(8)))?;
+        writeln!(f)?;
+        for row in &self.rows {
+            let label = if row.untrained { format!("{} *", row.method) } else { row.method.clone() };
+            write!(f, "{:<preset$}  {label:<method$} {:>7} {:>8}", row.preset, row.scenes, row.targets)?;
+            for id in &shown {
+                let value = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
+                write!(f, " {value:>width$}", width = name(id).chars().count().max(8))?;
+            }
+            for (count, what) in
+                [(row.failed, "failed"), (row.non_finite, "with non-finite samples"), (row.identical, "identical")]
+            {
+                if count > 0 {
+                    write!(f, "  {count} {what}")?;
+                }
+            }
+            writeln!(f)?;
+        }
+        if self.rows.iter().any(|row| row.untrained) {
+            writeln!(
+                f,
+                "* untrained: nothing was learned; the numbers only show that the pipeline works and what it costs"
+            )?;
+        }
+        self.write_times(f)?;
+        for Without { preset, what, count, example } in &self.without {
+            writeln!(f, "{preset}: {count} {what}: {example}")?;
+        }
+        self.advice.iter().try_for_each(|advice| writeln!(f, "{advice}"))?;
+        for WarningCount { preset, kind, count, example } in &self.warnings {
+            writeln!(f, "warning: {preset}: {count} {kind}: {example}")?;
+        }
+        for (id, why) in &self.not_computed {
+            writeln!(f, "{id} was not computed: {why}")?;
+        }
+        if let Some(summary) = &self.summary {
+            writeln!(f, "\n{}", summary_text(summary))?;
+        }
+        writeln!(f, "{}", self.store.display())
+    }
+}
+
+impl RunReport {
+    /// The times of the timing pass, or a line with the reason for having none.
+    fn write_times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (timed, absent): (Vec<_>, Vec<_>) = self.times.iter().partition(|row| row.times.is_some());
+        for MethodTimes { preset, method, times, .. } in &timed {
+            let Some(times) = times else { continue };
+            let parts = [("encoding", times.encode), ("rendering", times.render)];
+            let parts: Vec<String> = parts
+                .iter()
+                .filter_map(|(what, spread)| Some(format!("{what} {}", milliseconds(&(*spread)?))))
+                .collect();
+            let memory =
+                times.peak_bytes.map_or_else(String::new, |bytes| format!(", at most {}", format_bytes(bytes)));
+            let busy = if times.busy { ", on a busy machine: not reliable" } else { "" };
+            let Times { trials, repetitions, .. } = times;
+            writeln!(f, "{preset}, {method}: {}, {repetitions} × {trials} trials{memory}{busy}", parts.join(", "))?;
+        }
+        let mut machines: Vec<String> =
+            timed.iter().filter_map(|row| Some(format!("timed on {}", row.times.as_ref()?.machine))).collect();
+        machines.dedup();
+        machines.iter().try_for_each(|machine| writeln!(f, "{machine}"))?;
+        let mut reasons: BTreeMap<&String, Vec<&str>> = BTreeMap::new();
+        for row in absent {
+            let methods = reasons.entry(row.absent.as_ref().unwrap_or(&row.method)).or_default();
+            if !methods.contains(&row.method.as_str()) {
+                methods.push(&row.method);
+            }
+        }
+        reasons.iter().try_for_each(|(reason, methods)| writeln!(f, "no times of {}: {reason}", methods.join(", ")))
+    }
+}
+
+/// A median and its median absolute deviation.
+fn milliseconds(spread: &Spread) -> String {
+    format!("{:.2} ms ± {:.2}", 1e3 * spread.median, 1e3 * spread.mad)
+}
+
+fn name(id: &str) -> &str {
+    definition(id).map_or(id, |metric| metric.name)
+}
+
+fn summary_text(summary: &Summary) -> String {
+    let Summary { evaluated, resumed, incomplete, non_finite, skipped, not_there } = *summary;
+    let parts = [
+        (resumed, "were there before"),
+        (incomplete, "incomplete, each with its reason"),
+        (non_finite, "targets with non-finite samples"),
+        (skipped, "index entries skipped, each with its reason"),
+        (not_there, "scenes of the index missing from the data"),
+    ];
+    let parts = parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
+    format!("{evaluated} results computed{}", parts.collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_of_one_kind_have_the_same_text() {
+        let of = |detail: &str| kind_of(detail, "aa11");
+        assert_eq!(kind_of("no palace of scene a: gone", "a"), "no palace of scene SCENE");
+        let missing = "no file for frame N of scene SCENE";
+        assert_eq!(of("no file for frame 12 of scene aa11: expected aa11/000012.png or .exr below out"), missing);
+        assert_eq!(of("no file for frame 7 of scene aa11: expected aa11/000007.png or .exr below out"), missing);
+        assert_eq!(of("expected a picture of 40×40, found 20×20"), "expected a picture of N×N, found N×N");
+        assert_eq!(of("unexpected end of file (out/aa11/000002.png)"), "unexpected end of file");
+    }
+}

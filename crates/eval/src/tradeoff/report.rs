@@ -1,0 +1,102 @@
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{Axis, Frontier, Point, Price, Standing, Tradeoff};
+
+/// Frontiers of every protocol and metric. [`Display`](fmt::Display) prints them as tables with prices.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TradeoffReport {
+    /// One per protocol and metric.
+    pub tradeoffs: Vec<Tradeoff>,
+}
+
+impl fmt::Display for TradeoffReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (at, tradeoff) in self.tradeoffs.iter().enumerate() {
+            let Tradeoff { preset, metric, unit, frontiers, .. } = tradeoff;
+            for frontier in frontiers {
+                let blank = if at == 0 && frontier.axis == Axis::Seconds { "" } else { "\n" };
+                let cost = match frontier.axis {
+                    Axis::Seconds => "seconds",
+                    Axis::Gaussians => "Gaussians",
+                };
+                writeln!(f, "{blank}{preset}: {metric} against {cost}")?;
+                points(f, frontier)?;
+                prices(f, frontier, unit)?;
+            }
+        }
+        notes(f, &self.tradeoffs)
+    }
+}
+
+fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
+    writeln!(f, "  {:<40} {:>10} {:>18} {:>12}  difference, 95 %", "", "quality", "ms", "Gaussians")?;
+    for point in &frontier.points {
+        let Point { label, quality, secs, secs_error, busy, gaussians, against, standing, .. } = point;
+        let mark = match standing {
+            Standing::Frontier => "*",
+            Standing::Worse => " ",
+            Standing::NotDistinguishable => "?",
+        };
+        let busy = if *busy { "§" } else { "" };
+        let ms = secs.map_or("-".to_owned(), |secs| format!("{:.1} ±{:.1}{busy}", 1e3 * secs, 1e3 * secs_error));
+        let gaussians = gaussians.map_or("-".to_owned(), |count| format!("{count:.0}"));
+        let difference = against.as_ref().map_or_else(String::new, |against| {
+            let difference = against.difference;
+            let interval = difference.interval.map_or_else(
+                || "no interval from one scene".to_owned(),
+                |[low, high]| format!("{low:+.4} to {high:+.4}"),
+            );
+            format!("{:+.4} ({interval}) from {}", difference.value, against.label)
+        });
+        let verdict = match standing {
+            Standing::NotDistinguishable => ", not distinguishable",
+            Standing::Frontier if frontier.knee.as_ref() == Some(label) => ", knee",
+            Standing::Frontier | Standing::Worse => "",
+        };
+        writeln!(f, "{mark} {label:<40} {quality:>10.4} {ms:>18} {gaussians:>12}  {difference}{verdict}")?;
+    }
+    for (label, reason) in &frontier.left_out {
+        writeln!(f, "- {label:<40} skipped: {reason}")?;
+    }
+    Ok(())
+}
+
+fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::Result {
+    for Price { from, to, gain, gain_interval: [low, high], step, secs, gaussians } in &frontier.prices {
+        let ms = secs.map(|secs| format!("{:+.1} ms", 1e3 * secs));
+        let gaussians = gaussians.map(|count| format!("{count:+.0} Gaussians"));
+        let paid: Vec<String> = ms.into_iter().chain(gaussians).collect();
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        writeln!(
+            f,
+            "  {from} to {to}, {gain:.4}{unit} better ({low:.4} to {high:.4}): the next {step}{unit} for {}",
+            paid.join(" and ")
+        )?;
+    }
+    if frontier.prices.is_empty() && frontier.points.len() > 1 {
+        writeln!(f, "  no price: no two settings are distinguishable in quality with one costing more")?;
+    }
+    Ok(())
+}
+
+fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
+    writeln!(
+        f,
+        "\n* on the frontier: better than the previous one by more than the interval of their difference, over the same scenes.\n\
+         ? not distinguishable from it. Milliseconds are of the timing pass, medians of encoding and of rendering one view,\n\
+         added: until the first picture."
+    )?;
+    let mut machines: Vec<String> =
+        tradeoffs.iter().flat_map(|tradeoff| &tradeoff.machines).map(ToString::to_string).collect();
+    machines.sort();
+    machines.dedup();
+    machines.iter().try_for_each(|machine| writeln!(f, "Timed on {machine}."))?;
+    let points = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers).flat_map(|frontier| &frontier.points);
+    if points.into_iter().any(|point| point.busy) {
+        writeln!(f, "§ The machine was busy with other work: these times are not reliable.")?;
+    }
+    Ok(())
+}

@@ -1,0 +1,275 @@
+//! Reads cameras from files: any dataset that `scene` reads, the `cameras.json` of models trained with 3DGS, lists of
+//! poses, and the `render.json` of `atsplat render`.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::{
+    Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::scene_key::{AmbiguousScene, scene_key};
+use crate::{SceneError, SceneSource as _, Warnings, json, poses};
+
+/// Why cameras cannot be read from a file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CameraFileError {
+    /// The file cannot be read.
+    #[error("reading cameras from {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The reason given by the system.
+        source: std::io::Error,
+    },
+    /// The file is not a camera file.
+    #[error("reading cameras from {}: {problem}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Which camera, what was expected and found.
+        problem: String,
+    },
+    /// Poses without a lens.
+    #[error(
+        "{} holds camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
+        path.display()
+    )]
+    NoLens {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A field of view for cameras that have intrinsics.
+    #[error("--fov is for files with only poses: {} has intrinsics of its own", path.display())]
+    HasLens {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No camera.
+    #[error("{} holds no camera", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The lens of poses is not possible.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The dataset cannot be read.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The dataset has several scenes.
+    #[error(transparent)]
+    Key(#[from] AmbiguousScene),
+}
+
+/// A camera read from a file.
+#[derive(Clone, Debug)]
+pub struct FileCamera {
+    /// Number in the names of its image files.
+    pub number: usize,
+    /// Name in the camera file.
+    pub name: String,
+    /// Pose, intrinsics and lens distortion.
+    pub camera: Camera,
+    /// In pixels, if known from the file or the image.
+    pub size: Option<ImageSize>,
+    /// The 3×4 array of 3DGS' exposure.
+    pub exposure: Option<[[f64; 4]; 3]>,
+}
+
+/// The lens for files that hold only poses.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LensOfPoses {
+    /// Horizontal field of view in degrees; an error for files with intrinsics.
+    pub fov: Option<f64>,
+    /// Image size in pixels.
+    pub size: Option<ImageSize>,
+}
+
+/// A camera in `render.json`, without loss of precision.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct CameraRecord {
+    number: usize,
+    name: String,
+    width: u32,
+    height: u32,
+    camera_from_world: [f64; 12],
+    /// Relative to image width and height.
+    intrinsics: NormalizedIntrinsics,
+    #[serde(default)]
+    distortion: Distortion,
+    /// The 3×4 array of 3DGS' exposure.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    exposure: Option<[[f64; 4]; 3]>,
+}
+
+/// A camera as written by 3DGS' `camera_to_JSON` (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
+/// axes of the camera in the world, focal lengths in pixels, the principal point in the middle.
+#[derive(Debug, Deserialize)]
+struct TrainedCamera {
+    img_name: String,
+    width: u32,
+    height: u32,
+    position: [f64; 3],
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+}
+
+/// Reads every camera of a file or folder; `key` selects a scene if there are several. Images may be missing.
+///
+/// # Errors
+/// [`CameraFileError`] naming the file, the camera, and what was expected.
+pub fn read(
+    path: &Path,
+    key: Option<&str>,
+    lens: LensOfPoses,
+    warnings: &mut Warnings,
+) -> Result<Vec<FileCamera>, CameraFileError> {
+    let malformed = |problem| CameraFileError::Malformed { path: path.to_owned(), problem };
+    let json = if path.is_file() { json_of(path)? } else { None };
+    if let Some(list @ Value::Array(entries)) = &json
+        && poses::is_list_of_poses(list)
+    {
+        return posed(entries, path, lens);
+    }
+    if lens.fov.is_some() {
+        return Err(CameraFileError::HasLens { path: path.to_owned() });
+    }
+    let cameras = match json {
+        Some(list @ Value::Array(_)) => trained_cameras(list).map_err(malformed)?,
+        // OpenMVG has a field of this name, too.
+        Some(Value::Object(mut object)) if object.contains_key("views") && !object.contains_key("sfm_data_version") => {
+            let views = object.remove("views").unwrap_or(Value::Null);
+            let views: Vec<Value> =
+                serde_json::from_value(views).map_err(|error| malformed(format!("views: {error}")))?;
+            each(views, recorded).map_err(malformed)?
+        }
+        _ => {
+            let mut found = Warnings::new();
+            let cameras = of_dataset(path, key, &mut found);
+            warnings.merge(found.about_cameras());
+            cameras?
+        }
+    };
+    if cameras.is_empty() {
+        return Err(CameraFileError::Empty { path: path.to_owned() });
+    }
+    Ok(cameras)
+}
+
+/// Parses the file if it looks like JSON.
+fn json_of(path: &Path) -> Result<Option<Value>, CameraFileError> {
+    let bytes = std::fs::read(path).map_err(|source| CameraFileError::Read { path: path.to_owned(), source })?;
+    let start = bytes.trim_ascii_start();
+    if !start.starts_with(b"[") && !start.starts_with(b"{") {
+        return Ok(None);
+    }
+    let parsed = json::parse(start).map(Some);
+    parsed.map_err(|error| CameraFileError::Malformed {
+        path: path.to_owned(),
+        problem: format!("expected JSON: {error}"),
+    })
+}
+
+/// Reads 3DGS' list of cameras.
+fn trained_cameras(list: Value) -> Result<Vec<FileCamera>, String> {
+    let is_trained = |camera: &Value| camera.get("position").is_some() && camera.get("rotation").is_some();
+    match list {
+        Value::Array(entries) if entries.first().is_some_and(is_trained) => each(entries, trained),
+        other => Err(format!(
+            "expected a dataset's cameras, a render.json, 3DGS' cameras.json or a list of camera matrices, found {}",
+            json::describe(&other)
+        )),
+    }
+}
+
+/// Cameras from poses that share one lens.
+fn posed(
+    entries: &[Value],
+    path: &Path,
+    LensOfPoses { fov, size }: LensOfPoses,
+) -> Result<Vec<FileCamera>, CameraFileError> {
+    let (Some(fov), Some(size)) = (fov, size) else {
+        return Err(CameraFileError::NoLens { path: path.to_owned() });
+    };
+    let intrinsics = NormalizedIntrinsics::with_horizontal_view(fov.to_radians(), size)?;
+    let camera = |(number, pose)| FileCamera {
+        number,
+        name: number.to_string(),
+        camera: Camera::pinhole(pose, intrinsics),
+        size: Some(size),
+        exposure: None,
+    };
+    Ok(poses::poses(entries, path)?.into_iter().enumerate().map(camera).collect())
+}
+
+fn each<T: for<'de> Deserialize<'de>>(
+    entries: Vec<Value>,
+    camera: impl Fn(usize, T) -> Result<FileCamera, CameraError>,
+) -> Result<Vec<FileCamera>, String> {
+    let one = |(at, entry)| {
+        let entry = serde_json::from_value(entry).map_err(|error| format!("camera {at}: {error}"))?;
+        camera(at, entry).map_err(|error| format!("camera {at}: {error}"))
+    };
+    entries.into_iter().enumerate().map(one).collect()
+}
+
+fn trained(at: usize, entry: TrainedCamera) -> Result<FileCamera, CameraError> {
+    let size = ImageSize { width: entry.width, height: entry.height };
+    let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
+    let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
+    let ([r0, r1, r2], [x, y, z]) = (entry.rotation, entry.position);
+    let rows = [r0[0], r0[1], r0[2], x, r1[0], r1[1], r1[2], y, r2[0], r2[1], r2[2], z];
+    let pose = WorldFromCamera::from_rows(&rows)?;
+    Ok(FileCamera {
+        number: at,
+        name: entry.img_name,
+        camera: Camera::pinhole(pose.inverse(), intrinsics),
+        size: Some(size),
+        exposure: None,
+    })
+}
+
+fn recorded(_: usize, entry: CameraRecord) -> Result<FileCamera, CameraError> {
+    let NormalizedIntrinsics { fx, fy, cx, cy } = entry.intrinsics;
+    let camera = Camera {
+        camera_from_world: CameraFromWorld::from_rows(&entry.camera_from_world)?,
+        intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy)?,
+        distortion: entry.distortion,
+    };
+    let size = ImageSize { width: entry.width, height: entry.height };
+    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size), exposure: entry.exposure })
+}
+
+impl CameraRecord {
+    /// Records a camera with images of `size` pixels, and the 3×4 array of 3DGS' exposure.
+    pub fn new(number: usize, name: String, camera: &Camera, size: ImageSize, exposure: Option<[[f64; 4]; 3]>) -> Self {
+        Self {
+            number,
+            name,
+            width: size.width,
+            height: size.height,
+            camera_from_world: camera.camera_from_world.to_rows(),
+            intrinsics: camera.intrinsics,
+            distortion: camera.distortion,
+            exposure,
+        }
+    }
+}
+
+fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> Result<Vec<FileCamera>, CameraFileError> {
+    let dataset = crate::open(path, warnings)?;
+    let key = scene_key(&dataset, key)?;
+    let scene = dataset.load(key, warnings)?;
+    let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
+        // If an image cannot be read, its size stays unknown.
+        let of_picture = || if frame.picture.is_there() { frame.size(key, number).ok() } else { None };
+        let size = frame.stated_size.or_else(of_picture);
+        FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
+    });
+    Ok(cameras.collect())
+}

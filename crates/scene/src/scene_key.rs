@@ -1,0 +1,31 @@
+use std::path::PathBuf;
+
+use crate::{Dataset, SceneSource as _};
+
+/// A dataset of several scenes, none of which was requested.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{} holds {count} scenes ({} …): choose one with --key", path.display(), examples.join(", "))]
+pub struct AmbiguousScene {
+    /// The dataset.
+    pub path: PathBuf,
+    /// Number of scenes.
+    pub count: usize,
+    /// Some of their keys.
+    pub examples: Vec<String>,
+}
+
+/// The key of the requested scene, which may be omitted for a dataset of one scene.
+///
+/// # Errors
+/// [`AmbiguousScene`] if no scene is requested and there are several or none.
+pub fn scene_key<'a>(dataset: &'a Dataset, requested: Option<&'a str>) -> Result<&'a str, AmbiguousScene> {
+    match (requested, dataset.keys()) {
+        (Some(key), _) => Ok(key),
+        (None, [only]) => Ok(only),
+        (None, keys) => Err(AmbiguousScene {
+            path: dataset.path.clone(),
+            count: keys.len(),
+            examples: keys.iter().take(5).cloned().collect(),
+        }),
+    }
+}

@@ -1,0 +1,88 @@
+use std::fmt;
+
+use atsplat_numeric::Extremes as _;
+use serde::Serialize;
+
+use super::{Decision, EffectSelection, Verdict};
+
+/// Verdicts on each effect over the frames of a render. [`Display`](fmt::Display) lists the effects that were not run in full.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct EffectSummary {
+    selection: String,
+    tolerance: f64,
+    effects: Vec<Row>,
+}
+
+/// Number of frames per verdict of one effect.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    effect: &'static str,
+    runs: usize,
+    reduced: usize,
+    left_out: usize,
+    not_asked: usize,
+    /// Over the frames in which it was reduced or skipped; `None` if it is unproved for one of them.
+    largest_bound: Option<f64>,
+}
+
+impl EffectSummary {
+    /// Summarises the decisions of each frame; frames that were not rendered have none.
+    pub fn new<'a>(
+        selection: &EffectSelection,
+        tolerance: f64,
+        frames: impl Iterator<Item = &'a [Decision]> + Clone,
+    ) -> Self {
+        let names = frames.clone().find(|decisions| !decisions.is_empty());
+        let row = |(at, first): (usize, &Decision)| {
+            Row::of(first.effect, frames.clone().filter_map(|decisions| decisions.get(at)))
+        };
+        let effects = names.into_iter().flatten().enumerate().map(row).collect();
+        Self { selection: selection.to_string(), tolerance, effects }
+    }
+}
+
+impl Row {
+    fn of<'a>(effect: &'static str, decisions: impl Iterator<Item = &'a Decision>) -> Self {
+        let mut row = Self { effect, runs: 0, reduced: 0, left_out: 0, not_asked: 0, largest_bound: Some(0.0) };
+        for Decision { verdict, bound, .. } in decisions {
+            match verdict {
+                Verdict::Runs => row.runs += 1,
+                Verdict::Reduced => row.reduced += 1,
+                Verdict::LeftOut => row.left_out += 1,
+                Verdict::NotAsked => row.not_asked += 1,
+            }
+            if matches!(verdict, Verdict::Reduced | Verdict::LeftOut) {
+                row.largest_bound = row.largest_bound.zip(*bound).map(|(largest, bound)| largest.maximum_of(bound));
+            }
+        }
+        row
+    }
+}
+
+impl fmt::Display for EffectSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for Row { effect, reduced, left_out, largest_bound, .. } in &self.effects {
+            if reduced + left_out == 0 {
+                continue;
+            }
+            let is_plane = matches!(*effect, "depth" | "scalar" | "median-depth");
+            let bound = match largest_bound {
+                Some(0.0) => "changes nothing".to_owned(),
+                Some(bound) => format!("changes no sample by more than {bound:.1e}"),
+                None if is_plane => "its image is not written".to_owned(),
+                None => "with no bound on what that changes".to_owned(),
+            };
+            let frames = |count: usize| if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") };
+            write!(f, "{effect}: ")?;
+            match (reduced, left_out) {
+                (0, _) => write!(f, "left out in {}", frames(*left_out))?,
+                (_, 0) => write!(f, "reduced in {}", frames(*reduced))?,
+                _ => write!(f, "left out in {left_out} and reduced in {}", frames(*reduced))?,
+            }
+            writeln!(f, ", {bound}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,75 @@
+//! The part of a scene that an overview shows.
+
+use atsplat_camera::Sphere;
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::Gaussians;
+
+/// Gaussians with a smaller opacity logit are ignored.
+const VISIBLE_LOGIT: f32 = -2.0;
+/// Extent of a Gaussian in standard deviations.
+const SIGMAS: f64 = 2.0;
+/// Share of the scene inside the frame; the rest are floaters and far background.
+const SHARE: f64 = 0.98;
+/// Factor on the radius.
+const MARGIN: f64 = 1.1;
+
+/// A sphere in scene units around the bulk of the visible Gaussians; `None` if there are none.
+pub fn visible_bulk(gaussians: &Gaussians) -> Option<Sphere> {
+    let parts = gaussians.parts();
+    let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits);
+    let visible = parts.means.iter().zip(shapes).filter(|(_, (_, logit))| **logit > VISIBLE_LOGIT);
+    let ends = visible.flat_map(|(mean, ((quaternion, log_scales), _))| {
+        let mean = DVec3::from_array(mean.map(f64::from));
+        let [w, x, y, z] = quaternion.map(f64::from);
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let scales = DVec3::from_array(log_scales.map(|log| SIGMAS * f64::from(log).exp()));
+        let half = [axes.x_axis * scales.x, axes.y_axis * scales.y, axes.z_axis * scales.z];
+        half.into_iter().flat_map(move |half| [mean + half, mean - half])
+    });
+    let sphere = Sphere::around_bulk(ends, SHARE).filter(|sphere| sphere.radius > 0.0)?;
+    Some(Sphere { radius: MARGIN * sphere.radius, ..sphere })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::GaussianParts;
+    use atsplat_numeric::Tolerance;
+
+    /// Gaussians on a grid, and far away others that are invisible.
+    fn scene(logit: f32) -> Gaussians {
+        let mut means: Vec<[f32; 3]> = (0..125u8).map(|i| [i % 5, i / 5 % 5, i / 25].map(f32::from)).collect();
+        let mut opacity_logits = vec![logit; means.len()];
+        means.extend([[1e6, 0.0, 0.0]; 50]);
+        opacity_logits.extend([-6.0; 50]);
+        let count = means.len();
+        Gaussians::new(GaussianParts {
+            means,
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; count],
+            log_scales: vec![[-3.0; 3]; count],
+            opacity_logits,
+            sh: vec![[0.0; 3]; count],
+            ..GaussianParts::default()
+        })
+        .unwrap()
+    }
+
+    #[test]
+    fn invisible_gaussians_are_not_framed() {
+        let sphere = visible_bulk(&scene(1.0)).unwrap();
+        Tolerance::absolute(0.05).assert(sphere.centre.to_array(), [2.0; 3], "the centre of the grid");
+        assert!((2.0..4.0).contains(&sphere.radius), "{sphere:?}");
+        assert_eq!(visible_bulk(&scene(-6.0)), None);
+        assert_eq!(visible_bulk(&Gaussians::default()), None);
+    }
+
+    /// A single Gaussian has the extent of its ellipsoid.
+    #[test]
+    fn one_gaussian_is_framed_by_its_extent() {
+        let one = scene(1.0).select(&[0]).unwrap();
+        let sphere = visible_bulk(&one).unwrap();
+        let reach = MARGIN * SIGMAS * (-3.0f64).exp();
+        Tolerance::relative(1e-6).assert([sphere.radius], [reach], "two standard deviations and the margin");
+    }
+}

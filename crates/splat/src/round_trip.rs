@@ -1,0 +1,270 @@
+//! Image differences after export to a file format and import from it.
+
+use std::fmt;
+use std::fs;
+use std::path::Path;
+
+use atsplat_camera::ImageSize;
+use atsplat_numeric::Extremes as _;
+use serde::Serialize;
+
+use crate::files::{self, Encoding, Output};
+use crate::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View};
+
+/// Minimum PSNR of lossless formats after a round trip; less is a bug.
+const MIN_LOSSLESS_PSNR_DB: f64 = 60.0;
+const CONVENTION: &str = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
+
+/// A format of the round trip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RoundTripFormat {
+    /// Little-endian PLY.
+    Ply,
+    /// ASCII PLY.
+    PlyAscii,
+    /// Big-endian PLY.
+    PlyBigEndian,
+    /// SPZ 2.
+    Spz2,
+    /// SPZ 3.
+    Spz3,
+}
+
+impl RoundTripFormat {
+    /// All formats.
+    pub const ALL: [Self; 5] = [Self::Ply, Self::PlyAscii, Self::PlyBigEndian, Self::Spz2, Self::Spz3];
+
+    /// The name on the command line and in records.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::PlyAscii => "ply-ascii",
+            Self::PlyBigEndian => "ply-big-endian",
+            Self::Spz2 => "spz2",
+            Self::Spz3 => "spz3",
+        }
+    }
+
+    const fn output(self, antialiased: bool) -> Output {
+        match self {
+            Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
+            Self::PlyAscii => Output::Ply(Encoding::Ascii),
+            Self::PlyBigEndian => Output::Ply(Encoding::BinaryBigEndian),
+            Self::Spz2 => Output::Spz2 { antialiased },
+            Self::Spz3 => Output::Spz3 { antialiased },
+        }
+    }
+
+    const fn is_lossless(self) -> bool {
+        !matches!(self, Self::Spz2 | Self::Spz3)
+    }
+}
+
+/// Image differences after export and import.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RoundTrips {
+    /// Definition of the numbers.
+    convention: &'static str,
+    views: usize,
+    /// Why nothing was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fault: Option<String>,
+    rows: Vec<Row>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    format: RoundTripFormat,
+    /// Why there is no number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fault: Option<String>,
+    bytes: u64,
+    /// Relative to a little-endian PLY.
+    size_over_ply: f64,
+    /// Whether all images are bit for bit the same.
+    identical: bool,
+    /// Over all views; `None` if no clipped value differs.
+    psnr_db: Option<f64>,
+    /// Over the view that differs most.
+    worst_view_psnr_db: Option<f64>,
+    largest_difference: f64,
+}
+
+/// Accumulates the differences of one format.
+struct Trip {
+    format: RoundTripFormat,
+    bytes: u64,
+    back: Result<Gaussians, String>,
+    identical: bool,
+    squares: f64,
+    samples: f64,
+    worst_mse: f64,
+    largest: f64,
+}
+
+fn length(path: &Path) -> Result<u64, SplatError> {
+    let data = fs::metadata(path);
+    data.map(|data| data.len()).map_err(|source| SplatError::Io { action: "reading", path: path.to_owned(), source })
+}
+
+impl Trip {
+    /// A format that cannot hold the Gaussians is reported, not an error.
+    fn start(
+        format: RoundTripFormat,
+        gaussians: &Gaussians,
+        antialiased: bool,
+        path: &Path,
+    ) -> Result<Self, SplatError> {
+        let written = files::write(path, gaussians, format.output(antialiased));
+        let bytes = if written.is_ok() { length(path)? } else { 0 };
+        let back = written.and_then(|()| files::read(path)).map(|(back, _)| back).map_err(|error| error.to_string());
+        let (identical, squares, samples, worst_mse, largest) = (true, 0.0, 0.0, 0.0, 0.0);
+        Ok(Self { format, bytes, back, identical, squares, samples, worst_mse, largest })
+    }
+
+    fn compare(&mut self, renderer: &mut dyn Renderer, before: &Rendering<f32>, view: &View, options: &RenderOptions) {
+        let Ok(back) = &self.back else { return };
+        let after = match renderer.render(back, view, options) {
+            Ok(after) => after,
+            Err(error) => {
+                self.back = Err(error.to_string());
+                return;
+            }
+        };
+        self.identical &= same_bits(before, &after);
+        let pairs = before.rgb.as_flattened().iter().zip(after.rgb.as_flattened());
+        let mut squares = 0.0;
+        for (before, after) in pairs {
+            let difference = f64::from(before.clamp(0.0, 1.0)) - f64::from(after.clamp(0.0, 1.0));
+            squares += difference * difference;
+            self.largest = self.largest.maximum_of(difference.abs());
+        }
+        let samples = samples_of(before.size);
+        self.squares += squares;
+        self.samples += samples;
+        self.worst_mse = self.worst_mse.maximum_of(squares / samples);
+    }
+
+    fn row(self, ply_bytes: u64) -> Row {
+        Row {
+            format: self.format,
+            bytes: self.bytes,
+            size_over_ply: self.bytes as f64 / ply_bytes as f64,
+            identical: self.identical && self.back.is_ok(),
+            psnr_db: psnr(self.squares / self.samples),
+            worst_view_psnr_db: psnr(self.worst_mse),
+            largest_difference: self.largest,
+            fault: self.back.err(),
+        }
+    }
+}
+
+fn samples_of(size: ImageSize) -> f64 {
+    3.0 * f64::from(size.width) * f64::from(size.height)
+}
+
+/// For a peak of 1; `None` if nothing differs.
+fn psnr(mse: f64) -> Option<f64> {
+    (mse != 0.0 && mse.is_finite()).then(|| -10.0 * mse.log10())
+}
+
+fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
+    let bits = |image: &[f32]| image.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    let same = |a: &[f32], b: &[f32]| bits(a) == bits(b);
+    let optional = |a: &Option<Vec<f32>>, b: &Option<Vec<f32>>| match (a, b) {
+        (Some(a), Some(b)) => same(a, b),
+        (None, None) => true,
+        _ => false,
+    };
+    same(before.rgb.as_flattened(), after.rgb.as_flattened())
+        && same(&before.alpha, &after.alpha)
+        && optional(&before.depth, &after.depth)
+        && optional(&before.scalar, &after.scalar)
+        && optional(&before.median_depth, &after.median_depth)
+}
+
+impl RoundTrips {
+    /// Exports Gaussians to each format, imports them again, and renders the same views with all effects, into `scratch` for
+    /// files. Views that cannot be rendered are skipped. Calls `progress` after each view.
+    ///
+    /// # Errors
+    /// [`SplatError::Io`] if the folder `scratch` cannot be written to.
+    pub fn measure(
+        renderer: &mut dyn Renderer,
+        gaussians: &Gaussians,
+        views: &[(View, RenderOptions)],
+        formats: &[RoundTripFormat],
+        scratch: &Path,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Self, SplatError> {
+        let path = scratch.join("gaussians");
+        files::write(&path, gaussians, RoundTripFormat::Ply.output(false))?;
+        let ply_bytes = length(&path)?;
+        let antialiased = views.iter().any(|(_, options)| options.mode == RasterMode::Antialiased);
+        let trips = formats.iter().map(|format| Trip::start(*format, gaussians, antialiased, &path));
+        let mut trips = trips.collect::<Result<Vec<_>, _>>()?;
+        let mut rendered = 0;
+        for (view, options) in views {
+            if let Ok(before) = renderer.render(gaussians, view, options) {
+                rendered += 1;
+                for trip in &mut trips {
+                    trip.compare(renderer, &before, view, options);
+                }
+            }
+            progress();
+        }
+        let rows = trips.into_iter().map(|trip| trip.row(ply_bytes)).collect();
+        Ok(Self { convention: CONVENTION, views: rendered, fault: None, rows })
+    }
+
+    /// A record of a round trip that could not be measured.
+    pub const fn failed(fault: String) -> Self {
+        Self { convention: CONVENTION, views: 0, fault: Some(fault), rows: Vec::new() }
+    }
+
+    /// Why the round trip failed: nothing was measured, or a lossless format changed the images.
+    pub fn failure(&self) -> Option<String> {
+        if self.fault.is_some() {
+            return self.fault.clone();
+        }
+        let is_broken = |row: &&Row| {
+            let kept = row.identical || row.psnr_db.is_none_or(|psnr| psnr >= MIN_LOSSLESS_PSNR_DB);
+            row.format.is_lossless() && (row.fault.is_some() || !kept || row.largest_difference.is_nan())
+        };
+        let row = self.rows.iter().find(is_broken)?;
+        Some(format!(
+            "the round trip through {} changed the images: expected {MIN_LOSSLESS_PSNR_DB} dB or more",
+            row.format.name()
+        ))
+    }
+}
+
+impl fmt::Display for RoundTrips {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(fault) = &self.fault {
+            return writeln!(f, "\n{fault}");
+        }
+        let head = ["bytes", "of PLY", "PSNR", "worst view", "largest"];
+        let [bytes, of_ply, psnr, worst, largest] = head;
+        writeln!(f, "\n{:>14} {bytes:>11} {of_ply:>7} {psnr:>10} {worst:>11} {largest:>10}", "round trip")?;
+        for row in &self.rows {
+            let name = row.format.name();
+            if let Some(fault) = &row.fault {
+                writeln!(f, "{name:>14} {fault}")?;
+                continue;
+            }
+            let shown = |psnr: Option<f64>| match psnr {
+                Some(psnr) => format!("{psnr:.2} dB"),
+                None if row.identical => "identical".to_owned(),
+                None => "inf".to_owned(),
+            };
+            let (psnr, worst) = (shown(row.psnr_db), shown(row.worst_view_psnr_db));
+            let (bytes, share, largest) = (row.bytes, 100.0 * row.size_over_ply, row.largest_difference);
+            writeln!(f, "{name:>14} {bytes:>11} {share:>5.1} % {psnr:>10} {worst:>11} {largest:>10.2e}")?;
+        }
+        writeln!(f, "{:>14} {} views; {}", "", self.views, self.convention)
+    }
+}

@@ -1,0 +1,200 @@
+//! Gaussians of a file with a record of their origin and cleaning, and readable summaries of both and of renders.
+
+use std::fmt;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use atsplat_files::Sha256Digest;
+use serde::Serialize;
+
+use crate::files::{self, Encoding, Format};
+use crate::{Census, Cleaning, Gaussians, SplatError, Validation};
+
+/// Origin of the Gaussians and how they were cleaned.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct SceneFileRecord {
+    /// The file.
+    pub file: PathBuf,
+    /// Its hash.
+    pub sha256: Sha256Digest,
+    /// Its length.
+    pub bytes: u64,
+    /// Its format.
+    pub format: Format,
+    /// Number of Gaussians after cleaning.
+    pub gaussians: usize,
+    /// Degree of the spherical harmonics.
+    pub sh_degree: u8,
+    /// Whether stored opacities were read as opacities, not logits.
+    pub opacities_as_stored: bool,
+    /// Problems found on import: NaN is removed, infinite opacity logits become ±20.
+    pub import: Validation,
+    /// Problems found by the policy after import.
+    pub cleaning: CleaningRecord,
+    /// Fields of the file that are not used.
+    pub unused: Vec<String>,
+    /// Whether the file was trained with antialiasing, if it says so.
+    pub antialiased: Option<bool>,
+}
+
+/// Cleaning of the Gaussians after import.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct CleaningRecord {
+    /// The policy.
+    pub policy: Cleaning,
+    /// Problems found.
+    pub found: Validation,
+}
+
+/// Gaussians of a file.
+#[derive(Debug)]
+pub struct SceneFile {
+    /// The Gaussians after cleaning.
+    pub gaussians: Gaussians,
+    /// Where they come from.
+    pub record: SceneFileRecord,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+    /// Seconds of reading, hashing and cleaning.
+    pub reading_secs: f64,
+}
+
+impl SceneFile {
+    /// Reads, hashes and cleans the Gaussians of a file.
+    ///
+    /// # Errors
+    /// [`SplatError`] if the file cannot be read or breaks its format.
+    pub fn read(path: &Path, policy: Cleaning, opacities_as_stored: bool) -> Result<Self, SplatError> {
+        let start = Instant::now();
+        let (read, hashed) = rayon::join(|| files::read(path), || sha256(path));
+        let (mut gaussians, import) = read?;
+        let (sha256, bytes) = hashed?;
+        let mut notes = Vec::new();
+        if opacities_as_stored {
+            gaussians = gaussians.with_opacities_as_stored();
+        } else if import.opacities_may_be_no_logits {
+            notes.push(
+                "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
+                    .to_owned(),
+            );
+        }
+        let found = gaussians.validate();
+        let found = if found.is_clean() {
+            found
+        } else {
+            let (remaining, found) = gaussians.cleaned(policy);
+            gaussians = remaining;
+            found
+        };
+        if gaussians.is_empty() {
+            notes.push("no Gaussian is left: images show the background".to_owned());
+        }
+        let record = SceneFileRecord {
+            file: path.to_owned(),
+            sha256,
+            bytes,
+            format: import.format,
+            gaussians: gaussians.len(),
+            sh_degree: gaussians.sh_degree(),
+            opacities_as_stored,
+            import: import.validation,
+            cleaning: CleaningRecord { policy, found },
+            unused: import.unused,
+            antialiased: import.antialiased,
+        };
+        Ok(SceneFile { gaussians, record, warnings: notes, reading_secs: start.elapsed().as_secs_f64() })
+    }
+}
+
+/// Hash and length of a regular file.
+fn sha256(path: &Path) -> Result<(Sha256Digest, u64), SplatError> {
+    let failed = |source| SplatError::Io { action: "reading", path: path.to_owned(), source };
+    if !std::fs::metadata(path).map_err(failed)?.is_file() {
+        return Err(failed(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")));
+    }
+    Sha256Digest::of_reader(File::open(path).map_err(failed)?).map_err(failed)
+}
+
+/// Count, degree, format and problems of the Gaussians.
+impl fmt::Display for SceneFileRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{} Gaussians of degree {}, {}, {} bytes",
+            self.gaussians,
+            self.sh_degree,
+            format_name(self.format),
+            self.bytes
+        )?;
+        problems(f, "on import", &self.import)?;
+        problems(f, "after import", &self.cleaning.found)?;
+        if !self.unused.is_empty() {
+            writeln!(f, "unused fields of the file: {}", self.unused.join(", "))?;
+        }
+        Ok(())
+    }
+}
+
+/// A readable name.
+fn format_name(format: Format) -> String {
+    match format {
+        Format::Ply(Encoding::Ascii) => "PLY in ASCII".to_owned(),
+        Format::Ply(Encoding::BinaryLittleEndian) => "PLY".to_owned(),
+        Format::Ply(Encoding::BinaryBigEndian) => "PLY, big-endian".to_owned(),
+        Format::CompressedPly => "compressed PLY".to_owned(),
+        Format::Spz(version) => format!("SPZ {version}"),
+        Format::Splat => ".splat".to_owned(),
+    }
+}
+
+fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::Result {
+    if found.is_clean() {
+        return Ok(());
+    }
+    let Validation { invalid, rejected, repaired, .. } = found;
+    writeln!(f, "{invalid} Gaussians with problems {when}: {rejected} removed, {repaired} repaired")?;
+    for finding in &found.findings {
+        write!(f, "{:>12}  ", finding.count)?;
+        finding.field.serialize(&mut *f)?;
+        f.write_str(": ")?;
+        finding.problem.serialize(&mut *f)?;
+        writeln!(f, ", first at {}", finding.first)?;
+    }
+    Ok(())
+}
+
+/// Mean counts over rendered frames, each of which counts every Gaussian of the scene once.
+#[derive(Clone, Copy, Debug)]
+pub struct CensusTable {
+    /// Counts over all frames.
+    pub census: Census,
+    /// Number of Gaussians in the scene.
+    pub gaussians: usize,
+}
+
+impl fmt::Display for CensusTable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { census: Census { drawn, invalid, outside_depth, faint, outside_picture }, gaussians } = *self;
+        let all = drawn + invalid + outside_depth + faint + outside_picture;
+        if all == 0 {
+            return Ok(());
+        }
+        writeln!(f, "\n{:>12}  Gaussians per frame", "")?;
+        let rows = [
+            (drawn, "drawn"),
+            (outside_picture, "outside the image"),
+            (outside_depth, "before the near plane or behind the far plane"),
+            (faint, "too faint everywhere"),
+            (invalid, "with a value that cannot be rendered"),
+        ];
+        for (count, what) in rows {
+            let share = count as f64 / all as f64;
+            let (mean, share) = (share * gaussians as f64, 100.0 * share);
+            writeln!(f, "{mean:>12.1}  {share:>5.1} %  {what}")?;
+        }
+        Ok(())
+    }
+}
