@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("{step:?}");
         }
     })?;
-    trainer.keep_now()?;
+    trainer.write_checkpoint()?;
     println!("{}: {}", folder.display(), if finished { "finished" } else { "can be resumed" });
     Ok(())
 }
