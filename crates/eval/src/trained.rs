@@ -75,7 +75,7 @@ impl TrainedNetwork {
     }
 
     fn network(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
-        Ok(AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())?)
+        AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())
     }
 
     /// The network of a configuration with these weights.

@@ -1,7 +1,5 @@
 //! Rows are tied to the data they were computed from; changed data and wrong numbers of pictures are detected.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 mod common;
 
 use std::path::Path;

@@ -20,7 +20,7 @@ fn metrics(criterion: &mut Criterion) {
         let mut group = criterion.benchmark_group(format!("{width}x{height}"));
         group.bench_function("check", |bencher| bencher.iter(|| Pair::new(black_box(&a), &b).is_ok()));
         group.bench_function("psnr", |bencher| {
-            bencher.iter(|| pool.install(|| psnr(black_box(&pair), Values::Clipped)))
+            bencher.iter(|| pool.install(|| psnr(black_box(&pair), Values::Clipped)));
         });
         group.bench_function("l1", |bencher| bencher.iter(|| pool.install(|| l1(black_box(&pair), Values::Clipped))));
         for (name, convention) in

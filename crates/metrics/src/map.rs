@@ -28,7 +28,10 @@ impl Map {
 
     /// Number of rows.
     pub const fn height(&self) -> usize {
-        if self.width == 0 { 0 } else { self.values.len() / self.width }
+        match self.values.len().checked_div(self.width) {
+            Some(rows) => rows,
+            None => 0,
+        }
     }
 
     /// Column and row of the first value in the picture.

@@ -20,6 +20,8 @@ use common::{on_threads, seeded, uniform};
 const SEEDED: Tolerance = Tolerance::absolute(1e-7);
 const PUBLISHED: Tolerance = Tolerance::absolute(1e-5);
 
+const VGG_CHANNELS: [usize; 14] = [3, 64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512];
+
 /// Names and shapes of a network's convolutions, in order: channels out, channels in, kernel.
 fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
     let names: &[&str] = match network {
@@ -30,7 +32,6 @@ fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
             &["1.0", "1.2", "2.6", "2.8", "3.12", "3.14", "3.16", "4.20", "4.22", "4.24", "5.28", "5.30", "5.32"]
         }
     };
-    const VGG_CHANNELS: [usize; 14] = [3, 64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512];
     let shapes: Vec<[usize; 3]> = if names.len() == 5 {
         vec![[64, 3, 11], [192, 64, 5], [384, 192, 3], [256, 384, 3], [256, 256, 3]]
     } else {

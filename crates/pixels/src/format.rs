@@ -13,7 +13,7 @@ pub enum PictureFormat {
     Jpeg,
     /// WebP, lossy or lossless.
     WebP,
-    /// OpenEXR, with float samples.
+    /// `OpenEXR`, with float samples.
     Exr,
 }
 

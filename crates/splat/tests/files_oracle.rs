@@ -59,7 +59,7 @@ fn matches_independent_readers() {
             Tolerance { absolute: 1e-7, relative: 2e-7 }
         };
         let check = |found: Vec<f64>, expected_values: Vec<f64>, field: &str| {
-            close.assert(found, expected_values, &format!("{name}: {field}"))
+            close.assert(found, expected_values, &format!("{name}: {field}"));
         };
         check(flat(&rows.means), expected.means, "means");
         check(flat(&rows.quaternions), expected.quaternions, "quaternions");

@@ -48,14 +48,13 @@ impl FeatureCache {
         for (view, &camera) in posed.cameras.iter().enumerate() {
             let picture = posed.picture(view);
             let path = self.folder.join(format!("{}.safetensors", key(posed.size, picture)));
-            features.extend(match read(&path) {
-                Some(cached) => cached,
-                None => {
-                    let view = Views::new(posed.size, picture.to_vec(), vec![camera])?;
-                    let computed = network.frozen_features(&view)?;
-                    write(&path, &computed)?;
-                    computed
-                }
+            features.extend(if let Some(cached) = read(&path) {
+                cached
+            } else {
+                let view = Views::new(posed.size, picture.to_vec(), vec![camera])?;
+                let computed = network.frozen_features(&view)?;
+                write(&path, &computed)?;
+                computed
             });
         }
         Ok(posed.views()?.with_frozen_features(features))

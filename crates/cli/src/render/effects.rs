@@ -57,6 +57,6 @@ impl Look {
 
     /// Summarises the effects of all frames.
     pub(crate) fn summary(&self, frames: &[Frame]) -> EffectSummary {
-        EffectSummary::new(&self.effects, self.tolerance, frames.iter().map(|frame| frame.decisions.as_slice()))
+        EffectSummary::new(&self.effects, self.tolerance, &frames.iter().map(|frame| frame.decisions.as_slice()))
     }
 }

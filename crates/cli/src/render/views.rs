@@ -24,7 +24,7 @@ const DEFAULT_FRAMES: &str = "60";
 #[command(group = ArgGroup::new("path").required(true).args(["cameras", "orbit", "spline"]))]
 pub(crate) struct ViewArgs {
     /// Every camera of FILE: any dataset that `data inspect` reads, 3DGS' `cameras.json`, a `render.json`, or a JSON list of
-    /// camera_from_world matrices, as in MotionCtrl (with --fov and --size).
+    /// `camera_from_world` matrices, as in MotionCtrl (with --fov and --size).
     #[arg(long, value_name = "FILE")]
     cameras: Option<PathBuf>,
 

@@ -148,12 +148,11 @@ fn reasons(not_run: &[NotRun]) -> String {
 
 impl Args {
     fn found(&self, warnings: &mut Warnings) -> anyhow::Result<Found> {
-        match &self.data {
-            Some(folder) => Ok(find_datasets(folder, warnings)?),
-            None => {
-                let limit = |context_views, targets| self.suite.simulated_scenes(context_views, targets);
-                Ok(Found { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
-            }
+        if let Some(folder) = &self.data {
+            Ok(find_datasets(folder, warnings)?)
+        } else {
+            let limit = |context_views, targets| self.suite.simulated_scenes(context_views, targets);
+            Ok(Found { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
         }
     }
 

@@ -22,7 +22,7 @@ pub struct NetworkSource {
 
 #[derive(Debug)]
 enum Weights {
-    File { path: PathBuf, file: TensorFile, written_for: ModelConfig },
+    File { path: PathBuf, file: TensorFile, written_for: Box<ModelConfig> },
     Untrained { seed: u64, backbone: Option<UntrainedBackbone> },
 }
 
@@ -119,8 +119,8 @@ impl WeightsRecord {
 
 impl NetworkSource {
     /// The weights of a file, which was written for the configuration `written_for`.
-    pub const fn from_file(config: ModelConfig, path: PathBuf, file: TensorFile, written_for: ModelConfig) -> Self {
-        Self { config, weights: Weights::File { path, file, written_for }, sees_as_given: false }
+    pub fn from_file(config: ModelConfig, path: PathBuf, file: TensorFile, written_for: ModelConfig) -> Self {
+        Self { config, weights: Weights::File { path, file, written_for: Box::new(written_for) }, sees_as_given: false }
     }
 
     /// Random weights.

@@ -44,7 +44,7 @@ impl Fine {
 }
 
 /// Upsamples features of coarse patches, `[views, coarse, channels]`, to a grid finer by a whole factor.
-pub(super) fn upsampled(x: Tensor<3>, from: Grid, to: Grid, rule: Upsampling, device: &Device) -> Tensor<3> {
+pub(super) fn upsampled(x: &Tensor<3>, from: Grid, to: Grid, rule: Upsampling, device: &Device) -> Tensor<3> {
     let [views, _, _] = x.dims();
     let (rows, columns) = (taps(from.rows, to.rows, rule), taps(from.columns, to.columns, rule));
     let corners = match rule {

@@ -208,7 +208,7 @@ impl Network {
             let own = self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
             let dim = config.transformer.dim;
             let per_view = coarse.features.clone().reshape([scenes.len() * views, grid.len(), dim]);
-            let context = upsampled(per_view, grid, fine_grid, config.fine.upsampling, device);
+            let context = upsampled(&per_view, grid, fine_grid, config.fine.upsampling, device);
             Ok::<_, ModelError>((own + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
         })?;
         let blocks = timed(&mut seconds.decoder, device, || self.decode(initial.clone(), &fine, call_seed, device))?;

@@ -142,12 +142,11 @@ impl StoredTensor {
             let length = self.bytes.len() / count;
             Some((rows, self.bytes.slice(part * length..(part + 1) * length)?))
         };
-        match self.shape.first().and_then(|&first| part_of(first)) {
-            Some((rows, bytes)) => Self::new(self.dtype, [&[rows], &self.shape[1..]].concat(), bytes),
-            None => {
-                let expected = format!("{count} equal parts along the first dimension");
-                Err(ModelError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
-            }
+        if let Some((rows, bytes)) = self.shape.first().and_then(|&first| part_of(first)) {
+            Self::new(self.dtype, [&[rows], &self.shape[1..]].concat(), bytes)
+        } else {
+            let expected = format!("{count} equal parts along the first dimension");
+            Err(ModelError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
         }
     }
 

@@ -97,7 +97,7 @@ impl NativePlot for LearningCurve<'_> {
 }
 
 /// Margins with room for labels; on the right for half of the last step's label.
-fn builder<'a, 'b, B: DrawingBackend>(area: &'a DrawingArea<B, Shift>) -> ChartBuilder<'a, 'b, B> {
+fn builder<'b, B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> ChartBuilder<'_, 'b, B> {
     let mut builder = ChartBuilder::on(area);
     builder.margin(12).margin_right(32).y_label_area_size(72);
     builder

@@ -140,13 +140,12 @@ pub fn write_dataset(
             Layout::Re10k => re10k::write(folder, split, &scene, options.coding, warnings)?,
             Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.coding, simulation.request().size)?,
             Layout::Chunks => {
-                let writer = match chunks.iter().position(|(of, _)| *of == split) {
-                    Some(open) => open,
-                    None => {
-                        let writer = ChunkWriter::create(folder.join(split.to_string()), ChunkWriter::TARGET_BYTES)?;
-                        chunks.push((split, writer));
-                        chunks.len() - 1
-                    }
+                let writer = if let Some(open) = chunks.iter().position(|(of, _)| *of == split) {
+                    open
+                } else {
+                    let writer = ChunkWriter::create(folder.join(split.to_string()), ChunkWriter::TARGET_BYTES)?;
+                    chunks.push((split, writer));
+                    chunks.len() - 1
                 };
                 chunks[writer].1.push(ChunkScene::from_scene(&scene, warnings)?)?;
             }

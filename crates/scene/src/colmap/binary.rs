@@ -20,7 +20,7 @@ pub(super) fn cameras(bytes: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapC
         let number = i32::from_le_bytes(reader.array("model_id")?);
         let model = ColmapCameraModel::from_number(number).ok_or_else(|| {
             let reason = "COLMAP has no model with this number";
-            SceneError::unsupported_model(path, &location, &number.to_string(), reason)
+            SceneError::unsupported_model(path, &location, number.to_string(), reason)
         })?;
         let size = ImageSize { width: reader.length("width")?, height: reader.length("height")? };
         let parameters = (0..model.parameter_count()).map(|_| reader.number("params")).collect::<Result<_, _>>()?;

@@ -32,7 +32,7 @@ impl EffectSummary {
     pub fn new<'a>(
         selection: &EffectSelection,
         tolerance: f64,
-        frames: impl Iterator<Item = &'a [Decision]> + Clone,
+        frames: &(impl Iterator<Item = &'a [Decision]> + Clone),
     ) -> Self {
         let names = frames.clone().find(|decisions| !decisions.is_empty());
         let row = |(at, first): (usize, &Decision)| {

@@ -90,9 +90,10 @@ fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str
     let sh = (0..gaussians.parts().sh.len()).flat_map(|at| [0, 1, 2].map(|channel| Parameter::Sh(at, channel)));
     for parameter in others.chain(sh).chain((0..6).map(Parameter::Pose)) {
         let analytic = parameter.of(&gradients).unwrap();
-        let numeric = differences(|step| match parameter {
-            Parameter::Pose(axis) => loss(gaussians, &moved(view, axis, step).unwrap(), options),
-            _ => {
+        let numeric = differences(|step| {
+            if let Parameter::Pose(axis) = parameter {
+                loss(gaussians, &moved(view, axis, step).unwrap(), options)
+            } else {
                 let mut parts = gaussians.parts().clone();
                 *parameter.slot(&mut parts).unwrap() += exact_f32(step);
                 loss(&Gaussians::new(parts).unwrap(), view, options)
