@@ -40,7 +40,7 @@ pub(super) fn is_flat(gaussians: &Gaussians, degree: u8) -> bool {
     let parts = gaussians.parts();
     let (stored, used) = (sh_coefficients(parts.sh_degree), sh_coefficients(degree));
     let bits = |own: &[[f32; 3]]| {
-        let upper = own.get(1..used).unwrap_or_default().as_flattened();
+        let upper = own[1..used].as_flattened();
         upper.iter().fold(0, |bits, value| bits | value.abs().to_bits())
     };
     parts.sh.par_chunks(CHUNK * stored).all(|chunk| chunk.chunks_exact(stored).all(|own| bits(own) == 0))
