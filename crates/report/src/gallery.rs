@@ -2,7 +2,6 @@
 //! result.
 
 use atsplat_metrics::definition;
-use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 
 use crate::plot::{
@@ -95,7 +94,9 @@ fn figure(id: &str) -> Figure {
 
 /// A pseudo-random number in [0, 1), the same on every platform.
 fn noise(seed: usize) -> f64 {
-    (SplitMix64::new(seed as u64).next_u64() >> 40) as f64 / (1u64 << 24) as f64
+    let mixed = (seed as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    ((mixed ^ (mixed >> 29)) >> 40) as f64 / (1u64 << 24) as f64
 }
 
 fn around(value: f64, half: f64) -> Estimate {
