@@ -8,7 +8,7 @@ use crate::table::{Row, Table, Value};
 /// `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
-    head.extend(["from", "method_id", "store", "untrained", "without_leaked"].map(str::to_owned));
+    head.extend(["from", "method_id", "store", "untrained", "inference_only", "without_leaked"].map(str::to_owned));
     for (_, column) in table.columns() {
         let name = &column.name;
         head.push(name.clone());
@@ -29,7 +29,7 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
     });
     record.push(row.method.clone().unwrap_or_default());
     record.push(row.store.clone().unwrap_or_default());
-    record.extend([row.untrained, row.without_leaked].map(|set| set.to_string()));
+    record.extend([row.untrained, row.inference_only, row.without_leaked].map(|set| set.to_string()));
     for (place, column) in table.columns() {
         let cell = row.cell(place);
         record.push(match &cell.value {

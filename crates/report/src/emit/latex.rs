@@ -65,8 +65,12 @@ fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
     let origin = match row.origin {
         Origin::Published => "paper".to_owned(),
         Origin::Measured => {
-            let marks = [(row.untrained, "$^\\dagger$"), (row.without_leaked, "$^\\ddagger$")];
-            format!("measured{}", marks.iter().filter(|(set, _)| *set).map(|(_, mark)| *mark).collect::<String>())
+            let symbol = |mark| match mark {
+                '†' => "$^\\dagger$",
+                '‡' => "$^\\ddagger$",
+                _ => "$^\\P$",
+            };
+            format!("measured{}", row.marks().map(symbol).collect::<String>())
         }
     };
     cells.extend(measured.then_some(origin));

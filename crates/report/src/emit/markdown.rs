@@ -18,7 +18,7 @@ pub(super) fn write(table: &Table) -> String {
     text.push_str(&line(&align));
     for row in &table.rows {
         let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
-        cells.extend(measured.then(|| row.origin_text().to_owned()));
+        cells.extend(measured.then(|| row.origin_text()));
         cells.extend(table.columns().map(|(place, column)| number(row.cell(place), column)));
         text.push_str(&line(&cells));
     }

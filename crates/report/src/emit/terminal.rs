@@ -172,7 +172,7 @@ fn lead(table: &Table) -> Vec<Vec<String>> {
     let heads = table.labels.iter().map(|label| clean(label)).chain(origin("from")).collect();
     let row = |row: &Row| {
         let names = row.labels.iter().map(|label| cut(&clean(label), LONGEST));
-        names.chain(origin(row.origin_text())).collect()
+        names.chain(origin(&row.origin_text())).collect()
     };
     std::iter::once(heads).chain(table.rows.iter().map(row)).collect()
 }

@@ -28,7 +28,8 @@ fn shown(table: &Table) -> impl Iterator<Item = &Row> {
 fn name(row: &Row) -> String {
     let labels = row.names();
     let untrained = if row.untrained && !labels.iter().any(|label| label.contains("untrained")) { " †" } else { "" };
-    format!("{}{untrained}", labels.join(", "))
+    let inference_only = if row.inference_only { " ¶" } else { "" };
+    format!("{}{untrained}{inference_only}", labels.join(", "))
 }
 
 fn subtitle(table: &Table, group: &Group) -> String {
@@ -44,7 +45,9 @@ fn subtitle(table: &Table, group: &Group) -> String {
     let scenes = scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {scenes} scenes"));
     let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
     let untrained = if table.rows.iter().any(|row| row.untrained) { "; † untrained" } else { "" };
-    format!("{}{group}{scenes}{untrained}", table.title)
+    let inference_only =
+        if table.rows.iter().any(|row| row.inference_only) { "; ¶ changed at inference only" } else { "" };
+    format!("{}{group}{scenes}{untrained}{inference_only}", table.title)
 }
 
 fn frontiers(table: &Table) -> Vec<(String, Drawing)> {

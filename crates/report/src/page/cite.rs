@@ -29,6 +29,9 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     if row.untrained {
         text.push_str(", untrained");
     }
+    if row.inference_only {
+        text.push_str(", changed at inference only");
+    }
     if let Some(method) = method {
         for (what, hash) in
             [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)]

@@ -116,6 +116,7 @@ fn published_row(row: &PublishedRow, at: usize, known: Option<&RowDefinition>) -
         method: None,
         store: None,
         untrained: false,
+        inference_only: false,
         without_leaked: false,
         rule_above: known.is_some_and(|known| known.rule_above),
         cells: row.values.iter().map(|values| values.iter().map(cell).collect()).collect(),
@@ -150,6 +151,15 @@ fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDef
     let rule = row.method.as_ref().or_else(|| definition.groups.iter().find_map(|group| group.method.as_ref()));
     let Some(rule) = rule else { return Vec::new() };
     all_methods(edition).into_iter().filter(|method| rule.accepts(method.record)).map(Some).collect()
+}
+
+/// Whether an ablation has the weights of a method that is none: its network was changed after training.
+fn is_inference_only(part: &Part<'_>, record: &MethodRecord) -> bool {
+    let others = &part.source.results.provenance.methods;
+    let same_weights = |other: &MethodRecord| other.weights_sha256 == record.weights_sha256;
+    is_ablation(record)
+        && record.weights_sha256.is_some()
+        && others.iter().any(|other| same_weights(other) && !is_ablation(other))
 }
 
 /// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run.
@@ -199,6 +209,7 @@ fn measured(
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
         untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
+        inference_only: chosen.iter().flatten().any(|(part, record)| is_inference_only(part, record)),
         without_leaked: leaked == Leaked::Excluded,
         rule_above: false,
         cells: cells_of(leaked),

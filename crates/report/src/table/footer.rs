@@ -38,6 +38,13 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
                 .to_owned(),
         );
     }
+    if table.rows.iter().any(|row| row.inference_only) {
+        notes.add(
+            NoteKind::Setting,
+            "¶ not retrained: the weights of another row, with the network changed at inference only; the paper retrains"
+                .to_owned(),
+        );
+    }
     if table.rows.iter().any(|row| row.without_leaked) {
         notes.add(NoteKind::Counts, "‡ without targets that are also context frames".to_owned());
     }

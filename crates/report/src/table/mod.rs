@@ -98,6 +98,8 @@ pub struct Row {
     pub store: Option<String>,
     /// Whether its weights are random; such rows are never ranked.
     pub untrained: bool,
+    /// Whether its weights are those of another row whose network differs: an ablation that was not retrained.
+    pub inference_only: bool,
     /// Whether targets that are also context frames are excluded.
     pub without_leaked: bool,
     /// Whether a line is drawn above it.
@@ -299,14 +301,18 @@ impl Row {
     }
 
     /// `paper`, or `measured` with the marks of the row.
-    pub fn origin_text(&self) -> &'static str {
-        match (self.origin, self.untrained, self.without_leaked) {
-            (Origin::Published, ..) => "paper",
-            (Origin::Measured, false, false) => "measured",
-            (Origin::Measured, true, false) => "measured †",
-            (Origin::Measured, false, true) => "measured ‡",
-            (Origin::Measured, true, true) => "measured †‡",
+    pub fn origin_text(&self) -> String {
+        match (self.origin, self.marks().collect::<String>()) {
+            (Origin::Published, _) => "paper".to_owned(),
+            (Origin::Measured, marks) if marks.is_empty() => "measured".to_owned(),
+            (Origin::Measured, marks) => format!("measured {marks}"),
         }
+    }
+
+    /// Marks that the table's footer explains: † untrained, ¶ changed at inference only, ‡ without leaked targets.
+    pub(crate) fn marks(&self) -> impl Iterator<Item = char> {
+        let marks = [(self.untrained, '†'), (self.inference_only, '¶'), (self.without_leaked, '‡')];
+        marks.into_iter().filter_map(|(set, mark)| set.then_some(mark))
     }
 }
 

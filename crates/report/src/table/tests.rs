@@ -80,6 +80,26 @@ fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
     assert_eq!(one_best(true).1, 0);
 }
 
+/// Only the ablation is marked, and only while it shares its weights with the network that it was taken from.
+#[test]
+fn an_ablation_with_the_weights_of_the_full_network_is_marked() {
+    let ablation = |weights: &str| {
+        let mut method = random();
+        method.weights_sha256 = Some(weights.to_owned());
+        method
+    };
+    let full = atsplat("atsplat", |_| ());
+    let shared = full.weights_sha256.clone().unwrap();
+    for (weights, expected) in [(shared.as_str(), true), ("of its own training", false)] {
+        let results = results(vec![preset("re10k-2v-256")], vec![full.clone(), ablation(weights)]);
+        let table = built("ablation_ate", &[("run", &results)], Mixing::Apart).swap_remove(0);
+        assert_eq!(own(&table, "atsplat-random").inference_only, expected);
+        assert!(!own(&table, "atsplat").inference_only);
+        assert_eq!(own(&table, "atsplat-random").origin_text() == "measured ¶", expected);
+        assert_eq!(notes(&table, NoteKind::Setting).iter().any(|note| note.starts_with('¶')), expected);
+    }
+}
+
 #[test]
 fn different_protocols_get_separate_tables_unless_forced() {
     let first = store();
