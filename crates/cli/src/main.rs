@@ -15,7 +15,6 @@ mod model_args;
 mod output;
 mod parse;
 mod plot;
-mod process;
 mod progress;
 mod protocol;
 mod reconstruct;
@@ -29,9 +28,11 @@ mod tradeoff;
 mod train;
 mod weights;
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
+use atsplat_eval::Provenance;
 use clap::{Parser, Subcommand};
 
 use crate::exit::{Exit, WithStrict, done};
@@ -144,4 +145,14 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Train(args) => train::run(args).map(|()| Exit::Done),
         Command::Stress(args) => Ok(exit_of_check(stress::run(args)?)),
     }
+}
+
+/// Provenance of a run of this process. The folder of the binary is dropped: results are published.
+fn provenance() -> Provenance {
+    let mut command: Vec<String> = std::env::args().collect();
+    if let Some(binary) = command.first_mut() {
+        let name = Path::new(binary).file_name().map(|name| name.to_string_lossy().into_owned());
+        *binary = name.unwrap_or_else(|| "atsplat".to_owned());
+    }
+    atsplat_eval::runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command)
 }

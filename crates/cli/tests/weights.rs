@@ -191,7 +191,7 @@ fn rejects_broken_and_missing_files() {
         refused(&["weights", "verify", "broken.safetensors"], message);
     }
     refused(&["weights", "verify", "gone.safetensors", "--model", "paper-re10k"], "dinov2_vitb14_pretrain.pth");
-    refused(&["weights", "verify", "theirs.safetensors"], "neither");
+    refused(&["weights", "verify", "theirs.safetensors"], "other tensors");
     refused(&["weights", "verify", "ours.safetensors", "--model", "nano"], "expected [");
     refused(&["weights", "verify", "ours.safetensors", "--sha256", &"0".repeat(64)], "expected a file of sha256 000");
     refused(&["weights", "inspect", "."], ".");

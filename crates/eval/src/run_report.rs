@@ -14,7 +14,7 @@ use crate::timing::{Spread, Times, times};
 use crate::{IDENTICAL, MetricRecord, Results, TargetRow, TargetStatus, WarningCount};
 
 /// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
-/// table, [`Serialize`] as JSON.
+/// table.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct RunReport {

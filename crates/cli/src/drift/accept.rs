@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::recipe;
 use crate::exit::Exit;
 use crate::output::print_report;
-use crate::process::provenance;
+use crate::provenance;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {

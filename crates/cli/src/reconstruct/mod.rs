@@ -3,20 +3,19 @@
 mod input;
 pub(crate) mod network;
 mod output;
-mod rendered;
 mod report;
 
 use std::path::PathBuf;
 
 use anyhow::Context as _;
 use atsplat_eval::reconstruct::{self, TokenRecord};
+use atsplat_eval::timing::memory;
 use atsplat_model::budget;
 use atsplat_scene::Warnings;
 
 use crate::expansion::UNTRAINED;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse::usage_error;
-use crate::process;
 use input::InputArgs;
 use network::NetworkArgs;
 use output::{FrameArg, PlotArgs, RenderArgs, SceneFormat};
@@ -117,7 +116,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let report = Report {
         record,
         seconds: clock,
-        memory: report::MemoryRecord::of(reconstruction.memory, process::peak_bytes()),
+        memory: report::MemoryRecord::of(reconstruction.memory, memory::peak_bytes()),
         size,
         explain: args.explain,
     };

@@ -7,10 +7,10 @@ use atsplat_eval::reconstruct::{BlockRecord, InputRecord, ModelRecord, RendersRe
 use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
 use atsplat_model::network::Processor;
+use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
 use super::output::{FrameArg, OutputRecord, PlotsRecord};
-use crate::process::format_bytes;
 
 /// Everything that the Gaussians depend on, and the result. Independent of date and speed of the machine.
 #[derive(Debug, Serialize)]

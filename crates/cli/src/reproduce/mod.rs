@@ -20,8 +20,8 @@ use clap::ValueEnum;
 
 use crate::embedded;
 use crate::output::{print_findings, print_warnings};
-use crate::process::provenance;
 use crate::progress::Progress;
+use crate::provenance;
 
 /// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];

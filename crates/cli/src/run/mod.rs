@@ -15,8 +15,8 @@ use atsplat_eval::{Results, RunReport};
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings, warn};
-use crate::process::provenance;
 use crate::progress::Progress;
+use crate::provenance;
 use methods::{MethodArg, MethodArgs};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};

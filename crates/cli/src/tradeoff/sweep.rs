@@ -11,8 +11,8 @@ use atsplat_model::network::Device;
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings};
-use crate::process::provenance;
 use crate::progress::Progress;
+use crate::provenance;
 use crate::reconstruct::network::NetworkArgs;
 use crate::run::protocols::ProtocolArgs;
 use crate::run::settings::{RepetitionArgs, SettingArgs};

@@ -1,9 +1,9 @@
-use atsplat_files::Sha256Digest;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
+use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;

@@ -1,8 +1,8 @@
-use atsplat_files::Sha256Digest;
 use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::bail;
+use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::weights::{Backbone, KnownFile, ModelWeights, TensorFile, read_backbone};

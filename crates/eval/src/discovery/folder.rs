@@ -1,11 +1,11 @@
 //! Finds every dataset in a folder, and every protocol that fits it.
 
-use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
+use atsplat_files::Sha256Digest;
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexLayout};

@@ -29,10 +29,7 @@ pub struct PhotoSelection {
 
 /// The recipe that suits any photos: scaled and cropped to `size` with the principal point corrected for the crop, poses
 /// normalised to the mean camera with Long-LRM's scale.
-#[expect(clippy::missing_panics_doc, reason = "sizes of images fit 32 bits")]
 pub fn photo_recipe(size: ImageSize) -> TrialRecipe {
-    #[expect(clippy::expect_used, reason = "no image has a side of 2^32 pixels")]
-    let side = |side: usize| u32::try_from(side).expect("an image side below 2^32");
     TrialRecipe {
         preprocessing: Preprocessing {
             principal_point: PrincipalPointRule::Corrected,
@@ -44,6 +41,11 @@ pub fn photo_recipe(size: ImageSize) -> TrialRecipe {
         decode_limits: DecodeLimits::default(),
         allow_absent_pictures: false,
     }
+}
+
+#[expect(clippy::expect_used, reason = "no image has a side of 2^32 pixels")]
+fn side(pixels: usize) -> u32 {
+    u32::try_from(pixels).expect("an image side below 2^32")
 }
 
 /// The photos of one scene with preprocessed cameras. Images are decoded on demand.

@@ -124,11 +124,16 @@ impl TokenRecord {
     }
 }
 
+#[expect(clippy::expect_used, reason = "photos keep the names of all frames of their trial")]
+fn view_record(photos: &Photos, frame: usize) -> ViewRecord {
+    ViewRecord { frame, name: photos.name(frame).expect("a name for every frame of the trial").to_owned() }
+}
+
 impl InputRecord {
     /// Records photos of the dataset `data`, prepared with the recipe of `protocol` if there is one.
     pub fn new(photos: &Photos, data: PathBuf, protocol: Option<String>) -> Self {
         let trial = photos.trial();
-        let view = |frame: usize| ViewRecord { frame, name: photos.name(frame).unwrap_or("unnamed").to_owned() };
+        let view = |frame: usize| view_record(photos, frame);
         Self {
             data,
             scene: trial.scene().to_owned(),
