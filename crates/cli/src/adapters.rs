@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use atsplat_splat::gpu::{Examined, examine};
+use atsplat_splat::gpu::{ExaminedAdapter, examine};
 use serde::Serialize;
 
 use crate::adapter_tests::AdapterTests;
@@ -51,7 +51,7 @@ struct Row {
 }
 
 impl Row {
-    fn of(number: usize, Examined { description, outcome, remembered }: Examined) -> Self {
+    fn of(number: usize, ExaminedAdapter { description, outcome, remembered }: ExaminedAdapter) -> Self {
         Self {
             number,
             name: description.name,

@@ -23,6 +23,7 @@ mod report;
 mod reproduce;
 mod run;
 mod selection;
+mod shell;
 mod stress;
 mod tradeoff;
 mod train;
@@ -89,6 +90,10 @@ enum Command {
     Train(train::Args),
     /// Run every renderer on the hard cases; exits with 1 if one fails.
     Stress(stress::Args),
+    /// Print the completion script of a shell.
+    Completions(shell::CompletionsArgs),
+    /// Print the manual page, or write one per command.
+    Man(shell::ManArgs),
 }
 
 fn main() -> ExitCode {
@@ -144,6 +149,8 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Budget(args) => Ok(exit_of_check(budget::run(args)?)),
         Command::Train(args) => train::run(args).map(|()| Exit::Done),
         Command::Stress(args) => Ok(exit_of_check(stress::run(args)?)),
+        Command::Completions(args) => done(shell::completions(args)),
+        Command::Man(args) => done(shell::man(args)),
     }
 }
 

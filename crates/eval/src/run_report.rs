@@ -306,13 +306,13 @@ fn name(id: &str) -> &str {
 }
 
 fn summary_text(summary: &Summary) -> String {
-    let Summary { evaluated, resumed, incomplete, non_finite, skipped, not_there } = *summary;
+    let Summary { evaluated, resumed, incomplete, non_finite, skipped, missing_scenes } = *summary;
     let parts = [
         (resumed, "were there before"),
         (incomplete, "incomplete, each with its reason"),
         (non_finite, "targets with non-finite samples"),
         (skipped, "index entries skipped, each with its reason"),
-        (not_there, "scenes of the index missing from the data"),
+        (missing_scenes, "scenes of the index missing from the data"),
     ];
     let parts = parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
     format!("{evaluated} results computed{}", parts.collect::<String>())

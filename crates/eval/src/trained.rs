@@ -10,7 +10,7 @@ use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
 use crate::EvalError;
-use crate::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsOf};
+use crate::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsSource};
 
 /// A configuration with its weights.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub struct TrainedNetwork {
     /// From the weights file.
     pub config: ModelConfig,
     tensors: StoredTensors,
-    weights: WeightsOf,
+    weights: WeightsSource,
     /// Description of the weights' origin.
     pub description: String,
 }
@@ -30,7 +30,7 @@ impl TrainedNetwork {
     /// [`EvalError::Model`] if the file is broken.
     pub fn new(file: &TensorFile, description: String) -> Result<Self, EvalError> {
         let ModelWeights { config, tensors, .. } = ModelWeights::of_file(file)?;
-        Ok(Self { config, tensors, weights: WeightsOf::File { sha256: file.sha256.clone() }, description })
+        Ok(Self { config, tensors, weights: WeightsSource::File { sha256: file.sha256.clone() }, description })
     }
 
     /// ATSplat as trained, and the baselines.
@@ -38,7 +38,7 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn methods(&self) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let large = self.bare(&self.config.for_high_resolution()?)?.seeing_as_given();
+        let large = self.bare(&self.config.for_high_resolution()?)?.without_resizing();
         let atsplat = self.network("atsplat", &self.config)?.with_high_resolution(large)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use atsplat_camera::Similarity;
 use atsplat_eval::method::{
-    AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsOf,
+    AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource,
     constants_of,
 };
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
@@ -291,7 +291,7 @@ fn nano() -> Network {
 
 #[test]
 fn an_untrained_network_is_marked_and_counts_its_tokens() {
-    let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
+    let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
     let splatting = Splatting {
         effects: EffectSelection::Auto,
         passed_over: Some("cpu renders: no adapter".to_owned()),
@@ -314,7 +314,7 @@ fn an_untrained_network_is_marked_and_counts_its_tokens() {
 /// A picture of 64×64 has 16 patches for a network trained at that size, and 4 for one trained at 32×32.
 #[test]
 fn a_network_sees_its_training_size_and_renders_the_protocols_size() {
-    let weights = WeightsOf::File { sha256: "0".repeat(64) };
+    let weights = WeightsSource::File { sha256: "0".repeat(64) };
     let trial = test_trials(&[entry(&[0, 4], &[2])]).remove(0);
     let smaller = "the network saw context pictures of 64x64 at 32x32".to_owned();
     for (trained, tokens, notes) in [(32, 2 * 4, vec![smaller]), (64, 2 * 16, vec![])] {

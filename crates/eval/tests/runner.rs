@@ -195,7 +195,7 @@ fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
     let (results, summary) = run.run(folder.path()).unwrap();
     let scenes: Vec<&str> = results.trials.iter().map(|trial| trial.key.scene.as_str()).collect();
     assert_eq!(scenes, ["wall-0", "wall-3", "wall-6", "wall-0", "wall-3", "wall-6"]);
-    assert_eq!((summary.not_there, summary.is_complete()), (1, false));
+    assert_eq!((summary.missing_scenes, summary.is_complete()), (1, false));
     assert_eq!(results.provenance.warnings[0].example, "gone");
     run.selection.limit = None;
     let all = tempfile::tempdir().unwrap();

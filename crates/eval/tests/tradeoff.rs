@@ -5,22 +5,22 @@
 mod common;
 
 use atsplat_eval::Results;
-use atsplat_eval::method::{ConstantsChoice, TrialInput, WeightsOf};
+use atsplat_eval::method::{ConstantsChoice, TrialInput, WeightsSource};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::tradeoff::{Part, Setting, Sweep, Swept, across, parts, tradeoffs};
+use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, across, parts, tradeoffs};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use common::{Run, Walls, dataset, entry};
 
-fn swept() -> Swept {
+fn swept() -> SweepBase {
     let config = ModelConfig::named("nano").unwrap();
     let tensors = generated(&parameters(&config), 1);
-    let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
-    let constants = ConstantsChoice::OfPreset;
-    Swept { config, tensors, weights, trained_at: None, call_seed: 0, constants, background: None }
+    let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
+    let constants = ConstantsChoice::FromPreset;
+    SweepBase { config, tensors, weights, trained_at: None, call_seed: 0, constants, background: None }
 }
 
 fn sweep(settings: &str) -> Sweep {
@@ -102,7 +102,7 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
 #[test]
 fn trained_weights_can_give_fewer_gaussians_per_token() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
-    let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
+    let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
     let of =
         |knobs: &str| parts(&sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}")), &trained, &datasets);
     let renders = |part: &Part, target| {
@@ -132,7 +132,7 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
 fn shipped_sweeps_expand() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 1, 4, 6], &[2])])];
-    let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
+    let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
     let mut used_knobs = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
         if file.extension().is_some_and(|extension| extension == "toml") {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_camera::ImageSize;
 use atsplat_pixels::{ImageU8, Rounding};
-use atsplat_scene::{Frame, MadePicture, Picture, Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Frame, GeneratedPicture, Picture, Scene, SceneError, SceneSource, Warnings};
 use indexmap::IndexMap;
 
 use crate::{GENERATOR, Request, RoomsError, Simulation};
@@ -107,7 +107,7 @@ struct SimulatedPicture {
     cache: Arc<PictureCache>,
 }
 
-impl MadePicture for SimulatedPicture {
+impl GeneratedPicture for SimulatedPicture {
     fn size(&self) -> ImageSize {
         self.simulation.request().size
     }

@@ -41,6 +41,6 @@ pub use fit::Misfit;
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};
-pub use scene::{Frame, MadePicture, Picture, PictureFolder, PictureHeader, Scene};
+pub use scene::{Frame, GeneratedPicture, Picture, PictureFolder, PictureHeader, Scene};
 pub use scene_key::{AmbiguousScene, scene_key};
 pub use warnings::{Warning, WarningKind, Warnings};

@@ -24,7 +24,7 @@ pub enum Picture {
     /// Encoded bytes inside a chunk, shared without a copy.
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
-    Made(Arc<dyn MadePicture>),
+    Made(Arc<dyn GeneratedPicture>),
 }
 
 impl Picture {
@@ -35,7 +35,7 @@ impl Picture {
 }
 
 /// A picture that is generated on demand.
-pub trait MadePicture: fmt::Debug + Send + Sync {
+pub trait GeneratedPicture: fmt::Debug + Send + Sync {
     /// Its size, without generating it.
     fn size(&self) -> ImageSize;
 

@@ -74,7 +74,7 @@ impl SceneFile {
         let (sha256, bytes) = hashed?;
         let mut notes = Vec::new();
         if opacities_as_stored {
-            gaussians = gaussians.with_opacities_as_stored();
+            gaussians = gaussians.with_linear_opacities();
         } else if import.opacities_may_be_no_logits {
             notes.push(
                 "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"

@@ -138,7 +138,7 @@ impl NetworkArgs {
         };
         Ok(match self.context_size {
             ContextSize::Trained => source,
-            ContextSize::Given => source.seeing_as_given(),
+            ContextSize::Given => source.without_resizing(),
         })
     }
 

@@ -166,7 +166,7 @@ impl GaussianArgs {
     fn splatting(&self) -> anyhow::Result<Splatting> {
         let constants = match &self.constants {
             Some(name) => ConstantsChoice::These(parse::constants(name)?),
-            None => ConstantsChoice::OfPreset,
+            None => ConstantsChoice::FromPreset,
         };
         let (backend, passed_over) = match self.backend {
             BackendArg::Cpu => (Backend::default(), None),

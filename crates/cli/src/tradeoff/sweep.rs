@@ -5,7 +5,7 @@ use atsplat_eval::Results;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{Part, Sweep, Swept, TradeoffReport, across, parts, tradeoffs};
+use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
 use atsplat_metrics::Suite;
 use atsplat_model::network::Device;
 use atsplat_scene::Warnings;
@@ -83,15 +83,15 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
     }
 }
 
-fn swept(args: &NetworkArgs) -> anyhow::Result<Swept> {
+fn swept(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
     let (network, record) = args.source()?.load(&Device::flex())?;
-    Ok(Swept {
+    Ok(SweepBase {
         config: network.config().clone(),
         tensors: network.weights()?,
         weights: record.weights(),
         trained_at: network.trained_size(),
         call_seed: args.seed,
-        constants: ConstantsChoice::OfPreset,
+        constants: ConstantsChoice::FromPreset,
         background: None,
     })
 }

@@ -22,7 +22,7 @@ pub struct Family {
 
 /// A [`Family`] in a picture, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
 #[derive(Clone, Debug, PartialEq)]
-pub struct SeenFamily {
+pub struct ProjectedFamily {
     /// As [`Family::block`].
     pub block: usize,
     /// Inside the picture.
@@ -64,13 +64,13 @@ fn mean_centre(gaussians: &Gaussians, token: usize, per_token: usize) -> Option<
 ///
 /// # Errors
 /// [`ExpansionError::Camera`] for an invalid camera.
-pub fn seen_by(families: &[Family], view: &View) -> Result<Vec<SeenFamily>, ExpansionError> {
+pub fn seen_by(families: &[Family], view: &View) -> Result<Vec<ProjectedFamily>, ExpansionError> {
     let projector = view.camera.projector()?;
     let seen = |family: &Family| {
         let parent = projector.project(family.parent).ok().filter(atsplat_camera::Projected::is_inside)?;
         let children = family.children.iter().filter_map(|&child| projector.project(child).ok());
         let children = children.map(|child| child.pixel(view.size).to_array()).collect();
-        Some(SeenFamily { block: family.block, parent: parent.pixel(view.size).to_array(), children })
+        Some(ProjectedFamily { block: family.block, parent: parent.pixel(view.size).to_array(), children })
     };
     Ok(families.iter().filter_map(seen).collect())
 }

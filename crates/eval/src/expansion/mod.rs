@@ -20,7 +20,7 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
-pub use families::{Family, SeenFamily, seen_by};
+pub use families::{Family, ProjectedFamily, seen_by};
 pub use stages::Stage;
 pub use subject::{Subject, Target};
 pub use uncertainty::Uncertainty;

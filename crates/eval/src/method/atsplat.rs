@@ -24,7 +24,7 @@ pub struct AtSplat {
 
 /// Where a network's weights came from.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum WeightsOf {
+pub enum WeightsSource {
     /// A weights file.
     File {
         /// Its SHA-256 in hexadecimal.
@@ -48,12 +48,12 @@ impl AtSplat {
     pub fn new(
         name: &str,
         network: Network,
-        weights: &WeightsOf,
+        weights: &WeightsSource,
         call_seed: u64,
         splatting: Splatting,
     ) -> Result<Self, EvalError> {
         let config = network.config();
-        let untrained = matches!(weights, WeightsOf::Random { .. });
+        let untrained = matches!(weights, WeightsSource::Random { .. });
         let mut record = MethodRecord {
             name: name.to_owned(),
             kind: "atsplat".to_owned(),
@@ -68,8 +68,8 @@ impl AtSplat {
             ..MethodRecord::default()
         };
         match weights {
-            WeightsOf::File { sha256 } => record.weights_sha256 = Some(sha256.clone()),
-            WeightsOf::Random { seed, backbone_sha256 } => {
+            WeightsSource::File { sha256 } => record.weights_sha256 = Some(sha256.clone()),
+            WeightsSource::Random { seed, backbone_sha256 } => {
                 record.parameters.insert("weights-seed".to_owned(), (*seed).into());
                 if let Some(hash) = backbone_sha256 {
                     record.parameters.insert("backbone-sha256".to_owned(), hash.clone().into());
@@ -209,7 +209,7 @@ mod tests {
         config.expansion.selection = selection.unwrap_or(config.expansion.selection);
         let network = Network::new(&config, &Device::flex()).unwrap();
         let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
-        let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
+        let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
         AtSplat::new("atsplat", network, &weights, call_seed, Splatting::default()).unwrap()
     }
 

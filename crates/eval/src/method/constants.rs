@@ -9,7 +9,7 @@ use crate::tradeoff::RendererKnobs;
 pub enum ConstantsChoice {
     /// Those behind the protocol's published numbers (see [`constants_of`]).
     #[default]
-    OfPreset,
+    FromPreset,
     /// Fixed constants for every protocol; near and far planes are in the trial's scene units.
     These(RendererConstants),
     /// The protocol's constants, or those of a named preset, with overrides.
@@ -45,7 +45,7 @@ impl ConstantsChoice {
     /// The constants for a trial of this protocol.
     pub fn of(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
         match self {
-            Self::OfPreset => constants_of(convention, planes),
+            Self::FromPreset => constants_of(convention, planes),
             Self::These(constants) => constants.clone(),
             Self::Changed(changed) => changed.knobs.applied_unchecked(&constants_of(convention, planes)),
         }
@@ -54,7 +54,7 @@ impl ConstantsChoice {
     /// Name in records.
     pub fn name(&self) -> &str {
         match self {
-            Self::OfPreset => "of the preset",
+            Self::FromPreset => "of the preset",
             Self::These(constants) => &constants.name,
             Self::Changed(changed) => &changed.name,
         }

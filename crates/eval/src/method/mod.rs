@@ -19,7 +19,7 @@ use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{TargetView, Trial};
 use thiserror::Error;
 
-pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsOf};
+pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
@@ -37,7 +37,7 @@ pub trait Method: Debug + Send + Sync {
     fn record(&self) -> MethodRecord;
 
     /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
-    /// ([`Preset::setting_of`]).
+    /// ([`Preset::setting_for`]).
     fn setting(&self) -> &'static str {
         "ATSplat"
     }

@@ -75,7 +75,7 @@ impl Ply {
         let (mut gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
         let mut notes = notes(&import, &path);
         if self.opacities_as_stored {
-            gaussians = gaussians.with_opacities_as_stored();
+            gaussians = gaussians.with_linear_opacities();
         } else if import.opacities_may_be_no_logits {
             notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
         }

@@ -110,7 +110,7 @@ impl Splatting {
 
     fn explicit_constants(&self) -> serde_json::Value {
         match &self.constants {
-            ConstantsChoice::OfPreset => "of the preset".into(),
+            ConstantsChoice::FromPreset => "of the preset".into(),
             ConstantsChoice::These(constants) => {
                 let mut fields = as_json(constants);
                 // JSON has no infinity.

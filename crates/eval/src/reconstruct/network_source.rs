@@ -8,7 +8,7 @@ use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone}
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use serde::Serialize;
 
-use crate::method::WeightsOf;
+use crate::method::WeightsSource;
 
 /// A network configuration and the location of its weights, which are not loaded yet.
 #[derive(Debug)]
@@ -96,12 +96,12 @@ pub struct BackboneRecord {
 
 impl WeightsRecord {
     /// As recorded in a results store.
-    pub fn weights(&self) -> WeightsOf {
+    pub fn weights(&self) -> WeightsSource {
         match self {
-            Self::File { sha256, .. } => WeightsOf::File { sha256: sha256.clone() },
+            Self::File { sha256, .. } => WeightsSource::File { sha256: sha256.clone() },
             Self::Untrained { seed, backbone, .. } => {
                 let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
-                WeightsOf::Random { seed: *seed, backbone_sha256 }
+                WeightsSource::Random { seed: *seed, backbone_sha256 }
             }
         }
     }
@@ -135,7 +135,7 @@ impl NetworkSource {
 
     /// The same network, but it sees images as given, not at the training resolution of its weights.
     #[must_use]
-    pub fn seeing_as_given(self) -> Self {
+    pub fn without_resizing(self) -> Self {
         Self { sees_as_given: true, ..self }
     }
 

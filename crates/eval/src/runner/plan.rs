@@ -63,13 +63,13 @@ pub struct Summary {
     pub skipped: u64,
     /// Scenes of the indices that the datasets lack.
     #[serde(rename = "not-there")]
-    pub not_there: u64,
+    pub missing_scenes: u64,
 }
 
 impl Summary {
     /// Whether every entry of every index was evaluated without failures.
     pub const fn is_complete(&self) -> bool {
-        self.incomplete == 0 && self.non_finite == 0 && self.skipped == 0 && self.not_there == 0
+        self.incomplete == 0 && self.non_finite == 0 && self.skipped == 0 && self.missing_scenes == 0
     }
 }
 

@@ -23,7 +23,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, missing } = plan.selected(dataset);
-        summary.not_there += missing.len() as u64;
+        summary.missing_scenes += missing.len() as u64;
         if let Some(first) = missing.first() {
             const KIND: &str = "scenes of the index that are not in the data";
             findings.add(&dataset.name, KIND, missing.len() as u64, first.clone());

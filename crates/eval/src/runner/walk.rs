@@ -20,7 +20,9 @@ pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Ar
     let mut groups: Vec<Vec<Arc<dyn Method>>> = Vec::new();
     for method in methods {
         let same_setting = |group: &&mut Vec<Arc<dyn Method>>| {
-            group.first().is_some_and(|first| preset.setting_of(first.setting()) == preset.setting_of(method.setting()))
+            group
+                .first()
+                .is_some_and(|first| preset.setting_for(first.setting()) == preset.setting_for(method.setting()))
         };
         match groups.iter_mut().find(same_setting) {
             Some(group) => group.push(Arc::clone(method)),

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::selection::{SelectedTarget, select};
 use super::summary::of_selected;
-use super::{Question, Summary};
+use super::{MetricQuery, Summary};
 use crate::Results;
 
 /// A metric by overlap of the context views.
@@ -24,7 +24,7 @@ pub struct Binned {
 }
 
 /// Per-scene means by bin of overlap, as the protocol of `bins` defines them.
-pub fn by_overlap(results: &Results, query: &Question, bins: &OverlapBins) -> Binned {
+pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) -> Binned {
     let selected = select(results, query);
     let bin_of = |target: &SelectedTarget| target.overlap.and_then(|overlap| bins.name_of(overlap));
     let summary = |is_included: &dyn Fn(Option<&str>) -> bool| {
@@ -41,7 +41,7 @@ pub fn by_overlap(results: &Results, query: &Question, bins: &OverlapBins) -> Bi
 
 /// The metric at each signed distance from the window of context frames (negative before it, 0 inside, positive after),
 /// in increasing order: the mean over scenes of the mean over the scene's targets at that distance.
-pub fn by_distance(results: &Results, query: &Question) -> Vec<(i64, Summary)> {
+pub fn by_distance(results: &Results, query: &MetricQuery) -> Vec<(i64, Summary)> {
     let mut distances: BTreeMap<i64, Vec<SelectedTarget>> = BTreeMap::new();
     for target in select(results, query) {
         if let Some(distance) = target.distance {

@@ -1,6 +1,6 @@
 //! Statistics of a store's rows: means as protocols publish them, intervals, paired differences, cost.
 //!
-//! Everything starts from a [`Question`]: one metric of one method under one preset, with or without targets that are also
+//! Everything starts from a [`MetricQuery`]: one metric of one method under one preset, with or without targets that are also
 //! context frames. Targets that were not compared are counted but never averaged; a non-finite value always counts as a broken
 //! render. Intervals resample scenes, because targets of one scene fail together.
 
@@ -34,7 +34,7 @@ pub(crate) use summary::of_selected as summary_of;
 
 /// One metric of one method under one preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Question<'a> {
+pub struct MetricQuery<'a> {
     /// Name of the preset in the rows.
     pub preset: &'a str,
     /// Name of the method in the rows.

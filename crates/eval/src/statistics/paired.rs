@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::bootstrap::interval_of_mean;
 use super::scene_means::{clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget, select};
-use super::{Question, direction, sign_test};
+use super::{MetricQuery, direction, sign_test};
 use crate::Results;
 
 /// Two results for the same targets, compared scene by scene.
@@ -36,12 +36,12 @@ pub struct Paired {
 
 /// `a` against `b` within one store, over the targets that both have a score for, whatever their preset: targets are matched
 /// by scene, entry and position. `None` if there are none.
-pub fn paired(results: &Results, a: &Question, b: &Question) -> Option<Paired> {
+pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Paired> {
     paired_between((results, a), (results, b))
 }
 
 /// As [`paired`], across two stores.
-pub fn paired_between(a: (&Results, &Question), b: (&Results, &Question)) -> Option<Paired> {
+pub fn paired_between(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Paired> {
     of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric))
 }
 

@@ -2,7 +2,7 @@ use atsplat_metrics::{Direction, definition};
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::Question;
+use super::MetricQuery;
 use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
 
@@ -21,7 +21,7 @@ pub struct SceneMean {
 }
 
 /// Means of scenes with at least one score, ordered by key.
-pub fn scene_means(results: &Results, query: &Question) -> Vec<SceneMean> {
+pub fn scene_means(results: &Results, query: &MetricQuery) -> Vec<SceneMean> {
     let selected = select(results, query);
     let clusters = clusters(&selected, Aggregation::SceneMeans).into_iter();
     let mean = |cluster: Cluster| SceneMean {
@@ -40,7 +40,7 @@ pub fn direction(metric: &str) -> Direction {
 }
 
 /// The scenes with the worst means by the metric's direction, worst first; ties ordered by key.
-pub fn worst(results: &Results, query: &Question, count: usize) -> Vec<SceneMean> {
+pub fn worst(results: &Results, query: &MetricQuery, count: usize) -> Vec<SceneMean> {
     let mut scenes = scene_means(results, query);
     match direction(query.metric) {
         Direction::Higher => scenes.sort_by(|a, b| a.mean.total_cmp(&b.mean)),

@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
-use super::{Leaked, Question};
+use super::{Leaked, MetricQuery};
 use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 
 /// One target of a query.
@@ -45,8 +45,8 @@ impl SelectedTarget<'_> {
 }
 
 /// The targets of a query, ordered by scene, entry and target.
-pub(crate) fn select<'a>(results: &'a Results, query: &Question<'a>) -> Vec<SelectedTarget<'a>> {
-    let Question { preset, method, metric, leaked } = *query;
+pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<SelectedTarget<'a>> {
+    let MetricQuery { preset, method, metric, leaked } = *query;
     let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
     let is_requested = results.provenance.metrics.iter().any(|record| record.id == metric)
         || rows().any(|row| row.scores.contains_key(metric));

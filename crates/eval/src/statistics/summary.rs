@@ -1,7 +1,7 @@
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::Question;
+use super::MetricQuery;
 use super::bootstrap::interval_of_mean;
 use super::scene_means::{clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget, select};
@@ -32,7 +32,7 @@ pub struct Summary {
 }
 
 /// The number that a protocol with this aggregation publishes.
-pub fn summary(results: &Results, query: &Question, aggregation: Aggregation) -> Summary {
+pub fn summary(results: &Results, query: &MetricQuery, aggregation: Aggregation) -> Summary {
     of_selected(&select(results, query), aggregation)
 }
 

@@ -30,8 +30,8 @@ fn oracle() -> Oracle {
     serde_json::from_str(include_str!("../../tests/fixtures/statistics.json")).unwrap()
 }
 
-fn query(method: &str) -> Question<'_> {
-    Question { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
+fn query(method: &str) -> MetricQuery<'_> {
+    MetricQuery { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
 }
 
 fn psnr(scenes: &[(&str, u32, Vec<f64>)]) -> Results {
@@ -133,7 +133,7 @@ fn missing_scores_are_counted_and_never_averaged() {
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
-    let absent = summary(&store, &Question { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
+    let absent = summary(&store, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
     assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is not capped");
     assert!(absent.not_computed.unwrap().contains("not among"));
     assert_eq!(summary(&store, &query("other"), Aggregation::SceneMeans), Summary::default());
@@ -145,7 +145,7 @@ fn infinite_scores_of_one_metric_count_as_the_cap() {
     let mut store = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
     store.targets[1].scores.clear();
     store.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
-    let of = Question { metric: "psnr-8bit-truncated", ..query("m") };
+    let of = MetricQuery { metric: "psnr-8bit-truncated", ..query("m") };
     let found = summary(&store, &of, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [f64::midpoint(20.0, DECIBEL_CAP)], "mean");
     assert_eq!((found.identical, found.uncomputed), (1, 0));
@@ -156,7 +156,7 @@ fn leaked_targets_can_be_excluded() {
     let mut store = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
     store.targets[1].leaked = true;
     store.targets[2].leaked = true;
-    let clean = Question { leaked: Leaked::Excluded, ..query("m") };
+    let clean = MetricQuery { leaked: Leaked::Excluded, ..query("m") };
     Tolerance::F64.assert(summary(&store, &query("m"), Aggregation::SceneMeans).mean, [72.5], "with");
     let without = summary(&store, &clean, Aggregation::SceneMeans);
     Tolerance::F64.assert(without.mean, [20.0], "without");
@@ -173,7 +173,7 @@ fn pairs_match_targets_and_respect_the_metrics_direction() {
     let b = results("b", "lpips", &[("x", 0, vec![0.2, 0.2]), ("y", 0, vec![0.3]), ("z", 0, vec![0.3, 0.9])]);
     store.trials.extend(b.trials.clone());
     store.targets.extend(b.targets.clone());
-    let of = |method| Question { metric: "lpips", ..query(method) };
+    let of = |method| MetricQuery { metric: "lpips", ..query(method) };
     let found = paired(&store, &of("a"), &of("b")).unwrap();
     Tolerance::F64.assert([found.difference], [(-0.05 + 0.1 + 0.0) / 3.0], "difference");
     assert_eq!((found.wins, found.ties, found.losses, found.scenes), (1, 1, 1, 3));
@@ -202,7 +202,7 @@ fn wins_follow_the_metrics_direction() {
         for (row, by) in a.targets.iter_mut().zip([0.1, 0.1, 0.1, -0.2]) {
             row.scores.values_mut().for_each(|score| *score += by);
         }
-        let of = |method| Question { metric, ..query(method) };
+        let of = |method| MetricQuery { metric, ..query(method) };
         let found = paired_between((&a, &of("a")), (&b, &of("b"))).unwrap();
         assert_eq!([found.wins, found.ties, found.losses], expected, "{metric}");
         Tolerance::F64.assert([found.difference], [0.025], "the difference has no direction");
@@ -228,7 +228,7 @@ fn distances_are_means_over_scenes() {
 fn worst_scenes_follow_the_metrics_direction() {
     let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
     let names = |metric: &str| {
-        let query = Question { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
+        let query = MetricQuery { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
         worst(&results("m", metric, &scenes), &query, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
     };
     assert_eq!(names("psnr"), ["b", "a"]);

@@ -14,7 +14,7 @@ mod tests;
 
 pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};
-pub use parts::{Part, Swept, parts};
+pub use parts::{Part, SweepBase, parts};
 pub use report::TradeoffReport;
 pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

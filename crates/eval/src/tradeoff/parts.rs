@@ -10,18 +10,18 @@ use atsplat_splat::effects::EffectSelection;
 
 use super::{Knobs, Setting, Sweep};
 use crate::EvalError;
-use crate::method::{AtSplat, ChangedConstants, ConstantsChoice, Method, Splatting, WeightsOf};
+use crate::method::{AtSplat, ChangedConstants, ConstantsChoice, Method, Splatting, WeightsSource};
 use crate::runner::{Dataset, PlannedIndex};
 
 /// The base setting of a sweep, before any knob is applied.
 #[derive(Clone, Debug)]
-pub struct Swept {
+pub struct SweepBase {
     /// The network's configuration.
     pub config: ModelConfig,
     /// The network's weights.
     pub tensors: StoredTensors,
     /// Where they came from.
-    pub weights: WeightsOf,
+    pub weights: WeightsSource,
     /// Picture size that the weights were trained at and that the network therefore sees; `None` uses pictures as they are.
     pub trained_at: Option<ImageSize>,
     /// Seed of random token selection.
@@ -45,7 +45,7 @@ pub struct Part {
 ///
 /// # Errors
 /// [`EvalError::Settings`] for an invalid knob; [`EvalError::Model`] for weights that do not match the network.
-pub fn parts(sweep: &Sweep, swept: &Swept, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
+pub fn parts(sweep: &Sweep, swept: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
     let mut parts: Vec<(&Knobs, Part)> = Vec::new();
     for setting in &sweep.settings {
         let method = swept.method(setting)?;
@@ -62,7 +62,7 @@ pub fn parts(sweep: &Sweep, swept: &Swept, datasets: &[Dataset]) -> Result<Vec<P
     Ok(parts.into_iter().map(|(_, part)| part).collect())
 }
 
-impl Swept {
+impl SweepBase {
     /// The method at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
@@ -73,7 +73,7 @@ impl Swept {
                 let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
                 let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
                 let trained_at = self.trained_at.map(|_| read.config.resolution);
-                (knobs.model(&read.config)?, read.tensors, WeightsOf::File { sha256: file.sha256 }, trained_at)
+                (knobs.model(&read.config)?, read.tensors, WeightsSource::File { sha256: file.sha256 }, trained_at)
             }
         };
         let tensors = adapted(&config, tensors, &weights)?;
@@ -96,8 +96,8 @@ impl Swept {
 
 /// Adapts weights to another K. Random tensors of another shape are drawn again. Trained weights keep the first K Gaussians of
 /// each token, which are rows of the head's last layer; there cannot be more than they have.
-fn adapted(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) -> Result<StoredTensors, EvalError> {
-    let WeightsOf::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
+fn adapted(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsSource) -> Result<StoredTensors, EvalError> {
+    let WeightsSource::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
     let mut drawn = generated(&parameters(config), *seed);
     for (name, tensor) in tensors.tensors {
         if drawn.tensors.get(&name).is_none_or(|drawn| drawn.shape() == tensor.shape()) {

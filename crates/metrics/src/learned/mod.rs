@@ -17,7 +17,7 @@ pub use architecture::{Network, Step};
 pub use cache::FeatureCache;
 pub use features::Features;
 pub use perceptual::{Perceptual, SCALING, WeightsHashes};
-pub use weights::{LoadError, WeightsAbsent, WeightsFolders, carried_heads};
+pub use weights::{LoadError, WeightsAbsent, WeightsFolders, embedded_heads};
 
 /// Uniform numbers in (−bound, bound) from a seed and their position, as `oracle/seeded.py`.
 #[cfg(test)]

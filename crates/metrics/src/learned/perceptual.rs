@@ -8,7 +8,7 @@ use super::architecture::Step;
 use super::convolution::Convolution;
 use super::features::{Features, distances, normalised};
 use super::matrix::Activations;
-use super::{LoadError, Network, WeightsAbsent, WeightsFolders, carried_heads, pooling};
+use super::{LoadError, Network, WeightsAbsent, WeightsFolders, embedded_heads, pooling};
 use crate::{Map, Mask, MetricError, NonFinite, Pair, Values};
 
 /// A learned metric with its weights.
@@ -66,7 +66,7 @@ impl Perceptual {
                 let heads = TensorFile::open(path)?;
                 (heads.stored, heads.sha256)
             }
-            None => match carried_heads(network) {
+            None => match embedded_heads(network) {
                 Some(embedded) => {
                     let embedded = embedded?;
                     let digest = embedded.digest();

@@ -156,7 +156,7 @@ const ALEX_HEADS: &[u8] = include_bytes!("../../weights/lpips-v0.1-alex.safetens
 ///
 /// # Errors
 /// Never in practice: the embedded bytes are covered by tests.
-pub fn carried_heads(network: Network) -> Option<Result<StoredTensors, LoadError>> {
+pub fn embedded_heads(network: Network) -> Option<Result<StoredTensors, LoadError>> {
     let bytes = match network {
         Network::LpipsVgg => VGG_HEADS,
         Network::LpipsAlex => ALEX_HEADS,

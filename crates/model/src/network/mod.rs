@@ -149,7 +149,7 @@ impl Network {
 
     /// The same network without resizing of context pictures.
     #[must_use]
-    pub fn seeing_as_given(self) -> Self {
+    pub fn without_resizing(self) -> Self {
         Self { trained_at: None, ..self }
     }
 

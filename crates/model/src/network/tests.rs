@@ -195,12 +195,12 @@ fn pictures_are_resized_to_the_scale_of_the_training_pictures() {
     assert_eq!(made.seen_at, fixture.config.resolution);
     assert_eq!(made.gaussians, halved.reconstruct(&views, 0).unwrap().gaussians);
     assert_eq!(made.gaussians, trained.trace(&views, 0).unwrap().made.gaussians);
-    let given = trained.clone().seeing_as_given().reconstruct(&views, 0).unwrap();
+    let given = trained.clone().without_resizing().reconstruct(&views, 0).unwrap();
     assert_eq!((given.seen_at, given.budget.initial_tokens), (large, 4 * made.budget.initial_tokens));
     // The aspect ratio is kept, in whole patches; resizing also makes sizes fit that patches do not divide.
     let odd = views.resized(ImageSize::new(50, 60));
     assert_eq!(trained.reconstruct(&odd, 0).unwrap().seen_at, ImageSize::new(32, 32));
-    assert!(trained.seeing_as_given().reconstruct(&odd, 0).is_err());
+    assert!(trained.without_resizing().reconstruct(&odd, 0).is_err());
 }
 
 #[test]

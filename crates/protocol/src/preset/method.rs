@@ -37,7 +37,7 @@ pub struct EffectiveSetting<'a> {
 
 impl Preset {
     /// The settings of `method`: the ones it published, or else the preset's. Names are case-insensitive.
-    pub fn setting_of(&self, method: &str) -> EffectiveSetting<'_> {
+    pub fn setting_for(&self, method: &str) -> EffectiveSetting<'_> {
         let published = self.methods.iter().find(|setting| setting.method.eq_ignore_ascii_case(method));
         match published {
             Some(MethodSetting { pose_normalisation, near_far, .. }) => {
@@ -55,9 +55,9 @@ mod tests {
     #[test]
     fn listed_methods_override_the_preset() {
         let preset = Preset::named("dl3dv-6v-256x448").unwrap();
-        let depthsplat = preset.setting_of("DEPTHSPLAT");
+        let depthsplat = preset.setting_for("DEPTHSPLAT");
         assert_eq!(depthsplat.near_far, NearFar { near: 0.5, far: 200.0 });
         assert_eq!(*depthsplat.pose_normalisation, PoseNormalisation::None);
-        assert_eq!(*preset.setting_of("ATSplat").pose_normalisation, preset.pose_normalisation);
+        assert_eq!(*preset.setting_for("ATSplat").pose_normalisation, preset.pose_normalisation);
     }
 }

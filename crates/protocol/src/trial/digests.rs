@@ -168,7 +168,7 @@ mod tests {
     use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics, PoseNormalisation};
     use atsplat_pixels::{DecodeLimits, ImageU8};
     use atsplat_scene::preprocess::Preprocessing;
-    use atsplat_scene::{MadePicture, SceneError, SharedBytes};
+    use atsplat_scene::{GeneratedPicture, SceneError, SharedBytes};
 
     use super::*;
     use crate::preset::{Filters, NearFar};
@@ -180,7 +180,7 @@ mod tests {
     #[derive(Debug)]
     struct FingerprintOnly(&'static str);
 
-    impl MadePicture for FingerprintOnly {
+    impl GeneratedPicture for FingerprintOnly {
         fn size(&self) -> ImageSize {
             SIZE
         }

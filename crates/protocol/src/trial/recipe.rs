@@ -26,7 +26,7 @@ impl TrialRecipe {
     /// The recipe of a preset for a method: with the method's published pose normalisation, near and far if the preset
     /// lists them, or else the preset's own.
     pub fn of(preset: &Preset, method: &str) -> Self {
-        let setting = preset.setting_of(method);
+        let setting = preset.setting_for(method);
         Self {
             preprocessing: preset.preprocessing.clone(),
             pose_normalisation: setting.pose_normalisation.clone(),

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use atsplat_eval::expansion::{SeenFamily, Stage, TargetStudy, Uncertainty};
+use atsplat_eval::expansion::{ProjectedFamily, Stage, TargetStudy, Uncertainty};
 use atsplat_eval::runner::spread;
 use atsplat_metrics::Ramp;
 use atsplat_numeric::Extremes as _;
@@ -25,7 +25,7 @@ pub struct ExpansionScene {
     /// Its picture.
     pub picture: Arc<ImageU8>,
     /// Families visible in it.
-    pub families: Vec<SeenFamily>,
+    pub families: Vec<ProjectedFamily>,
     /// Total number of families.
     pub expanded: usize,
     /// Targets with their ground truth.

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use atsplat_eval::statistics::{Leaked, Question, Summary, by_distance, by_overlap, paired, scene_means};
+use atsplat_eval::statistics::{Leaked, MetricQuery, Summary, by_distance, by_overlap, paired, scene_means};
 use atsplat_eval::timing::{Times, machine_of, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
@@ -40,8 +40,8 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn question(&self, method: &'a str, metric: &'static Definition) -> Question<'a> {
-        Question { preset: &self.preset.name, method, metric: metric.id, leaked: Leaked::Included }
+    fn question(&self, method: &'a str, metric: &'static Definition) -> MetricQuery<'a> {
+        MetricQuery { preset: &self.preset.name, method, metric: metric.id, leaked: Leaked::Included }
     }
 
     fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {

@@ -1,4 +1,4 @@
-use atsplat_eval::statistics::{Cost, Leaked, Question, Summary, by_overlap, cost, summary};
+use atsplat_eval::statistics::{Cost, Leaked, MetricQuery, Summary, by_overlap, cost, summary};
 use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
 
 use super::edition::Part;
@@ -16,7 +16,7 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
     let cost = cost(results, preset, method);
     let cell = |column: &ColumnDefinition| match column.quantity {
         Quantity::Metric(metric) => {
-            metric_cell(part, &Question { preset, method, metric: metric.id, leaked }, group.bin.as_ref())
+            metric_cell(part, &MetricQuery { preset, method, metric: metric.id, leaked }, group.bin.as_ref())
         }
         Quantity::Seconds => of_times(times(results, preset, method)),
         quantity => of_cost(quantity, &cost),
@@ -24,7 +24,7 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
     group.columns.iter().map(cell).collect()
 }
 
-fn metric_cell(part: &Part<'_>, question: &Question<'_>, bin: Option<&String>) -> Cell {
+fn metric_cell(part: &Part<'_>, question: &MetricQuery<'_>, bin: Option<&String>) -> Cell {
     let results = part.source.results;
     let found = match (bin, &part.protocol.overlap_bins) {
         (None, _) => summary(results, question, part.protocol.aggregation),

@@ -86,7 +86,7 @@ pub struct Import {
     /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
     pub antialiased: Option<bool>,
     /// Whether all opacity values of a PLY file lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
-    /// where all others write logits, without marking the file. [`Gaussians::with_opacities_as_stored`] converts them.
+    /// where all others write logits, without marking the file. [`Gaussians::with_linear_opacities`] converts them.
     pub opacities_may_be_no_logits: bool,
 }
 

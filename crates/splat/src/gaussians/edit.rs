@@ -71,7 +71,7 @@ impl Gaussians {
     /// Reinterprets the stored logits as opacities in [0, 1], as pixelSplat's PLY exporter writes them; 0 and 1 become
     /// logits of ±[`LOGIT_OF_INFINITY`], values outside become NaN.
     #[must_use]
-    pub fn with_opacities_as_stored(&self) -> Self {
+    pub fn with_linear_opacities(&self) -> Self {
         let mut parts = self.parts().clone();
         for logit in &mut parts.opacity_logits {
             *logit = (*logit / (1.0 - *logit)).ln().clamp(-LOGIT_OF_INFINITY, LOGIT_OF_INFINITY);
@@ -147,7 +147,7 @@ mod tests {
     fn converts_stored_opacities_to_logits() {
         let mut parts = two(0).into_parts();
         parts.opacity_logits = vec![0.75, 1.0];
-        let logits = Gaussians::new(parts).unwrap().with_opacities_as_stored().into_parts().opacity_logits;
+        let logits = Gaussians::new(parts).unwrap().with_linear_opacities().into_parts().opacity_logits;
         assert_eq!(logits, [3.0f32.ln(), 20.0]);
     }
 

@@ -124,7 +124,7 @@ pub fn adapters() -> Vec<AdapterDescription> {
 
 /// An adapter and the result of its self-test.
 #[derive(Clone, Debug)]
-pub struct Examined {
+pub struct ExaminedAdapter {
     /// The adapter.
     pub description: AdapterDescription,
     /// Why it cannot be used, if so.
@@ -134,7 +134,7 @@ pub struct Examined {
 }
 
 /// Tests every adapter; results remembered by `watcher` are not repeated.
-pub fn examine(watcher: &dyn Watcher) -> Vec<Examined> {
+pub fn examine(watcher: &dyn Watcher) -> Vec<ExaminedAdapter> {
     let examined = found().into_iter().map(|candidate| {
         let description = candidate.1.clone();
         let known = recalled(&description, &GpuOptions::default(), watcher);
@@ -143,7 +143,7 @@ pub fn examine(watcher: &dyn Watcher) -> Vec<Examined> {
             Some(verdict) => verdict.outcome(&description.to_string()),
             None => GpuRenderer::open(&candidate, GpuOptions::default(), watcher).map(drop),
         };
-        Examined { description, outcome, remembered }
+        ExaminedAdapter { description, outcome, remembered }
     });
     examined.collect()
 }

@@ -36,7 +36,9 @@ mod tests;
 mod uniforms;
 mod verdict;
 
-pub use adapters::{ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, Examined, adapters, examine};
+pub use adapters::{
+    ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, ExaminedAdapter, adapters, examine,
+};
 pub use error::GpuError;
 pub use fallback::{Fallback, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use atsplat_metrics::learned::{Network, SCALING, Step, carried_heads};
+use atsplat_metrics::learned::{Network, SCALING, Step, embedded_heads};
 use atsplat_model::network::f32_values;
 use atsplat_model::weights::{StoredTensors, TensorFile};
 use burn::Tensor;
@@ -48,7 +48,7 @@ impl Learned {
     /// [`TrainError::Malformed`] if a tensor is absent or of another shape.
     pub fn read(network: Network, path: &Path) -> Result<Self, TrainError> {
         let file = TensorFile::open(path)?;
-        let heads = match carried_heads(network) {
+        let heads = match embedded_heads(network) {
             Some(heads) => heads.map_err(|error| TrainError::malformed("heads", network.name(), "tensors", error))?,
             None => file.stored.clone(),
         };
