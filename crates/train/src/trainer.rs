@@ -468,10 +468,8 @@ mod tests {
         let request = Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) };
         let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
         write_dataset(&data, [request], &options, &mut Warnings::new(), |_, _| ()).unwrap();
-        let scene = data.join("train").join(seed.key(SceneKind::Rooms));
-        let mut pictures: Vec<PathBuf> = scene.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
-        pictures.sort();
-        std::fs::remove_file(pictures.last().unwrap()).unwrap();
+        let name = "66667.png";
+        std::fs::remove_file(data.join("train").join(seed.key(SceneKind::Rooms)).join(name)).unwrap();
         let text = Preset::text_of("re10k-2v-256").unwrap();
         let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
         let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
@@ -494,10 +492,9 @@ mod tests {
             "both sources, however often they are read"
         );
         assert_eq!(notices.len(), 2, "{notices:?}");
-        let name = pictures.last().unwrap().file_name().unwrap().to_str().unwrap();
         for (notice, count) in notices.iter().zip(1..) {
             let expected =
-                format!("warning: {count} × missing-picture; the first: {}: frame 11: no ", seed.key(SceneKind::Rooms));
+                format!("warning: {count} × missing-picture; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
             assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
         }
     }
