@@ -149,8 +149,8 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Budget(args) => Ok(exit_of_check(budget::run(args)?)),
         Command::Train(args) => train::run(args).map(|()| Exit::Done),
         Command::Stress(args) => Ok(exit_of_check(stress::run(args)?)),
-        Command::Completions(args) => done(shell::completions(args)),
-        Command::Man(args) => done(shell::man(args)),
+        Command::Completions(args) => shell::completions(args).map(|()| Exit::Done),
+        Command::Man(args) => shell::man(args).map(|()| Exit::Done),
     }
 }
 
