@@ -106,7 +106,8 @@ fn resuming_a_finished_store_gives_identical_bytes() {
     let is_known = |key: &TrialKey, data: &str| store.known().contains(key, "trial c 0", data, None);
     assert!(is_known(&key("c"), "data c 0") && !is_known(&key("c"), "data d 0") && !is_known(&key("b"), "data c 0"));
     store.append(&trial("b"), &targets("b")).unwrap();
-    fs::write(parts::folder(twice.path()).join("x.json.1-0.tmp"), b"half a tri").unwrap();
+    let unfinished = parts::folder(twice.path()).join(format!("x.json.1-0.{}", atsplat_files::PARTIAL));
+    fs::write(unfinished, b"half a tri").unwrap();
     store.finish().unwrap();
     for file in [TRIALS, TARGETS, PROVENANCE] {
         let bytes = |folder: &tempfile::TempDir| fs::read(folder.path().join(file)).unwrap();
