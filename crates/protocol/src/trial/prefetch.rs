@@ -83,7 +83,8 @@ impl Drop for Reservation {
 /// Jobs that run on rayon's threads and whose results are returned in the order they were pushed.
 ///
 /// If no thread has started a job when its result is needed, the caller runs it: nothing waits for a free thread, so
-/// neither a single thread nor a caller on a rayon thread can deadlock. Jobs must not use rayon themselves.
+/// neither a single thread nor a caller on a rayon thread can deadlock. Jobs may use rayon: no job
+/// waits for another. Only [`Self::pop`] waits, so it is not called inside a job.
 pub(super) struct Ordered<T> {
     slots: VecDeque<Arc<Slot<T>>>,
 }
