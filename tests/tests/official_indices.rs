@@ -154,7 +154,7 @@ fn which_indices_may_share_a_table() {
 /// Presets on files that others published, not on ones that are carried.
 fn published() -> impl Iterator<Item = Preset> {
     let presets = Preset::names().map(|name| Preset::named(name).unwrap());
-    let is_published = |name: &str| IndexFile::carried(name).is_none();
+    let is_published = |name: &str| IndexFile::embedded(name).is_none();
     presets.filter(move |preset| preset.index.accepted.first().is_some_and(|accepted| is_published(&accepted.name)))
 }
 

@@ -247,7 +247,7 @@ fn measures_the_motion_of_known_and_simulated_cameras() {
     assert!(table.contains("baseline, 135 frames"), "{table}");
     assert_eq!(plot(), first, "the same clips give the same bytes on any number of threads");
     assert_eq!(atsplat(here, &["data", "motion", "data", "--strict"]).code, 4, "a clip was left out");
-    assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the carried clips");
+    assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the embedded clips");
 }
 
 /// The loader makes rotations orthonormal, which changes their trace by about 1e-9; for half a degree, a step of half a

@@ -42,11 +42,11 @@ fn main() -> anyhow::Result<()> {
         IndexEntry { context: vec![first, first + 45], target: vec![first + 10, first + 22, first + 35], overlap: None }
     };
     let scenes = [(key, (0..entries).map(entry).collect())].into_iter().collect();
-    let (told, sha256) = ("windows of 46 frames".to_owned(), Sha256Digest::of(b"throughput"));
-    let index = PlannedIndex { index: EvaluationIndex { scenes }, told, sha256, name: None };
+    let (description, sha256) = ("windows of 46 frames".to_owned(), Sha256Digest::of(b"throughput"));
+    let index = PlannedIndex { index: EvaluationIndex { scenes }, description, sha256, name: None };
     let mut preset = Preset::named("re10k-2v-256")?;
     preset.preprocessing.expected_size = None;
-    let datasets = [Dataset { name: preset.name.clone(), preset, source, told: data, index }];
+    let datasets = [Dataset { name: preset.name.clone(), preset, source, description: data, index }];
     let methods: [Arc<dyn Method>; 1] = [Arc::new(Wall::default())];
     let suite = Suite::new(named_metrics(["psnr", "ssim"])?, Networks::default(), 0);
     let plan = Plan {

@@ -55,7 +55,7 @@ pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow:
         hint: format!(
             "Where tokens expand, what each expansion adds, and whether the predicted uncertainty matches the error; \
              on {}, {}.",
-            dataset.name, dataset.told
+            dataset.name, dataset.description
         ),
         plots: of_expansion(&subject, &scenes)?,
     })

@@ -114,7 +114,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
                 let taken = found.datasets.iter().any(|other| other.name == name);
                 let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
-                found.datasets.push(Dataset { name, preset, source, told: description, index });
+                found.datasets.push(Dataset { name, preset, source, description: description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
@@ -129,7 +129,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
                 let description = dataset.path.display().to_string();
                 let name =
                     format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
-                found.datasets.push(Dataset { name, preset, source, told: description, index });
+                found.datasets.push(Dataset { name, preset, source, description: description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
@@ -203,7 +203,7 @@ fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnin
         let lengths = scene_lengths(&planned.index, source.as_ref(), &|| (), warnings);
         planned.index = Extrapolation::from(derivation).split(&planned.index, &lengths).index;
         planned.sha256 = Sha256Digest::of(planned.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
-        planned.told = format!("{}, its windows with frames before and after them", planned.told);
+        planned.description = format!("{}, its windows with frames before and after them", planned.description);
     }
     if is_empty(&planned.index) { Err(format!("{sampler} finds no frames")) } else { Ok(planned) }
 }

@@ -17,7 +17,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
     for name in Preset::names() {
         let preset = Preset::named(name)?;
         let Some(accepted) = preset.index.accepted.first() else { continue };
-        let Some(file) = IndexFile::carried(&accepted.name) else { continue };
+        let Some(file) = IndexFile::embedded(&accepted.name) else { continue };
         let file = file?;
         let limit = max_scenes(preset.index.context_views, preset.index.targets.1);
         let index = first_scenes(&file.index, limit);
@@ -28,7 +28,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
         })?;
         let planned = PlannedIndex {
             index,
-            told: format!("carried: {}", accepted.name),
+            description: format!("carried: {}", accepted.name),
             sha256: file.sha256,
             name: Some(accepted.name.clone()),
         };
@@ -37,7 +37,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
             name: name.to_owned(),
             preset,
             source: Arc::new(source),
-            told: description,
+            description: description,
             index: planned,
         });
     }

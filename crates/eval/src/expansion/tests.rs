@@ -19,7 +19,7 @@ use crate::sources::simulated;
 /// A trial of a simulated room, 128×128 pixels.
 fn trial() -> (Trial, TargetPictures) {
     let preset = Preset::named("rooms-2v-128").unwrap();
-    let mut index = IndexFile::carried("rooms-2v").unwrap().unwrap().index;
+    let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
     index.scenes.truncate(1);
     index.scenes.values_mut().flatten().for_each(|entry| entry.target.truncate(2));
     let source = Arc::new(simulated(&preset, &index).unwrap().unwrap());

@@ -189,7 +189,7 @@ mod tests {
 
     /// Context of two simulated rooms; the first room has the same entry twice.
     fn trials(preset: &Preset) -> Vec<(Trial, Vec<Arc<ImageU8>>)> {
-        let mut index = IndexFile::carried("rooms-2v").unwrap().unwrap().index;
+        let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
         index.scenes.truncate(2);
         let entries = &mut index.scenes[0];
         entries.truncate(1);

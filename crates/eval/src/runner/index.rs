@@ -19,7 +19,7 @@ pub struct PlannedIndex {
     /// The index.
     pub index: EvaluationIndex,
     /// Its file, or how it was generated.
-    pub told: String,
+    pub description: String,
     /// Hash of the file's bytes; for a generated index, of its serialisation.
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
@@ -52,16 +52,20 @@ impl PlannedIndex {
         };
         let underived = matches!(matched, IndexMatch::Underived { .. });
         let index = file.into_unambiguous()?;
-        let told = path.display().to_string();
+        let description = path.display().to_string();
         match preset.index.derivation.filter(|_| underived) {
-            None => Ok(Self { index, told, sha256, name }),
+            None => Ok(Self { index, description, sha256, name }),
             Some(derivation) => {
                 let keys = source.keys();
                 let present = index.scenes.iter().filter(|(key, _)| keys.contains(key));
                 let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
                 let lengths = scene_lengths(&present, source, &|| (), warnings);
                 let split = Extrapolation::from(derivation).split(&index, &lengths);
-                Ok(Self::generated(split.index, format!("{told}, its windows with frames before and after them"), name))
+                Ok(Self::generated(
+                    split.index,
+                    format!("{description}, its windows with frames before and after them"),
+                    name,
+                ))
             }
         }
     }
@@ -87,9 +91,9 @@ impl PlannedIndex {
         names.into_iter().map(|name| folder.join(name)).find(|path| path.is_file())
     }
 
-    fn generated(index: EvaluationIndex, told: String, name: Option<String>) -> Self {
+    fn generated(index: EvaluationIndex, description: String, name: Option<String>) -> Self {
         let sha256 = Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
-        Self { index, told, sha256, name }
+        Self { index, description, sha256, name }
     }
 }
 

@@ -50,12 +50,12 @@ impl Plan<'_> {
         let (name, index) = (&dataset.name, &dataset.index.index);
         let entries = index.entries().count();
         if entries == 0 {
-            return format!("{name}: the index has no entry ({})", dataset.index.told);
+            return format!("{name}: the index has no entry ({})", dataset.index.description);
         }
         let selected = self.selected(dataset);
         let present = index.scene_count() - selected.missing.len();
         if let Some(first) = selected.missing.first().filter(|_| present == 0) {
-            return format!("{name}: none of the index's scenes is in {}: {first}, …", dataset.told);
+            return format!("{name}: none of the index's scenes is in {}: {first}, …", dataset.description);
         }
         if let Some(shard) = self.selection.shard.filter(|_| selected.index.scenes.is_empty()) {
             return format!("{name}: shard {} of {} of {present} scenes is empty", shard.number, shard.of);

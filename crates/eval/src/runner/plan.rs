@@ -23,7 +23,7 @@ pub struct Dataset {
     /// The scenes.
     pub source: Arc<dyn SceneSource>,
     /// Where they come from, as the user gave it.
-    pub told: String,
+    pub description: String,
     /// The evaluation index.
     pub index: PlannedIndex,
 }
@@ -75,7 +75,10 @@ impl Summary {
 
 impl std::fmt::Debug for Dataset {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Dataset").field("name", &self.name).field("told", &self.told).finish_non_exhaustive()
+        f.debug_struct("Dataset")
+            .field("name", &self.name)
+            .field("description", &self.description)
+            .finish_non_exhaustive()
     }
 }
 
@@ -110,7 +113,7 @@ impl Plan<'_> {
             });
         }
         let preset = |dataset: &Dataset| {
-            let Dataset { name, preset, told, index, .. } = dataset;
+            let Dataset { name, preset, description, index, .. } = dataset;
             Ok(PresetRecord {
                 name: name.clone(),
                 preset: preset.name.clone(),
@@ -118,8 +121,8 @@ impl Plan<'_> {
                 title: preset.title.clone(),
                 hash: preset.hash()?.to_string(),
                 toml: preset.to_toml()?,
-                dataset: told.clone(),
-                index: index.told.clone(),
+                dataset: description.clone(),
+                index: index.description.clone(),
                 index_sha256: index.sha256.to_string(),
                 index_name: index.name.clone(),
                 overlap_estimators: index.index.overlap_estimators(),

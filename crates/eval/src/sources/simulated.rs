@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn every_simulated_preset_finds_its_scenes() {
         for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
-            let Some(file) = preset.index.accepted.first().and_then(|accepted| IndexFile::carried(&accepted.name))
+            let Some(file) = preset.index.accepted.first().and_then(|accepted| IndexFile::embedded(&accepted.name))
             else {
                 assert!(simulated(&preset, &EvaluationIndex::default()).unwrap().is_none(), "{}", preset.name);
                 continue;
@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn only_frames_of_the_index_have_pictures() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let mut index = IndexFile::carried("rooms-2v").unwrap().unwrap().index;
+        let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
         index.scenes.truncate(1);
         let source = simulated(&preset, &index).unwrap().unwrap();
         let key = source.keys()[0].clone();

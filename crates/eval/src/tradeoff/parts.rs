@@ -131,13 +131,13 @@ fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<S
 
 /// The dataset with the knobs' resolution and views.
 fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
-    let Dataset { name, preset, source, told, index } = dataset;
+    let Dataset { name, preset, source, description, index } = dataset;
     let reduced = knobs.index(&index.index)?;
     let index = match knobs.views {
         None => index.clone(),
         Some(_) => PlannedIndex {
             sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
-            told: format!("{}, fewer context views", index.told),
+            description: format!("{}, fewer context views", index.description),
             index: reduced,
             name: index.name.clone(),
         },
@@ -145,5 +145,11 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
     let views = knobs.views.map(|views| format!("-{views}-views"));
     let resolution = knobs.resolution.map(|[height, width]| format!("-{height}x{width}"));
     let name = [Some(name.clone()), views, resolution].into_iter().flatten().collect();
-    Ok(Dataset { name, preset: knobs.preset(preset)?, source: Arc::clone(source), told: told.clone(), index })
+    Ok(Dataset {
+        name,
+        preset: knobs.preset(preset)?,
+        source: Arc::clone(source),
+        description: description.clone(),
+        index,
+    })
 }

@@ -130,12 +130,12 @@ pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
     let scenes = walls.keys.iter().map(|key| (key.clone(), entries.to_vec())).collect();
     let index = PlannedIndex {
         index: EvaluationIndex { scenes },
-        told: "made for a test".to_owned(),
+        description: "made for a test".to_owned(),
         sha256: Sha256Digest::of(b"test"),
         name: None,
     };
     let source: Arc<dyn SceneSource> = Arc::new(walls);
-    Dataset { name: "walls".to_owned(), preset: preset(), source, told: "walls".to_owned(), index }
+    Dataset { name: "walls".to_owned(), preset: preset(), source, description: "walls".to_owned(), index }
 }
 
 /// A uniformly grey picture of the walls' size.

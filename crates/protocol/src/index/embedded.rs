@@ -24,7 +24,7 @@ impl IndexFile {
     ///
     /// # Errors
     /// As [`Self::parse`]; the embedded files have none.
-    pub fn carried(name: &str) -> Option<Result<Self, ProtocolError>> {
+    pub fn embedded(name: &str) -> Option<Result<Self, ProtocolError>> {
         let (_, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
         Some(Self::parse(text.as_bytes()))
     }
@@ -42,7 +42,7 @@ mod tests {
         let mut used = BTreeSet::new();
         for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
             let Some(accepted) = preset.index.accepted.first() else { continue };
-            let Some(file) = IndexFile::carried(&accepted.name) else { continue };
+            let Some(file) = IndexFile::embedded(&accepted.name) else { continue };
             let file = file.unwrap();
             let name = &*preset.name;
             assert_eq!(preset.index.recognise(&file), IndexMatch::Default { name: &accepted.name }, "{name}");

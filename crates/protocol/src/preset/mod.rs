@@ -215,7 +215,7 @@ mod tests {
     #[test]
     fn a_preset_stands_for_a_published_one_if_its_index_is_embedded() {
         for preset in all() {
-            let embedded = preset.index.accepted.iter().any(|file| crate::IndexFile::carried(&file.name).is_some());
+            let embedded = preset.index.accepted.iter().any(|file| crate::IndexFile::embedded(&file.name).is_some());
             assert_eq!(preset.stands_for.is_some(), embedded, "{}", preset.name);
             let Some(published) = preset.stands_for.as_deref().map(|name| Preset::named(name).unwrap()) else {
                 continue;

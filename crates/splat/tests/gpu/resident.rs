@@ -155,7 +155,7 @@ fn buffers_of_others_are_taken_or_refused_in_words() {
     let (gaussians, view) = (cloud(300, 1, 19), view(30, 20));
     let mut external = GpuRenderer::with_device(device.clone(), queue.clone(), GpuOptions::default()).unwrap();
     let (other_device, other_queue) = external_device(lower).unwrap();
-    let mut stranger = GpuRenderer::with_device(other_device, other_queue, GpuOptions::default()).unwrap();
+    let mut unrelated = GpuRenderer::with_device(other_device, other_queue, GpuOptions::default()).unwrap();
     let put = |values: &[f32], size: u64, usage: wgpu::BufferUsages| {
         let usage = usage | wgpu::BufferUsages::COPY_DST;
         let buffer =
@@ -182,7 +182,7 @@ fn buffers_of_others_are_taken_or_refused_in_words() {
         let long = GpuGaussians::from_parts(vec![part(size, wgpu::BufferUsages::STORAGE)], 1).unwrap();
         let rendering = external.render_resident(&long, &view, &everything()).unwrap();
         assert!(external.read(&rendering).unwrap() == expected, "{size}");
-        let outcome = stranger.render_resident(&long, &view, &everything());
+        let outcome = unrelated.render_resident(&long, &view, &everything());
         assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::Refused { .. }))), "{outcome:?}");
     }
     let unseen = GpuGaussians::from_parts(vec![part(14_400, wgpu::BufferUsages::COPY_SRC)], 1).unwrap();
