@@ -9,7 +9,7 @@
 //! use atsplat_model::network::Device;
 //! use atsplat_scene::{SceneSource as _, Warnings};
 //!
-//! let dataset = atsplat_scene::open("capture".as_ref(), &mut Warnings::new())?;
+//! let dataset = atsplat_scene::open("capture", &mut Warnings::new())?;
 //! let scene = dataset.load("garden", &mut Warnings::new())?;
 //! let (network, _) = NetworkSource::untrained(ModelConfig::named("nano")?, 1).load(&Device::flex())?;
 //! let (photos, reconstruction) = reconstruct(&network, scene, &[0, 5, 10], 0)?;
