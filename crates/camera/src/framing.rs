@@ -94,6 +94,9 @@ mod tests {
         let distance = camera.distance_that_frames(3.0).unwrap();
         // The plane of the upper edge passes through the camera centre at the angle arctan ½ to the axis.
         Tolerance::F64.assert([distance * 0.5f64.atan().sin()], [3.0], "touches the upper and lower edges");
+        let narrow = NormalizedIntrinsics::new(2.0, 2.5, 0.5, 0.5).unwrap();
+        let distance = narrow.distance_that_frames(1.0).unwrap();
+        Tolerance::F64.assert([distance * 0.2f64.atan().sin()], [1.0], "half a height over the focal length");
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! `atsplat render` as a user runs it: its files equal the renders of the library.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 mod common;
 mod render_scene;
 

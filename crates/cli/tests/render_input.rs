@@ -1,7 +1,5 @@
 //! Input of `atsplat render`: camera files, arguments, and errors.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 mod common;
 mod render_scene;
 

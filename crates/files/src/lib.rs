@@ -1,6 +1,6 @@
 //! Atomic file writes, and SHA-256 digests.
 //!
-//! Everything that atsplat writes goes through [`write`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
+//! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
 //! file or the new one, never a part, and processes that write the same file do not interfere.
 

@@ -60,7 +60,7 @@ impl ProtocolArgs {
                 }
             }
             let index = self.index(&preset, source.as_ref(), warnings).with_context(|| format!("protocol {name}"))?;
-            datasets.push(Dataset { name: preset.name.clone(), preset, source, description: description, index });
+            datasets.push(Dataset { name: preset.name.clone(), preset, source, description, index });
         }
         Ok(datasets)
     }

@@ -114,7 +114,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
                 let taken = found.datasets.iter().any(|other| other.name == name);
                 let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
-                found.datasets.push(Dataset { name, preset, source, description: description, index });
+                found.datasets.push(Dataset { name, preset, source, description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
@@ -129,7 +129,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
                 let description = dataset.path.display().to_string();
                 let name =
                     format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
-                found.datasets.push(Dataset { name, preset, source, description: description, index });
+                found.datasets.push(Dataset { name, preset, source, description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }

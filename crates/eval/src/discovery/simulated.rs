@@ -33,13 +33,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
             name: Some(accepted.name.clone()),
         };
         let description = format!("simulated {}, test split", preset.dataset);
-        datasets.push(Dataset {
-            name: name.to_owned(),
-            preset,
-            source: Arc::new(source),
-            description: description,
-            index: planned,
-        });
+        datasets.push(Dataset { name: name.to_owned(), preset, source: Arc::new(source), description, index: planned });
     }
     Ok(datasets)
 }

@@ -95,6 +95,12 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     }
 }
 
+/// Whether the paper trains a network of its own for this variant; thresholds and ratios are chosen at inference there too.
+pub(crate) fn has_own_training(record: &MethodRecord) -> bool {
+    is_ablation(record)
+        && variant(record).is_some_and(|variant| !matches!(variant.as_str(), "thresholds" | "partial-expansion"))
+}
+
 /// Whether a method is an ablation, which benchmark tables omit.
 pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
     variant(record).is_some_and(|variant| variant != "full" && variant != "other-ratios")

@@ -11,7 +11,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
-pub(crate) use method_rule::is_ablation;
+pub(crate) use method_rule::{has_own_training, is_ablation};
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
 

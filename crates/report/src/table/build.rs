@@ -8,7 +8,7 @@ use super::rank::rank;
 use super::{Cell, Column, Group, Row, Source, Table, Value, has_trials};
 use crate::ReportError;
 use crate::definition::{
-    ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, is_ablation,
+    ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, has_own_training, is_ablation,
 };
 use crate::plot::Origin;
 
@@ -153,13 +153,12 @@ fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDef
     all_methods(edition).into_iter().filter(|method| rule.accepts(method.record)).map(Some).collect()
 }
 
-/// Whether an ablation has the weights of a method that is none: its network was changed after training.
-fn is_inference_only(part: &Part<'_>, record: &MethodRecord) -> bool {
-    let others = &part.source.results.provenance.methods;
-    let same_weights = |other: &MethodRecord| other.weights_sha256 == record.weights_sha256;
-    is_ablation(record)
+/// Whether an ablation that the paper trains has the weights of another network, in whichever store: it was changed after training.
+fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
+    let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
+    has_own_training(record)
         && record.weights_sha256.is_some()
-        && others.iter().any(|other| same_weights(other) && !is_ablation(other))
+        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && !has_own_training(other))
 }
 
 /// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run.
@@ -209,7 +208,7 @@ fn measured(
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
         untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
-        inference_only: chosen.iter().flatten().any(|(part, record)| is_inference_only(part, record)),
+        inference_only: chosen.iter().flatten().any(|(_, record)| is_inference_only(edition, record)),
         without_leaked: leaked == Leaked::Excluded,
         rule_above: false,
         cells: cells_of(leaked),

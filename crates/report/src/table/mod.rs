@@ -83,6 +83,7 @@ pub struct Column {
 }
 
 /// A row.
+#[expect(clippy::struct_excessive_bools, reason = "independent facts, each with a mark of its own")]
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Row {
