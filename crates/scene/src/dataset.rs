@@ -21,6 +21,30 @@ pub trait SceneSource: Send + Sync {
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 }
 
+/// A dataset of one scene that is already loaded.
+#[derive(Clone, Debug)]
+pub struct OneScene {
+    keys: [String; 1],
+    scene: Scene,
+}
+
+impl OneScene {
+    /// The scene under its own key.
+    pub fn new(scene: Scene) -> Self {
+        Self { keys: [scene.key.clone()], scene }
+    }
+}
+
+impl SceneSource for OneScene {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, _key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        Ok(self.scene.clone())
+    }
+}
+
 /// Loads scenes in parallel and returns them in the order of `keys`.
 ///
 /// A scene that cannot be read is skipped with a [`WarningKind::UnreadableScene`] that holds the error's text. The result

@@ -34,7 +34,7 @@ mod warnings;
 
 pub use atsplat_pickle::SharedBytes;
 pub use colmap::{ColmapOptions, ColmapScenes};
-pub use dataset::{SceneSource, load_scenes};
+pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use files::is_plain_name;
 pub use fit::Misfit;

@@ -7,7 +7,7 @@ use atsplat_pixels::{DecodeLimits, ImageU8};
 use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
-use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{OneScene, Scene, Warnings};
 use atsplat_splat::Gaussians;
 use indexmap::IndexMap;
 use rayon::prelude::*;
@@ -72,7 +72,7 @@ impl Photos {
         let names = context.iter().chain(&targets).filter_map(name).collect();
         let entry = IndexEntry { context, target: targets, overlap: None };
         let index = EvaluationIndex { scenes: IndexMap::from([(scene.key.clone(), vec![entry])]) };
-        let source = Arc::new(OneScene { keys: vec![scene.key.clone()], scene });
+        let source = Arc::new(OneScene::new(scene));
         let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
         let mut trials = Trials::new(source, &index, recipe, no_prefetch);
         let trial = trials.next();
@@ -126,21 +126,5 @@ impl Photos {
     /// The dataset's name of a selected frame; `None` for other frames.
     pub fn name(&self, frame: usize) -> Option<&str> {
         self.names.get(&frame).map(String::as_str)
-    }
-}
-
-/// A dataset of one scene that is already loaded.
-struct OneScene {
-    keys: Vec<String>,
-    scene: Scene,
-}
-
-impl SceneSource for OneScene {
-    fn keys(&self) -> &[String] {
-        &self.keys
-    }
-
-    fn load(&self, _key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
-        Ok(self.scene.clone())
     }
 }

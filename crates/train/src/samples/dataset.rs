@@ -9,7 +9,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset, ProtocolError};
-use atsplat_scene::{Scene, SceneError, SceneSource, Warning, WarningKind, Warnings};
+use atsplat_scene::{OneScene, Scene, SceneSource, Warning, WarningKind, Warnings};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -120,7 +120,7 @@ impl DatasetSource {
         let entry = entry.map_err(|error| format!("{key}: {error}"))?;
         let name = format!("{key}, frames {:?} to {:?}", entry.context, entry.target);
         let index = EvaluationIndex { scenes: IndexMap::from([(key.to_owned(), vec![entry])]) };
-        let one = Arc::new(OneScene { keys: vec![key.to_owned()], scene });
+        let one = Arc::new(OneScene::new(scene));
         let prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
         let mut trials = Trials::new(one, &index, self.recipe.clone(), prefetch);
         let trial = trials.next();
@@ -179,21 +179,5 @@ impl Source for DatasetSource {
 impl std::fmt::Debug for DatasetSource {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("DatasetSource").field("config", &self.config).finish_non_exhaustive()
-    }
-}
-
-/// A dataset of one loaded scene.
-struct OneScene {
-    keys: Vec<String>,
-    scene: Scene,
-}
-
-impl SceneSource for OneScene {
-    fn keys(&self) -> &[String] {
-        &self.keys
-    }
-
-    fn load(&self, _key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
-        Ok(self.scene.clone())
     }
 }
