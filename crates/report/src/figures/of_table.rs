@@ -109,7 +109,11 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
     let row = |row: &Row| {
         let own = reproduced(row);
         AblationRow {
-            label: row.labels.join(", "),
+            label: format!(
+                "{}{}",
+                row.labels.join(", "),
+                if own.is_some_and(|own| own.inference_only) { " ¶" } else { "" }
+            ),
             published: match &row.cell((0, at)).value {
                 Value::Number(number) => Some(Ok(*number)),
                 Value::Text(text) => Some(Err(text.clone())),
