@@ -1,5 +1,7 @@
 mod mean_camera;
 
+use std::fmt;
+
 use atsplat_numeric::{Extremes, Tolerance};
 use serde::{Deserialize, Serialize};
 
@@ -96,6 +98,20 @@ pub enum Fallback {
     /// All centres that determine the scale coincide (closer than 1e-9 of their distance from the world's origin, the
     /// precision of files): lengths keep their scale.
     CoincidentCentres,
+}
+
+impl fmt::Display for Fallback {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::SingleView => "there is only one context view, which is the mean camera",
+            Self::ForwardsCancel => "the views' forward axes cancel; the first view's is used",
+            Self::DownsCancel => "the views' down axes cancel; the first view's is used",
+            Self::FirstDownAlongForward => {
+                "the first view's down axis is along the forward axis; its right axis is used"
+            }
+            Self::CoincidentCentres => "all camera centres coincide; lengths keep their scale",
+        })
+    }
 }
 
 /// A trial's cameras in the normalised world, and the transform to it.

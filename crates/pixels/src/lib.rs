@@ -29,4 +29,4 @@ pub use picture::{Image, ImageU8};
 pub use preview::{Preview, preview_frame};
 pub use resize::{Filter, resize};
 pub use rounding::Rounding;
-pub use size::size_of;
+pub use size::{has_alpha, size_of};

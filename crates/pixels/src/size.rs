@@ -20,6 +20,16 @@ pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     Ok((width, height))
 }
 
+/// Whether a PNG or WebP has an alpha channel or a transparent colour, from the chunks before its pixels; `false` for other
+/// formats. Whether any pixel is transparent is not checked.
+pub fn has_alpha(bytes: &[u8]) -> bool {
+    match PictureFormat::sniff(bytes) {
+        Some(PictureFormat::Png) => png_has_alpha(bytes),
+        Some(PictureFormat::WebP) => webp_has_alpha(bytes),
+        _ => false,
+    }
+}
+
 /// The start of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 
@@ -57,6 +67,37 @@ fn words(bytes: &[u8], at: usize) -> Option<[[u8; 4]; 4]> {
     words.first_chunk::<4>().copied()
 }
 
+/// The colour type's alpha bit (PNG specification, 11.2.1), or a `tRNS` chunk, which comes before the pixels (11.3.1).
+fn png_has_alpha(bytes: &[u8]) -> bool {
+    const ALPHA_USED: u8 = 4;
+    const FIRST_CHUNK_AFTER_HEADER: usize = 33;
+    if bytes.get(25).is_some_and(|colour_type| colour_type & ALPHA_USED != 0) {
+        return true;
+    }
+    let mut rest = bytes.get(FIRST_CHUNK_AFTER_HEADER..).unwrap_or_default();
+    while let Some(([l0, l1, l2, l3, kind @ ..], _)) = rest.split_first_chunk::<8>() {
+        match kind {
+            b"tRNS" => return true,
+            b"IDAT" => return false,
+            _ => {
+                let length = u64::from(u32::from_be_bytes([*l0, *l1, *l2, *l3])) + 12;
+                rest = usize::try_from(length).ok().and_then(|length| rest.get(length..)).unwrap_or_default();
+            }
+        }
+    }
+    false
+}
+
+/// RFC 9649: the flag of an extended file (2.7), or the hint of a lossless one (3.4).
+fn webp_has_alpha(bytes: &[u8]) -> bool {
+    let byte = |at: usize, bit: u8| bytes.get(at).is_some_and(|byte| byte & bit != 0);
+    match bytes.get(12..16) {
+        Some(b"VP8X") => byte(20, 0x10),
+        Some(b"VP8L") => byte(24, 0x10),
+        _ => false,
+    }
+}
+
 /// RFC 9649, sections 2.5 to 2.7; the lossy frame header is RFC 6386, 9.1.
 fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     let problem = |text: &str| header(PictureFormat::WebP, text);
@@ -87,5 +128,32 @@ fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
         other => {
             Err(problem(&format!("expected a VP8, VP8L or VP8X chunk, found {:?}", other.escape_ascii().to_string())))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::codecs::{png::PngEncoder, webp::WebPEncoder};
+    use image::{ExtendedColorType, ImageEncoder as _};
+
+    #[test]
+    fn alpha_is_read_from_the_header() {
+        let pixels = [5, 6, 7, 0].repeat(6);
+        let mut files = [(Vec::new(), Vec::new()), (Vec::new(), Vec::new())];
+        for ((png, webp), colour) in files.iter_mut().zip([ExtendedColorType::Rgb8, ExtendedColorType::Rgba8]) {
+            let pixels = &pixels[..6 * usize::from(colour.channel_count())];
+            PngEncoder::new(png).write_image(pixels, 3, 2, colour).unwrap();
+            WebPEncoder::new_lossless(webp).write_image(pixels, 3, 2, colour).unwrap();
+        }
+        let [(png, webp), (png_with_alpha, webp_with_alpha)] = &files;
+        assert!(!has_alpha(png) && !has_alpha(webp), "without");
+        assert!(has_alpha(png_with_alpha) && has_alpha(webp_with_alpha), "with");
+        let header_end = 33;
+        let transparent_colour =
+            [&png[..header_end], b"\0\0\0\x06tRNS\0\x05\0\x06\0\x07crc.", &png[header_end..]].concat();
+        assert!(has_alpha(&transparent_colour), "one transparent colour");
+        let behind_text = [&png[..header_end], b"\0\0\0\x02tEXta\0crc.", &transparent_colour[header_end..]].concat();
+        assert!(has_alpha(&behind_text) && !has_alpha(&behind_text[..50]), "after another chunk");
     }
 }

@@ -82,7 +82,8 @@ pub enum ProtocolError {
 
 impl ProtocolError {
     /// Adds the file's path, unless the error already names it.
-    pub(crate) fn in_file(self, path: &Path) -> Self {
+    #[must_use]
+    pub fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Io { .. } | Self::InFile { .. } => self,
             other => Self::InFile { path: path.to_owned(), source: Box::new(other) },

@@ -72,6 +72,11 @@ impl Frame {
             let detail = format!("frame {position}: EXIF says that it is {orientation}; the stored pixels are used");
             warnings.push(WarningKind::TurnedPicture, scene, detail);
         }
+        if header.has_alpha {
+            let detail =
+                format!("frame {position}: its alpha channel is dropped, transparent pixels keep their colour");
+            warnings.push(WarningKind::DroppedAlpha, scene, detail);
+        }
     }
 }
 

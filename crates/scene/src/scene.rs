@@ -56,6 +56,8 @@ pub struct PictureHeader {
     pub size: ImageSize,
     /// The EXIF orientation, if the picture is not upright. It is ignored when decoding, as everywhere in the field.
     pub orientation: Option<Orientation>,
+    /// Whether there is an alpha channel. It is dropped when decoding, as everywhere in the field.
+    pub has_alpha: bool,
 }
 
 /// Which copy of a capture's pictures to use, if there are several sizes.
@@ -200,7 +202,7 @@ impl Frame {
     pub fn header(&self, scene: &str, position: usize) -> Result<PictureHeader, SceneError> {
         match &self.picture {
             Picture::File(path) => header_of_file(path, in_frame(scene, position)),
-            Picture::Made(picture) => Ok(PictureHeader { size: picture.size(), orientation: None }),
+            Picture::Made(picture) => Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false }),
             _ => header_of(&self.bytes(scene, position)?).map_err(in_frame(scene, position)),
         }
     }
@@ -230,5 +232,9 @@ fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> 
 
 fn header_of(bytes: &[u8]) -> Result<PictureHeader, PixelError> {
     let (width, height) = atsplat_pixels::size_of(bytes)?;
-    Ok(PictureHeader { size: ImageSize { width, height }, orientation: Orientation::of(bytes) })
+    Ok(PictureHeader {
+        size: ImageSize { width, height },
+        orientation: Orientation::of(bytes),
+        has_alpha: atsplat_pixels::has_alpha(bytes),
+    })
 }

@@ -35,6 +35,8 @@ pub enum WarningKind {
     UnexpectedSize,
     /// A picture's EXIF orientation is not upright; it is ignored, as in all loaders of the field.
     TurnedPicture,
+    /// A picture has an alpha channel, which is dropped without compositing, as in all loaders of the field.
+    DroppedAlpha,
     /// Two scenes of a dataset have the same key; the first is used.
     DuplicateScene,
     /// A scene could not be read.
@@ -139,6 +141,7 @@ impl WarningKind {
                 | Self::PictureElsewhere
                 | Self::UnexpectedSize
                 | Self::TurnedPicture
+                | Self::DroppedAlpha
                 | Self::AmbiguousNumbering
                 | Self::UnreadablePicture
         )

@@ -51,7 +51,7 @@ pub(crate) struct Args {
 struct Report(ExtrapolationReport);
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let index = IndexFile::read(&args.index)?.into_unambiguous()?;
+    let index = IndexFile::read(&args.index)?.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
     let lengths = match &args.data {

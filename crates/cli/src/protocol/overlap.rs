@@ -98,7 +98,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         None => args.index.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let mut warnings = Warnings::new();
-    let mut index = file.into_unambiguous()?;
+    let mut index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
     let mut measured = None;
     if let Some(path) = &args.data {
         let estimator = &args.estimator;

@@ -155,8 +155,8 @@ pub fn warnings(reconstruction: &Reconstruction, photos: &Photos, processor: Pro
     let mut warnings: Vec<String> = processor.refusal().map(refused).into_iter().collect();
     let fallbacks = &photos.trial().normalisation().fallbacks;
     if !fallbacks.is_empty() {
-        let names: Vec<String> = fallbacks.iter().map(|fallback| format!("{fallback:?}")).collect();
-        warnings.push(format!("the pose normalisation is not stable for these views: {}", names.join(", ")));
+        let names: Vec<String> = fallbacks.iter().map(|fallback| fallback.to_string()).collect();
+        warnings.push(format!("the pose normalisation is not stable for these views: {}", names.join("; ")));
     }
     let distorted = photos.trial().context().iter().filter(|view| view.camera.distortion != Distortion::None).count();
     if distorted > 0 {

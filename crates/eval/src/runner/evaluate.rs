@@ -256,7 +256,7 @@ impl TrialResult {
         // A trial without any view has no size.
         let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
-            trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback:?}"));
+            trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
         let row = TrialRow {
             key,
             trial_hash: trial.hash().to_string(),

@@ -51,7 +51,7 @@ impl PlannedIndex {
             IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished => None,
         };
         let underived = matches!(matched, IndexMatch::Underived { .. });
-        let index = file.into_unambiguous()?;
+        let index = file.into_unambiguous().map_err(|error| error.in_file(&path))?;
         let description = path.display().to_string();
         match preset.index.derivation.filter(|_| underived) {
             None => Ok(Self { index, description, sha256, name }),

@@ -193,6 +193,21 @@ fn warns_about_pictures_with_an_exif_rotation() {
     );
 }
 
+#[test]
+fn warns_about_an_alpha_channel_that_is_dropped() {
+    use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
+    let mut transparent = Vec::new();
+    let pixels: Vec<u8> = [9, 8, 7, 0].repeat(64 * 48);
+    PngEncoder::new(&mut transparent).write_image(&pixels, 64, 48, ExtendedColorType::Rgba8).unwrap();
+    let mut with_alpha = scene("s", 9, 5);
+    with_alpha.frames[6].picture = Picture::Encoded(SharedBytes::new(transparent));
+    let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
+    let mut trials = Trials::new(Arc::new(MemorySource::new([with_alpha])), &index, recipe(), Prefetch::default());
+    trials.next().unwrap().unwrap();
+    assert_eq!(trials.warnings().count(WarningKind::DroppedAlpha), 1, "the other frames have none");
+    assert!(trials.warnings().kept().iter().any(|warning| warning.to_string().starts_with("s: frame 6: its alpha")));
+}
+
 /// A picture truncated after its header: the trial is valid, and requesting the picture gives the same error every time.
 #[test]
 fn a_damaged_picture_is_an_error_when_requested() {
