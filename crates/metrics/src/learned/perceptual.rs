@@ -1,7 +1,7 @@
 use std::path::Path;
 
-use atsplat_model::weights::{StoredTensors, TensorFile};
 use atsplat_pixels::Image;
+use atsplat_tensors::{StoredTensors, TensorFile};
 use serde::Serialize;
 
 use super::architecture::Step;
