@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use atsplat_camera::ImageSize;
-use atsplat_protocol::overlap::OverlapEstimator;
+use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
 use atsplat_splat::RendererConstants;
 use clap::ValueEnum;
@@ -145,8 +145,20 @@ pub(crate) fn name_or_path<T, E>(text: &str, resolve: impl Fn(&str) -> Result<T,
 /// An estimator's name.
 pub(crate) fn estimator(name: &str) -> anyhow::Result<OverlapEstimator> {
     let text = format!("estimator = {name:?}");
-    toml::from_str(&text).map_err(|error| anyhow::anyhow!("{}", error.message()))
+    let estimator: OverlapEstimator = toml::from_str(&text).map_err(|error| anyhow!("{}", error.message()))?;
+    Ok(estimator.with_features(FEATURES))
 }
+
+/// The sampling rule of a name or path.
+pub(crate) fn rule(sampler: &str) -> Result<IndexBuilder, ProtocolError> {
+    Ok(IndexBuilder::resolve(sampler)?.with_features(FEATURES))
+}
+
+/// How this build measures overlap by features.
+#[cfg(feature = "opencv")]
+const FEATURES: Option<FeatureOverlap> = Some(atsplat_opencv::feature_overlap);
+#[cfg(not(feature = "opencv"))]
+const FEATURES: Option<FeatureOverlap> = None;
 
 /// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, then each bin's name and upper edge.
 pub(crate) fn bins(text: &str) -> anyhow::Result<OverlapBins> {

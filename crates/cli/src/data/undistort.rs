@@ -47,8 +47,8 @@ mod with_opencv {
 
     use anyhow::Context as _;
     use atsplat_camera::{Camera, ImageSize};
+    use atsplat_opencv::{UndistortMode, Undistorter};
     use atsplat_pixels::{DecodeLimits, encode_png};
-    use atsplat_scene::opencv::{UndistortMode, Undistorter};
     use atsplat_scene::{Frame, Picture, Scene, SceneSource as _, WarningKind, Warnings, is_plain_name};
     use serde::Serialize;
     use serde_json::{Value, json};
