@@ -52,6 +52,7 @@ impl TensorFile {
     pub fn parse(path: PathBuf, bytes: SharedBytes) -> Result<Self, TensorError> {
         let sha256 = atsplat_files::hexadecimal(&Sha256::digest(&*bytes));
         let stored = StoredTensors::parse(bytes).map_err(|error| error.in_file(&path))?;
+        tracing::debug!(file = %path.display(), tensors = stored.tensors.len(), sha256, "read tensors");
         Ok(Self { path, sha256, stored })
     }
 
@@ -61,7 +62,9 @@ impl TensorFile {
     /// # Errors
     /// [`TensorError::Missing`], and as [`Self::open`].
     pub fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Self, TensorError> {
-        Self::open(path).map_err(|error| match error {
+        let found =
+            Self::open(path).inspect(|file| tracing::info!(file = %path.display(), file.sha256, "read weights"));
+        found.map_err(|error| match error {
             TensorError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
                 TensorError::Missing { expected: expected(), path: path.to_owned() }
             }

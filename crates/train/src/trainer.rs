@@ -138,6 +138,8 @@ impl Trainer {
             let state = State { initial_weights: initial_weights.clone(), ..State::new(fresh) };
             if config.average.is_some() { state.with_average() } else { state }
         };
+        let step = found.as_ref().map(|(state, _)| state.step);
+        tracing::info!(folder = %folder.display(), ?start, last_checkpoint = step, "opening the run");
         let (state, notices) = match (found, start) {
             (Some((state, passed_over)), Start::Resume) => {
                 let notices = passed_over.into_iter().map(|reason| format!("a checkpoint was passed over: {reason}"));
