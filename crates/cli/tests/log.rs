@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{atsplat, write_trajectory};
+use common::{atsplat, succeed, write_trajectory};
 
 #[test]
 fn events_are_printed_only_if_asked_for_and_change_nothing_else() {
@@ -11,7 +11,7 @@ fn events_are_printed_only_if_asked_for_and_change_nothing_else() {
     write_trajectory(&here.join("walk.txt"), 20);
     let inspect = ["data", "inspect", "walk.txt"];
     let plain = atsplat(here, &inspect);
-    assert_eq!(plain.code, 0, "{}", plain.stderr);
+    assert_eq!(succeed(here, &inspect), plain.stdout);
     assert!(!plain.stderr.contains("opened dataset"), "{}", plain.stderr);
 
     let (opened, loaded) = ("INFO atsplat_scene::open: opened dataset path=walk.txt format=re10k scenes=1", "loading");
@@ -34,7 +34,9 @@ fn events_are_printed_only_if_asked_for_and_change_nothing_else() {
 #[test]
 fn a_filter_that_matches_nothing_is_a_usage_error() {
     let folder = tempfile::tempdir().unwrap();
-    for (filter, expected) in [("scene=debug", "parts that begin with atsplat"), ("atsplat_scene=loud", "atsplat_scene=loud")] {
+    for (filter, expected) in
+        [("scene=debug", "parts that begin with atsplat"), ("atsplat_scene=loud", "atsplat_scene=loud")]
+    {
         let outcome = atsplat(folder.path(), &["--log", filter, "protocol", "list"]);
         assert_eq!(outcome.code, 2, "{}", outcome.stderr);
         assert!(outcome.stderr.contains(expected), "{}", outcome.stderr);

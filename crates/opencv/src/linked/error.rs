@@ -29,6 +29,9 @@ pub enum OpenCvError {
         /// The picture's size.
         found: ImageSize,
     },
+    /// A picture cannot be encoded.
+    #[error(transparent)]
+    Pixels(#[from] atsplat_pixels::PixelError),
     /// A video, or the name of its scene, is malformed.
     #[error("video: {location}: expected {expected}, found {found} ({})", path.display())]
     Video {

@@ -5,6 +5,7 @@ mod matching;
 #[cfg(test)]
 pub(crate) mod test_pictures;
 mod undistort;
+mod undistort_scene;
 mod video;
 
 use atsplat_pixels::ImageU8;
@@ -17,6 +18,7 @@ pub use coverage::{Coverage, FeatureCoverage, feature_overlap};
 pub use error::OpenCvError;
 pub use matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual, match_pair};
 pub use undistort::{UndistortMode, Undistorter};
+pub use undistort_scene::{UndistortedFrames, undistort_scene};
 pub use video::{CutFrame, CutOptions, CutOutcome, FrameFormat, VideoCut, cut_frames};
 
 /// Adds what was being done to OpenCV's error.
