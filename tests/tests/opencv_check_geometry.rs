@@ -4,11 +4,9 @@
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
+use atsplat_opencv::{GeometryCheck, GeometryCheckOptions, PairChoice, UndistortMode, Undistorter, check_geometry};
 use atsplat_pixels::{DecodeLimits, encode_png};
 use atsplat_scene::geometry::{Convention, Verdict};
-use atsplat_scene::opencv::{
-    GeometryCheck, GeometryCheckOptions, PairChoice, UndistortMode, Undistorter, check_geometry,
-};
 use atsplat_scene::{
     NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, SharedBytes, Warnings, open_with,
 };

@@ -4,8 +4,9 @@
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
+use atsplat_opencv::{Coverage, FeatureCoverage, feature_overlap};
 use atsplat_pixels::DecodeLimits;
-use atsplat_protocol::overlap::{Coverage, FeatureCoverage, OverlapEstimator, OverlapView};
+use atsplat_protocol::overlap::{OverlapEstimator, OverlapView};
 use atsplat_scene::{Scene, SceneSource, Warnings, open};
 use atsplat_tests::shared_data;
 
@@ -71,9 +72,12 @@ fn the_named_estimator_is_this_one() {
         depth: None,
     };
     let (a, b) = (view(9, &first), view(49, &second));
-    let named = OverlapEstimator::FeatureCoverage.estimate(&a, &b).unwrap();
+    let estimator = OverlapEstimator::FeatureCoverage { measure: None };
+    assert!(estimator.estimate(&a, &b).is_err(), "nothing measures it");
+    let estimator = estimator.with_features(Some(feature_overlap));
+    let named = estimator.estimate(&a, &b).unwrap();
     let direct = FeatureCoverage::default().overlap((a.camera, &first), (b.camera, &second)).unwrap();
     Tolerance::EXACT.assert([named], [direct], "estimate");
     let blind = OverlapView { picture: None, ..a };
-    assert!(OverlapEstimator::FeatureCoverage.estimate(&blind, &b).is_err(), "no picture");
+    assert!(estimator.estimate(&blind, &b).is_err(), "no picture");
 }

@@ -4,8 +4,9 @@ use anyhow::Context as _;
 use atsplat_camera::ImageSize as CameraSize;
 use atsplat_eval::budget::{BudgetCase, BudgetMeasurer, BudgetReport, BudgetRow, PublishedBudget, published_budgets};
 use atsplat_model::ModelConfig;
+use atsplat_model::network::Processor;
 
-use crate::model_args::{ChangeArgs, ProcessorArg, model, model_size};
+use crate::model_args::{ChangeArgs, PROCESSORS, model, model_size};
 use crate::output::{print_report, warn};
 use crate::parse;
 use crate::progress::Progress;
@@ -34,8 +35,8 @@ pub(crate) struct Args {
     run: bool,
 
     /// Device of --run; wgpu needs a build with `--features gpu-network`. The peak is that of host memory.
-    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", requires = "run")]
-    processor: ProcessorArg,
+    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", requires = "run", value_parser = parse::named(PROCESSORS))]
+    processor: Processor,
 
     /// Print JSON.
     #[arg(long)]
@@ -46,7 +47,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let cases = args.cases()?;
     let mut rows = Vec::with_capacity(cases.len());
-    let mut measurer = BudgetMeasurer::new(args.processor.open()?);
+    let mut measurer = BudgetMeasurer::new(args.processor.open().context("--device")?);
     let progress = args.run.then(|| Progress::new("networks", cases.len()));
     for case in cases {
         let measured = if args.run {

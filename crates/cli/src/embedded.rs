@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use atsplat_eval::trained::TrainedNetwork;
-use atsplat_model::ModelError;
-use atsplat_model::weights::TensorFile;
+use atsplat_model::weights::{TensorError, TensorFile};
 use atsplat_scene::SharedBytes;
 
 /// Trained on simulated rooms; the default weights of `reproduce`.
@@ -14,7 +13,7 @@ pub(crate) const MICRO_ROOMS: &str = "micro-rooms";
 const FILES: [(&str, &[u8]); 1] = [(MICRO_ROOMS, include_bytes!("../../../eval/checkpoints/micro-rooms.safetensors"))];
 
 /// The embedded weights of this name; `None` if there are none.
-pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, ModelError>> {
+pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
     let (name, bytes) = FILES.into_iter().find(|(own, _)| *own == name)?;
     Some(TensorFile::parse(PathBuf::from(name), SharedBytes::new(bytes.to_vec())))
 }
@@ -30,7 +29,7 @@ pub(crate) fn trained(path: Option<&Path>) -> anyhow::Result<TrainedNetwork> {
 }
 
 /// As [`TensorFile::find`], but the name of embedded weights stands for them unless a file has that name.
-pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<TensorFile, ModelError> {
+pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<TensorFile, TensorError> {
     let named = if path.exists() { None } else { path.to_str().and_then(embedded) };
     named.unwrap_or_else(|| TensorFile::find(path, expected))
 }
@@ -56,6 +55,6 @@ mod tests {
     fn a_name_stands_for_embedded_weights_and_a_path_does_not() {
         let found = find(Path::new(MICRO_ROOMS), String::new).unwrap();
         assert_eq!(found.sha256, embedded(MICRO_ROOMS).unwrap().unwrap().sha256);
-        assert!(matches!(find(Path::new("./micro-rooms"), String::new), Err(ModelError::MissingWeights { .. })));
+        assert!(matches!(find(Path::new("./micro-rooms"), String::new), Err(TensorError::Missing { .. })));
     }
 }

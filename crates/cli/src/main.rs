@@ -11,6 +11,7 @@ mod drift;
 mod embedded;
 mod exit;
 mod expansion;
+mod log;
 mod model_args;
 mod output;
 mod parse;
@@ -48,6 +49,9 @@ struct Cli {
     /// Number of worker threads, which does not affect results; 0 takes one per core.
     #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=512))]
     threads: u16,
+
+    #[command(flatten)]
+    log: log::LogArgs,
 
     #[command(subcommand)]
     command: Command,
@@ -128,6 +132,7 @@ const fn exit_of_check(passed: bool) -> Exit {
 }
 
 fn run(cli: &Cli) -> anyhow::Result<Exit> {
+    cli.log.start()?;
     rayon::ThreadPoolBuilder::new()
         .num_threads(cli.threads.into())
         .build_global()

@@ -2,9 +2,8 @@
 
 use anyhow::Context as _;
 use atsplat_model::config::SelectionRatio;
-use atsplat_model::network::{Device, Processor};
+use atsplat_model::network::Processor;
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use clap::ValueEnum;
 
 use crate::parse::{name_or_path, not_negative};
 
@@ -25,29 +24,8 @@ pub(crate) struct ChangeArgs {
     expand_first: Option<usize>,
 }
 
-/// The device of a network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ProcessorArg {
-    /// Every core.
-    Cpu,
-    /// A GPU.
-    Wgpu,
-}
-
-impl From<ProcessorArg> for Processor {
-    fn from(arg: ProcessorArg) -> Self {
-        match arg {
-            ProcessorArg::Cpu => Self::Cpu,
-            ProcessorArg::Wgpu => Self::Wgpu,
-        }
-    }
-}
-
-impl ProcessorArg {
-    pub(crate) fn open(self) -> anyhow::Result<Device> {
-        Processor::from(self).open().context("--device")
-    }
-}
+/// Devices of a network: every core, or a GPU.
+pub(crate) const PROCESSORS: [(&str, Processor); 2] = [("cpu", Processor::Cpu), ("wgpu", Processor::Wgpu)];
 
 impl ChangeArgs {
     /// Applies the changes.

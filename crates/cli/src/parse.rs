@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use atsplat_camera::ImageSize;
-use atsplat_protocol::overlap::OverlapEstimator;
+use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
 use atsplat_splat::RendererConstants;
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
 /// Most frames that one call renders.
@@ -145,8 +146,20 @@ pub(crate) fn name_or_path<T, E>(text: &str, resolve: impl Fn(&str) -> Result<T,
 /// An estimator's name.
 pub(crate) fn estimator(name: &str) -> anyhow::Result<OverlapEstimator> {
     let text = format!("estimator = {name:?}");
-    toml::from_str(&text).map_err(|error| anyhow::anyhow!("{}", error.message()))
+    let estimator: OverlapEstimator = toml::from_str(&text).map_err(|error| anyhow!("{}", error.message()))?;
+    Ok(estimator.with_features(FEATURES))
 }
+
+/// The sampling rule of a name or path.
+pub(crate) fn rule(sampler: &str) -> Result<IndexBuilder, ProtocolError> {
+    Ok(IndexBuilder::resolve(sampler)?.with_features(FEATURES))
+}
+
+/// How this build measures overlap by features.
+#[cfg(feature = "opencv")]
+const FEATURES: Option<FeatureOverlap> = Some(atsplat_opencv::feature_overlap);
+#[cfg(not(feature = "opencv"))]
+const FEATURES: Option<FeatureOverlap> = None;
 
 /// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, then each bin's name and upper edge.
 pub(crate) fn bins(text: &str) -> anyhow::Result<OverlapBins> {
@@ -165,6 +178,16 @@ pub(crate) fn bins(text: &str) -> anyhow::Result<OverlapBins> {
 
 fn edge(text: &str) -> anyhow::Result<f64> {
     text.trim().parse().with_context(|| format!("expected a number, found {text:?}"))
+}
+
+/// One of these values by its name; help and errors list the names.
+#[expect(clippy::expect_used, reason = "the parser of names accepts these alone")]
+pub(crate) fn named<T: Copy + Send + Sync + 'static, const N: usize>(
+    values: [(&'static str, T); N],
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(values.map(|(name, _)| name)).map(move |given| {
+        values.iter().find(|(name, _)| *name == given).map(|(_, value)| *value).expect("a listed name")
+    })
 }
 
 /// The names of enum values as on the command line.
@@ -227,20 +250,10 @@ mod tests {
         std::fs::write(&path, toml::to_string(&preset).unwrap()).unwrap();
         let text = path.to_str().unwrap();
         assert_eq!(constants(text).unwrap(), preset);
-        for broken in [
-            RendererConstants { near: f64::NAN, ..preset.clone() },
-            RendererConstants { far: 0.001, ..preset.clone() },
-            RendererConstants { min_alpha: 0.0, ..preset.clone() },
-            RendererConstants { blur: -1.0, ..preset.clone() },
-            RendererConstants { max_alpha: 1.5, ..preset.clone() },
-            RendererConstants { min_alpha: 0.9999, ..preset.clone() },
-            RendererConstants { min_transmittance: 2.0, ..preset.clone() },
-            RendererConstants { min_compensation: 1.5, ..preset },
-        ] {
-            std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
-            let message = format!("{:#}", constants(text).unwrap_err());
-            assert!(message.contains("mine.toml: ") && message.contains(", found "), "{message}");
-        }
+        let broken = RendererConstants { far: 0.001, ..preset };
+        std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
+        let message = format!("{:#}", constants(text).unwrap_err());
+        assert!(message.contains("mine.toml: ") && message.contains(", found "), "{message}");
         assert!(constants("no/such.toml").is_err());
     }
 

@@ -172,6 +172,9 @@ pub enum EvalError {
     /// An error of the network.
     #[error(transparent)]
     Model(#[from] atsplat_model::ModelError),
+    /// A file of tensors cannot be read or written.
+    #[error(transparent)]
+    Tensors(#[from] atsplat_model::weights::TensorError),
     /// A learned metric cannot be loaded.
     #[error(transparent)]
     Metrics(#[from] atsplat_metrics::learned::LoadError),

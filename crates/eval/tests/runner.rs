@@ -11,6 +11,7 @@ use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput
 use atsplat_eval::runner::{KeepPictures, PlannedIndex, here, picture_path};
 use atsplat_eval::{IDENTICAL, MethodRecord, Results, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
+use atsplat_protocol::IndexBuilder;
 use atsplat_scene::Warnings;
 use common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite};
 
@@ -248,12 +249,13 @@ fn rejects_duplicate_names_and_invalid_shards() {
 #[test]
 fn a_sampled_index_contains_only_existing_pictures() {
     let walls = Walls { gaps: true, ..Walls::new(1, 60) };
-    let index = PlannedIndex::sampled("dl3dv-6v", &walls, &mut Warnings::new()).unwrap();
+    let rule = IndexBuilder::resolve("dl3dv-6v").unwrap();
+    let index = PlannedIndex::sampled("dl3dv-6v", &rule, &walls, &mut Warnings::new());
     let entry = &index.index.scenes["wall-0"][0];
     assert_eq!((entry.context.len(), entry.target.len()), (6, 50));
     assert!(entry.context.iter().chain(&entry.target).all(|frame| frame % 7 != 3), "{entry:?}");
     assert_eq!(entry.target.last(), Some(&57), "50 pictures reach beyond frame 49");
-    let whole = PlannedIndex::sampled("dl3dv-6v", &Walls::new(1, 60), &mut Warnings::new()).unwrap();
+    let whole = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(1, 60), &mut Warnings::new());
     assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
 }
 

@@ -10,9 +10,9 @@ use std::sync::Arc;
 
 use atsplat_metrics::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
 use atsplat_metrics::{Mask, MetricError, Networks, NotComputed, Pair, Score, Suite, Values, definition, definitions};
-use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
+use atsplat_tensors::{StoredTensor, StoredTensors};
 use atsplat_tests::{shared_data, skip};
 use common::{on_threads, seeded, uniform};
 

@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use atsplat_pickle::TorchError;
+use atsplat_tensors::{TensorError, shortened};
 use thiserror::Error;
 
 use crate::config::ImageSize;
@@ -80,20 +80,12 @@ pub enum ModelError {
         /// The reason, and the remedy if there is one.
         why: String,
     },
-    /// A checkpoint is not a file of `torch.save`.
-    #[error("checkpoint: {0}")]
-    Torch(#[from] TorchError),
+    /// A file of tensors could not be read or written.
+    #[error(transparent)]
+    Tensors(#[from] TensorError),
     /// Weights do not fit the network.
     #[error("weights: {0}")]
     Unfit(Box<crate::weights::ImportReport>),
-    /// A weights file is absent.
-    #[error("weights: expected {expected}, found no file ({})", path.display())]
-    MissingWeights {
-        /// What the file is, where users get it, and its SHA-256 if that is known.
-        expected: String,
-        /// Where it was expected.
-        path: PathBuf,
-    },
     /// Another error, with the file that caused it.
     #[error("{source} ({})", path.display())]
     InFile {
@@ -125,14 +117,5 @@ impl ModelError {
     #[must_use]
     pub fn in_file(self, path: impl Into<PathBuf>) -> Self {
         Self::InFile { path: path.into(), source: Box::new(self) }
-    }
-}
-
-/// At most 200 characters of untrusted text.
-fn shortened(text: &str) -> String {
-    const SHOWN: usize = 200;
-    match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
     }
 }

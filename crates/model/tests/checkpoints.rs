@@ -4,10 +4,9 @@
 
 use std::path::PathBuf;
 
-use atsplat_model::ModelError;
 use atsplat_model::config::{BackboneConfig, DinoSize, ModelConfig};
 use atsplat_model::parameters::Parameter;
-use atsplat_model::weights::{DType, KeyMap, StoredTensor, TensorFile, generated, read_backbone};
+use atsplat_model::weights::{DType, KeyMap, StoredTensor, TensorError, TensorFile, generated, read_backbone};
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files").join(name)
@@ -98,7 +97,10 @@ fn rejects_a_truncated_checkpoint() {
     for length in [0, 1, 4, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
         let path = folder.path().join("cut.pt");
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(matches!(TensorFile::open(&path), Err(ModelError::InFile { .. } | ModelError::Io { .. })), "{length}");
+        assert!(
+            matches!(TensorFile::open(&path), Err(TensorError::InFile { .. } | TensorError::Io { .. })),
+            "{length}"
+        );
     }
 }
 

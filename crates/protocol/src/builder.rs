@@ -5,12 +5,12 @@ use atsplat_scene::{Picture, Scene, SceneSource, Warnings};
 use serde::{Deserialize, Serialize};
 
 use crate::loading::{in_parallel, load};
-use crate::overlap::{OverlapEstimator, context_overlap};
+use crate::overlap::{FeatureOverlap, OverlapEstimator, context_overlap};
 use crate::samplers::{NoEntry, Sampler, SceneViews};
 use crate::{EvaluationIndex, IndexEntry, Overlap};
 
 /// Builds an evaluation index for a dataset that has none.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct IndexBuilder {
     /// Chooses context and target frames.
@@ -21,7 +21,7 @@ pub struct IndexBuilder {
 }
 
 /// Which overlap is written into the index, and its allowed range.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct OverlapRule {
     /// Estimator for neighbouring context frames (see [`crate::overlap::chain_overlap`]).
@@ -56,6 +56,14 @@ pub struct BuiltIndex {
 }
 
 impl IndexBuilder {
+    /// The same rule with [`OverlapEstimator::with_features`].
+    #[must_use]
+    pub fn with_features(mut self, measure: Option<FeatureOverlap>) -> Self {
+        self.overlap =
+            self.overlap.map(|rule| OverlapRule { estimator: rule.estimator.with_features(measure), ..rule });
+        self
+    }
+
     /// Samples all scenes of `source` in parallel; the index does not depend on the number of threads. Frames with a
     /// missing picture file are excluded from sampling, but frame numbers still count them.
     ///

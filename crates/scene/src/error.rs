@@ -1,6 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::{CameraError, ImageSize};
+use atsplat_camera::CameraError;
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
@@ -92,20 +92,6 @@ pub enum SceneError {
     /// A file was not written by `torch.save`, or is not a chunk of scenes.
     #[error("{source} ({})", path.display())]
     Torch { path: PathBuf, source: TorchError },
-    /// An OpenCV call failed.
-    #[cfg(feature = "opencv")]
-    #[error("{action}: {source}")]
-    OpenCv {
-        /// What was being done, e.g. "detecting features".
-        action: &'static str,
-        source: ::opencv::Error,
-    },
-    /// Pictures of a camera cannot be undistorted: its lens or intrinsics are invalid.
-    #[error("lens: {source}")]
-    Lens { source: CameraError },
-    /// A picture does not have the size that an undistortion map was computed for.
-    #[error("picture size: expected {expected}, found {found}")]
-    PictureSize { expected: ImageSize, found: ImageSize },
 }
 
 impl SceneError {

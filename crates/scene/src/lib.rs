@@ -20,8 +20,6 @@ pub mod json;
 pub mod nerfstudio;
 mod number;
 mod open;
-#[cfg(feature = "opencv")]
-pub mod opencv;
 pub mod poses;
 pub mod preprocess;
 pub mod re10k;

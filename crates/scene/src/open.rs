@@ -82,6 +82,7 @@ impl SceneSource for Dataset {
     }
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<crate::Scene, SceneError> {
+        tracing::debug!(scene = key, "loading");
         self.source.load(key, warnings)
     }
 }
@@ -117,6 +118,8 @@ pub fn open_with(
         };
         if let Some(place) = place {
             let source = (entry.open)(&place, options, warnings)?;
+            let scenes = source.keys().len();
+            tracing::info!(path = %path.display(), format = %entry.format, scenes, "opened dataset");
             return Ok(Dataset { format: entry.format, path: path.to_owned(), source });
         }
     }

@@ -54,6 +54,9 @@ pub enum TrainError {
     /// Error of the network, its configuration or weights.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// A file of tensors cannot be read or written.
+    #[error(transparent)]
+    Tensors(#[from] atsplat_model::weights::TensorError),
     /// Error of a camera.
     #[error(transparent)]
     Camera(#[from] CameraError),

@@ -48,7 +48,9 @@ impl FeatureCache {
         for (view, &camera) in posed.cameras.iter().enumerate() {
             let picture = posed.picture(view);
             let path = self.folder.join(format!("{}.safetensors", key(posed.size, picture)));
-            features.extend(if let Some(cached) = read(&path) {
+            let cached = read(&path);
+            tracing::debug!(file = %path.display(), is_cached = cached.is_some(), "features of a picture");
+            features.extend(if let Some(cached) = cached {
                 cached
             } else {
                 let view = Views::new(posed.size, picture.to_vec(), vec![camera])?;

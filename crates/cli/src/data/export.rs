@@ -3,8 +3,8 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
-use atsplat_scene::torch::{ChunkScene, ChunkWriter, ChunksWritten};
-use atsplat_scene::{SceneError, SceneSource as _, WarningKind, Warnings};
+use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
+use atsplat_scene::{SceneSource as _, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
@@ -66,24 +66,9 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
         bail!("expected a folder for the chunks, found the file {}", args.out.display());
     }
     let dataset = args.dataset.open(warnings)?;
-    let mut writer = ChunkWriter::create(&args.out, args.chunk_bytes)?;
     let progress = Progress::new("scenes", dataset.keys().len());
-    let mut skipped = 0;
-    for key in dataset.keys() {
-        let loaded = dataset.load(key, warnings).and_then(|scene| ChunkScene::from_scene(&scene, warnings));
-        let unreadable = loaded.is_err();
-        let outcome = loaded.and_then(|scene| writer.push(scene));
-        progress.step();
-        match outcome {
-            Ok(()) => {}
-            Err(error) if unreadable || matches!(error, SceneError::Torch { .. }) => {
-                skipped += 1;
-                warnings.push(WarningKind::UnreadableScene, key, error.to_string());
-            }
-            Err(error) => return Err(error.into()),
-        }
-    }
-    let ChunksWritten { chunks, scenes } = writer.finish()?;
+    let ExportedChunks { written: ChunksWritten { chunks, scenes }, skipped } =
+        export_chunks(&dataset, &args.out, args.chunk_bytes, warnings, &|| progress.step())?;
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
 }
 

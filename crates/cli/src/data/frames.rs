@@ -37,7 +37,7 @@ pub(crate) fn run(_: &Args) -> anyhow::Result<bool> {
 #[cfg(feature = "opencv")]
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     use anyhow::Context as _;
-    use atsplat_scene::opencv::{CutOptions, FrameFormat, cut_frames};
+    use atsplat_opencv::{CutOptions, FrameFormat, cut_frames};
     use atsplat_scene::re10k::read_trajectory;
 
     use crate::output::print_report;

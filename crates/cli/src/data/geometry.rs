@@ -3,7 +3,7 @@
 use atsplat_scene::{Dataset, Warnings};
 
 #[cfg(feature = "opencv")]
-pub(super) use atsplat_scene::opencv::GeometryCheck as GeometryReport;
+pub(super) use atsplat_opencv::GeometryCheck as GeometryReport;
 
 /// Checks at most `most` scenes, evenly spread over the dataset, one after the other: OpenCV has its own threads.
 #[cfg(feature = "opencv")]
@@ -13,8 +13,8 @@ pub(super) fn check(
     pairs: &[(usize, usize)],
     warnings: &mut Warnings,
 ) -> anyhow::Result<Vec<GeometryReport>> {
+    use atsplat_opencv::{GeometryCheckOptions, PairChoice, check_geometry};
     use atsplat_pixels::DecodeLimits;
-    use atsplat_scene::opencv::{GeometryCheckOptions, PairChoice, check_geometry};
     use atsplat_scene::{SceneSource as _, WarningKind};
 
     let keys = dataset.keys();

@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use atsplat_report::plot::{HistogramPanel, Histograms};
 use atsplat_rooms::motion_report::{ClipGroup, MOTION_MEASURES, MotionMeasure, MotionReport};
+use atsplat_rooms::{SceneKind, Split};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 
-use super::simulate::{KindArg, SplitArg};
+use super::simulate::{KINDS, SPLITS};
 use crate::output::{print_report, print_warnings, warn};
+use crate::parse;
 use crate::plot::PlotFile;
 use crate::progress::Progress;
 
@@ -22,12 +24,12 @@ pub(crate) struct Args {
     simulated: u32,
 
     /// Kind of the simulated scenes.
-    #[arg(long, value_name = "KIND", default_value = "rooms")]
-    kind: KindArg,
+    #[arg(long, value_name = "KIND", default_value = "rooms", value_parser = parse::named(KINDS))]
+    kind: SceneKind,
 
     /// Split of the simulated scenes.
-    #[arg(long, value_name = "SPLIT", default_value = "train")]
-    split: SplitArg,
+    #[arg(long, value_name = "SPLIT", default_value = "train", value_parser = parse::named(SPLITS))]
+    split: Split,
 
     /// Histograms of every measure, .svg or .png.
     #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
@@ -44,8 +46,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut groups = Vec::new();
     if args.simulated > 0 {
         let progress = Progress::new("clips", args.simulated as usize);
-        let (kind, split) = (args.kind.into(), args.split.into());
-        groups.push(ClipGroup::simulated(kind, split, args.simulated, &|| progress.step())?);
+        groups.push(ClipGroup::simulated(args.kind, args.split, args.simulated, &|| progress.step())?);
     }
     for path in &args.data {
         let mut found = Warnings::new();

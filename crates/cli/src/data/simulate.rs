@@ -11,12 +11,16 @@ use atsplat_rooms::{
     Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, Warnings, scene_key};
-use clap::ValueEnum;
 use serde::Serialize;
 
 use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
 use crate::progress::Progress;
+
+pub(super) const KINDS: [(&str, SceneKind); 2] = [("rooms", SceneKind::Rooms), ("yards", SceneKind::Yards)];
+pub(super) const SPLITS: [(&str, Split); 2] = [("train", Split::Train), ("test", Split::Test)];
+const LAYOUTS: [(&str, Layout); 3] =
+    [("re10k", Layout::Re10k), ("chunks", Layout::Chunks), ("nerfstudio", Layout::Nerfstudio)];
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -24,12 +28,12 @@ pub(crate) struct Args {
     out: PathBuf,
 
     /// rooms: one or two connected rooms, filmed as in RE10K. yards: courtyards and halls, as in DL3DV.
-    #[arg(long, value_name = "KIND", default_value = "rooms")]
-    kind: KindArg,
+    #[arg(long, value_name = "KIND", default_value = "rooms", value_parser = parse::named(KINDS))]
+    kind: SceneKind,
 
     /// Split of the scenes; no scene is in both.
-    #[arg(long, value_name = "SPLIT", default_value = "test")]
-    split: SplitArg,
+    #[arg(long, value_name = "SPLIT", default_value = "test", value_parser = parse::named(SPLITS))]
+    split: Split,
 
     /// Number or range of scenes, as 8 or 16..24.
     #[arg(long, value_name = "N|A..B", default_value = "8", value_parser = numbers)]
@@ -61,8 +65,8 @@ pub(crate) struct Args {
     route_key: Option<String>,
 
     /// Format of the dataset.
-    #[arg(long, value_name = "LAYOUT", default_value = "re10k")]
-    layout: LayoutArg,
+    #[arg(long, value_name = "LAYOUT", default_value = "re10k", value_parser = parse::named(LAYOUTS))]
+    layout: Layout,
 
     /// Image format: png, or jpeg with its quality, as jpeg:90.
     #[arg(long, value_name = "CODING", default_value = "png", value_parser = coding)]
@@ -79,25 +83,6 @@ pub(crate) struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum KindArg {
-    Rooms,
-    Yards,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum SplitArg {
-    Train,
-    Test,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum LayoutArg {
-    Re10k,
-    Chunks,
-    Nerfstudio,
 }
 
 #[derive(Debug, Serialize)]
@@ -141,14 +126,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
         progress.step();
     };
-    write_dataset(&args.out, requests, &args.options(), &mut warnings, record)?;
+    let options = WriteOptions { layout: args.layout, coding: args.pictures, depth: args.depth };
+    write_dataset(&args.out, requests, &options, &mut warnings, record)?;
     drop(progress);
     if let Some(error) = failed {
         return Err(error);
     }
     print_report(&Report { folder: args.out.clone(), scenes: records }, args.json)?;
     print_warnings(&warnings);
-    if args.layout != LayoutArg::Nerfstudio && warnings.counts().next().is_some() {
+    if args.layout != Layout::Nerfstudio && warnings.counts().next().is_some() {
         warn("note: --layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
     }
     Ok(true)
@@ -158,10 +144,9 @@ impl Args {
     fn requests(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Request>> {
         let route = self.route(warnings)?;
         let request = |number| {
-            let (kind, split) = (self.kind.into(), self.split.into());
-            let plain = Request::new(kind, SceneSeed { split, number });
+            let plain = Request::new(self.kind, SceneSeed { split: self.split, number });
             Request {
-                size: self.size.unwrap_or_else(|| self.layout.native_size()),
+                size: self.size.unwrap_or_else(|| native_size(self.layout)),
                 samples: self.samples,
                 effects: self.effects.clone(),
                 frames: self.frames.unwrap_or(plain.frames),
@@ -182,15 +167,6 @@ impl Args {
             (micros, frame.camera)
         });
         Ok(Route::Given(cameras.collect()))
-    }
-
-    fn options(&self) -> WriteOptions {
-        let layout = match self.layout {
-            LayoutArg::Re10k => Layout::Re10k,
-            LayoutArg::Chunks => Layout::Chunks,
-            LayoutArg::Nerfstudio => Layout::Nerfstudio,
-        };
-        WriteOptions { layout, coding: self.pictures, depth: self.depth }
     }
 
     fn costs_of(&self, simulation: &Simulation) -> anyhow::Result<Vec<CostRecord>> {
@@ -216,31 +192,11 @@ fn reject_nonempty_folder(folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))
 }
 
-impl LayoutArg {
-    /// Image size that the papers' protocols expect.
-    const fn native_size(self) -> ImageSize {
-        match self {
-            Self::Re10k | Self::Chunks => ImageSize { width: 640, height: 360 },
-            Self::Nerfstudio => ImageSize { width: 480, height: 270 },
-        }
-    }
-}
-
-impl From<KindArg> for SceneKind {
-    fn from(arg: KindArg) -> Self {
-        match arg {
-            KindArg::Rooms => Self::Rooms,
-            KindArg::Yards => Self::Yards,
-        }
-    }
-}
-
-impl From<SplitArg> for Split {
-    fn from(arg: SplitArg) -> Self {
-        match arg {
-            SplitArg::Train => Self::Train,
-            SplitArg::Test => Self::Test,
-        }
+/// Image size that the papers' protocols expect.
+const fn native_size(layout: Layout) -> ImageSize {
+    match layout {
+        Layout::Re10k | Layout::Chunks => ImageSize { width: 640, height: 360 },
+        Layout::Nerfstudio => ImageSize { width: 480, height: 270 },
     }
 }
 

@@ -45,7 +45,7 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let builder = IndexBuilder::resolve(&args.sampler)?;
+    let builder = parse::rule(&args.sampler)?;
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
     let dataset = args.pictures.open(&args.data, &mut warnings)?;

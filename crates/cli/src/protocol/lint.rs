@@ -93,22 +93,7 @@ impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.lint)?;
         if let Some(PresetMatch { name, index, misfits }) = &self.preset {
-            let verdict = match index {
-                IndexMatch::Default { name } => format!("its index, {name}"),
-                IndexMatch::Alternative { name, note } => {
-                    format!("an alternative index, {name}{}", note.map_or_else(String::new, |note| format!(": {note}")))
-                }
-                IndexMatch::Derived { name } => format!("its index, derived from {name}"),
-                IndexMatch::DerivedFromOther { name } => format!(
-                    "derived by its rule, but not from all scenes and context frames of {name}: \
-                     numbers compare only on this file"
-                ),
-                IndexMatch::Underived { name } => {
-                    format!("{name}, from which `protocol extrapolate` makes its index")
-                }
-                IndexMatch::Unpublished => "not one of its indices: numbers compare only on this file".to_owned(),
-            };
-            writeln!(f, "\npreset {name}: {verdict}")?;
+            writeln!(f, "\npreset {name}: {index}")?;
             for Misfit { kind, count, example } in misfits {
                 writeln!(f, "    does not fit: {count} {kind}: {example}")?;
             }

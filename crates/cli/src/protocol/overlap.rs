@@ -166,8 +166,7 @@ impl Args {
 /// The folder of depth maps, if the estimator uses them.
 fn depth(args: &Args) -> anyhow::Result<Option<DepthFolder>> {
     let estimator = &args.estimator;
-    #[cfg(not(feature = "opencv"))]
-    if *estimator == OverlapEstimator::FeatureCoverage {
+    if matches!(estimator, OverlapEstimator::FeatureCoverage { measure: None }) {
         bail!("feature-coverage needs a build with `--features opencv`; see CONTRIBUTING.md for its dependencies");
     }
     if args.depth.is_some() && !estimator.needs_depth() {

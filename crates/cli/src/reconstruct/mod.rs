@@ -61,7 +61,7 @@ pub(crate) struct Args {
 /// Reconstructs; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    let device = args.network.processor.open()?;
+    let device = args.network.processor.open().context("--device")?;
     let mut clock = Clock::default();
     let format = SceneFormat::of_path(&args.out).map_err(anyhow::Error::msg)?;
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
@@ -103,13 +103,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         model: source.record()?,
         weights,
         seed: args.network.seed,
-        device: args.network.processor.into(),
+        device: args.network.processor,
         seen_at: reconstruction.seen_at,
         tokens: TokenRecord::of(&reconstruction),
         output,
         renders,
         plots,
-        warnings: reconstruct::warnings(&reconstruction, &photos, args.network.processor.into()),
+        warnings: reconstruct::warnings(&reconstruction, &photos, args.network.processor),
     };
     let text = serde_json::to_string_pretty(&record)?;
     record_file.finish(format!("{text}\n").as_bytes())?;

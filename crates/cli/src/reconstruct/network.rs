@@ -8,12 +8,13 @@ use atsplat_eval::reconstruct::{NetworkSource, UntrainedBackbone};
 use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
+use atsplat_model::network::Processor;
 use atsplat_model::weights::{ModelWeights, TensorFile};
 use clap::ValueEnum;
 
 use crate::embedded;
-use crate::model_args::{ChangeArgs, ProcessorArg, model};
-use crate::parse::usage_error;
+use crate::model_args::{ChangeArgs, PROCESSORS, model};
+use crate::parse::{named, usage_error};
 
 /// Default model of `random:SEED`.
 const DEFAULT_UNTRAINED: &str = "nano";
@@ -52,8 +53,8 @@ pub(crate) struct NetworkArgs {
     context_size: ContextSize,
 
     /// Device of the network; wgpu needs a build with `--features gpu-network` and works with `reconstruct` only.
-    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu")]
-    pub(super) processor: ProcessorArg,
+    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", value_parser = named(PROCESSORS))]
+    pub(super) processor: Processor,
 
     /// Seed of random token selection.
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -105,8 +106,8 @@ impl NetworkArgs {
     /// [`Self::check`] for commands that evaluate networks: results are computed on the CPU only.
     pub(crate) fn check_for_evaluation(&self) -> Result<(), clap::Error> {
         let on_cpu = match self.processor {
-            ProcessorArg::Cpu => Ok(()),
-            ProcessorArg::Wgpu => Err("--device wgpu: evaluations run on the CPU only, whose results are bit for bit \
+            Processor::Cpu => Ok(()),
+            Processor::Wgpu => Err("--device wgpu: evaluations run on the CPU only, whose results are bit for bit \
                                        reproducible; omit --device, or reconstruct single scenes with `atsplat \
                                        reconstruct --device wgpu`"
                 .to_owned()),

@@ -28,8 +28,8 @@ pub(crate) struct LookArgs {
     background: [f64; 3],
 
     /// How Gaussians smaller than a pixel are drawn; by default as recorded in the file, else classic.
-    #[arg(long, value_name = "MODE")]
-    mode: Option<ModeArg>,
+    #[arg(long, value_name = "MODE", value_parser = parse::named(MODES))]
+    mode: Option<RasterMode>,
 
     /// Highest degree of spherical harmonics that is evaluated.
     #[arg(long, value_name = "DEGREE", default_value_t = MAX_SH_DEGREE, value_parser = clap::value_parser!(u8).range(..=i64::from(MAX_SH_DEGREE)))]
@@ -40,11 +40,7 @@ pub(crate) struct LookArgs {
     pub(super) channels: Vec<ChannelArg>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ModeArg {
-    Classic,
-    Antialiased,
-}
+const MODES: [(&str, RasterMode); 2] = [("classic", RasterMode::Classic), ("antialiased", RasterMode::Antialiased)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum ChannelArg {
@@ -97,9 +93,9 @@ impl LookArgs {
             bail!("--channels scalar: the Gaussians of this scene have no scalar (a PLY's `uncertainty`)");
         }
         let mode = match self.mode {
-            Some(ModeArg::Antialiased) => RasterMode::Antialiased,
+            Some(mode) => mode,
             None if scene.record.antialiased == Some(true) => RasterMode::Antialiased,
-            Some(ModeArg::Classic) | None => RasterMode::Classic,
+            None => RasterMode::Classic,
         };
         let background = self.background;
         Ok(RenderOptions {

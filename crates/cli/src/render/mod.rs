@@ -21,9 +21,9 @@ use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
 use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, View};
 use clap::ValueEnum;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::output::{print_report, print_warnings, warn};
+use crate::parse::named;
 use crate::progress::Progress;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
@@ -78,8 +78,8 @@ pub(crate) struct Args {
     formats: Vec<FormatArg>,
 
     /// Rounding from f32 to 8 bits: to the nearest, or truncated as pixelSplat does.
-    #[arg(long, value_name = "RULE", default_value = "nearest", help_heading = "Output")]
-    rounding: RoundingArg,
+    #[arg(long, value_name = "RULE", default_value = "nearest", value_parser = named(ROUNDINGS), help_heading = "Output")]
+    rounding: Rounding,
 
     #[command(flatten, next_help_heading = "Output")]
     preview: PreviewArgs,
@@ -90,7 +90,7 @@ pub(crate) struct Args {
 
     /// Export, import, render again and print the loss in dB: ply, ply-ascii, ply-big-endian, spz2, spz3. Renders every
     /// view once more, and once per format.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = round_trip_formats(), help_heading = "Output")]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = named(RoundTripFormat::ALL.map(|format| (format.name(), format))), help_heading = "Output")]
     round_trip: Vec<RoundTripFormat>,
 
     /// Print JSON.
@@ -104,11 +104,7 @@ enum FormatArg {
     Exr,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum RoundingArg {
-    Nearest,
-    Truncate,
-}
+const ROUNDINGS: [(&str, Rounding); 2] = [("nearest", Rounding::Nearest), ("truncate", Rounding::Truncate)];
 
 /// Renders; `true` if every frame is complete.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
@@ -211,13 +207,6 @@ fn measure_round_trips(
     Ok(RoundTrips::measure(renderer, gaussians, views, formats, scratch.path(), &mut || progress.step())?)
 }
 
-fn round_trip_formats() -> impl TypedValueParser<Value = RoundTripFormat> {
-    PossibleValuesParser::new(RoundTripFormat::ALL.map(RoundTripFormat::name)).try_map(|name| {
-        let format = RoundTripFormat::ALL.into_iter().find(|format| format.name() == name);
-        format.ok_or_else(|| format!("unknown format {name:?}"))
-    })
-}
-
 /// The first complete frame.
 fn first_complete<'a>(shots: &'a [Shot], frames: &[Frame]) -> Option<&'a Shot> {
     shots.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()).map(|(shot, _)| shot)
@@ -233,10 +222,7 @@ impl Args {
             folder: self.out.clone(),
             png: self.writes(FormatArg::Png),
             exr: self.writes(FormatArg::Exr),
-            rounding: match self.rounding {
-                RoundingArg::Nearest => Rounding::Nearest,
-                RoundingArg::Truncate => Rounding::Truncate,
-            },
+            rounding: self.rounding,
         }
     }
 }

@@ -2,7 +2,8 @@ use std::path::PathBuf;
 
 use atsplat_splat::scene_file::SceneFile;
 use atsplat_splat::{Cleaning, SplatError};
-use clap::ValueEnum;
+
+use crate::parse::named;
 
 /// The scene file, and how broken Gaussians are handled.
 #[derive(Debug, clap::Args)]
@@ -12,28 +13,19 @@ pub(crate) struct SceneArgs {
 
     /// How Gaussians that cannot be rendered are handled. `import` removes NaN and replaces infinite opacity logits by ±20;
     /// `repair` repairs what can be repaired; `reject` removes every Gaussian with a problem.
-    #[arg(long, value_name = "POLICY", default_value = "import")]
-    clean: CleanArg,
+    #[arg(long, value_name = "POLICY", default_value = "import", value_parser = named(POLICIES))]
+    clean: Cleaning,
 
     /// Read stored opacities as opacities, not logits, as written by the exporters of pixelSplat and NoPoSplat.
     #[arg(long)]
     opacities_as_stored: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum CleanArg {
-    Import,
-    Repair,
-    Reject,
-}
+const POLICIES: [(&str, Cleaning); 3] =
+    [("import", Cleaning::Import), ("repair", Cleaning::Repair), ("reject", Cleaning::Reject)];
 
 impl SceneArgs {
     pub(crate) fn read(&self) -> Result<SceneFile, SplatError> {
-        let policy = match self.clean {
-            CleanArg::Import => Cleaning::Import,
-            CleanArg::Repair => Cleaning::Repair,
-            CleanArg::Reject => Cleaning::Reject,
-        };
-        SceneFile::read(&self.scene, policy, self.opacities_as_stored)
+        SceneFile::read(&self.scene, self.clean, self.opacities_as_stored)
     }
 }

@@ -6,7 +6,7 @@ use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntr
 use atsplat_scene::Warnings;
 use atsplat_scene::camera_file::{self, CameraRecord, FileCamera, LensOfPoses};
 use atsplat_splat::{Exposure, Gaussians, RenderOptions, View, framing};
-use clap::{ArgGroup, ValueEnum};
+use clap::ArgGroup;
 use serde::Serialize;
 
 use crate::parse::{self, Axis};
@@ -57,8 +57,8 @@ pub(crate) struct ViewArgs {
     closed: bool,
 
     /// Even spacing along the path: of the distance between views, or of the time between cameras.
-    #[arg(long, value_name = "WHAT", conflicts_with_all = ["cameras", "orbit"], default_value = "way")]
-    spacing: SpacingArg,
+    #[arg(long, value_name = "WHAT", conflicts_with_all = ["cameras", "orbit"], default_value = "way", value_parser = parse::named(SPACINGS))]
+    spacing: Spacing,
 
     /// Degrees above the horizon.
     #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", allow_negative_numbers = true, value_parser = parse::elevation)]
@@ -85,11 +85,7 @@ pub(crate) struct ViewArgs {
     sweep: f64,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum SpacingArg {
-    Way,
-    Time,
-}
+const SPACINGS: [(&str, Spacing); 2] = [("way", Spacing::ArcLength), ("time", Spacing::Time)];
 
 /// One image to render.
 #[derive(Clone, Debug)]
@@ -202,14 +198,10 @@ impl ViewArgs {
         }
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
         let count = self.spline_frames().map_err(anyhow::Error::msg)?;
-        let spacing = match self.spacing {
-            SpacingArg::Way => Spacing::ArcLength,
-            SpacingArg::Time => Spacing::Time,
-        };
         let file = self.file().context("a path along a spline needs a camera file")?;
-        let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing };
+        let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
         let spline = if self.closed { CameraSpline::closed(keys)? } else { CameraSpline::open(keys)? };
-        let views = spline.resampled(count, spacing)?;
+        let views = spline.resampled(count, self.spacing)?;
         Ok(Plan { shots: numbered(views, size), path, notes })
     }
 

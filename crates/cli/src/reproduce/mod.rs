@@ -3,17 +3,15 @@
 mod expansion;
 mod summary;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::discovery::{Found, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
-use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary, metric_ids, named_metrics};
+use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{Results, Store};
-use atsplat_metrics::learned::WeightsFolders;
-use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
@@ -22,6 +20,7 @@ use crate::embedded;
 use crate::output::{print_findings, print_warnings};
 use crate::progress::Progress;
 use crate::provenance;
+use crate::run::settings::suite;
 
 /// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
@@ -163,7 +162,7 @@ impl Args {
         methods: &[Arc<dyn Method>],
         timing: Option<TimingPlan>,
     ) -> anyhow::Result<Evaluated> {
-        let suite = self.suite_of(datasets)?;
+        let suite = suite(datasets, &[], self.metric_weights.as_deref())?;
         let limit = if self.data.is_some() { self.suite.limit() } else { None };
         let plan = Plan {
             datasets,
@@ -174,7 +173,7 @@ impl Args {
             pictures: KeepPictures::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
-        let mut store = Store::resume(&self.store(name), plan.provenance(provenance())?)?;
+        let mut store = Store::resume(&self.out.join(name), plan.provenance(provenance())?)?;
         if self.verify {
             store = store.reread_pictures()?;
         }
@@ -182,17 +181,5 @@ impl Args {
         let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
         let nothing = plan.nothing_evaluated(&results);
         Ok(Evaluated { results, summary, nothing })
-    }
-
-    fn store(&self, name: &str) -> PathBuf {
-        Path::join(&self.out, name)
-    }
-
-    fn suite_of(&self, datasets: &[Dataset]) -> anyhow::Result<Suite> {
-        let ids = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
-        let definitions = named_metrics(ids)?;
-        let folders = WeightsFolders::new(self.metric_weights.iter().cloned().collect());
-        let networks = Networks::for_definitions(&definitions, &folders.then(WeightsFolders::torch_hub()))?;
-        Ok(Suite::new(definitions, networks, 512 << 20))
     }
 }

@@ -71,7 +71,7 @@ fn evaluate(
         suite: &suite,
         selection: settings.selection(),
         timing,
-        pictures: settings.pictures(),
+        pictures: settings.keep_pictures,
         prefetch: SettingArgs::prefetch(),
     };
     // A folder without any scene of the index is a typing error: `surveys` fails before the run starts.

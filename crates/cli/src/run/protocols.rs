@@ -77,7 +77,7 @@ impl ProtocolArgs {
         warnings: &mut Warnings,
     ) -> anyhow::Result<PlannedIndex> {
         if let Some(sampler) = &self.sampler {
-            return Ok(PlannedIndex::sampled(sampler, source, warnings)?);
+            return Ok(PlannedIndex::sampled(sampler, &parse::rule(sampler)?, source, warnings));
         }
         let default = || PlannedIndex::beside(&self.data, preset);
         let Some(path) = self.index.clone().or_else(default) else {

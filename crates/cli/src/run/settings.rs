@@ -9,7 +9,8 @@ use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
-use clap::ValueEnum;
+
+use crate::parse::named;
 
 /// Cache of ground-truth features for learned metrics, in bytes.
 const FEATURE_CACHE_BYTES: usize = 512 << 20;
@@ -37,8 +38,8 @@ pub(crate) struct SettingArgs {
     metric_weights: Option<PathBuf>,
 
     /// Images kept with the results: none, those of each method's ten trials of lowest PSNR, or all.
-    #[arg(long, value_name = "WHICH", default_value = "none")]
-    keep_pictures: KeepArg,
+    #[arg(long, value_name = "WHICH", default_value = "none", value_parser = named(KEPT))]
+    pub(crate) keep_pictures: KeepPictures,
 
     /// Read every image again to detect changes since its results were made; otherwise images with the same size and
     /// modification time count as unchanged.
@@ -96,12 +97,8 @@ impl TimingArgs {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum KeepArg {
-    None,
-    Worst,
-    All,
-}
+const KEPT: [(&str, KeepPictures); 3] =
+    [("none", KeepPictures::Nothing), ("worst", KeepPictures::Worst), ("all", KeepPictures::All)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct ShardArg(Shard);
@@ -132,26 +129,23 @@ impl SettingArgs {
         Selection { limit: self.limit, shard: self.shard.map(|arg| arg.0) }
     }
 
-    pub(crate) const fn pictures(&self) -> KeepPictures {
-        match self.keep_pictures {
-            KeepArg::None => KeepPictures::Nothing,
-            KeepArg::Worst => KeepPictures::Worst,
-            KeepArg::All => KeepPictures::All,
-        }
-    }
-
     pub(crate) fn prefetch() -> Prefetch {
         Prefetch { trials: 2 * rayon::current_num_threads(), ..Prefetch::default() }
     }
 
     /// The metrics of the protocols and the requested ones.
     pub(crate) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
-        let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
-        let definitions = named_metrics(own.chain(self.metrics.iter().map(String::as_str)))?;
-        let given = WeightsFolders::new(self.metric_weights.iter().cloned().collect());
-        let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
-        Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
+        suite(datasets, &self.metrics, self.metric_weights.as_deref())
     }
+}
+
+/// The metrics of the protocols and `more`, with weights from a folder or torch's cache.
+pub(crate) fn suite(datasets: &[Dataset], more: &[String], weights: Option<&Path>) -> Result<Suite, EvalError> {
+    let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
+    let definitions = named_metrics(own.chain(more.iter().map(String::as_str)))?;
+    let given = WeightsFolders::new(weights.iter().map(|folder| folder.to_path_buf()).collect());
+    let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
+    Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
 }
 
 #[cfg(test)]

@@ -78,7 +78,7 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
         suite,
         selection: args.settings.selection(),
         timing: Some(args.repetitions.plan()),
-        pictures: args.settings.pictures(),
+        pictures: args.settings.keep_pictures,
         prefetch: SettingArgs::prefetch(),
     }
 }

@@ -8,12 +8,11 @@ use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ImportReport, KeyMap, KnownFile, ModelWeights, Precision, TensorFile, read_backbone};
-use clap::ValueEnum;
 use serde::Serialize;
 
 use crate::model_args::model;
 use crate::output::{PendingFile, print_report, warn};
-use crate::parse::name_or_path;
+use crate::parse::{name_or_path, named};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -45,9 +44,10 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "FILE")]
     out: Option<PathBuf>,
 
-    /// Stored number type; the network computes with f32.
-    #[arg(long, value_name = "TYPE", default_value = "f32")]
-    precision: PrecisionArg,
+    /// Stored number type: f32 as trained; f16, half the size, numbers up to 65504; bf16, half the size, f32's range with
+    /// three digits. The network computes with f32.
+    #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = named(PRECISIONS))]
+    precision: Precision,
 
     /// Provenance note on the weights, as `data=re10k`; kept in the file and with every result.
     #[arg(long, value_name = "KEY=VALUE", value_parser = note)]
@@ -58,26 +58,8 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Number type of stored weights.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum PrecisionArg {
-    /// As trained.
-    F32,
-    /// Half the size, numbers up to 65504.
-    F16,
-    /// Half the size, f32's range with three digits.
-    Bf16,
-}
-
-impl From<PrecisionArg> for Precision {
-    fn from(arg: PrecisionArg) -> Self {
-        match arg {
-            PrecisionArg::F32 => Self::Single,
-            PrecisionArg::F16 => Self::Half,
-            PrecisionArg::Bf16 => Self::Brain,
-        }
-    }
-}
+const PRECISIONS: [(&str, Precision); 3] =
+    [("f32", Precision::Single), ("f16", Precision::Half), ("bf16", Precision::Brain)];
 
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -150,7 +132,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let provenance = report.provenance(&args.note);
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));
         let weights = ModelWeights::new(config, provenance, &tensors)?;
-        let bytes = weights.to_stored(args.precision.into()).context("--precision")?.to_safetensors()?;
+        let bytes = weights.to_stored(args.precision).context("--precision")?.to_safetensors()?;
         out.finish(&bytes)?;
         report.out.clone_from(&args.out);
     }

@@ -8,7 +8,7 @@ use atsplat_camera::ImageSize;
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
-use atsplat_protocol::{EvaluationIndex, IndexLayout};
+use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexLayout};
 use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
 use serde::Serialize;
 
@@ -198,7 +198,8 @@ fn index(
 
 fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
     let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampler".to_owned()) };
-    let mut planned = PlannedIndex::sampled(sampler, source.as_ref(), warnings).map_err(|error| error.to_string())?;
+    let rule = IndexBuilder::resolve(sampler).map_err(|error| error.to_string())?;
+    let mut planned = PlannedIndex::sampled(sampler, &rule, source.as_ref(), warnings);
     if let Some(derivation) = preset.index.derivation {
         let lengths = scene_lengths(&planned.index, source.as_ref(), &|| (), warnings);
         planned.index = Extrapolation::from(derivation).split(&planned.index, &lengths).index;

@@ -94,8 +94,11 @@ impl Evaluation<'_> {
     ) -> Result<(), Failure> {
         let context = decoded.context.as_ref();
         let pictures = context.map_err(|detail| MethodError::Failed(format!("a context picture: {detail}")))?;
+        let TrialKey { preset, method: name, scene, entry } = key;
+        tracing::debug!(preset, method = name, scene, entry, views = pictures.len(), "predicting");
         let prediction = method.predict(TrialInput { preset: self.preset, trial: &decoded.trial, pictures })?;
         let prediction = prediction.as_ref();
+        tracing::debug!(preset, method = name, scene, entry, targets = result.rows.len(), "rendering and scoring");
         result.cost = prediction.cost();
         let rows = result.rows.clone();
         let positions: Vec<usize> = (0..rows.len()).collect();

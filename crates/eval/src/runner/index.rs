@@ -70,13 +70,10 @@ impl PlannedIndex {
         }
     }
 
-    /// Samples an index, as `protocol build` does.
-    ///
-    /// # Errors
-    /// [`EvalError::Protocol`] for an unknown or malformed sampler.
-    pub fn sampled(sampler: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Result<Self, EvalError> {
-        let built = IndexBuilder::resolve(sampler)?.build(source, &|| (), warnings);
-        Ok(Self::generated(built.index, format!("sampled by {sampler}"), None))
+    /// Samples an index, as `protocol build` does, by the rule of this name or path.
+    pub fn sampled(name: &str, rule: &IndexBuilder, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
+        let built = rule.build(source, &|| (), warnings);
+        Self::generated(built.index, format!("sampled by {name}"), None)
     }
 
     /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its

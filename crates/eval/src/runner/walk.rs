@@ -90,6 +90,8 @@ impl Walk<'_> {
         summary: &mut Summary,
     ) -> Result<(), EvalError> {
         let (known, mut rest) = self.split_known(index);
+        let (preset, with_results, new) = (&self.dataset.name, known.scenes.len(), rest.scenes.len());
+        tracing::info!(preset, with_results, new, "scenes to evaluate, of which some have results in the store");
         // Scenes with results are checked without decoding: whether their trials and data are unchanged.
         let ahead = Prefetch { decode: DecodeAhead::Nothing, ..self.plan.prefetch };
         let mut trials = self.trials(&known, ahead);

@@ -40,6 +40,7 @@ impl FeatureCache {
         let find =
             |entries: &Entries| entries.queue.iter().find(|(k, _)| *k == key).map(|(_, found)| Arc::clone(found));
         if let Some(found) = find(&self.lock()) {
+            tracing::trace!(metric = perceptual.network().name(), "features of the true picture are cached");
             return Ok(found);
         }
         // Computed without holding the lock: at worst two threads compute the same features.

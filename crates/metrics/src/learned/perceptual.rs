@@ -1,7 +1,7 @@
 use std::path::Path;
 
-use atsplat_model::weights::{StoredTensors, TensorFile};
 use atsplat_pixels::Image;
+use atsplat_tensors::{StoredTensors, TensorFile};
 use serde::Serialize;
 
 use super::architecture::Step;
@@ -75,6 +75,7 @@ impl Perceptual {
                 None => (file.stored.clone(), file.sha256.clone()),
             },
         };
+        tracing::info!(metric = network.name(), file = %weights.display(), file.sha256, "read weights of a metric");
         let is_published = network.sha256_prefix().map(|prefix| file.sha256.starts_with(prefix));
         let hashes = WeightsHashes { network: file.sha256, heads: heads_hash, is_published };
         Self::from_tensors(network, &file.stored, &head_tensors, hashes)

@@ -1,8 +1,7 @@
 use std::path::{Path, PathBuf};
 
-use atsplat_model::ModelError;
-use atsplat_model::weights::StoredTensors;
 use atsplat_pickle::SharedBytes;
+use atsplat_tensors::{StoredTensors, TensorError};
 use serde::Serialize;
 use thiserror::Error;
 
@@ -17,7 +16,7 @@ pub enum LoadError {
     Absent(WeightsAbsent),
     /// A file is not a valid weights file.
     #[error(transparent)]
-    File(#[from] ModelError),
+    File(#[from] TensorError),
     /// A file does not match the network.
     #[error("weights of {}: tensor {tensor}: expected {expected}, found {found}", network.name())]
     Mismatch {

@@ -24,7 +24,7 @@ pub struct BackboneWeights {
 /// Reads the frozen backbone from the authors' file or from Hugging Face's, which differ in tensor names.
 ///
 /// # Errors
-/// [`ModelError::MissingWeights`] with where to get them, [`ModelError::InFile`] around
+/// [`super::TensorError::Missing`] with where to get them, [`ModelError::InFile`] around
 /// [`ModelError::Unfit`], or around [`ModelError::Malformed`] if the file's sha256 is not `expected_sha256`.
 pub fn read_backbone(
     path: &Path,

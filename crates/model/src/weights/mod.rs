@@ -11,11 +11,8 @@ mod key_map;
 mod known_files;
 mod model_weights;
 mod report;
-mod safetensors;
-mod stored;
-mod tensor;
 
-pub use atsplat_pickle::DType;
+pub use atsplat_tensors::{DType, StoredTensor, StoredTensors, TensorError, TensorFile};
 pub use backbone::{BackboneWeights, read_backbone};
 pub use generated::generated;
 pub use inspection::{Backbone, Inspection};
@@ -23,8 +20,6 @@ pub use key_map::KeyMap;
 pub use known_files::KnownFile;
 pub use model_weights::{ModelWeights, Precision};
 pub use report::{ImportReport, LeftOver, Matched, Mismatched, Missing};
-pub use stored::{StoredTensors, TensorFile};
-pub use tensor::StoredTensor;
 
 #[cfg(test)]
 mod tests;

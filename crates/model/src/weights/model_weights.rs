@@ -70,7 +70,7 @@ impl ModelWeights {
     /// Reads a file of this toolkit. Every tensor must be present, of its shape, finite, and match the hash in the file.
     ///
     /// # Errors
-    /// [`ModelError::MissingWeights`] if there is no file, [`ModelError::InFile`] around the errors of
+    /// [`super::TensorError::Missing`] if there is no file, [`ModelError::InFile`] around the errors of
     /// [`Self::from_stored`].
     pub fn read(path: &Path) -> Result<Self, ModelError> {
         let expected = "a weights file of this toolkit, which `atsplat weights import` makes from a PyTorch checkpoint";
@@ -171,7 +171,7 @@ impl ModelWeights {
     /// # Errors
     /// [`ModelError::Io`], and as [`Self::to_stored`].
     pub fn write(&self, path: &Path, precision: Precision) -> Result<(), ModelError> {
-        self.to_stored(precision)?.write(path)
+        Ok(self.to_stored(precision)?.write(path)?)
     }
 }
 

@@ -39,7 +39,10 @@ impl IndexFile {
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, ProtocolError> {
         let bytes = fs::read(path).map_err(io("reading an evaluation index", path))?;
-        Self::parse(&bytes).map_err(|error| error.in_file(path))
+        let file = Self::parse(&bytes).map_err(|error| error.in_file(path))?;
+        let known = file.recognised().map_or("no published index", |known| known.path);
+        tracing::info!(file = %path.display(), scenes = file.index.scenes.len(), known, "read evaluation index");
+        Ok(file)
     }
 
     /// The official file with the same bytes, or else the one with the same content.

@@ -11,16 +11,12 @@ mod annotate;
 mod covisibility;
 mod depth_folder;
 mod epipolar;
-#[cfg(feature = "opencv")]
-mod features;
 
 pub(crate) use annotate::context_overlap;
 pub use annotate::{OverlapReport, UnmeasuredExample, annotate_overlaps, chain_overlap};
 pub use covisibility::{DepthCovisibility, DepthMap};
 pub use depth_folder::{DepthFolder, LoadedDepth};
 pub use epipolar::EpipolarRays;
-#[cfg(feature = "opencv")]
-pub use features::{Coverage, FeatureCoverage};
 
 use atsplat_camera::Camera;
 use atsplat_pixels::ImageU8;
@@ -29,16 +25,23 @@ use serde::{Deserialize, Serialize};
 use crate::ProtocolError;
 
 /// A named definition of overlap with its settings; in TOML and JSON, `estimator = "epipolar-ray"` and its settings.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(tag = "estimator", rename_all = "kebab-case")]
 pub enum OverlapEstimator {
     /// Rays of one view whose epipolar line crosses the other view (pixelSplat). Needs cameras only.
     EpipolarRay(EpipolarRays),
-    /// Part of a view with features matched to the other view. Needs pictures and the cargo feature `opencv`.
-    FeatureCoverage,
+    /// Part of a view with features matched to the other view. Needs pictures, and OpenCV to match them.
+    FeatureCoverage {
+        /// How it is measured: see [`Self::with_features`].
+        #[serde(skip)]
+        measure: Option<FeatureOverlap>,
+    },
     /// Pixels whose surface point the other view also sees. Needs depth maps.
     DepthCovisibility(DepthCovisibility),
 }
+
+/// Measures the overlap of two pictures with their cameras by matched features; symmetric in its arguments.
+pub type FeatureOverlap = fn((&Camera, &ImageU8), (&Camera, &ImageU8)) -> Result<f64, ProtocolError>;
 
 /// The data of a view that an estimator may need.
 #[derive(Clone, Copy, Debug)]
@@ -52,11 +55,18 @@ pub struct OverlapView<'a> {
 }
 
 impl OverlapEstimator {
+    /// The same estimator; feature coverage is measured by `measure` (`atsplat_opencv::feature_overlap`), which files do
+    /// not hold.
+    #[must_use]
+    pub fn with_features(self, measure: Option<FeatureOverlap>) -> Self {
+        if let Self::FeatureCoverage { .. } = self { Self::FeatureCoverage { measure } } else { self }
+    }
+
     /// The name used in files and reports.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::EpipolarRay(_) => "epipolar-ray",
-            Self::FeatureCoverage => "feature-coverage",
+            Self::FeatureCoverage { .. } => "feature-coverage",
             Self::DepthCovisibility(_) => "depth-covisibility",
         }
     }
@@ -67,7 +77,7 @@ impl OverlapEstimator {
             Self::EpipolarRay(_) => {
                 "smaller of the two fractions of one view's pixel-centre rays, from its centre to infinity, that project into the other view's picture (pixelSplat's index generator)"
             }
-            Self::FeatureCoverage => {
+            Self::FeatureCoverage { .. } => {
                 "smaller of the two fractions of one view's grid cells that hold a feature matched into the other view and verified by epipolar geometry"
             }
             Self::DepthCovisibility(_) => {
@@ -78,7 +88,7 @@ impl OverlapEstimator {
 
     /// Whether [`OverlapView::picture`] is used.
     pub const fn needs_pictures(&self) -> bool {
-        matches!(self, Self::FeatureCoverage)
+        matches!(self, Self::FeatureCoverage { .. })
     }
 
     /// Whether [`OverlapView::depth`] is used.
@@ -98,15 +108,13 @@ impl OverlapEstimator {
                 (Some(depth_a), Some(depth_b)) => covisibility.overlap((a.camera, depth_a), (b.camera, depth_b)),
                 _ => Err(missing("a view has no depth map")),
             },
-            #[cfg(feature = "opencv")]
-            Self::FeatureCoverage => match (a.picture, b.picture) {
-                (Some(picture_a), Some(picture_b)) => {
-                    FeatureCoverage::default().overlap((a.camera, picture_a), (b.camera, picture_b))
-                }
+            Self::FeatureCoverage { measure: None } => {
+                Err(missing("this build was compiled without the cargo feature `opencv`"))
+            }
+            Self::FeatureCoverage { measure: Some(measure) } => match (a.picture, b.picture) {
+                (Some(picture_a), Some(picture_b)) => measure((a.camera, picture_a), (b.camera, picture_b)),
                 _ => Err(missing("a view has no picture")),
             },
-            #[cfg(not(feature = "opencv"))]
-            Self::FeatureCoverage => Err(missing("this build was compiled without the cargo feature `opencv`")),
         }
     }
 }

@@ -1,3 +1,5 @@
+use std::fmt;
+
 use atsplat_files::Sha256Digest;
 use serde::{Deserialize, Serialize};
 
@@ -84,6 +86,24 @@ pub enum IndexMatch<'a> {
     },
     /// Not a published file: numbers are only comparable with numbers on the same index.
     Unpublished,
+}
+
+impl fmt::Display for IndexMatch<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Default { name } => write!(f, "its index, {name}"),
+            Self::Alternative { name, note: None } => write!(f, "an alternative index, {name}"),
+            Self::Alternative { name, note: Some(note) } => write!(f, "an alternative index, {name}: {note}"),
+            Self::Derived { name } => write!(f, "its index, derived from {name}"),
+            Self::DerivedFromOther { name } => write!(
+                f,
+                "derived by its rule, but not from all scenes and context frames of {name}: numbers compare only on this \
+                 file"
+            ),
+            Self::Underived { name } => write!(f, "{name}, from which `protocol extrapolate` makes its index"),
+            Self::Unpublished => f.write_str("not one of its indices: numbers compare only on this file"),
+        }
+    }
 }
 
 impl IndexRule {

@@ -1,5 +1,5 @@
 //! Two-view geometry: checks the cameras of a scene against points matched between its pictures. Pure arithmetic; the
-//! matches are an input (feature `opencv` provides SIFT).
+//! matches are an input (`atsplat-opencv` provides SIFT).
 
 mod convention;
 mod epipolar;

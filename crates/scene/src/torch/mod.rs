@@ -15,7 +15,7 @@ pub use atsplat_pickle::{DType, Dict, Key, MAX_DEPTH, Tensor, TorchError, Value,
 pub use chunk::Chunk;
 pub use chunks::TorchChunks;
 pub use record::ChunkScene;
-pub use writer::{ChunkWriter, ChunksWritten};
+pub use writer::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
 
 use crate::{SceneError, SharedBytes};
 

@@ -7,7 +7,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::pickle_writer::PickleWriter;
 use super::{ChunkScene, TorchError};
-use crate::SceneError;
+use crate::{SceneError, SceneSource, WarningKind, Warnings};
 
 /// PyTorch's alignment of storages, so that they can be used from a mapped file.
 const ALIGNMENT: u16 = 64;
@@ -147,6 +147,46 @@ pub(super) fn write_chunk(path: &Path, scenes: &[ChunkScene]) -> Result<(), Scen
         zip.finish()?.flush()
     });
     written.map_err(SceneError::io("writing a chunk", path))
+}
+
+/// Scenes of a dataset as chunks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExportedChunks {
+    /// The chunks of the other scenes.
+    pub written: ChunksWritten,
+    /// Scenes that cannot be read or stored; they are in the warnings.
+    pub skipped: u64,
+}
+
+/// Writes every scene of a dataset into chunks in `folder`, each full at `target_bytes` of pictures, calling `progress`
+/// after each scene.
+///
+/// # Errors
+/// [`SceneError::Io`] if a chunk cannot be written.
+pub fn export_chunks(
+    source: &dyn SceneSource,
+    folder: &Path,
+    target_bytes: u64,
+    warnings: &mut Warnings,
+    progress: &dyn Fn(),
+) -> Result<ExportedChunks, SceneError> {
+    let mut writer = ChunkWriter::create(folder, target_bytes)?;
+    let mut skipped = 0;
+    for key in source.keys() {
+        let loaded = source.load(key, warnings).and_then(|scene| ChunkScene::from_scene(&scene, warnings));
+        let is_unreadable = loaded.is_err();
+        let outcome = loaded.and_then(|scene| writer.push(scene));
+        progress();
+        match outcome {
+            Ok(()) => {}
+            Err(error) if is_unreadable || matches!(error, SceneError::Torch { .. }) => {
+                skipped += 1;
+                warnings.push(WarningKind::UnreadableScene, key, error.to_string());
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(ExportedChunks { written: writer.finish()?, skipped })
 }
 
 fn name_of(chunk: usize) -> String {

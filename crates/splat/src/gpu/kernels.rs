@@ -59,7 +59,7 @@ impl Kernel {
 
     pub(super) const fn source(self) -> &'static str {
         match self {
-            Self::Project => sources!("view", "double", "exponent", "lens", "geometry", "project"),
+            Self::Project => sources!("view", "double", "exponent", "lens", "geometry", "gaussians", "project"),
             Self::Colour => sources!("view", "double", "exponent", "harmonics", "colour"),
             Self::Keys => sources!("view", "keys"),
             Self::SortCount => sources!("sort_pass", "sort_count"),
@@ -68,15 +68,15 @@ impl Kernel {
             Self::ScanApply => sources!("scan", "scan_apply"),
             Self::TileCount => sources!("view", "tiles", "tile_count"),
             Self::Emit => sources!("view", "tiles", "emit"),
-            Self::Ranges => sources!("view", "ranges"),
-            Self::Composite => sources!("view", "raster", "composite"),
+            Self::Ranges => sources!("view", "tiles", "ranges"),
+            Self::Composite => sources!("view", "tiles", "raster", "composite"),
             Self::PixelGradients => sources!("view", "pixel_gradients"),
             Self::RowSums => sources!("view", "row_sums"),
-            Self::CompositeBackward => sources!("view", "raster", "composite_backward"),
+            Self::CompositeBackward => sources!("view", "tiles", "raster", "composite_backward"),
             Self::Gather => sources!("view", "gather"),
             Self::ColourBackward => sources!("view", "double", "exponent", "harmonics", "colour_backward"),
             Self::ProjectBackward => {
-                sources!("view", "double", "exponent", "lens", "geometry", "project_backward")
+                sources!("view", "double", "exponent", "lens", "geometry", "gaussians", "project_backward")
             }
             Self::Unpack => sources!("unpack"),
             Self::Probe => sources!("probe"),

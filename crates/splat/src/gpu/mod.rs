@@ -132,6 +132,7 @@ impl GpuRenderer {
     ) -> Result<Self, GpuError> {
         let name = description.to_string();
         let known = adapters::recalled(description, &options, watcher);
+        tracing::debug!(adapter = name, is_test_remembered = known.is_some(), "opening graphics adapter");
         if let Some(verdict) = &known {
             verdict.outcome(&name)?;
         }

@@ -4,7 +4,7 @@ use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Score, Suite, definition};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
-use atsplat_model::{ModelConfig, parameters::parameters};
+use atsplat_model::{ModelConfig, ModelError, parameters::parameters};
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode};
 use atsplat_scene::preprocess::Preprocessing;
 use atsplat_splat::cpu::CpuRenderer;
@@ -68,6 +68,7 @@ pub(super) fn weights(config: &ModelConfig, weights: &ProbeWeights) -> Result<St
     match weights {
         ProbeWeights::Seed(seed) => Ok(generated(&parameters(config), *seed)),
         ProbeWeights::File(path) => TensorFile::open(path)
+            .map_err(ModelError::from)
             .and_then(|file| ModelWeights::from_stored(&file.stored))
             .map(|weights| weights.tensors)
             .map_err(|error| Stage::Model.failed()(&error)),

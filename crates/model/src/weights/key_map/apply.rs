@@ -3,7 +3,7 @@ use indexmap::IndexMap;
 use super::{KeyMap, Rule};
 use crate::ModelError;
 use crate::parameters::Parameter;
-use crate::weights::{ImportReport, Matched, Mismatched, Missing, StoredTensor, StoredTensors};
+use crate::weights::{ImportReport, Matched, Mismatched, Missing, StoredTensor, StoredTensors, TensorError};
 
 /// The tensors of a file for one parameter.
 #[derive(Default)]
@@ -99,7 +99,7 @@ impl KeyMap {
 
 impl Rule {
     /// The part of a tensor for the target at `position`.
-    fn tensor(&self, tensor: &StoredTensor, position: usize) -> Result<StoredTensor, ModelError> {
+    fn tensor(&self, tensor: &StoredTensor, position: usize) -> Result<StoredTensor, TensorError> {
         let tensor = if self.transpose { tensor.transposed()? } else { tensor.clone() };
         match self.targets.len() {
             1 => Ok(tensor),
@@ -109,7 +109,7 @@ impl Rule {
 }
 
 impl Candidate {
-    fn add(&mut self, source: &str, (part, count): (usize, usize), tensor: Result<StoredTensor, ModelError>) {
+    fn add(&mut self, source: &str, (part, count): (usize, usize), tensor: Result<StoredTensor, TensorError>) {
         self.sources.push(source.to_owned());
         if self.parts.is_empty() {
             self.parts.resize(count, None);

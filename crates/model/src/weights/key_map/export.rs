@@ -59,7 +59,7 @@ impl Rule {
         let parts: Option<Vec<&StoredTensor>> = names.iter().map(|name| weights.tensors.get(name)).collect();
         match parts.as_deref() {
             Some([whole]) => Ok((*whole).clone()),
-            Some(parts) => StoredTensor::joined(parts),
+            Some(parts) => Ok(StoredTensor::joined(parts)?),
             None => Err(ModelError::malformed(WHAT, "split", format!("all of {}", names.join(", ")), "some")),
         }
     }

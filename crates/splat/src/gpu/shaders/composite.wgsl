@@ -13,9 +13,7 @@ fn main(
     if tile >= view.tiles.z * view.tiles.w {
         return;
     }
-    let corner = vec2(local.x * 4u, local.y * ROWS);
-    let column = (view.tiles.x + tile % view.tiles.z) * 16u + corner.x;
-    let row = (view.tiles.y + tile / view.tiles.z) * 16u + corner.y;
+    let block = block_of(tile, local);
     let range = current_entries(ranges[tile]);
     // Negated for finished pixels.
     var transmittance: array<vec4<f32>, ROWS>;
@@ -29,8 +27,8 @@ fn main(
         transmittance[r] = vec4(1.0);
         if has(RESUMES) {
             for (var n = 0u; n < 4u; n++) {
-                if row + r < view.image.y && column + n < view.image.x {
-                    let pixel = (row + r - view.window.z) * view.image.x + column + n;
+                if is_inside(block, r, n) {
+                    let pixel = pixel_of(block, r, n);
                     let before = colours[pixel];
                     red[r][n] = before.x;
                     green[r][n] = before.y;
@@ -49,7 +47,7 @@ fn main(
     var at = range.x;
     loop {
         // Threads advance independently: a Gaussian that misses a thread's pixels costs it one word.
-        while at < range.y && misses(boxes[at], corner) {
+        while at < range.y && misses(boxes[at], block) {
             at += 1u;
         }
         if at >= range.y {
@@ -63,24 +61,20 @@ fn main(
         let z = bitcast<f32>(position.w);
         var max_transmittance = vec4(-1.0);
         for (var r = 0u; r < ROWS; r++) {
-            let falloff = falloff_at(shape, position, column, row + r);
+            let falloff = falloff_at(shape, position, block, r);
             let alpha = min(vec4(view.alphas.x), shape.w * falloff.value);
-            let visible = alpha >= vec4(view.alphas.y);
             let before = transmittance[r];
-            let product = alpha * before;
-            let after = before - product;
-            let open = after > vec4(view.alphas.z);
-            let hit = visible & open;
-            let weight = select(vec4(0.0), product, hit);
+            let layer = layer_of(alpha, before);
+            let weight = layer.weight;
             red[r] += weight * splat_colour.x;
             green[r] += weight * splat_colour.y;
             blue[r] += weight * splat_colour.z;
             if has(EXTRAS) {
                 depth[r] += weight * z;
                 scalar[r] += weight * splat_colour.w;
-                median[r] = select(median[r], vec4(z), hit & (before > vec4(0.5)) & (after <= vec4(0.5)));
+                median[r] = select(median[r], vec4(z), layer.hit & (before > vec4(0.5)) & (layer.after <= vec4(0.5)));
             }
-            transmittance[r] = select(before, select(-abs(before), after, open), visible);
+            transmittance[r] = layer.transmittance;
             max_transmittance = max(max_transmittance, transmittance[r]);
         }
         if all(max_transmittance <= vec4(0.0)) {
@@ -89,8 +83,8 @@ fn main(
     }
     for (var r = 0u; r < ROWS; r++) {
         for (var n = 0u; n < 4u; n++) {
-            if row + r < view.image.y && column + n < view.image.x {
-                let pixel = (row + r - view.window.z) * view.image.x + column + n;
+            if is_inside(block, r, n) {
+                let pixel = pixel_of(block, r, n);
                 if has(PAUSES) {
                     colours[pixel] = vec4(red[r][n], green[r][n], blue[r][n], transmittance[r][n]);
                     if has(EXTRAS) {

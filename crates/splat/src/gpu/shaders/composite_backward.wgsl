@@ -26,9 +26,7 @@ fn main(
     if tile >= view.tiles.z * view.tiles.w {
         return;
     }
-    let corner = vec2(local.x * 4u, local.y * ROWS);
-    let column = (view.tiles.x + tile % view.tiles.z) * 16u + corner.x;
-    let row = (view.tiles.y + tile / view.tiles.z) * 16u + corner.y;
+    let block = block_of(tile, local);
     let range = current_entries(ranges[tile]);
 
     var transmittance: array<vec4<f32>, ROWS>;
@@ -42,8 +40,8 @@ fn main(
     for (var r = 0u; r < ROWS; r++) {
         transmittance[r] = vec4(-1.0);
         for (var n = 0u; n < 4u; n++) {
-            if row + r < view.image.y && column + n < view.image.x {
-                let pixel = 2u * ((row + r - view.window.z) * view.image.x + column + n);
+            if is_inside(block, r, n) {
+                let pixel = 2u * pixel_of(block, r, n);
                 let first = pixels[pixel];
                 let second = pixels[pixel + 1u];
                 transmittance[r][n] = second.z;
@@ -71,7 +69,7 @@ fn main(
         let end = select(batch, min(batch + BATCH, range.y), is_open);
         var at = batch;
         loop {
-            while at < end && misses(boxes[at], corner) {
+            while at < end && misses(boxes[at], block) {
                 at += 1u;
             }
             if at >= end || !is_open {
@@ -85,23 +83,19 @@ fn main(
             var total: array<f32, SUMS>;
             var max_transmittance = vec4(-1.0);
             for (var r = 0u; r < ROWS; r++) {
-                let falloff = falloff_at(shape, position, column, row + r);
+                let falloff = falloff_at(shape, position, block, r);
                 let full = shape.w * falloff.value;
                 let alpha = min(vec4(view.alphas.x), full);
-                let visible = alpha >= vec4(view.alphas.y);
                 let before = transmittance[r];
-                let product = alpha * before;
-                let after = before - product;
-                let open = after > vec4(view.alphas.z);
-                let hit = visible & open;
-                let weight = select(vec4(0.0), product, hit);
+                let layer = layer_of(alpha, before);
+                let weight = layer.weight;
                 var d_weight = d_red[r] * splat_colour.x + d_green[r] * splat_colour.y + d_blue[r] * splat_colour.z + d_depth[r] * z;
                 if scalar_passes {
                     d_weight += d_scalar[r] * splat_colour.w;
                 }
                 behind[r] -= weight * d_weight;
                 let d_alpha = before * d_weight - behind[r] / max(one - alpha, vec4(1e-12));
-                var is_clamped = !hit;
+                var is_clamped = !layer.hit;
                 if clamp_stops {
                     is_clamped = is_clamped | (full > vec4(view.alphas.x));
                 }
@@ -120,7 +114,7 @@ fn main(
                 total[8] += dot(weight, d_blue[r]);
                 total[9] += dot(weight, d_depth[r]);
                 total[10] += dot(weight, d_scalar[r]);
-                transmittance[r] = select(before, select(-abs(before), after, open), visible);
+                transmittance[r] = layer.transmittance;
                 max_transmittance = max(max_transmittance, transmittance[r]);
             }
             for (var k = 0u; k < SUMS; k++) {
@@ -155,8 +149,8 @@ fn main(
     if has(PAUSES) {
         for (var r = 0u; r < ROWS; r++) {
             for (var n = 0u; n < 4u; n++) {
-                if row + r < view.image.y && column + n < view.image.x {
-                    let pixel = 2u * ((row + r - view.window.z) * view.image.x + column + n);
+                if is_inside(block, r, n) {
+                    let pixel = 2u * pixel_of(block, r, n);
                     pixels[pixel + 1u] = vec4(d_scalar[r][n], behind[r][n], transmittance[r][n], 0.0);
                 }
             }

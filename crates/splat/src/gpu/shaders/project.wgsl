@@ -1,18 +1,10 @@
 // Projection: one Gaussian per thread.
-@group(0) @binding(1) var<storage, read> means: array<f32>;
-@group(0) @binding(2) var<storage, read> quaternions: array<f32>;
-@group(0) @binding(3) var<storage, read> log_scales: array<f32>;
-@group(0) @binding(4) var<storage, read> logits: array<f32>;
-@group(0) @binding(5) var<storage, read> filters: array<f32>;
 // Whitener (three values) and opacity.
 @group(0) @binding(6) var<storage, read_write> shapes: array<vec4<f32>>;
 // Centre of the pixel `base` minus the projected centre (x, y), `base` as two 16-bit halves, depth.
 @group(0) @binding(7) var<storage, read_write> positions: array<vec4<u32>>;
 // Half-open range of columns, then rows; for a culled Gaussian the reason and no rows.
 @group(0) @binding(8) var<storage, read_write> reaches: array<vec2<u32>>;
-
-// √(½ log₂e)
-const HALF_LOG2_E: f32 = 0.8493218;
 
 @compute @workgroup_size(64)
 fn main(
@@ -24,15 +16,7 @@ fn main(
     if at >= view.part.x {
         return;
     }
-    let mean = vec3(means[3u * at], means[3u * at + 1u], means[3u * at + 2u]);
-    let quaternion =
-        vec4(quaternions[4u * at], quaternions[4u * at + 1u], quaternions[4u * at + 2u], quaternions[4u * at + 3u]);
-    let logs = vec3(log_scales[3u * at], log_scales[3u * at + 1u], log_scales[3u * at + 2u]);
-    var filter_3d = 0.0;
-    if has(HAS_FILTER) {
-        filter_3d = filters[at];
-    }
-    let g = geometry(mean, quaternion, logs, logits[at], filter_3d);
+    let g = geometry_at(at);
     let index = view.part.y + at;
     if g.outcome != DRAWN {
         reaches[index] = vec2(g.outcome, 0u);

@@ -1,19 +1,11 @@
 // Backward pass of projection, from a splat to its Gaussian and the camera: the reference's chain rule in whitened
 // coordinates, in which nothing is huge or tiny. With the whitener L, the Jacobian's rows V in units of standard
 // deviations and the second moments M, the gradient of V is −Lᵀ M L V.
-@group(0) @binding(1) var<storage, read> means: array<f32>;
-@group(0) @binding(2) var<storage, read> quaternions: array<f32>;
-@group(0) @binding(3) var<storage, read> log_scales: array<f32>;
-@group(0) @binding(4) var<storage, read> logits: array<f32>;
-@group(0) @binding(5) var<storage, read> filters: array<f32>;
 @group(0) @binding(6) var<storage, read> firsts: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> seconds: array<vec4<f32>>;
 // 24 values per Gaussian: mean, quaternion, log-scales, logit, projected centre, conic, pose (rotation, then
 // translation), two unused. On entry the first three hold the mean's gradient through the colour.
 @group(0) @binding(8) var<storage, read_write> records: array<f32>;
-
-// √(½ log₂e)
-const HALF_LOG2_E: f32 = 0.8493218;
 
 fn store3(at: u32, value: vec3<f32>) {
     records[at] = saturated(value.x);
@@ -39,15 +31,7 @@ fn main(
     }
     let first = firsts[index];
     let second = seconds[index];
-    let mean = vec3(means[3u * at], means[3u * at + 1u], means[3u * at + 2u]);
-    let quaternion =
-        vec4(quaternions[4u * at], quaternions[4u * at + 1u], quaternions[4u * at + 2u], quaternions[4u * at + 3u]);
-    let logs = vec3(log_scales[3u * at], log_scales[3u * at + 1u], log_scales[3u * at + 2u]);
-    var filter_3d = 0.0;
-    if has(HAS_FILTER) {
-        filter_3d = filters[at];
-    }
-    let g = geometry(mean, quaternion, logs, logits[at], filter_3d);
+    let g = geometry_at(at);
     if g.outcome != DRAWN {
         return;
     }

@@ -33,7 +33,7 @@ fn main(
         gaussian = owners[value];
     }
     pairs[at] = vec2(value, gaussian);
-    let corner = 16u * (view.tiles.xy + vec2(tile % view.tiles.z, tile / view.tiles.z));
+    let corner = corner_of(tile);
     let reach = reaches[gaussian];
     let first = max(vec2(reach.x & 0xffffu, reach.y & 0xffffu), corner) - corner;
     let last = min(vec2(reach.x >> 16u, reach.y >> 16u) - corner, vec2(16u)) - 1u;

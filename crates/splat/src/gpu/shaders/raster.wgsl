@@ -3,8 +3,30 @@
 // A thread composites a block of pixels 4 wide and ROWS high (1 or 4; defined by `kernels.rs`), and a workgroup a tile.
 const THREADS: u32 = 64u / ROWS;
 
+// A thread's pixels: first column and row within the tile, and within the picture.
+struct Block {
+    corner: vec2<u32>,
+    pixel: vec2<u32>,
+}
+
+fn block_of(tile: u32, local: vec3<u32>) -> Block {
+    let corner = vec2(local.x * 4u, local.y * ROWS);
+    return Block(corner, corner_of(tile) + corner);
+}
+
+// Whether the picture has the pixel in row r and column n of a block.
+fn is_inside(block: Block, r: u32, n: u32) -> bool {
+    return block.pixel.y + r < view.image.y && block.pixel.x + n < view.image.x;
+}
+
+// Its index in the strip's buffers.
+fn pixel_of(block: Block, r: u32, n: u32) -> u32 {
+    return (block.pixel.y + r - view.window.z) * view.image.x + block.pixel.x + n;
+}
+
 // Whether a Gaussian's box within the tile misses the thread's pixels; most Gaussians cover only part of a tile.
-fn misses(box: u32, corner: vec2<u32>) -> bool {
+fn misses(box: u32, block: Block) -> bool {
+    let corner = block.corner;
     return (box & 15u) > corner.x + 3u || ((box >> 4u) & 15u) < corner.x
         || ((box >> 8u) & 15u) > corner.y + (ROWS - 1u) || ((box >> 12u) & 15u) < corner.y;
 }
@@ -29,16 +51,35 @@ struct Falloff {
     value: vec4<f32>,
 }
 
-fn falloff_at(shape: vec4<f32>, position: vec4<u32>, column: u32, row: u32) -> Falloff {
+fn falloff_at(shape: vec4<f32>, position: vec4<u32>, block: Block, r: u32) -> Falloff {
     let offset = vec2(bitcast<f32>(position.x), bitcast<f32>(position.y));
-    let dx = vec4(f32(i32(column) - i32(position.z & 0xffffu))) + vec4(0.0, 1.0, 2.0, 3.0) + offset.x;
-    let dy = f32(i32(row) - i32(position.z >> 16u)) + offset.y;
+    let dx = vec4(f32(i32(block.pixel.x) - i32(position.z & 0xffffu))) + vec4(0.0, 1.0, 2.0, 3.0) + offset.x;
+    let dy = f32(i32(block.pixel.y + r) - i32(position.z >> 16u)) + offset.y;
     var f: Falloff;
     // Beyond 64 standard deviations the value no longer matters; clamping prevents overflow.
     f.along = clamp(shape.x * dx + shape.y * dy, vec4(-64.0), vec4(64.0));
     f.across = clamp(shape.z * dy, -64.0, 64.0);
     f.value = power_below(min(f.along * f.along + f.across * f.across, vec4(20.0)));
     return f;
+}
+
+// One Gaussian over a row of pixels: which take its colour, with what weight, and what light
+// remains: `after` as computed, `transmittance` as it is kept, negated for finished pixels.
+struct Layer {
+    hit: vec4<bool>,
+    weight: vec4<f32>,
+    after: vec4<f32>,
+    transmittance: vec4<f32>,
+}
+
+fn layer_of(alpha: vec4<f32>, before: vec4<f32>) -> Layer {
+    let visible = alpha >= vec4(view.alphas.y);
+    let product = alpha * before;
+    let after = before - product;
+    let open = after > vec4(view.alphas.z);
+    let hit = visible & open;
+    let weight = select(vec4(0.0), product, hit);
+    return Layer(hit, weight, after, select(before, select(-abs(before), after, open), visible));
 }
 
 @group(0) @binding(1) var<storage, read> shapes: array<vec4<f32>>;

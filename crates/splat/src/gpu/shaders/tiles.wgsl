@@ -1,3 +1,8 @@
+// First column and row of a tile, by its index in the window.
+fn corner_of(tile: u32) -> vec2<u32> {
+    return 16u * (view.tiles.xy + vec2(tile % view.tiles.z, tile / view.tiles.z));
+}
+
 // The window's tiles of 16×16 pixels that a Gaussian may reach: first column and row, and the end of both.
 fn tiles_of(reach: vec2<u32>) -> vec4<u32> {
     if reach.y == 0u {

@@ -3,7 +3,7 @@ use std::fmt;
 use atsplat_pickle::{DType, SharedBytes};
 use half::{bf16, f16};
 
-use crate::ModelError;
+use crate::TensorError;
 
 const WHAT: &str = "weights";
 
@@ -19,14 +19,14 @@ impl StoredTensor {
     /// A tensor of little-endian bytes.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if the number of bytes does not fit the shape.
-    pub fn new(dtype: DType, shape: Vec<usize>, bytes: SharedBytes) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] if the number of bytes does not fit the shape.
+    pub fn new(dtype: DType, shape: Vec<usize>, bytes: SharedBytes) -> Result<Self, TensorError> {
         let elements = shape.iter().try_fold(1usize, |count, &size| count.checked_mul(size));
         let length = elements.and_then(|count| count.checked_mul(dtype.bytes()));
         if length != Some(bytes.len()) {
             let length = length.map_or("fewer than 2⁶⁴".to_owned(), |length| length.to_string());
             let expected = format!("{length} bytes of {dtype} in shape {shape:?}");
-            return Err(ModelError::malformed(WHAT, "tensor", expected, format!("{} bytes", bytes.len())));
+            return Err(TensorError::malformed(WHAT, "tensor", expected, format!("{} bytes", bytes.len())));
         }
         Ok(Self { dtype, shape, bytes })
     }
@@ -34,8 +34,8 @@ impl StoredTensor {
     /// A tensor of f32 values in row-major order.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if their number does not fit the shape.
-    pub fn from_f32(shape: Vec<usize>, values: &[f32]) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] if their number does not fit the shape.
+    pub fn from_f32(shape: Vec<usize>, values: &[f32]) -> Result<Self, TensorError> {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         Self::new(DType::F32, shape, SharedBytes::new(bytes))
     }
@@ -58,8 +58,8 @@ impl StoredTensor {
     /// The values in row-major order, rounded to f32 if the file holds f64.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for integers, which cannot be parameters.
-    pub fn to_f32(&self) -> Result<Vec<f32>, ModelError> {
+    /// [`TensorError::Malformed`] for integers, which cannot be parameters.
+    pub fn to_f32(&self) -> Result<Vec<f32>, TensorError> {
         let bytes = &*self.bytes;
         #[expect(clippy::cast_possible_truncation, reason = "weights are f32 here, and f64 ones are rounded")]
         let values = match self.dtype {
@@ -67,7 +67,7 @@ impl StoredTensor {
             DType::Bf16 => each(bytes, |b| bf16::from_le_bytes(b).to_f32()),
             DType::F32 => each(bytes, f32::from_le_bytes),
             DType::F64 => each(bytes, |b| f64::from_le_bytes(b) as f32),
-            other => return Err(ModelError::malformed(WHAT, "tensor", "floating-point elements", other)),
+            other => return Err(TensorError::malformed(WHAT, "tensor", "floating-point elements", other)),
         };
         Ok(values)
     }
@@ -75,8 +75,8 @@ impl StoredTensor {
     /// The same values as f16, rounded to nearest even.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for integers, and if a finite value overflows.
-    pub fn to_half(&self) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
+    pub fn to_half(&self) -> Result<Self, TensorError> {
         self.to_halves(DType::F16, "numbers that f16 can hold, up to 65504", |value| {
             let half = f16::from_f32(value);
             (half.is_finite(), half.to_le_bytes())
@@ -86,8 +86,8 @@ impl StoredTensor {
     /// The same values as bf16, rounded to nearest even: the range of f32, three digits.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for integers, and if a finite value overflows.
-    pub fn to_brain(&self) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
+    pub fn to_brain(&self) -> Result<Self, TensorError> {
         self.to_halves(DType::Bf16, "numbers that bf16 can hold, up to 3.3895e38", |value| {
             let brain = bf16::from_f32(value);
             (brain.is_finite(), brain.to_le_bytes())
@@ -100,12 +100,12 @@ impl StoredTensor {
         dtype: DType,
         expected: &str,
         round: impl Fn(f32) -> (bool, [u8; 2]),
-    ) -> Result<Self, ModelError> {
+    ) -> Result<Self, TensorError> {
         let mut bytes = Vec::with_capacity(self.bytes.len());
         for value in self.to_f32()? {
             let (is_finite, rounded) = round(value);
             if value.is_finite() && !is_finite {
-                return Err(ModelError::malformed(WHAT, "tensor", expected, value));
+                return Err(TensorError::malformed(WHAT, "tensor", expected, value));
             }
             bytes.extend_from_slice(&rounded);
         }
@@ -115,11 +115,11 @@ impl StoredTensor {
     /// The matrix with rows and columns exchanged.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for anything but a matrix.
-    pub fn transposed(&self) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] for anything but a matrix.
+    pub fn transposed(&self) -> Result<Self, TensorError> {
         let [rows, columns] = *self.shape.as_slice() else {
             let found = format!("{:?}", self.shape);
-            return Err(ModelError::malformed(WHAT, "tensor to transpose", "two dimensions", found));
+            return Err(TensorError::malformed(WHAT, "tensor to transpose", "two dimensions", found));
         };
         let size = self.dtype.bytes();
         let mut bytes = Vec::with_capacity(self.bytes.len());
@@ -135,8 +135,8 @@ impl StoredTensor {
     /// One of `count` equal parts along the first dimension; its bytes are not copied.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if the first dimension cannot be divided into such parts.
-    pub fn part(&self, part: usize, count: usize) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] if the first dimension cannot be divided into such parts.
+    pub fn part(&self, part: usize, count: usize) -> Result<Self, TensorError> {
         let part_of = |first: usize| {
             let rows = first.checked_div(count).filter(|rows| part < count && rows * count == first)?;
             let length = self.bytes.len() / count;
@@ -146,22 +146,22 @@ impl StoredTensor {
             Self::new(self.dtype, [&[rows], &self.shape[1..]].concat(), bytes)
         } else {
             let expected = format!("{count} equal parts along the first dimension");
-            Err(ModelError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
+            Err(TensorError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
         }
     }
 
     /// Parts concatenated along the first dimension.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if their element types or other dimensions differ, or there are none.
-    pub fn joined(parts: &[&Self]) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] if their element types or other dimensions differ, or there are none.
+    pub fn joined(parts: &[&Self]) -> Result<Self, TensorError> {
         let alike =
             |a: &Self, b: &Self| a.dtype == b.dtype && !a.shape.is_empty() && a.shape.get(1..) == b.shape.get(1..);
         let same = parts.first().is_some_and(|first| parts.iter().all(|part| alike(part, first)));
         let (true, Some(first)) = (same, parts.first()) else {
             let found: Vec<String> = parts.iter().map(ToString::to_string).collect();
             let expected = "parts of one type and width";
-            return Err(ModelError::malformed(WHAT, "tensors to join", expected, found.join(", ")));
+            return Err(TensorError::malformed(WHAT, "tensors to join", expected, found.join(", ")));
         };
         let rows: usize = parts.iter().map(|part| part.shape[0]).sum();
         let shape = [&[rows], &first.shape[1..]].concat();

@@ -2,12 +2,12 @@ use std::collections::BTreeSet;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::ImageU8;
+use atsplat_protocol::ProtocolError;
 use atsplat_scene::geometry::{EpipolarGeometry, PointMatch, View};
-use atsplat_scene::opencv::{Features, MatchOptions, detect, match_mutual};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-use crate::ProtocolError;
+use super::{Features, MatchOptions, OpenCvError, detect, match_mutual};
 
 /// Overlap by matched features: both pictures are divided into a grid; of one view's cells with SIFT features, the
 /// fraction that contains a feature matched to the other view; the smaller of both directions.
@@ -71,14 +71,13 @@ impl FeatureCoverage {
     /// intrinsics describe.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] if a picture has no features or the grid has no cells,
-    /// [`ProtocolError::Scene`] if OpenCV fails.
+    /// [`ProtocolError::Overlap`] if a picture has no features, the grid has no cells, or OpenCV fails.
     pub fn coverage(&self, a: (&Camera, &ImageU8), b: (&Camera, &ImageU8)) -> Result<Coverage, ProtocolError> {
         if self.cells == 0 {
             return Err(unusable("the grid has no cells"));
         }
         let (first, second) = (ViewFeatures::new(a, self)?, ViewFeatures::new(b, self)?);
-        let matches = match_mutual(&first.features, &second.features, self.matching.ratio)?;
+        let matches = match_mutual(&first.features, &second.features, self.matching.ratio).map_err(failed)?;
         let agreement = Agreement::new(&first.view, &second.view, self.limit);
         let verified: Vec<&PointMatch> = matches.iter().filter(|points| agreement.holds(points)).collect();
         let fraction = |seen: &ViewFeatures, at: fn(&PointMatch) -> DVec2| {
@@ -121,7 +120,7 @@ struct ViewFeatures {
 impl ViewFeatures {
     fn new((camera, picture): (&Camera, &ImageU8), grid: &FeatureCoverage) -> Result<Self, ProtocolError> {
         let size = ImageSize { width: picture.width(), height: picture.height() };
-        let features = detect(picture, &grid.matching)?;
+        let features = detect(picture, &grid.matching).map_err(failed)?;
         let cells: BTreeSet<_> = features.points().iter().filter_map(|point| grid.cell(size, *point)).collect();
         if cells.is_empty() {
             return Err(unusable("a picture has no features"));
@@ -163,6 +162,19 @@ impl<'a> Agreement<'a> {
     }
 }
 
+/// The overlap of [`FeatureCoverage::default`], for [`atsplat_protocol::overlap::OverlapEstimator::with_features`].
+///
+/// # Errors
+/// As [`FeatureCoverage::coverage`].
+pub fn feature_overlap(a: (&Camera, &ImageU8), b: (&Camera, &ImageU8)) -> Result<f64, ProtocolError> {
+    FeatureCoverage::default().overlap(a, b)
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
+fn failed(error: OpenCvError) -> ProtocolError {
+    unusable(&error.to_string())
+}
+
 fn unusable(reason: &str) -> ProtocolError {
     ProtocolError::Overlap { estimator: "feature-coverage", reason: reason.to_owned() }
 }
@@ -170,8 +182,9 @@ fn unusable(reason: &str) -> ProtocolError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::linked::test_pictures::{level, noise};
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
-    use atsplat_numeric::{SPLIT_MIX_STEP, Tolerance, split_mix};
+    use atsplat_numeric::Tolerance;
     use glam::{DMat3, DVec3};
 
     const SIZE: u32 = 256;
@@ -184,31 +197,11 @@ mod tests {
         for row in 0..SIZE {
             for column in 0..SIZE {
                 let place = DVec2::new(f64::from(column), f64::from(row)) + f64::from(SIZE) * DVec2::new(x, y);
-                samples.extend([level(60.0 * noise(place / 5.0) + 100.0 * noise(place / 11.0)); 3]);
+                let noise = |cell: f64| noise(place.x / cell, place.y / cell);
+                samples.extend([level(60.0 * noise(5.0) + 100.0 * noise(11.0)); 3]);
             }
         }
         (camera, ImageU8::new(SIZE, SIZE, samples).unwrap())
-    }
-
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "noise keeps it below 160")]
-    fn level(value: f64) -> u8 {
-        value as u8
-    }
-
-    /// Value noise in [0, 1].
-    fn noise(place: DVec2) -> f64 {
-        let corner = place.floor();
-        let t = place - corner;
-        let ease = t * t * (DVec2::splat(3.0) - 2.0 * t);
-        let at = |dx: f64, dy: f64| lattice(corner.x + dx, corner.y + dy);
-        let mix = |a: f64, b: f64, share: f64| a + (b - a) * share;
-        mix(mix(at(0.0, 0.0), at(1.0, 0.0), ease.x), mix(at(0.0, 1.0), at(1.0, 1.0), ease.x), ease.y)
-    }
-
-    /// A pseudo-random number in [0, 1) for a lattice point.
-    fn lattice(x: f64, y: f64) -> f64 {
-        let state = x.to_bits().wrapping_mul(SPLIT_MIX_STEP) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        (split_mix(state) >> 11) as f64 / (1u64 << 53) as f64
     }
 
     fn overlap(a: &(Camera, ImageU8), b: &(Camera, ImageU8)) -> f64 {

@@ -8,8 +8,7 @@ use ::opencv::core::{BORDER_CONSTANT, Mat, Matx33d, Scalar, Size, Vec2f, Vector}
 use ::opencv::imgproc::{INTER_LINEAR, remap};
 use ::opencv::prelude::*;
 
-use super::{called, mat_from_picture};
-use crate::SceneError;
+use super::{OpenCvError, called, mat_from_picture};
 
 /// Outside of any picture: the map's value for rays outside the domain of the lens model.
 const NOWHERE: f32 = -1e6;
@@ -46,9 +45,9 @@ impl Undistorter {
     /// An undistorter of pictures of `size` from `camera`.
     ///
     /// # Errors
-    /// [`SceneError::Lens`] for invalid coefficients or intrinsics, [`SceneError::OpenCv`].
-    pub fn new(camera: &Camera, size: ImageSize, mode: UndistortMode) -> Result<Self, SceneError> {
-        let invalid = |source| SceneError::Lens { source };
+    /// [`OpenCvError::Lens`] for invalid coefficients or intrinsics, [`OpenCvError::Call`].
+    pub fn new(camera: &Camera, size: ImageSize, mode: UndistortMode) -> Result<Self, OpenCvError> {
+        let invalid = |source| OpenCvError::Lens { source };
         if camera.distortion == Distortion::None {
             return Ok(Self { size, intrinsics: camera.intrinsics, map: None });
         }
@@ -78,11 +77,11 @@ impl Undistorter {
     /// The picture as taken by a pinhole camera with [`Self::intrinsics`].
     ///
     /// # Errors
-    /// [`SceneError::PictureSize`] for a picture of another size, [`SceneError::OpenCv`].
-    pub fn undistort(&self, picture: &ImageU8) -> Result<ImageU8, SceneError> {
+    /// [`OpenCvError::PictureSize`] for a picture of another size, [`OpenCvError::Call`].
+    pub fn undistort(&self, picture: &ImageU8) -> Result<ImageU8, OpenCvError> {
         let found = ImageSize { width: picture.width(), height: picture.height() };
         if found != self.size {
-            return Err(SceneError::PictureSize { expected: self.size, found });
+            return Err(OpenCvError::PictureSize { expected: self.size, found });
         }
         let Some((map, _)) = &self.map else { return Ok(picture.clone()) };
         let undistorted = sampled(&mat_from_picture(picture)?, map)?;
@@ -102,7 +101,7 @@ fn source_map(
     undistorted: &PixelIntrinsics,
     size: ImageSize,
     first_pixel: f64,
-) -> Result<Mat, SceneError> {
+) -> Result<Mat, OpenCvError> {
     let k = distorted;
     let pixel_from_plane = |point: DVec2| DVec2::new(point.x * k.fx + k.cx, point.y * k.fy + k.cy);
     let mut positions = Vec::new();
@@ -121,14 +120,14 @@ fn source_map(
     called("laying out a map", shaped.try_clone())
 }
 
-fn sampled(picture: &Mat, map: &Mat) -> Result<Mat, SceneError> {
+fn sampled(picture: &Mat, map: &Mat) -> Result<Mat, OpenCvError> {
     let mut output = Mat::default();
     let black = Scalar::all(0.0);
     called("undistorting", remap(picture, &mut output, map, &Mat::default(), INTER_LINEAR, BORDER_CONSTANT, black))?;
     Ok(output)
 }
 
-fn outside_fraction(map: &Mat, size: ImageSize) -> Result<f64, SceneError> {
+fn outside_fraction(map: &Mat, size: ImageSize) -> Result<f64, OpenCvError> {
     let pixels = u64::from(size.width) * u64::from(size.height);
     let (rows, columns) = (map.rows(), map.cols());
     let white =
@@ -142,7 +141,7 @@ fn long_lrm_intrinsics(
     k: &PixelIntrinsics,
     distortion: &Distortion,
     size: ImageSize,
-) -> Result<PixelIntrinsics, SceneError> {
+) -> Result<PixelIntrinsics, OpenCvError> {
     let matrix = matrix_of(k);
     let side = |length: u32| i32::try_from(length).unwrap_or(i32::MAX);
     let cv_size = Size::new(side(size.width), side(size.height));
@@ -174,7 +173,7 @@ fn long_lrm_intrinsics(
     };
     let entry = |row: i32, column: i32| called(action, new.at_2d::<f64>(row, column)).copied();
     PixelIntrinsics::new(entry(0, 0)?, entry(1, 1)?, entry(0, 2)?, entry(1, 2)?)
-        .map_err(|source| SceneError::Lens { source })
+        .map_err(|source| OpenCvError::Lens { source })
 }
 
 fn matrix_of(k: &PixelIntrinsics) -> Matx33d {
@@ -184,7 +183,7 @@ fn matrix_of(k: &PixelIntrinsics) -> Matx33d {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::opencv::test_pictures::{level, shifted_noise};
+    use crate::linked::test_pictures::{level, shifted_noise};
     use ::opencv::calib3d::undistort;
     use atsplat_camera::CameraFromWorld;
     use atsplat_numeric::Tolerance;
@@ -296,8 +295,8 @@ mod tests {
         assert_eq!(straight.intrinsics(), camera(Distortion::None).intrinsics);
         Tolerance::EXACT.assert([straight.outside()], [0.0], "outside");
         let other = shifted_noise(32, 24, 0, 0);
-        assert!(matches!(straight.undistort(&other), Err(SceneError::PictureSize { .. })));
+        assert!(matches!(straight.undistort(&other), Err(OpenCvError::PictureSize { .. })));
         let nan = camera(Distortion::Fisheye { k: [f64::NAN; 4] });
-        assert!(matches!(Undistorter::new(&nan, SIZE, UndistortMode::KeepK), Err(SceneError::Lens { .. })));
+        assert!(matches!(Undistorter::new(&nan, SIZE, UndistortMode::KeepK), Err(OpenCvError::Lens { .. })));
     }
 }

@@ -5,8 +5,7 @@ use atsplat_pickle::{Dict, Key, SharedBytes, Tensor, Value, shortened};
 use indexmap::IndexMap;
 use sha2::{Digest, Sha256};
 
-use super::{StoredTensor, safetensors};
-use crate::ModelError;
+use crate::{StoredTensor, TensorError, safetensors};
 
 const WHAT: &str = "checkpoint";
 /// Depth to which containers of a checkpoint are searched.
@@ -40,19 +39,20 @@ impl TensorFile {
     /// Hashing reads every byte once; tensors stay in the memory map.
     ///
     /// # Errors
-    /// [`ModelError::Io`], or [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
-    pub fn open(path: &Path) -> Result<Self, ModelError> {
-        let file = atsplat_pickle::map(path).map_err(ModelError::io("reading weights", path))?;
+    /// [`TensorError::Io`], or [`TensorError::InFile`] around the errors of [`StoredTensors::parse`].
+    pub fn open(path: &Path) -> Result<Self, TensorError> {
+        let file = atsplat_pickle::map(path).map_err(TensorError::io("reading weights", path))?;
         Self::parse(path.to_owned(), file)
     }
 
     /// [`Self::open`] for bytes in memory; `path` is their name in messages.
     ///
     /// # Errors
-    /// [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
-    pub fn parse(path: PathBuf, bytes: SharedBytes) -> Result<Self, ModelError> {
+    /// [`TensorError::InFile`] around the errors of [`StoredTensors::parse`].
+    pub fn parse(path: PathBuf, bytes: SharedBytes) -> Result<Self, TensorError> {
         let sha256 = atsplat_files::hexadecimal(&Sha256::digest(&*bytes));
         let stored = StoredTensors::parse(bytes).map_err(|error| error.in_file(&path))?;
+        tracing::debug!(file = %path.display(), tensors = stored.tensors.len(), sha256, "read tensors");
         Ok(Self { path, sha256, stored })
     }
 
@@ -60,11 +60,13 @@ impl TensorFile {
     /// to get it.
     ///
     /// # Errors
-    /// [`ModelError::MissingWeights`], and as [`Self::open`].
-    pub fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Self, ModelError> {
-        Self::open(path).map_err(|error| match error {
-            ModelError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-                ModelError::MissingWeights { expected: expected(), path: path.to_owned() }
+    /// [`TensorError::Missing`], and as [`Self::open`].
+    pub fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Self, TensorError> {
+        let found =
+            Self::open(path).inspect(|file| tracing::info!(file = %path.display(), file.sha256, "read weights"));
+        found.map_err(|error| match error {
+            TensorError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+                TensorError::Missing { expected: expected(), path: path.to_owned() }
             }
             other => other,
         })
@@ -73,13 +75,13 @@ impl TensorFile {
     /// Checks the file's hash against an expected one, if any.
     ///
     /// # Errors
-    /// [`ModelError::InFile`] around [`ModelError::Malformed`].
-    pub fn check_sha256(&self, expected: Option<&str>) -> Result<(), ModelError> {
+    /// [`TensorError::InFile`] around [`TensorError::Malformed`].
+    pub fn check_sha256(&self, expected: Option<&str>) -> Result<(), TensorError> {
         match expected.filter(|expected| !expected.eq_ignore_ascii_case(&self.sha256)) {
             None => Ok(()),
             Some(expected) => {
                 let expected = format!("a file of sha256 {expected}");
-                Err(ModelError::malformed("weights", "file", expected, &self.sha256).in_file(&self.path))
+                Err(TensorError::malformed("weights", "file", expected, &self.sha256).in_file(&self.path))
             }
         }
     }
@@ -93,8 +95,8 @@ impl StoredTensors {
     /// select the part that they read.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] and [`ModelError::Torch`] if the bytes are neither.
-    pub fn parse(file: SharedBytes) -> Result<Self, ModelError> {
+    /// [`TensorError::Malformed`] and [`TensorError::Torch`] if the bytes are neither.
+    pub fn parse(file: SharedBytes) -> Result<Self, TensorError> {
         if safetensors::recognises(&file) {
             return safetensors::parse(&file);
         }
@@ -107,28 +109,28 @@ impl StoredTensors {
         }
         if atsplat_pickle::is_lfs_pointer(&file) {
             let found = "a Git LFS pointer to it: run `git lfs pull` in its repository";
-            return Err(ModelError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found));
+            return Err(TensorError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found));
         }
         let start: Vec<String> = file.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
         let found = if start.is_empty() { "an empty file".to_owned() } else { start.join(" ") };
-        Err(ModelError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found))
+        Err(TensorError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found))
     }
 
     /// The safetensors file of these tensors. The same tensors give the same bytes.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a name that the format reserves.
-    pub fn to_safetensors(&self) -> Result<Vec<u8>, ModelError> {
+    /// [`TensorError::Malformed`] for a name that the format reserves.
+    pub fn to_safetensors(&self) -> Result<Vec<u8>, TensorError> {
         safetensors::write(&self.tensors, &self.metadata)
     }
 
     /// Writes [`Self::to_safetensors`] atomically.
     ///
     /// # Errors
-    /// [`ModelError::Io`], and as [`Self::to_safetensors`].
-    pub fn write(&self, path: &Path) -> Result<(), ModelError> {
+    /// [`TensorError::Io`], and as [`Self::to_safetensors`].
+    pub fn write(&self, path: &Path) -> Result<(), TensorError> {
         let bytes = self.to_safetensors()?;
-        atsplat_files::write(path, &bytes).map_err(ModelError::io("writing weights", path))
+        atsplat_files::write(path, &bytes).map_err(TensorError::io("writing weights", path))
     }
 
     /// SHA-256 in hexadecimal of names, types, shapes and bytes of the tensors, independent of their order and file.
@@ -155,17 +157,16 @@ struct Walk {
 }
 
 impl Walk {
-    fn visit(&mut self, value: &Value, path: &str, depth: usize) -> Result<(), ModelError> {
+    fn visit(&mut self, value: &Value, path: &str, depth: usize) -> Result<(), TensorError> {
         let location = || format!("object {:?}", shortened(path));
-        self.objects_left = self
-            .objects_left
-            .checked_sub(1)
-            .ok_or_else(|| ModelError::malformed(WHAT, location(), format!("at most {MAX_OBJECTS} objects"), "more"))?;
+        self.objects_left = self.objects_left.checked_sub(1).ok_or_else(|| {
+            TensorError::malformed(WHAT, location(), format!("at most {MAX_OBJECTS} objects"), "more")
+        })?;
         if let Some(tensor) = value.as_tensor() {
             let stored = self.stored(tensor, &location())?;
             return match self.found.tensors.insert(path.to_owned(), stored) {
                 None => Ok(()),
-                Some(_) => Err(ModelError::malformed(WHAT, location(), "a unique name", "two tensors")),
+                Some(_) => Err(TensorError::malformed(WHAT, location(), "a unique name", "two tensors")),
             };
         }
         let Some(depth) = depth.checked_sub(1) else { return Ok(()) };
@@ -183,17 +184,17 @@ impl Walk {
         Ok(())
     }
 
-    fn stored(&mut self, tensor: &Tensor, location: &str) -> Result<StoredTensor, ModelError> {
+    fn stored(&mut self, tensor: &Tensor, location: &str) -> Result<StoredTensor, TensorError> {
         if !tensor.is_contiguous() {
             let bytes =
                 usize::try_from(tensor.element_count()).unwrap_or(usize::MAX).saturating_mul(tensor.dtype().bytes());
             self.copies_left = self.copies_left.checked_sub(bytes).ok_or_else(|| {
-                ModelError::malformed(WHAT, location, "strided tensors of at most twice the file's size", tensor)
+                TensorError::malformed(WHAT, location, "strided tensors of at most twice the file's size", tensor)
             })?;
         }
         let shape: Option<Vec<usize>> = tensor.shape().iter().map(|&size| usize::try_from(size).ok()).collect();
         let shape = shape
-            .ok_or_else(|| ModelError::malformed(WHAT, location, "sizes that this machine can address", tensor))?;
+            .ok_or_else(|| TensorError::malformed(WHAT, location, "sizes that this machine can address", tensor))?;
         StoredTensor::new(tensor.dtype(), shape, tensor.to_bytes()?)
     }
 }

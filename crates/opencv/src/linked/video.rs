@@ -3,6 +3,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use atsplat_numeric::median;
+use atsplat_scene::is_plain_name;
 use serde::{Deserialize, Serialize};
 
 use ::opencv::core::{Mat, Vector};
@@ -10,8 +11,7 @@ use ::opencv::imgcodecs::{IMWRITE_JPEG_QUALITY, imencode};
 use ::opencv::prelude::*;
 use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCapture};
 
-use super::called;
-use crate::{SceneError, is_plain_name};
+use super::{OpenCvError, called};
 
 /// Format of the written frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,20 +99,20 @@ pub struct CutOptions {
 /// are extrapolated by the median interval and marked ([`CutFrame::estimated`]).
 ///
 /// # Errors
-/// [`SceneError::Malformed`] for a video that cannot be opened, has no frame rate or runs backwards, or a `key` that is
-/// not a plain folder name; [`SceneError::Io`] if a file cannot be written; [`SceneError::OpenCv`].
+/// [`OpenCvError::Video`] for a video that cannot be opened, has no frame rate or runs backwards, or a `key` that is
+/// not a plain folder name; [`OpenCvError::Io`] if a file cannot be written; [`OpenCvError::Call`].
 pub fn cut_frames(
     video: &Path,
     key: &str,
     timestamps_micros: &[i64],
     options: &CutOptions,
     mut progress: impl FnMut(usize),
-) -> Result<VideoCut, SceneError> {
+) -> Result<VideoCut, OpenCvError> {
     if !is_plain_name(key) {
         return Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}")));
     }
     let folder = options.folder.join(key);
-    std::fs::create_dir_all(&folder).map_err(SceneError::io("creating a folder for frames", &folder))?;
+    std::fs::create_dir_all(&folder).map_err(OpenCvError::io("creating a folder for frames", &folder))?;
     let schedule = Schedule::read(video, timestamps_micros.iter().copied().max())?;
     let limit = 0.5 * schedule.interval_micros;
 
@@ -158,7 +158,7 @@ pub fn cut_frames(
     Ok(VideoCut { interval_micros: schedule.interval_micros, frames })
 }
 
-fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, SceneError> {
+fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
     let (extension, parameters) = match format {
         FrameFormat::Jpeg(quality) => (".jpg", Vector::from_slice(&[IMWRITE_JPEG_QUALITY, i32::from(quality)])),
         FrameFormat::Png => (".png", Vector::new()),
@@ -166,7 +166,7 @@ fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> R
     let mut bytes = Vector::<u8>::new();
     called("encoding a frame", imencode(extension, picture, &mut bytes, &parameters))?;
     let path = folder.join(format!("{timestamp}{extension}"));
-    atsplat_files::write_unsynced(&path, bytes.as_slice()).map_err(SceneError::io("writing a frame", &path))?;
+    atsplat_files::write_unsynced(&path, bytes.as_slice()).map_err(OpenCvError::io("writing a frame", &path))?;
     Ok(path)
 }
 
@@ -175,8 +175,9 @@ fn malformed(
     location: impl Into<String>,
     expected: impl Into<String>,
     found: impl Into<String>,
-) -> SceneError {
-    SceneError::malformed("video", path, location, expected, found)
+) -> OpenCvError {
+    let (path, location, expected, found) = (path.to_owned(), location.into(), expected.into(), found.into());
+    OpenCvError::Video { path, location, expected, found }
 }
 
 /// Presentation times of a video's frames.
@@ -193,7 +194,7 @@ struct Time {
 
 impl Schedule {
     /// Decodes the video up to the first frame after `until`.
-    fn read(path: &Path, until: Option<i64>) -> Result<Self, SceneError> {
+    fn read(path: &Path, until: Option<i64>) -> Result<Self, OpenCvError> {
         let mut stream = Stream::open(path)?;
         let mut known: Vec<Option<f64>> = Vec::new();
         let mut last = f64::NEG_INFINITY;
@@ -240,8 +241,8 @@ struct Stream {
 }
 
 impl Stream {
-    fn open(path: &Path) -> Result<Self, SceneError> {
-        std::fs::metadata(path).map_err(SceneError::io("opening a video", path))?;
+    fn open(path: &Path) -> Result<Self, OpenCvError> {
+        std::fs::metadata(path).map_err(OpenCvError::io("opening a video", path))?;
         let name = path.to_str();
         let name = name.ok_or_else(|| malformed(path, "path", "UTF-8", path.to_string_lossy().into_owned()))?;
         let capture = called("opening a video", VideoCapture::from_file(name, CAP_FFMPEG))?;
@@ -256,17 +257,17 @@ impl Stream {
     }
 
     /// Advances to the next frame; `false` at the end.
-    fn grab(&mut self) -> Result<bool, SceneError> {
+    fn grab(&mut self) -> Result<bool, OpenCvError> {
         called("decoding a frame", self.capture.grab())
     }
 
     /// Presentation time of the current frame in microseconds; 0 if unknown to OpenCV.
-    fn time(&self) -> Result<f64, SceneError> {
+    fn time(&self) -> Result<f64, OpenCvError> {
         Ok(1e3 * called("reading a presentation time", self.capture.get(CAP_PROP_POS_MSEC))?)
     }
 
     /// The picture of the current frame.
-    fn picture(&mut self) -> Result<Mat, SceneError> {
+    fn picture(&mut self) -> Result<Mat, OpenCvError> {
         let mut picture = Mat::default();
         let retrieved = called("retrieving a frame", self.capture.retrieve_def(&mut picture))?;
         if retrieved && !picture.empty() {
@@ -393,11 +394,11 @@ mod tests {
         for (name, bytes) in [("text.mp4", &b"not a video"[..]), ("empty.mp4", b""), ("cut.mp4", &whole[..40])] {
             let path = folder.path().join(name);
             std::fs::write(&path, bytes).unwrap();
-            assert!(matches!(attempt(&path, "scene"), Some(SceneError::Malformed { .. })), "{name}");
+            assert!(matches!(attempt(&path, "scene"), Some(OpenCvError::Video { .. })), "{name}");
         }
-        assert!(matches!(attempt(&folder.path().join("none.mp4"), "scene"), Some(SceneError::Io { .. })));
+        assert!(matches!(attempt(&folder.path().join("none.mp4"), "scene"), Some(OpenCvError::Io { .. })));
         for key in ["", ".", "..", "a/b", "/etc", "../up", "a/"] {
-            assert!(matches!(attempt(&fixture("constant.mp4"), key), Some(SceneError::Malformed { .. })), "{key:?}");
+            assert!(matches!(attempt(&fixture("constant.mp4"), key), Some(OpenCvError::Video { .. })), "{key:?}");
         }
         assert!(!folder.path().join("up").exists() && !folder.path().parent().unwrap().join("up").exists());
     }

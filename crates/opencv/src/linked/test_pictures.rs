@@ -49,7 +49,7 @@ fn picture(width: u32, height: u32, value: impl Fn(u32, u32) -> f64) -> ImageU8 
 }
 
 /// Value noise in [0, 1] with smooth steps between hashed lattice points.
-fn noise(x: f64, y: f64) -> f64 {
+pub(crate) fn noise(x: f64, y: f64) -> f64 {
     let (x0, y0) = (x.floor(), y.floor());
     let ease = |t: f64| t * t * (3.0 - 2.0 * t);
     let (u, v) = (ease(x - x0), ease(y - y0));

@@ -10,8 +10,7 @@ use indexmap::IndexMap;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use super::{StoredTensor, StoredTensors};
-use crate::ModelError;
+use crate::{StoredTensor, StoredTensors, TensorError};
 
 const WHAT: &str = "safetensors file";
 const LENGTH: usize = size_of::<u64>();
@@ -22,13 +21,13 @@ const METADATA: &str = "__metadata__";
 const ALIGNMENT: usize = 8;
 
 /// Whether bytes look like a safetensors file: a length that fits and an opening brace.
-pub(super) fn recognises(file: &[u8]) -> bool {
+pub(crate) fn recognises(file: &[u8]) -> bool {
     let length = file.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
     length.is_some_and(|length| length < file.len() as u64) && file.get(LENGTH) == Some(&b'{')
 }
 
 /// Reads tensors in the order of their bytes, and the file's metadata.
-pub(super) fn parse(file: &SharedBytes) -> Result<StoredTensors, ModelError> {
+pub(crate) fn parse(file: &SharedBytes) -> Result<StoredTensors, TensorError> {
     let length = file.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
     let length =
         length.ok_or_else(|| malformed("byte 0", "eight bytes of header length", format!("{} bytes", file.len())))?;
@@ -47,11 +46,11 @@ pub(super) fn parse(file: &SharedBytes) -> Result<StoredTensors, ModelError> {
 /// The file of the given tensors, in their order. The same arguments give the same bytes.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] for the reserved name of the metadata.
-pub(super) fn write(
+/// [`TensorError::Malformed`] for the reserved name of the metadata.
+pub(crate) fn write(
     tensors: &IndexMap<String, StoredTensor>,
     metadata: &BTreeMap<String, String>,
-) -> Result<Vec<u8>, ModelError> {
+) -> Result<Vec<u8>, TensorError> {
     let mut header = Header { tensors: Vec::new(), metadata: metadata.clone() };
     let mut end = 0;
     for (name, tensor) in tensors {
@@ -75,7 +74,7 @@ pub(super) fn write(
 fn tensors(
     mut entries: Vec<(String, Entry)>,
     data: &SharedBytes,
-) -> Result<IndexMap<String, StoredTensor>, ModelError> {
+) -> Result<IndexMap<String, StoredTensor>, TensorError> {
     entries.sort_by_key(|(_, entry)| entry.data_offsets);
     let mut tensors = IndexMap::with_capacity(entries.len());
     let mut expected_start = 0;
@@ -181,6 +180,6 @@ fn dtype_name(dtype: DType) -> &'static str {
     DTYPES.iter().find(|(_, known)| *known == dtype).map(|(name, _)| *name).expect("a type of the table")
 }
 
-fn malformed(location: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> ModelError {
-    ModelError::malformed(WHAT, location, expected, found)
+fn malformed(location: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> TensorError {
+    TensorError::malformed(WHAT, location, expected, found)
 }

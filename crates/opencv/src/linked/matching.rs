@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 
 use atsplat_pixels::ImageU8;
+use atsplat_scene::geometry::PointMatch;
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
@@ -10,9 +11,7 @@ use ::opencv::features2d::{BFMatcher, SIFT};
 use ::opencv::imgproc::{COLOR_RGB2GRAY, cvt_color_def};
 use ::opencv::prelude::*;
 
-use super::{called, mat_from_picture};
-use crate::SceneError;
-use crate::geometry::PointMatch;
+use super::{OpenCvError, called, mat_from_picture};
 
 /// Offset from OpenCV's key point coordinates to pixels with centres at + 0.5.
 ///
@@ -61,8 +60,8 @@ impl Features {
 /// Finds the strongest SIFT features of a picture.
 ///
 /// # Errors
-/// [`SceneError::OpenCv`].
-pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, SceneError> {
+/// [`OpenCvError::Call`].
+pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, OpenCvError> {
     let mut sift = called("creating SIFT", SIFT::create_def())?;
     if picture.samples().is_empty() {
         return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
@@ -93,8 +92,8 @@ pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, Sce
 /// first picture's features.
 ///
 /// # Errors
-/// [`SceneError::OpenCv`].
-pub fn match_mutual(first: &Features, second: &Features, ratio: f64) -> Result<Vec<PointMatch>, SceneError> {
+/// [`OpenCvError::Call`].
+pub fn match_mutual(first: &Features, second: &Features, ratio: f64) -> Result<Vec<PointMatch>, OpenCvError> {
     if first.points.len() < 2 || second.points.len() < 2 {
         return Ok(Vec::new());
     }
@@ -114,7 +113,7 @@ pub fn match_mutual(first: &Features, second: &Features, ratio: f64) -> Result<V
 }
 
 /// For each feature of `from`, the one of `to` that passes the ratio test.
-fn nearest(from: &Features, to: &Features, ratio: f64) -> Result<Vec<Option<usize>>, SceneError> {
+fn nearest(from: &Features, to: &Features, ratio: f64) -> Result<Vec<Option<usize>>, OpenCvError> {
     let matcher = called("creating a matcher", BFMatcher::new(NORM_L2, false))?;
     let mut candidates = Vector::<Vector<DMatch>>::new();
     called("matching features", matcher.knn_train_match_def(&from.descriptors, &to.descriptors, &mut candidates, 2))?;
@@ -134,8 +133,8 @@ fn nearest(from: &Features, to: &Features, ratio: f64) -> Result<Vec<Option<usiz
 /// as OpenCV's `USAC_MAGSAC`), independent of the cameras. All `false` if there are fewer than 12 matches.
 ///
 /// # Errors
-/// [`SceneError::OpenCv`].
-pub fn epipolar_inliers(matches: &[PointMatch], inlier_px: f64) -> Result<Vec<bool>, SceneError> {
+/// [`OpenCvError::Call`].
+pub fn epipolar_inliers(matches: &[PointMatch], inlier_px: f64) -> Result<Vec<bool>, OpenCvError> {
     if matches.len() < MIN_FOR_FUNDAMENTAL {
         return Ok(vec![false; matches.len()]);
     }
@@ -156,8 +155,8 @@ pub fn epipolar_inliers(matches: &[PointMatch], inlier_px: f64) -> Result<Vec<bo
 /// matrix. Points are in raw pixels of the pictures.
 ///
 /// # Errors
-/// [`SceneError::OpenCv`].
-pub fn match_pair(first: &ImageU8, second: &ImageU8, options: &MatchOptions) -> Result<Vec<PointMatch>, SceneError> {
+/// [`OpenCvError::Call`].
+pub fn match_pair(first: &ImageU8, second: &ImageU8, options: &MatchOptions) -> Result<Vec<PointMatch>, OpenCvError> {
     let matches = match_mutual(&detect(first, options)?, &detect(second, options)?, options.ratio)?;
     let inliers = epipolar_inliers(&matches, options.inlier_px)?;
     Ok(matches.into_iter().zip(inliers).filter_map(|(points, kept)| kept.then_some(points)).collect())
@@ -165,10 +164,12 @@ pub fn match_pair(first: &ImageU8, second: &ImageU8, options: &MatchOptions) -> 
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
     use atsplat_numeric::median;
+    use glam::{DMat3, DQuat, DVec3, EulerRot};
 
     use super::*;
-    use crate::opencv::test_pictures::{blobs, shifted_noise};
+    use crate::linked::test_pictures::{blobs, shifted_noise};
 
     #[test]
     fn features_are_at_the_centres_of_blobs() {
@@ -213,13 +214,28 @@ mod tests {
         assert!(forth.iter().all(|m| back.contains(&swapped(m))));
     }
 
+    /// A pinhole camera at `centre`.
+    fn camera(rotation: DQuat, centre: DVec3) -> Camera {
+        let pose = WorldFromCamera::new(DMat3::from_quat(rotation), centre).unwrap();
+        Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.8, 0.8 * 640.0 / 480.0, 0.5, 0.5).unwrap())
+    }
+
     #[test]
     fn wrong_matches_are_outliers() {
-        let truth = crate::geometry::synthetic::matched(
-            crate::geometry::synthetic::view([0.1, 0.0, 0.0], [0.0, 0.0, 0.0]),
-            crate::geometry::synthetic::view([-0.1, 0.1, 0.0], [1.0, 0.2, 0.0]),
-        );
-        let mut matches = truth.matches;
+        let first = camera(DQuat::from_rotation_y(0.1), DVec3::ZERO);
+        let second = camera(DQuat::from_euler(EulerRot::YXZ, -0.1, 0.1, 0.0), DVec3::new(1.0, 0.2, 0.0));
+        let pixel = |camera: &Camera, point: DVec3| {
+            let seen = camera.camera_from_world.transform_point(point);
+            let k = camera.intrinsics.pixel_from_normalized(ImageSize { width: 640, height: 480 });
+            DVec2::new(k.fx * seen.x / seen.z + k.cx, k.fy * seen.y / seen.z + k.cy)
+        };
+        let unit = |index: u32, step: f64| (f64::from(index) * step).fract();
+        let points = (0..200u32).map(|i| {
+            let depth = 4.0 + 12.0 * unit(i, 0.618_034);
+            DVec3::new((unit(i, 0.754_878) - 0.5) * depth, (unit(i, 0.569_84) - 0.5) * 0.8 * depth, depth)
+        });
+        let matched = |point| PointMatch { first: pixel(&first, point), second: pixel(&second, point) };
+        let mut matches: Vec<PointMatch> = points.map(matched).collect();
         let right = matches.len();
         let wrong: Vec<PointMatch> = matches
             .iter()

@@ -4,13 +4,14 @@ use std::fmt;
 use atsplat_camera::ImageSize;
 use atsplat_numeric::median;
 use atsplat_pixels::ImageU8;
-use serde::{Deserialize, Serialize};
-
-use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
-use crate::geometry::{
+use atsplat_scene::geometry::{
     Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, score_conventions, verdict,
 };
-use crate::{Scene, SceneError, WarningKind, Warnings};
+use atsplat_scene::{Scene, SceneError, WarningKind, Warnings};
+use serde::{Deserialize, Serialize};
+
+use super::OpenCvError;
+use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
 
 /// Gaps that [`PairChoice::Spread`] tries, widest first: wide baselines distinguish interpretations, narrow ones still
 /// match.
@@ -119,13 +120,13 @@ impl GeometryCheck {
 /// normalised. A frame that cannot be decoded is reported in `warnings` and its pairs are skipped.
 ///
 /// # Errors
-/// [`SceneError::OpenCv`].
+/// [`OpenCvError::Call`].
 pub fn check_geometry(
     scene: &Scene,
     mut picture_of: impl FnMut(usize) -> Result<ImageU8, SceneError>,
     options: &GeometryCheckOptions,
     warnings: &mut Warnings,
-) -> Result<GeometryCheck, SceneError> {
+) -> Result<GeometryCheck, OpenCvError> {
     let mut matcher = Matcher { scene, picture_of: &mut picture_of, options, warnings, described: BTreeMap::new() };
     let (mut measured, mut skipped) = (Vec::new(), Vec::new());
     match &options.pairs {
@@ -180,7 +181,7 @@ type Described = Option<(View, Features)>;
 
 impl Matcher<'_> {
     /// The pair with the widest usable gap from one anchor, forwards or, near the end, backwards.
-    fn widest(&mut self, candidates: &[usize], anchor: usize) -> Result<Result<Measured, SkippedPair>, SceneError> {
+    fn widest(&mut self, candidates: &[usize], anchor: usize) -> Result<Result<Measured, SkippedPair>, OpenCvError> {
         let Some(first) = candidates.get(anchor).copied() else {
             return Ok(Err(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() }));
         };
@@ -198,7 +199,7 @@ impl Matcher<'_> {
     }
 
     /// The matches between two frames, or why they cannot be used.
-    fn matched(&mut self, frames: (usize, usize)) -> Result<Result<Measured, String>, SceneError> {
+    fn matched(&mut self, frames: (usize, usize)) -> Result<Result<Measured, String>, OpenCvError> {
         self.describe(frames.0)?;
         self.describe(frames.1)?;
         let (Some((first, first_features)), Some((second, second_features))) = (self.of(frames.0), self.of(frames.1))
@@ -246,7 +247,7 @@ impl Matcher<'_> {
         self.described.get(&position)?.as_ref()
     }
 
-    fn describe(&mut self, position: usize) -> Result<(), SceneError> {
+    fn describe(&mut self, position: usize) -> Result<(), OpenCvError> {
         if self.described.contains_key(&position) {
             return Ok(());
         }
@@ -277,7 +278,7 @@ fn agreeing(
     first: &View,
     second: &View,
     inlier_px: f64,
-) -> Result<Vec<PointMatch>, SceneError> {
+) -> Result<Vec<PointMatch>, OpenCvError> {
     let mut agrees = epipolar_inliers(tentative, inlier_px)?;
     let distorted = [first, second].iter().any(|view| Convention::NoDistortion.reinterpret(view).is_some());
     if distorted {

@@ -1,0 +1,65 @@
+use std::path::PathBuf;
+
+use atsplat_camera::{CameraError, ImageSize};
+use thiserror::Error;
+
+/// Errors of OpenCV and of its inputs.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum OpenCvError {
+    /// An OpenCV call failed.
+    #[error("{action}: {source}")]
+    Call {
+        /// What was being done, e.g. "detecting features".
+        action: &'static str,
+        /// OpenCV's error.
+        source: ::opencv::Error,
+    },
+    /// Pictures of a camera cannot be undistorted: its lens or intrinsics are invalid.
+    #[error("lens: {source}")]
+    Lens {
+        /// What is invalid.
+        source: CameraError,
+    },
+    /// A picture does not have the size that an undistortion map was computed for.
+    #[error("picture size: expected {expected}, found {found}")]
+    PictureSize {
+        /// The map's size.
+        expected: ImageSize,
+        /// The picture's size.
+        found: ImageSize,
+    },
+    /// A picture cannot be encoded.
+    #[error(transparent)]
+    Pixels(#[from] atsplat_pixels::PixelError),
+    /// A video, or the name of its scene, is malformed.
+    #[error("video: {location}: expected {expected}, found {found} ({})", path.display())]
+    Video {
+        /// The video.
+        path: PathBuf,
+        /// Part of the video, or `key`.
+        location: String,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
+    /// A file could not be read or written.
+    #[error("{action}: {source} ({})", path.display())]
+    Io {
+        /// What was being done.
+        action: &'static str,
+        /// To which file.
+        path: PathBuf,
+        /// The operating system's error.
+        source: std::io::Error,
+    },
+}
+
+impl OpenCvError {
+    /// [`Self::Io`] for `map_err`.
+    pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { action, path, source }
+    }
+}

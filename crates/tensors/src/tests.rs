@@ -1,0 +1,84 @@
+//! Damaged and hostile files.
+
+use atsplat_pickle::SharedBytes;
+use proptest::prelude::*;
+
+use super::*;
+
+fn shared(bytes: impl Into<Vec<u8>>) -> SharedBytes {
+    SharedBytes::new(bytes.into())
+}
+
+/// A file with a header and `data` bytes of data.
+fn file(header: &str, data: usize) -> Vec<u8> {
+    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &vec![0; data]].concat()
+}
+
+#[test]
+fn rejects_malformed_headers() {
+    let entry = |dtype: &str, shape: &str, offsets: &str| {
+        format!(r#"{{"a":{{"dtype":"{dtype}","shape":{shape},"data_offsets":{offsets}}}}}"#)
+    };
+    for (header, data, expected) in [
+        (entry("F32", "[2]", "[0,8]"), 8, ""),
+        (entry("F32", "[2]", "[0,8]"), 9, "expected 8 bytes of data, found 9"),
+        (entry("F32", "[3]", "[0,8]"), 8, "12 bytes of float32"),
+        (entry("F64", "[2]", "[0,8]"), 8, "16 bytes of float64"),
+        (entry("F32", "[2]", "[0,16]"), 8, "data within 8 bytes"),
+        (entry("F32", "[2]", "[4,12]"), 12, "begins at 0"),
+        (entry("F32", "[2]", "[8,0]"), 8, "begins at 0"),
+        (entry("F32", "[0]", "[0,18446744073709551615]"), 8, "data within 8 bytes"),
+        (entry("U8", "[18446744073709551615,2]", "[0,8]"), 8, "a whole tensor"),
+        (entry("Q4", "[2]", "[0,8]"), 8, "found Q4"),
+        (entry("F32", "[-2]", "[0,8]"), 8, "line 1"),
+        (entry("F32", "[2.0]", "[0,8]"), 8, "line 1"),
+        (r#"{"a":{"dtype":"F32"}}"#.to_owned(), 0, "missing field `shape`"),
+        (r#"{"__metadata__":{"a":1}}"#.to_owned(), 0, "line 1"),
+        (r#"{"__metadata__":{},"__metadata__":{}}"#.to_owned(), 0, "duplicate field"),
+        (r#"{"a":{"dtype":"U8","shape":[1],"data_offsets":[0,1]},"a":{"dtype":"U8","shape":[1],"data_offsets":[1,2]}}"#.to_owned(), 2, "two tensors"),
+        (format!("{}{}", "{\"a\":".repeat(500), "}".repeat(500)), 0, "line 1"),
+        ("{".to_owned(), 0, "line 1"),
+    ] {
+        let outcome = StoredTensors::parse(shared(file(&header, data)));
+        match outcome {
+            Ok(_) => assert_eq!(expected, "", "{header}"),
+            Err(error) => {
+                let error = error.to_string();
+                assert!(!expected.is_empty() && error.contains(expected), "{error}");
+            }
+        }
+    }
+    for length in [u64::MAX, u64::MAX - 7, 1 << 40] {
+        let bytes = [&length.to_le_bytes()[..], b"{}"].concat();
+        assert!(StoredTensors::parse(shared(bytes)).is_err(), "{length}");
+    }
+    assert!(StoredTensors::parse(shared(*b"\x02\0\0\0\0\0\0\0{}")).is_ok(), "a file without tensors is valid");
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_tensors_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        StoredTensors::parse(shared(bytes.clone())).ok();
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        StoredTensors::parse(shared(file(&format!("{{{text}}}"), 3))).ok();
+    }
+
+    #[test]
+    fn a_damaged_file_is_tensors_or_an_error(at in 0usize..400, byte in any::<u8>(), cut in 0usize..400) {
+        let tensors = [("a", vec![2usize, 3]), ("b.c", vec![4])];
+        let mut stored = StoredTensors::default();
+        for (name, shape) in tensors {
+            let values = vec![1.5; shape.iter().product()];
+            stored.tensors.insert(name.to_owned(), StoredTensor::from_f32(shape, &values).unwrap());
+        }
+        stored.metadata.insert("key".to_owned(), "value".to_owned());
+        let mut bytes = stored.to_safetensors().unwrap();
+        prop_assert_eq!(StoredTensors::parse(shared(bytes.clone())).unwrap().digest(), stored.digest());
+        if let Some(slot) = bytes.get_mut(at) {
+            *slot = byte;
+        }
+        StoredTensors::parse(shared(bytes.clone())).ok();
+        bytes.truncate(cut);
+        StoredTensors::parse(shared(bytes)).ok();
+    }
+}
