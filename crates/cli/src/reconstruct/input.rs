@@ -1,15 +1,13 @@
 //! The input photos: dataset, context and target views, and preprocessing of images and poses.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use atsplat_camera::{Distortion, ImageSize as CameraSize};
-use atsplat_eval::images::frame_file_name;
-use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe};
+use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe, rendered_scene};
 use atsplat_model::ModelConfig;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::TrialRecipe;
-use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
-use atsplat_scene::{Frame, Picture, Scene, SceneSource as _, Warnings, scene_key};
+use atsplat_scene::{Scene, SceneSource as _, Warnings, scene_key};
 
 use crate::dataset_args::PictureArgs;
 use crate::model_args::model_size;
@@ -89,27 +87,4 @@ impl InputArgs {
     pub(super) fn record(&self, photos: &Photos) -> InputRecord {
         InputRecord::new(photos, self.data.clone(), self.protocol.clone())
     }
-}
-
-/// Output of `atsplat render` as a scene; `None` for anything but a `render.json` or a folder with one and no other dataset's files.
-fn rendered_scene(path: &Path) -> anyhow::Result<Option<Scene>> {
-    const RECORD: &str = "render.json";
-    let file = if path.is_dir() { path.join(RECORD) } else { path.to_owned() };
-    if !file.is_file() || file.file_name().is_none_or(|name| name != RECORD) {
-        return Ok(None);
-    }
-    let folder = file.parent().unwrap_or(Path::new("."));
-    let cameras = camera_file::read(&file, None, LensOfPoses::default(), &mut Warnings::new())?;
-    let frame = |FileCamera { number, name, camera, size, .. }: FileCamera| {
-        let picture = folder.join(frame_file_name(number, "png"));
-        Frame {
-            name,
-            timestamp_micros: None,
-            camera,
-            stated_size: size,
-            picture: if picture.is_file() { Picture::File(picture) } else { Picture::Missing(picture) },
-        }
-    };
-    let frames = cameras.into_iter().map(frame).collect();
-    Ok(Some(Scene { key: "render".to_owned(), url: None, frames }))
 }

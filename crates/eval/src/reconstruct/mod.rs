@@ -20,6 +20,7 @@
 mod network_source;
 mod photos;
 mod record;
+mod rendered;
 mod renders;
 
 use atsplat_model::network::{Network, Reconstruction};
@@ -28,6 +29,7 @@ use atsplat_scene::{Scene, Warnings};
 pub use network_source::{BackboneRecord, ModelRecord, NetworkSource, UntrainedBackbone, WeightsRecord, WrittenFor};
 pub use photos::{PhotoSelection, Photos, photo_recipe};
 pub use record::{BlockRecord, InputRecord, NormalisationRecord, TokenRecord, ViewRecord, warnings};
+pub use rendered::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
 
 /// Why photos cannot be reconstructed.

@@ -11,6 +11,7 @@ mod key_map;
 mod known_files;
 mod model_weights;
 mod report;
+mod verification;
 
 pub use atsplat_tensors::{DType, StoredTensor, StoredTensors, TensorError, TensorFile};
 pub use backbone::{BackboneWeights, read_backbone};
@@ -20,6 +21,7 @@ pub use key_map::KeyMap;
 pub use known_files::KnownFile;
 pub use model_weights::{ModelWeights, Precision};
 pub use report::{ImportReport, LeftOver, Matched, Mismatched, Missing};
+pub use verification::Verification;
 
 #[cfg(test)]
 mod tests;

@@ -35,6 +35,7 @@ mod sort;
 mod tests;
 mod uniforms;
 mod verdict;
+mod verdict_cache;
 
 pub use adapters::{
     ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, ExaminedAdapter, adapters, examine,
@@ -45,6 +46,7 @@ pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 pub use images::{GpuRendering, GpuStrip};
 pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongResult};
+pub use verdict_cache::VerdictCache;
 
 use std::time::Instant;
 

@@ -1,0 +1,110 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::{Backbone, KnownFile, ModelWeights, TensorFile, read_backbone};
+use crate::ModelError;
+use crate::config::{BackboneConfig, ModelConfig};
+
+/// A complete file of weights. [`Display`](fmt::Display) prints what was verified.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Verification {
+    file: PathBuf,
+    sha256: String,
+    /// Whether the hash was given, or is that of a published file.
+    sha256_expected: bool,
+    /// Description of the contents.
+    what: String,
+    /// Whether the metadata (configuration and provenance) are hashed. `None` for files without metadata.
+    metadata_covered: Option<bool>,
+    /// Number of parameters, all finite and of the right shape.
+    parameters: usize,
+    fits: Option<String>,
+}
+
+impl Verification {
+    /// Checks a file: of this toolkit's, that all tensors are there, of the right shape, finite and match their hash, and
+    /// that they fit `config`, if given; of others', that they are a complete DINOv2, the one of `config`.
+    ///
+    /// # Errors
+    /// [`ModelError`] for anything that is wrong, or if the file's sha256 is not `expected_sha256`.
+    pub fn new(
+        file: TensorFile,
+        config: Option<&ModelConfig>,
+        expected_sha256: Option<&str>,
+    ) -> Result<Self, ModelError> {
+        file.check_sha256(expected_sha256)?;
+        let (what, parameters, metadata_covered) = if ModelWeights::is_one(&file.stored) {
+            own(&file, config)?
+        } else {
+            let found = backbone(&file, config)?;
+            (found.to_string(), found.parameters, None)
+        };
+        let known = KnownFile::with_sha256(&file.sha256);
+        Ok(Self {
+            sha256_expected: expected_sha256.is_some() || known.is_some(),
+            what: known.map_or(what.clone(), |known| format!("{what}; {}", known.what)),
+            metadata_covered,
+            parameters,
+            fits: config.map(|config| config.name.clone()),
+            file: file.path,
+            sha256: file.sha256,
+        })
+    }
+}
+
+/// The description of a file of this toolkit, the number of parameters, and whether the metadata are hashed.
+fn own(file: &TensorFile, config: Option<&ModelConfig>) -> Result<(String, usize, Option<bool>), ModelError> {
+    let weights = ModelWeights::of_file(file)?;
+    let (what, parameters) = (format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len());
+    let covered = weights.metadata_covered;
+    if let Some(config) = config {
+        weights.for_network(config.clone()).map_err(|error| error.in_file(&file.path))?;
+    }
+    Ok((what, parameters, Some(covered)))
+}
+
+/// The complete backbone in any other file; that of the model if one is given.
+fn backbone(file: &TensorFile, config: Option<&ModelConfig>) -> Result<Backbone, ModelError> {
+    let wrong = |expected: String, found: String| {
+        Err(ModelError::malformed("weights", "file", expected, found).in_file(&file.path))
+    };
+    match config {
+        Some(config) if matches!(config.backbone, BackboneConfig::DinoV2 { .. }) => {
+            read_backbone(&file.path, config, None)?;
+        }
+        Some(config) => {
+            let expected = format!("one of this toolkit, because the model {} has no DINOv2 backbone", config.name);
+            return wrong(expected, "one without its metadata".to_owned());
+        }
+        None => {}
+    }
+    match Backbone::in_file(&file.stored)? {
+        Some(backbone) => Ok(backbone),
+        None => wrong(
+            "one of this toolkit or a complete DINOv2".to_owned(),
+            format!("{} other tensors; `atsplat weights inspect --tensors` lists them", file.stored.tensors.len()),
+        ),
+    }
+}
+
+impl fmt::Display for Verification {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let expected =
+            if self.sha256_expected { "as expected" } else { "not compared: no expected hash is known or given" };
+        writeln!(f, "{}\nsha256 {}, {expected}", self.file.display(), self.sha256)?;
+        let (what, parameters) = (&self.what, self.parameters);
+        if self.metadata_covered == Some(false) {
+            writeln!(f, "{what}; {parameters} parameters, as written, finite and of the right shape")?;
+            writeln!(f, "configuration and provenance: no hash recorded, so they may have been edited")?;
+        } else {
+            writeln!(f, "complete: {what}; {parameters} parameters, finite and of the right shape")?;
+        }
+        match &self.fits {
+            Some(model) => writeln!(f, "fits the model {model}"),
+            None => Ok(()),
+        }
+    }
+}

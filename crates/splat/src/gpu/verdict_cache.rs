@@ -1,0 +1,113 @@
+use std::fs;
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Verdict, VerdictKey};
+
+/// Capacity of the file; the oldest verdicts are dropped.
+const MAX_TESTS: usize = 64;
+/// A larger file was not written by this crate.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// A JSON file that remembers verdicts for a [`Watcher`](super::Watcher).
+#[derive(Clone, Debug)]
+pub struct VerdictCache(PathBuf);
+
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Verdicts {
+    tests: Vec<Test>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Test {
+    of: VerdictKey,
+    verdict: Verdict,
+}
+
+impl VerdictCache {
+    /// The cache in this file, which may be absent.
+    pub const fn new(file: PathBuf) -> Self {
+        Self(file)
+    }
+
+    /// The file.
+    pub fn file(&self) -> &Path {
+        &self.0
+    }
+
+    /// The verdict of a key, if there is one.
+    ///
+    /// # Errors
+    /// I/O errors, and [`ErrorKind::InvalidData`] for a file that this crate did not write.
+    pub fn recall(&self, key: &VerdictKey) -> io::Result<Option<Verdict>> {
+        Ok(self.read()?.tests.into_iter().rev().find(|test| test.of == *key).map(|test| test.verdict))
+    }
+
+    /// Adds a verdict, in place of that of the same key; a file that cannot be read is replaced.
+    ///
+    /// # Errors
+    /// I/O errors of writing.
+    pub fn keep(&self, key: &VerdictKey, verdict: &Verdict) -> io::Result<()> {
+        let mut cache = self.read().unwrap_or_default();
+        cache.tests.retain(|test| test.of != *key);
+        cache.tests.push(Test { of: key.clone(), verdict: verdict.clone() });
+        let excess = cache.tests.len().saturating_sub(MAX_TESTS);
+        cache.tests.drain(..excess);
+        if let Some(folder) = self.0.parent() {
+            fs::create_dir_all(folder)?;
+        }
+        atsplat_files::write(&self.0, &serde_json::to_vec_pretty(&cache)?)
+    }
+
+    fn read(&self) -> io::Result<Verdicts> {
+        let size = match self.0.metadata() {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Verdicts::default()),
+            data => data?.len(),
+        };
+        if size > MAX_BYTES {
+            let found = format!("expected at most {MAX_BYTES} bytes, found {size}");
+            return Err(io::Error::new(ErrorKind::InvalidData, found));
+        }
+        Ok(serde_json::from_slice(&fs::read(&self.0)?)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(driver: &str) -> VerdictKey {
+        let [adapter, backend, version] = ["llvmpipe", "Vulkan", "0123"].map(str::to_owned);
+        VerdictKey { adapter, backend, driver: driver.to_owned(), version }
+    }
+
+    #[test]
+    fn verdicts_are_kept_by_driver_and_a_corrupt_file_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = VerdictCache::new(folder.path().join("cache/adapters.json"));
+        let passed = Verdict { fault: None };
+        assert_eq!(cache.recall(&key("Mesa 22")).unwrap(), None);
+        cache.keep(&key("Mesa 22"), &passed).unwrap();
+        assert_eq!(cache.recall(&key("Mesa 22")).unwrap(), Some(passed.clone()));
+        assert_eq!(cache.recall(&key("Mesa 23")).unwrap(), None, "verdicts of other drivers do not count");
+        fs::write(cache.file(), "{\"tests\": [{\"of\"").unwrap();
+        assert!(cache.recall(&key("Mesa 22")).is_err());
+        cache.keep(&key("Mesa 22"), &passed).unwrap();
+        assert_eq!(cache.recall(&key("Mesa 22")).unwrap(), Some(passed));
+    }
+
+    #[test]
+    fn the_oldest_verdicts_are_dropped() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = VerdictCache::new(folder.path().join("adapters.json"));
+        for driver in 0..=MAX_TESTS {
+            cache.keep(&key(&driver.to_string()), &Verdict { fault: None }).unwrap();
+        }
+        assert_eq!((cache.recall(&key("0")).unwrap(), cache.read().unwrap().tests.len()), (None, MAX_TESTS));
+        assert!(cache.recall(&key(&MAX_TESTS.to_string())).unwrap().is_some());
+    }
+}
