@@ -31,6 +31,7 @@ pub(crate) fn scene_of_bytes(bytes: &[u8]) -> Option<(Gaussians, View, RenderOpt
         exposure: switch(1).then_some(exposure),
         channels: Channels { depth: switch(2), scalar: switch(3), median_depth: switch(4) },
         gradients: GradientReach { scalar_stops: switch(5), directions_stop: switch(6) },
+        ..RenderOptions::default()
     };
     let view = View { camera: camera(&mut reader)?, size };
     Some((gaussians(&mut reader, degree), view, options))

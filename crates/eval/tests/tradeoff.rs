@@ -87,6 +87,7 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
     for (knobs, message) in [
         ("views = 3", "views"),
         ("resolution = [32, 0]", "resolution"),
+        ("tolerance = -0.5", "tolerance"),
         ("ratios = [0.5]", "ratios"),
         ("renderer = { min-alpha = 2.0 }", "renderer"),
         ("renderer = { constants = 'none' }", "constants"),
@@ -123,6 +124,8 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
         ["gaussians-per-token = 2", "gaussians-per-token = 16"].map(|knobs| renders(&of(knobs).unwrap()[0], 0));
     assert_eq!((few.0.unwrap() * 8, few.1 == all.1), (all.0.unwrap(), false));
     assert_eq!(all, renders(&of("").unwrap()[0], 0), "all of them are the weights as they are");
+    let record = of("tolerance = 0.5").unwrap()[0].methods[0].record();
+    assert_eq!((&record.parameters["tolerance"], &record.parameters["effects"]), (&0.5.into(), &"auto".into()));
     let error = of("gaussians-per-token = 32").unwrap_err().to_string();
     assert!(error.contains("gaussians-per-token") && error.contains("head."), "{error}");
 }
@@ -145,11 +148,12 @@ fn shipped_sweeps_expand() {
                 used_knobs.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
                 used_knobs.extend(knobs.views.map(|_| "views"));
                 used_knobs.extend(knobs.resolution.map(|_| "size"));
+                used_knobs.extend(knobs.tolerance.map(|_| "tolerance"));
                 used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
             }
         }
     }
     used_knobs.sort_unstable();
     used_knobs.dedup();
-    assert_eq!(used_knobs, ["Gaussians per token", "renderer", "size", "thresholds", "views"]);
+    assert_eq!(used_knobs, ["Gaussians per token", "renderer", "size", "thresholds", "tolerance", "views"]);
 }

@@ -23,6 +23,7 @@ pub mod framing;
 mod gaussians;
 pub mod gpu;
 pub mod hard_cases;
+mod harmonics;
 mod options;
 mod reach;
 pub mod reference;
@@ -43,6 +44,7 @@ pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
     MAX_SH_DEGREE, Problem, Validation, sh_coefficients,
 };
+pub use harmonics::Harmonics;
 pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
 pub use renderer::{ReferenceRenderer, Renderer, Stage};
 pub use rendering::{Census, Gradients, ImageGradients, Rendering};

@@ -1,6 +1,9 @@
+use std::borrow::Cow;
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
-use crate::{Exposure, RendererConstants};
+use crate::{Exposure, Gaussians, Harmonics, RendererConstants, SplatError};
 
 /// What to render and how, apart from the Gaussians and the view.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +16,13 @@ pub struct RenderOptions {
     pub mode: RasterMode,
     /// Highest degree of spherical harmonics that is evaluated.
     pub max_sh_degree: u8,
+    /// Packed coefficients to evaluate instead of the Gaussians' own. Gradients are always with respect to their own; a
+    /// graphics processor takes only the highest degree from it.
+    pub harmonics: Option<Arc<Harmonics>>,
+    /// How much a pixel's colour may change, before exposure, by leaving out what lies behind almost opaque Gaussians; at
+    /// least 0. Alpha loses at most as much. Only the CPU renderer uses it, not for gradients, and not where depths or
+    /// scalars are composited too; which pixels change depends on its tile size.
+    pub hidden: f64,
     /// Colour transform after compositing, if any.
     pub exposure: Option<Exposure>,
     /// Images rendered in addition to colour and alpha.
@@ -29,9 +39,32 @@ impl Default for RenderOptions {
             background: [0.0; 3],
             mode: RasterMode::Classic,
             max_sh_degree: crate::MAX_SH_DEGREE,
+            harmonics: None,
+            hidden: 0.0,
             exposure: None,
             channels: Channels::default(),
             gradients: GradientReach::default(),
+        }
+    }
+}
+
+impl RenderOptions {
+    /// Without approximations: what gradients are computed from.
+    pub(crate) fn in_full(&self) -> Cow<'_, Self> {
+        if self.harmonics.is_none() && self.hidden == 0.0 {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(Self { harmonics: None, hidden: 0.0, ..self.clone() })
+    }
+
+    /// # Errors
+    /// [`SplatError::Length`] for packed coefficients of other Gaussians.
+    pub(crate) fn check_harmonics(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
+        match &self.harmonics {
+            Some(packed) if packed.len() != gaussians.len() => {
+                Err(SplatError::Length { field: "packed harmonics", expected: gaussians.len(), found: packed.len() })
+            }
+            _ => Ok(()),
         }
     }
 }

@@ -4,10 +4,11 @@
 
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
-use atsplat_splat::effects::{Decision, EffectPlan, EffectSelection, Verdict};
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::effects::{Decision, EffectPlan, EffectSelection, Scene, Verdict};
 use atsplat_splat::{
-    Channels, Exposure, GaussianParts, Gaussians, RasterMode, ReferenceRenderer, RenderOptions, Rendering, SplatError,
-    View, hard_cases, sh_coefficients,
+    Channels, Exposure, GaussianParts, Gaussians, Harmonics, ImageGradients, RasterMode, ReferenceRenderer,
+    RenderOptions, Renderer, Rendering, SplatError, View, hard_cases, sh_coefficients,
 };
 use glam::{DMat3, DVec3};
 use proptest::prelude::*;
@@ -38,9 +39,24 @@ fn scene(count: usize, harmonics: f32, log_scale: f32, scalars: Option<f32>) -> 
     .unwrap()
 }
 
+/// Enough views that it pays to decide for each Gaussian.
+fn many_views(gaussians: &Gaussians) -> Scene<'_> {
+    Scene::new(gaussians, Scene::FEWEST_VIEWS)
+}
+
 fn plan(gaussians: &Gaussians, view: &View, options: &RenderOptions, selection: &str) -> EffectPlan {
+    plan_within(EffectPlan::TOLERANCE, gaussians, view, options, selection)
+}
+
+fn plan_within(
+    tolerance: f64,
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+    selection: &str,
+) -> EffectPlan {
     let selection: EffectSelection = selection.parse().unwrap();
-    EffectPlan::for_scene(gaussians, view, options, &selection, EffectPlan::TOLERANCE).unwrap()
+    EffectPlan::for_scene(&many_views(gaussians), view, options, &selection, tolerance).unwrap()
 }
 
 fn decision<'a>(plan: &'a EffectPlan, effect: &str) -> &'a Decision {
@@ -59,6 +75,29 @@ fn assert_equal_within_tolerance(gaussians: &Gaussians, view: &View, options: &R
     let allowed = Tolerance { absolute: EffectPlan::TOLERANCE, relative: f64::from(f32::EPSILON) };
     allowed.assert(wide(&auto), wide(&all), what);
     assert_eq!(Rendering { rgb: all.rgb.clone(), ..auto }, all, "{what}");
+}
+
+/// The largest changes of colour and alpha between `all` and `auto` on the CPU; asserts that every other image is equal
+/// bit for bit.
+fn largest_change(tolerance: f64, gaussians: &Gaussians, view: &View, options: &RenderOptions) -> [f64; 2] {
+    let [auto, all] = ["auto", "all"].map(|selection| {
+        let plan = plan_within(tolerance, gaussians, view, options, selection);
+        plan.render(&mut CpuRenderer::default(), gaussians).unwrap()
+    });
+    let largest = |a: &[f32], b: &[f32]| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| f64::from((a - b).abs()))
+            .fold(0.0, |most: f64, own| if own > most { own } else { most })
+    };
+    let changes = [largest(auto.rgb.as_flattened(), all.rgb.as_flattened()), largest(&auto.alpha, &all.alpha)];
+    assert_eq!(Rendering { rgb: all.rgb.clone(), alpha: all.alpha.clone(), ..auto }, all);
+    changes
+}
+
+/// Rounding in f32, as between any two backends.
+fn rounding(options: &RenderOptions) -> f64 {
+    2e-5 * options.exposure.map_or(1.0, |exposure| exposure.gain())
 }
 
 fn everything() -> RenderOptions {
@@ -121,6 +160,178 @@ proptest! {
         let what = format!("harmonics {harmonics} scale {log_scale} of {count}, {lens:?} {exposure:?}");
         assert_equal_within_tolerance(&gaussians, &view(lens), &options, &what);
     }
+
+    /// Hundreds of Gaussians behind each pixel, with harmonics around the tolerance and opacities up to 1.
+    #[test]
+    fn no_pixel_changes_by_more_than_any_tolerance(
+        (harmonics, log_scale, count) in (size(-4, 0), -2.5..0.0f32, 250usize..600),
+        (exposure, background) in (exposure(), prop::array::uniform3(-0.5..2.0f64)),
+        (opaque, depth) in (any::<bool>(), any::<bool>()),
+    ) {
+        #[expect(clippy::cast_possible_truncation, reason = "a size")]
+        let mut parts = scene(count, harmonics as f32, log_scale, Some(1.0)).into_parts();
+        parts.opacity_logits.iter_mut().for_each(|logit| *logit += if opaque { 4.0 } else { -2.0 });
+        let gaussians = Gaussians::new(parts).unwrap();
+        let channels = Channels { depth, ..Channels::default() };
+        let options = RenderOptions { exposure, background, channels, ..RenderOptions::default() };
+        for tolerance in [0.0, EffectPlan::TOLERANCE, 4.0 / 255.0, 0.1] {
+            let [colour, alpha] = largest_change(tolerance, &gaussians, &view(Distortion::None), &options);
+            let allowed = tolerance + rounding(&options);
+            prop_assert!(colour <= allowed && alpha <= allowed, "{colour} and {alpha} at {tolerance}");
+        }
+    }
+}
+
+#[test]
+fn the_cpu_stays_within_the_tolerance_on_every_hard_case() {
+    for case in hard_cases::catalogue() {
+        // Colours of up to 1e12 are rounded in proportion.
+        let brightest = plan(&case.gaussians, &case.view, &case.options, "all")
+            .render(&mut CpuRenderer::default(), &case.gaussians)
+            .unwrap()
+            .rgb
+            .iter()
+            .flatten()
+            .fold(1.0f32, |most, channel| if channel.abs() > most { channel.abs() } else { most });
+        let [colour, _] = largest_change(EffectPlan::TOLERANCE, &case.gaussians, &case.view, &case.options);
+        let allowed = EffectPlan::TOLERANCE + f64::from(brightest) * rounding(&case.options);
+        assert!(colour <= allowed, "{}: {colour}", case.name);
+    }
+}
+
+/// One Gaussian needs one band more than its neighbours, and gets it.
+#[test]
+fn each_gaussian_keeps_the_bands_that_it_needs() {
+    let mut parts = scene(5, 0.0, -1.0, None).into_parts();
+    let (flat, [first, second, third]) = (1e-4, [[0.2; 3], [0.0, 0.2, 0.0], [0.0, 0.0, -0.2]]);
+    for (at, own) in parts.sh.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+        own[15] = [flat; 3];
+        match at {
+            1 => own[2] = first,
+            2 => own[7] = second,
+            3 => own[12] = third,
+            _ => {}
+        }
+    }
+    let gaussians = Gaussians::new(parts).unwrap();
+    let packed = Harmonics::pack(&gaussians, 4, EffectPlan::TOLERANCE).unwrap();
+    assert_eq!((packed.kept(), packed.degree()), ([2, 1, 1, 1, 0], 3));
+    // √(7 / 4π) times the only coefficients that are dropped.
+    Tolerance::relative(1e-4).assert([packed.bound()], [0.746_352_665 * f64::from(flat)], "bound");
+    let lower = Harmonics::pack(&gaussians, 2, EffectPlan::TOLERANCE).unwrap();
+    assert_eq!((lower.kept(), lower.degree()), ([3, 1, 1, 0, 0], 2), "no band above the requested one");
+    let [colour, _] = largest_change(EffectPlan::TOLERANCE, &gaussians, &view(Distortion::None), &everything());
+    assert!(colour <= EffectPlan::TOLERANCE);
+}
+
+/// Along the axis of its only harmonic, a Gaussian's colour changes by exactly the bound: half of it would not do.
+#[test]
+fn the_bound_is_reached() {
+    const TOLERANCE: f64 = 0.02;
+    for (at, band) in [(2, 1.0), (6, 2.0), (12, 3.0)] {
+        let sup = f64::sqrt((2.0 * band + 1.0) / (4.0 * std::f64::consts::PI));
+        for (share, drops) in [(0.99, true), (1.01, false), (1.9, false)] {
+            let mut parts = giants(&[(8.0, 1.0, 0.0)]).into_parts();
+            parts.means = vec![[0.0, 0.0, 5.0]];
+            parts.sh_degree = 3;
+            parts.sh.resize(16, [0.0; 3]);
+            #[expect(clippy::cast_possible_truncation, reason = "a coefficient")]
+            let coefficient = (share * TOLERANCE / sup) as f32;
+            parts.sh[at] = [coefficient, 0.0, 0.0];
+            let gaussians = Gaussians::new(parts).unwrap();
+            let packed = Harmonics::pack(&gaussians, 4, TOLERANCE).unwrap();
+            assert_eq!(packed.degree() == 0, drops, "{share} of the tolerance in coefficient {at}");
+            let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
+            let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+            let view = View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: 9, height: 9 } };
+            let images = [None, Some(std::sync::Arc::new(packed))].map(|harmonics| {
+                let options = RenderOptions { harmonics, ..RenderOptions::default() };
+                CpuRenderer::default().render(&gaussians, &view, &options).unwrap().rgb
+            });
+            let change = f64::from((images[0][40][0] - images[1][40][0]).abs());
+            assert!(change <= TOLERANCE, "{change}");
+            if drops {
+                assert!(change > 0.98 * TOLERANCE, "coefficient {at} is seen along its axis: {change}");
+            }
+        }
+    }
+}
+
+/// As many layers as the CPU composites at a time, which leave `left` of the light, before a white one.
+fn layers(left: f64) -> Gaussians {
+    let alpha = 1.0 - left.powf(1.0 / 240.0);
+    #[expect(clippy::cast_possible_truncation, reason = "a logit")]
+    let logit = (alpha / (1.0 - alpha)).ln() as f32;
+    let black = -0.5 / 0.282_094_8;
+    let mut list = vec![(logit, black, 0.0); 240];
+    // Of opacity 0.8: a more opaque one would end the pixel before it is drawn.
+    list.push((4f32.ln(), -black, 0.0));
+    giants(&list)
+}
+
+/// What is behind is left out from the tolerance on, and not at one and a half times as much: twice the bound would not do.
+#[test]
+fn what_follows_is_left_out_where_it_cannot_be_seen() {
+    let at = view(Distortion::None);
+    for (share, is_seen) in [(0.7, false), (1.5, true)] {
+        let gaussians = layers(share * EffectPlan::TOLERANCE);
+        let options = RenderOptions::default();
+        let [colour, alpha] = largest_change(EffectPlan::TOLERANCE, &gaussians, &at, &options);
+        let expected = if is_seen { 0.0 } else { 0.8 * share * EffectPlan::TOLERANCE };
+        Tolerance::absolute(0.1 * EffectPlan::TOLERANCE).assert([colour, alpha], [expected; 2], "left out");
+        // Depths are composited in full.
+        let plan = plan(&gaussians, &at, &everything(), "auto");
+        assert_eq!(decision(&plan, "hidden").verdict, Verdict::Runs);
+        let direct = RenderOptions { hidden: 0.5, ..everything() };
+        let [cut, full] =
+            [direct, everything()].map(|options| CpuRenderer::default().render(&gaussians, &at, &options).unwrap());
+        assert_eq!(cut, full);
+    }
+}
+
+/// Gradients are those of everything, whatever rendering leaves out.
+#[test]
+fn gradients_leave_nothing_out() {
+    let gaussians = scene(40, 0.3, -0.5, None);
+    let at = view(Distortion::None);
+    let packed = Harmonics::pack(&gaussians, 4, 10.0).unwrap();
+    assert_eq!(packed.degree(), 0);
+    let reduced =
+        RenderOptions { harmonics: Some(std::sync::Arc::new(packed)), hidden: 0.3, ..RenderOptions::default() };
+    let images = ImageGradients { rgb: vec![[1.0, -0.5, 0.3]; at.pixels()], alpha: None, depth: None, scalar: None };
+    let renderers: [Box<dyn Renderer>; 2] = [Box::new(CpuRenderer::default()), Box::new(ReferenceRenderer)];
+    for mut renderer in renderers {
+        let [less, all] = [&reduced, &RenderOptions::default()]
+            .map(|options| renderer.backward(&gaussians, &at, options, &images).unwrap());
+        assert_eq!(less, all, "{}", renderer.name());
+        let [less, all] =
+            [&reduced, &RenderOptions::default()].map(|options| renderer.render(&gaussians, &at, options).unwrap().rgb);
+        assert_ne!(less, all, "{}", renderer.name());
+    }
+}
+
+#[test]
+fn packed_harmonics_of_other_gaussians_are_rejected() {
+    let packed = Harmonics::pack(&scene(4, 0.3, -1.0, None), 4, 0.0).unwrap();
+    let options = RenderOptions { harmonics: Some(std::sync::Arc::new(packed)), ..RenderOptions::default() };
+    let gaussians = scene(5, 0.3, -1.0, None);
+    let renderers: [Box<dyn Renderer>; 2] = [Box::new(CpuRenderer::default()), Box::new(ReferenceRenderer)];
+    for mut renderer in renderers {
+        let outcome = renderer.render(&gaussians, &view(Distortion::None), &options);
+        assert!(matches!(outcome, Err(SplatError::Length { expected: 5, found: 4, .. })), "{outcome:?}");
+    }
+}
+
+/// For few views nothing is decided for each Gaussian.
+#[test]
+fn packing_waits_until_it_pays() {
+    let gaussians = scene(5, 0.0, -1.0, None);
+    let (at, options) = (view(Distortion::None), RenderOptions::default());
+    for (views, reduced) in [(1, 4), (Scene::FEWEST_VIEWS - 1, 4), (Scene::FEWEST_VIEWS, 0)] {
+        let scene = Scene::new(&gaussians, views);
+        let plan = EffectPlan::for_scene(&scene, &at, &options, &EffectSelection::Auto, 0.0).unwrap();
+        assert_eq!(plan.reduced().options.max_sh_degree, reduced, "{views} views");
+    }
 }
 
 /// Every effect that changes nothing is removed, with a bound of zero.
@@ -137,11 +348,15 @@ fn a_scene_that_needs_no_effect_gets_none() {
     options.constants.blur = 0.0;
     let plan = plan(&gaussians, &view(zero), &options, "auto");
     assert_eq!(plan.reduced().view, view(Distortion::None));
-    let bare = RenderOptions { max_sh_degree: 0, constants: options.constants.clone(), ..RenderOptions::default() };
+    let RenderOptions { harmonics, hidden, .. } = plan.reduced().options.clone();
+    assert!(harmonics.as_ref().is_some_and(|packed| packed.kept() == [9, 0, 0, 0, 0]) && hidden > 0.0);
+    let constants = options.constants.clone();
+    let bare = RenderOptions { max_sh_degree: 0, constants, harmonics, hidden, ..RenderOptions::default() };
     assert_eq!(plan.reduced().options, bare);
     for decision in plan.decisions() {
         assert!(matches!(decision.verdict, Verdict::LeftOut | Verdict::NotAsked), "{decision:?}");
-        assert_eq!(decision.bound, Some(0.0), "{decision:?}");
+        let bound = if decision.effect == "hidden" { EffectPlan::TOLERANCE } else { 0.0 };
+        assert_eq!(decision.bound, Some(bound), "{decision:?}");
     }
 }
 
@@ -157,13 +372,14 @@ fn visible_effects_run_and_give_a_reason() {
     let reasons: Vec<&str> = plan.decisions().iter().map(|decision| decision.reason.as_str()).collect();
     for (reason, word) in reasons.iter().zip([
         "white",
-        "degree 3",
+        "up to degree 3",
         "border",
         "how strongly",
         "empty pixel",
         "requested",
         "requested",
         "requested",
+        "in full",
     ]) {
         assert!(reason.contains(word), "{word}: {reasons:?}");
     }
@@ -270,7 +486,7 @@ fn a_coefficient_that_culls_is_kept() {
         parts.sh[16 + 9][1] = value;
         let gaussians = Gaussians::new(parts).unwrap();
         let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "auto");
-        assert_eq!(plan.reduced().options.max_sh_degree, 4, "{value}");
+        assert_eq!(plan.reduced().options.max_sh_degree, 3, "{value}");
         assert_equal_within_tolerance(&gaussians, &view(Distortion::None), &RenderOptions::default(), "culled");
     }
 }
@@ -284,7 +500,8 @@ fn explicit_selections_are_followed() {
     assert_eq!((&all.reduced().view, &all.reduced().options), (&here, &options));
     let none = plan(&gaussians, &here, &options, "none");
     assert_eq!(none.reduced().view, view(Distortion::None));
-    assert_eq!(none.reduced().options, RenderOptions { max_sh_degree: 0, ..RenderOptions::default() });
+    let hidden = EffectPlan::TOLERANCE;
+    assert_eq!(none.reduced().options, RenderOptions { max_sh_degree: 0, hidden, ..RenderOptions::default() });
     let rendering = none.render(&mut ReferenceRenderer, &gaussians).unwrap();
     assert_eq!((rendering.depth, rendering.scalar), (None, None), "no image is invented");
     let list = plan(&gaussians, &here, &options, "background,depth");
@@ -298,12 +515,17 @@ fn rejects_invalid_input() {
     let gaussians = scene(1, 0.0, -1.0, None);
     let options = RenderOptions::default();
     for tolerance in [-1.0, f64::NAN, f64::INFINITY] {
-        let plan =
-            EffectPlan::for_scene(&gaussians, &view(Distortion::None), &options, &EffectSelection::Auto, tolerance);
+        let plan = EffectPlan::for_scene(
+            &many_views(&gaussians),
+            &view(Distortion::None),
+            &options,
+            &EffectSelection::Auto,
+            tolerance,
+        );
         assert!(matches!(plan, Err(SplatError::Tolerance { .. })), "{tolerance}");
     }
     let nowhere = View { size: ImageSize { width: 0, height: 3 }, ..view(Distortion::None) };
-    let plan = EffectPlan::for_scene(&gaussians, &nowhere, &options, &EffectSelection::Auto, 0.0);
+    let plan = EffectPlan::for_scene(&many_views(&gaussians), &nowhere, &options, &EffectSelection::Auto, 0.0);
     assert!(plan.is_err());
 }
 
@@ -312,11 +534,17 @@ fn an_explanation_has_a_row_per_effect() {
     let gaussians = scene(9, 0.2, -1.0, None);
     let options = RenderOptions { background: [0.5; 3], ..everything() };
     let plan = plan(&gaussians, &view(Distortion::None), &options, "auto");
-    let explanation = plan.explain(&mut ReferenceRenderer, &gaussians, 3).unwrap();
+    let explanation = plan.explain(&mut ReferenceRenderer, &many_views(&gaussians), 3).unwrap();
     let timed: Vec<bool> = explanation.effects.iter().map(|cost| cost.ms.is_some()).collect();
-    assert_eq!(timed, [false, true, false, false, true, true, true, true]);
+    assert_eq!(timed, [false, true, false, false, true, true, true, true, true]);
     assert!(explanation.asked_ms > 0.0 && explanation.reduced_ms > 0.0 && explanation.plan_ms > 0.0);
     let text = explanation.to_string();
     assert!(text.lines().nth(1).unwrap().starts_with("exposure         not asked"), "{text}");
+    let costs = &explanation.effects;
+    assert_eq!(costs[4].pixels, Some(1.0), "every pixel shows some of the background");
+    assert!(
+        costs[6].saved_ms.is_some() && costs[4].saved_ms.is_none() && costs.iter().all(|cost| cost.spent_ms >= 0.0)
+    );
+    assert!(explanation.largest_change <= explanation.tolerance);
     assert!(text.contains("the Gaussians have none") && text.contains("tolerance 9.8e-4"), "{text}");
 }

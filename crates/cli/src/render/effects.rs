@@ -1,5 +1,5 @@
-use atsplat_splat::effects::{EffectPlan, EffectSelection, EffectSummary};
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError};
+use atsplat_splat::effects::{EffectPlan, EffectSelection, EffectSummary, Scene};
+use atsplat_splat::{RenderOptions, Renderer, Rendering, SplatError};
 
 use super::frames::Frame;
 use super::views::Shot;
@@ -13,12 +13,13 @@ pub(crate) struct EffectArgs {
     #[arg(long, value_name = "LIST", default_value = "auto")]
     pub(super) effects: EffectSelection,
 
-    /// Largest change of any colour sample that `auto` may cause, in units of display range; opacity, depth and scalar
+    /// Largest change of any colour or opacity sample that `auto` may cause, in units of display range; depth and scalar
     /// never change.
     #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
     tolerance: f64,
 
-    /// Print the cost of each effect and why it runs or not, measured on the first frame.
+    /// Print for each effect the pixels that call for it, its bound, what it takes and saves, and why it runs or not,
+    /// measured on the first frame.
     #[arg(long)]
     pub(crate) explain: bool,
 }
@@ -39,20 +40,20 @@ impl EffectArgs {
 
 impl Look {
     /// Plans the effects of a view.
-    pub(crate) fn plan(&self, gaussians: &Gaussians, shot: &Shot) -> Result<EffectPlan, SplatError> {
+    pub(crate) fn plan(&self, scene: &Scene<'_>, shot: &Shot) -> Result<EffectPlan, SplatError> {
         let options = shot.exposed(&self.options);
-        EffectPlan::for_scene(gaussians, &shot.view, &options, &self.effects, self.tolerance)
+        EffectPlan::for_scene(scene, &shot.view, &options, &self.effects, self.tolerance)
     }
 
     /// Plans and renders a view.
     pub(crate) fn render(
         &self,
         renderer: &mut dyn Renderer,
-        gaussians: &Gaussians,
+        scene: &Scene<'_>,
         shot: &Shot,
     ) -> Result<(Rendering<f32>, EffectPlan), SplatError> {
-        let plan = self.plan(gaussians, shot)?;
-        Ok((plan.render(renderer, gaussians)?, plan))
+        let plan = self.plan(scene, shot)?;
+        Ok((plan.render(renderer, scene.gaussians())?, plan))
     }
 
     /// Summarises the effects of all frames.

@@ -7,7 +7,7 @@ use atsplat_eval::frame_timings::FrameTiming;
 use atsplat_eval::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
 use atsplat_files::Writer;
 use atsplat_pixels::{ImageU8, PixelError, Preview, Rounding, encode_png, preview_frame};
-use atsplat_splat::effects::Decision;
+use atsplat_splat::effects::{Decision, Scene};
 use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
@@ -54,14 +54,14 @@ struct Pending<'a> {
 /// that cannot be written is an error. With `sequential`, nothing else runs while a frame is rendered.
 pub(crate) fn render_all(
     renderer: &mut dyn Renderer,
-    (gaussians, shots): (&Gaussians, &[Shot]),
+    (scene, shots): (&Scene<'_>, &[Shot]),
     look: &Look,
     files: &FrameFiles,
     mut preview: Option<&mut Preview<Writer>>,
     sequential: bool,
 ) -> anyhow::Result<Vec<Frame>> {
     let progress = Progress::new("frames", shots.len());
-    let mut render = |shots| render_batch(renderer, gaussians, shots, look);
+    let mut render = |shots| render_batch(renderer, scene, shots, look);
     let mut write = |pending| write_batch(pending, files, preview.as_deref_mut(), &progress);
     let mut frames = Vec::with_capacity(shots.len());
     let mut pending = Vec::new();
@@ -89,13 +89,13 @@ fn batch_length(shots: &[Shot]) -> usize {
 
 fn render_batch<'a>(
     renderer: &mut dyn Renderer,
-    gaussians: &Gaussians,
+    scene: &Scene<'_>,
     shots: &'a [Shot],
     look: &Look,
 ) -> Vec<Pending<'a>> {
     let mut one = |shot: &'a Shot| {
         let start = Instant::now();
-        let outcome = look.render(renderer, gaussians, shot);
+        let outcome = look.render(renderer, scene, shot);
         let mut timing = FrameTiming { render_secs: start.elapsed().as_secs_f64(), ..FrameTiming::default() };
         let mut decisions = Vec::new();
         let rendering = match outcome {

@@ -17,6 +17,7 @@ use anyhow::{Context as _, bail};
 use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
+use atsplat_splat::effects::Scene;
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
 use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, View};
@@ -130,7 +131,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let files = args.files();
     let frames = render_all(
         renderer.as_mut(),
-        (&gaussians, &shots),
+        (&Scene::new(&gaussians, shots.len()), &shots),
         &look,
         &files,
         preview.as_mut().map(|pending| &mut pending.preview),
@@ -177,7 +178,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let rendered = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing);
     let timings = args.timings.then(|| FrameTimings::of(scene.reading_secs, rendered));
     let explanation = match first_complete(&shots, &frames).filter(|_| args.effects.explain) {
-        Some(shot) => Some(look.plan(&gaussians, shot)?.explain(renderer.as_mut(), &gaussians, EXPLANATION_PAIRS)?),
+        Some(shot) => {
+            // Another one, so that what is decided once is timed.
+            let scene = Scene::new(&gaussians, shots.len());
+            Some(look.plan(&scene, shot)?.explain(renderer.as_mut(), &scene, EXPLANATION_PAIRS)?)
+        }
         None => None,
     };
     let preview = args.preview.preview.clone();

@@ -9,7 +9,7 @@ use atsplat_eval::method::{
     AtSplat, Backend, ConstantsChoice, GaussianFrame, Method, NearestView, Ply, Renders, Splatting, Warp,
 };
 use atsplat_model::network::Device;
-use atsplat_splat::effects::EffectSelection;
+use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use clap::ValueEnum;
 
 use crate::parse;
@@ -94,10 +94,14 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "COLOUR", value_parser = parse::background)]
     background: Option<[f64; 3]>,
 
-    /// Which of the requested effects run: auto (only those that can change an image by more than a quarter of an
-    /// 8-bit step), all, none, or a list of names.
-    #[arg(long, value_name = "LIST", default_value = "all")]
+    /// Which of the requested effects run: auto (only those that can change an image by more than --tolerance), all, none,
+    /// or a list of names.
+    #[arg(long, value_name = "LIST", default_value = "auto")]
     effects: EffectSelection,
+
+    /// Largest change of any colour sample that `--effects auto` may cause, in units of display range.
+    #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
+    tolerance: f64,
 
     /// Renderer.
     #[arg(long, value_name = "WHO", default_value = "cpu")]
@@ -178,7 +182,8 @@ impl GaussianArgs {
                 (Backend::One(Mutex::new(chosen.renderer)), chosen.note)
             }
         };
-        Ok(Splatting { constants, background: self.background, effects: self.effects.clone(), backend, passed_over })
+        let (background, effects, tolerance) = (self.background, self.effects.clone(), self.tolerance);
+        Ok(Splatting { constants, background, effects, tolerance, backend, passed_over })
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::effects::{EffectPlan, EffectSelection, Verdict};
+use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
 
 use super::{ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
@@ -19,6 +19,8 @@ pub struct Splatting {
     pub background: Option<[f64; 3]>,
     /// Which renderer effects run.
     pub effects: EffectSelection,
+    /// Largest change of a sample that [`EffectSelection::Auto`] may cause, in units of display range.
+    pub tolerance: f64,
     /// The rendering backend.
     pub backend: Backend,
     /// Why this is not the requested backend; `None` if it is.
@@ -76,12 +78,14 @@ fn with_spare<T>(spare: &Mutex<Vec<CpuRenderer>>, work: impl FnOnce(&mut CpuRend
 }
 
 impl Default for Splatting {
-    /// The protocol's constants and background with all effects, on the CPU.
+    /// The protocol's constants and background, with the effects that can change a sample by more than a quarter of a grey
+    /// level, on the CPU.
     fn default() -> Self {
         Self {
             constants: ConstantsChoice::default(),
             background: None,
-            effects: EffectSelection::All,
+            effects: EffectSelection::Auto,
+            tolerance: EffectPlan::TOLERANCE,
             backend: Backend::default(),
             passed_over: None,
         }
@@ -100,9 +104,10 @@ impl Splatting {
         record.backend = Some(self.backend.name());
         record.deterministic = self.backend.is_deterministic();
         let background = self.background.map_or_else(|| "of the preset".into(), |rgb| serde_json::json!(rgb));
-        let parameters: [(&str, serde_json::Value); 3] = [
+        let parameters: [(&str, serde_json::Value); 4] = [
             ("background", background),
             ("effects", self.effects.to_string().into()),
+            ("tolerance", self.tolerance.into()),
             ("renderer", self.explicit_constants()),
         ];
         record.parameters.extend(parameters.map(|(name, value)| (name.to_owned(), value)));
@@ -135,7 +140,7 @@ fn as_json<T: serde::Serialize>(settings: &T) -> serde_json::Value {
 struct Splatted<'a> {
     splatting: &'a Splatting,
     input: TrialInput<'a>,
-    gaussians: Gaussians,
+    scene: Scene<'static>,
     options: RenderOptions,
     cost: Cost,
 }
@@ -150,7 +155,9 @@ impl<'a> Splatted<'a> {
         };
         cost.gaussians = Some(gaussians.len() as u64);
         cost.notes.extend(splatting.passed_over.clone());
-        Self { splatting, input, gaussians, options, cost }
+        // Of the trial's targets, however many of them are rendered together: their number must not change a bit.
+        let scene = Scene::owning(gaussians, input.trial.targets().len());
+        Self { splatting, input, scene, options, cost }
     }
 
     fn target(&self, position: usize) -> Result<View, String> {
@@ -159,30 +166,31 @@ impl<'a> Splatted<'a> {
         Ok(View { camera: *camera, size: *size })
     }
 
-    fn plan(&self, view: &View) -> Result<EffectPlan, SplatError> {
-        let selection = &self.splatting.effects;
-        EffectPlan::for_scene(&self.gaussians, view, &self.options, selection, EffectPlan::TOLERANCE)
+    /// Plans one view.
+    fn plan(&self, position: usize) -> Result<EffectPlan, String> {
+        let Splatting { effects, tolerance, .. } = self.splatting;
+        let plan = EffectPlan::for_scene(&self.scene, &self.target(position)?, &self.options, effects, *tolerance);
+        plan.map_err(|error| error.to_string())
+    }
+
+    /// Renders views whose plans leave the same options, and shares the per-scene work; bit-identical to rendering them
+    /// one by one. `None` where that is impossible.
+    fn render_together(&self, plans: &[EffectPlan]) -> Option<Vec<Result<Rendered, String>>> {
+        let ([first, _, ..], Backend::Cpu(spare)) = (plans, &self.splatting.backend) else { return None };
+        let options = &first.reduced().options;
+        if plans.iter().any(|plan| plan.reduced().options != *options) {
+            return None;
+        }
+        let views: Vec<View> = plans.iter().map(|plan| plan.reduced().view).collect();
+        let renderings =
+            with_spare(spare, |renderer| renderer.render_many(self.scene.gaussians(), &views, options)).ok()?;
+        Some(renderings.into_iter().zip(plans).map(|(rendering, plan)| finished(rendering, plan)).collect())
     }
 
     /// Renders one view.
-    fn render_one(&self, position: usize) -> Result<Rendered, String> {
-        let view = self.target(position)?;
-        let message = |error: SplatError| error.to_string();
-        let plan = self.plan(&view).map_err(message)?;
-        let rendering =
-            self.splatting.backend.with(|renderer| plan.render(renderer, &self.gaussians)).map_err(message)?;
-        finished(rendering, &plan)
-    }
-
-    /// Renders several views and shares the per-scene work; bit-identical to rendering them one by one.
-    fn render_together(&self, targets: &[usize], spare: &Mutex<Vec<CpuRenderer>>) -> Result<Vec<Rendered>, String> {
-        let message = |error: SplatError| error.to_string();
-        let views: Vec<View> = targets.iter().map(|position| self.target(*position)).collect::<Result<_, _>>()?;
-        let plans: Vec<EffectPlan> =
-            views.iter().map(|view| self.plan(view).map_err(message)).collect::<Result<_, _>>()?;
-        let renderings = with_spare(spare, |renderer| renderer.render_many(&self.gaussians, &views, &self.options))
-            .map_err(message)?;
-        renderings.into_iter().zip(&plans).map(|(rendering, plan)| finished(rendering, plan)).collect()
+    fn render_one(&self, plan: &EffectPlan) -> Result<Rendered, String> {
+        let rendering = self.splatting.backend.with(|renderer| plan.render(renderer, self.scene.gaussians()));
+        finished(rendering.map_err(|error: SplatError| error.to_string())?, plan)
     }
 }
 
@@ -200,14 +208,12 @@ impl Prediction for Splatted<'_> {
     }
 
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        // Any other selection may skip different effects in each view.
-        let same_effects = self.splatting.effects == EffectSelection::All;
-        if let (true, true, Backend::Cpu(spare)) = (same_effects, targets.len() > 1, &self.splatting.backend)
-            && let Ok(rendered) = self.render_together(targets, spare)
-        {
-            return rendered.into_iter().map(Ok).collect();
+        let plans: Vec<_> = targets.iter().map(|position| self.plan(*position)).collect();
+        let together = plans.iter().cloned().collect::<Result<Vec<_>, _>>().ok();
+        if let Some(rendered) = together.and_then(|plans| self.render_together(&plans)) {
+            return rendered;
         }
-        targets.iter().map(|position| self.render_one(*position)).collect()
+        plans.into_iter().map(|plan| self.render_one(&plan?)).collect()
     }
 }
 

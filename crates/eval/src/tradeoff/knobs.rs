@@ -32,6 +32,10 @@ pub struct Knobs {
     /// A separate weights file, as needed for a larger K.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<std::path::PathBuf>,
+    /// Largest change of a sample, in units of display range, below which renderer effects are left out: at least 0; a
+    /// quarter of a grey level by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tolerance: Option<f64>,
     /// Overrides of the renderer's constants.
     #[serde(default, skip_serializing_if = "RendererKnobs::is_empty")]
     pub renderer: RendererKnobs,
@@ -139,6 +143,19 @@ impl Knobs {
         }
         config.validate()?;
         Ok(config)
+    }
+
+    /// The tolerance of renderer effects, if set.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for a negative or infinite one.
+    pub fn effects_tolerance(&self) -> Result<Option<f64>, EvalError> {
+        match self.tolerance {
+            Some(tolerance) if !(tolerance >= 0.0 && tolerance.is_finite()) => {
+                invalid("tolerance", "a finite number of at least 0", tolerance)
+            }
+            tolerance => Ok(tolerance),
+        }
     }
 
     /// The protocol at the knob's resolution.

@@ -6,7 +6,7 @@ use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_protocol::IndexLayout;
-use atsplat_splat::effects::EffectSelection;
+use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use super::{Knobs, Setting, Sweep};
 use crate::EvalError;
@@ -88,8 +88,9 @@ impl SweepBase {
         } else {
             ConstantsChoice::Changed(ChangedConstants::new(knobs.renderer.clone())?)
         };
-        let splatting =
-            Splatting { constants, background: self.background, effects: EffectSelection::All, ..Splatting::default() };
+        let tolerance = knobs.effects_tolerance()?.unwrap_or(EffectPlan::TOLERANCE);
+        let (background, effects) = (self.background, EffectSelection::Auto);
+        let splatting = Splatting { constants, background, effects, tolerance, ..Splatting::default() };
         Ok(Arc::new(AtSplat::new(&setting.label, network, &weights, self.call_seed, splatting)?))
     }
 }

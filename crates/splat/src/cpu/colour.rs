@@ -9,7 +9,7 @@ use super::to_f32;
 use super::wide::{CHUNK, Row, Row32, Wide, dot, load3, splat3, store3};
 use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::view::Optics;
-use crate::{GaussianParts, RenderOptions, sh, sh_coefficients};
+use crate::{GaussianParts, Harmonics, RenderOptions, sh, sh_coefficients};
 
 /// SH basis values at the view directions of a chunk of Gaussians.
 #[derive(Debug)]
@@ -62,27 +62,46 @@ impl Basis {
 
     /// Colour of one of the Gaussians, clamped at 0; `None` if it is invalid.
     #[inline(always)]
-    pub(super) fn colour(&self, parts: &GaussianParts, position: usize, lane: usize) -> Option<[f32; 3]> {
+    pub(super) fn colour(
+        &self,
+        parts: &GaussianParts,
+        packed: Option<&Harmonics>,
+        position: usize,
+        lane: usize,
+    ) -> Option<[f32; 3]> {
         let lane = lane % CHUNK;
-        let coefficients = parts.sh.get(position * self.stored..)?;
-        let mut sum = [0.5f32; 4];
         let used = sh_coefficients(self.degree);
-        // Loads four floats at a time, of which the fourth belongs to the next coefficient; the last coefficient has no
-        // successor.
-        let (last, others) = coefficients.get(..used)?.split_last()?;
-        let flat = coefficients.as_flattened();
-        for ((at, _), basis) in others.iter().enumerate().zip(&self.values) {
-            let &[r, g, b, next] = flat.get(3 * at..)?.first_chunk()?;
-            let value = basis[lane];
-            sum = [sum[0] + r * value, sum[1] + g * value, sum[2] + b * value, sum[3] + next * value];
-        }
-        let value = self.values.get(used - 1)?[lane];
-        let [r, g, b] = [sum[0] + last[0] * value, sum[1] + last[1] * value, sum[2] + last[2] * value];
+        let (first, upper) = match packed {
+            Some(packed) => packed.of(position)?,
+            None => {
+                let (first, upper) = parts.sh.get(position * self.stored..)?.get(..used)?.split_first()?;
+                (*first, upper)
+            }
+        };
+        let rgb = self.sum(first, upper, lane)?;
         let largest = to_f32(LARGEST_CHANNEL);
-        let valid = (r.abs() <= largest) & (g.abs() <= largest) & (b.abs() <= largest);
+        let [r, g, b] = rgb.map(|channel| channel.abs() <= largest);
         // A negative zero marks a clamped channel for the backward pass.
         let seen = |channel: f32| if channel < 0.0 { -0.0 } else { channel };
-        valid.then_some([seen(r), seen(g), seen(b)])
+        (r & g & b).then_some([seen(rgb[0]), seen(rgb[1]), seen(rgb[2])])
+    }
+
+    /// Sums the first coefficient and those above degree 0, times their basis functions.
+    #[inline(always)]
+    fn sum(&self, [r, g, b]: [f32; 3], upper: &[[f32; 3]], lane: usize) -> Option<[f32; 3]> {
+        let value = self.values[0][lane % CHUNK];
+        let mut sum = [0.5 + r * value, 0.5 + g * value, 0.5 + b * value, 0.0];
+        // Loads four floats at a time, of which the fourth belongs to the next coefficient; the last coefficient has no
+        // successor.
+        let Some((last, others)) = upper.split_last() else { return Some([sum[0], sum[1], sum[2]]) };
+        let flat = upper.as_flattened();
+        for ((at, _), basis) in others.iter().enumerate().zip(&self.values[1..]) {
+            let &[r, g, b, next] = flat.get(3 * at..)?.first_chunk()?;
+            let value = basis[lane % CHUNK];
+            sum = [sum[0] + r * value, sum[1] + g * value, sum[2] + b * value, sum[3] + next * value];
+        }
+        let value = self.values.get(upper.len())?[lane % CHUNK];
+        Some([sum[0] + last[0] * value, sum[1] + last[1] * value, sum[2] + last[2] * value])
     }
 
     /// Number of coefficients stored per Gaussian.

@@ -41,6 +41,7 @@ impl CpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Recording<G>, SplatError> {
+        let options = &*options.in_full();
         let mut rendering = Rendering::blank(view);
         // Always one cell per tile, so that sums over a tile have a fixed order.
         let tile = TileSize::Pixels32;
@@ -165,6 +166,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             background: self.options.background.map(super::to_f32),
             size: self.view.size,
             extra: images.depth.is_some() || images.scalar.is_some(),
+            hidden: 0.0,
         };
         let background = backward_over_tiles(frame, simd, &params, images, &tile_offsets, &mut sums);
         gradients.background = background.map(|sum| saturated(sum * unit));

@@ -1,4 +1,4 @@
-use super::{Assessment, Effect, Request, geometry};
+use super::{Assessment, Effect, Request, Scene, geometry};
 use crate::{Gaussians, RasterMode};
 
 /// Opacity compensation for the screen-space blur of Gaussians smaller than a pixel.
@@ -18,10 +18,10 @@ impl Effect for Antialiasing {
         request.options.mode = RasterMode::Classic;
     }
 
-    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
+    fn assess(&self, scene: &Scene<'_>, request: &Request, _: f64) -> Assessment {
         if request.options.constants.blur == 0.0 {
             return Assessment::remove(self, request, 0.0, "nothing is blurred, so nothing is compensated");
         }
-        geometry::remove_if_unused(self, gaussians, request, "it changes no Gaussian that is drawn")
+        geometry::remove_if_unused(self, scene.gaussians(), request, "it changes no Gaussian that is drawn")
     }
 }

@@ -1,6 +1,6 @@
 use atsplat_numeric::Extremes as _;
 
-use super::{Assessment, Effect, Request};
+use super::{Assessment, Effect, Request, Scene};
 use crate::Gaussians;
 
 /// A colour behind everything.
@@ -20,7 +20,7 @@ impl Effect for Background {
         request.options.background = [0.0; 3];
     }
 
-    fn assess(&self, _: &Gaussians, request: &Request, budget: f64) -> Assessment {
+    fn assess(&self, _: &Scene<'_>, request: &Request, budget: f64) -> Assessment {
         let brightest = request.options.background.iter().map(|channel| channel.abs()).fold(0.0, f64::maximum_of);
         let bound = brightest * request.gain();
         if bound <= budget {

@@ -1,4 +1,4 @@
-use super::{Assessment, Effect, Request};
+use super::{Assessment, Effect, Request, Scene};
 use crate::{Channels, Gaussians};
 
 /// An image rendered in addition to colour and alpha.
@@ -29,15 +29,15 @@ impl Effect for Channel {
         *(self.flag)(&mut request.options.channels) = false;
     }
 
-    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
+    fn assess(&self, scene: &Scene<'_>, request: &Request, _: f64) -> Assessment {
         // A Gaussian with a NaN scalar is culled.
         let shows = |scalar: &f32| *scalar != 0.0 && !scalar.is_nan();
-        let reason = match &gaussians.parts().scalars {
+        let reason = match &scene.gaussians().parts().scalars {
             None if self.name == SCALAR.name => "the Gaussians have none: the image is zero",
             Some(scalars) if self.name == SCALAR.name && !scalars.iter().any(shows) => {
                 "every scalar is zero, and so is the image"
             }
-            _ if self.name != SCALAR.name && gaussians.is_empty() => "without Gaussians the image is zero",
+            _ if self.name != SCALAR.name && scene.gaussians().is_empty() => "without Gaussians the image is zero",
             _ => return Assessment::keep("its image is requested"),
         };
         Assessment::remove(self, request, 0.0, reason)

@@ -1,10 +1,11 @@
 use std::fmt::{self, Display, Formatter};
 use std::time::Instant;
 
+use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
-use super::{EFFECTS, EffectPlan, Request, Verdict};
-use crate::{Gaussians, Renderer, SplatError};
+use super::{EFFECTS, Effect, EffectPlan, Request, Scene, Verdict};
+use crate::{Renderer, Rendering, SplatError};
 
 /// Cost of each effect and savings of the plan: the table of `render --explain`.
 #[derive(Clone, Debug, Serialize)]
@@ -16,12 +17,16 @@ pub struct Explanation {
     pub tolerance: f64,
     /// One row per effect.
     pub effects: Vec<Cost>,
-    /// Planning time.
+    /// Planning time of this view, which includes what is decided once for all views.
     pub plan_ms: f64,
+    /// Number of views that share what is decided once.
+    pub views: usize,
     /// Median time of rendering the original request.
     pub asked_ms: f64,
     /// Median time of rendering the reduced request.
     pub reduced_ms: f64,
+    /// Largest change of a colour sample between the two, as rendered.
+    pub largest_change: f64,
     /// Pairs of renderings per measurement.
     pub pairs: usize,
 }
@@ -33,68 +38,124 @@ pub struct Cost {
     /// The decision.
     #[serde(flatten)]
     pub decision: super::Decision,
-    /// Median over pairs of the time with the effect minus the time without it; may be negative within timing noise.
-    /// `None` if the effect was not requested.
-    pub ms: Option<f64>,
+    /// Share of the pixels that call for it: without it, a sample of theirs changes by more than the tolerance, or for an
+    /// image of its own, is not 0. `None` if the effect was not requested.
+    pub pixels: Option<f64>,
+    /// Time that the effect takes: median over pairs of the time with all of it minus the time with none of it.
+    pub ms: Option<Interval>,
+    /// Time that the decision saves on every view; `None` where it runs in full.
+    pub saved_ms: Option<Interval>,
+    /// Time spent on the decision.
+    pub spent_ms: f64,
+}
+
+/// A median over pairs, and the middle half of the pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Interval {
+    /// The median.
+    pub median: f64,
+    /// The quartiles.
+    pub quartiles: [f64; 2],
 }
 
 impl EffectPlan {
-    /// Times each effect by alternating renderings with and without it; every other effect runs as requested.
+    /// Times each effect by alternating renderings with and without it, and with what its decision leaves of it; every
+    /// other effect runs as requested.
     ///
     /// # Errors
     /// As [`Renderer::render`].
     pub fn explain(
         &self,
         renderer: &mut dyn Renderer,
-        gaussians: &Gaussians,
+        scene: &Scene<'_>,
         pairs: usize,
     ) -> Result<Explanation, SplatError> {
-        let pairs = if pairs == 0 { 1 } else { pairs };
+        let mut timer = Timer { renderer, scene, pairs: if pairs == 0 { 1 } else { pairs } };
         let mut effects = Vec::with_capacity(EFFECTS.len());
-        for (effect, decision) in EFFECTS.iter().zip(self.decisions()) {
-            let ms = if decision.verdict == Verdict::NotAsked {
-                None
-            } else {
+        for ((effect, decision), secs) in EFFECTS.iter().zip(self.decisions()).zip(self.secs_each()) {
+            let (mut pixels, mut ms, mut saved_ms) = (None, None, None);
+            if decision.verdict != Verdict::NotAsked {
                 let mut without = self.requested().clone();
                 effect.remove_from(&mut without);
-                let differences = time_pairs(renderer, gaussians, [self.requested(), &without], pairs)?;
-                Some(median(differences.iter().map(|[with, without]| with - without)))
-            };
-            effects.push(Cost { decision: decision.clone(), ms });
+                let (times, images) = timer.pairs([self.requested(), &without])?;
+                pixels = Some(share_of_pixels(*effect, &images, self.tolerance()));
+                ms = Some(Interval::of_differences(&times));
+            }
+            if matches!(decision.verdict, Verdict::Reduced | Verdict::LeftOut) {
+                let alone = effect.assess(scene, self.requested(), self.tolerance()).reduced;
+                saved_ms = match (alone, decision.verdict) {
+                    (Some(alone), _) => Some(Interval::of_differences(&timer.pairs([self.requested(), &alone])?.0)),
+                    (None, Verdict::LeftOut) => ms,
+                    (None, _) => None,
+                };
+            }
+            effects.push(Cost { decision: decision.clone(), pixels, ms, saved_ms, spent_ms: 1e3 * secs });
         }
-        let pair_times = time_pairs(renderer, gaussians, [self.requested(), self.reduced()], pairs)?;
+        let (times, [asked, reduced]) = timer.pairs([self.requested(), self.reduced()])?;
         Ok(Explanation {
-            renderer: renderer.name(),
             tolerance: self.tolerance(),
             effects,
             plan_ms: 1e3 * self.secs(),
-            asked_ms: median(pair_times.iter().map(|[requested, _]| *requested)),
-            reduced_ms: median(pair_times.iter().map(|[_, reduced]| *reduced)),
-            pairs,
+            views: scene.views(),
+            asked_ms: median(times.iter().map(|[requested, _]| *requested)),
+            reduced_ms: median(times.iter().map(|[_, reduced]| *reduced)),
+            largest_change: changes(&asked, &reduced).fold(0.0, f64::maximum_of),
+            pairs: timer.pairs,
+            renderer: timer.renderer.name(),
         })
     }
 }
 
-/// Milliseconds of two requests rendered alternately, after one warm-up pair.
-fn time_pairs(
-    renderer: &mut dyn Renderer,
-    gaussians: &Gaussians,
-    requests: [&Request; 2],
+struct Timer<'a> {
+    renderer: &'a mut dyn Renderer,
+    scene: &'a Scene<'a>,
     pairs: usize,
-) -> Result<Vec<[f64; 2]>, SplatError> {
-    let mut times = Vec::with_capacity(pairs);
-    for pair in 0..=pairs {
-        let mut pair_times = [0.0; 2];
-        for (slot, request) in pair_times.iter_mut().zip(requests) {
+}
+
+impl Timer<'_> {
+    /// Milliseconds of two requests rendered alternately, after one warm-up pair, and their images.
+    fn pairs(&mut self, requests: [&Request; 2]) -> Result<(Vec<[f64; 2]>, [Rendering<f32>; 2]), SplatError> {
+        let mut render = |request: &Request| {
             let start = Instant::now();
-            renderer.render(gaussians, &request.view, &request.options)?;
-            *slot = 1e3 * start.elapsed().as_secs_f64();
-        }
-        if pair > 0 {
-            times.push(pair_times);
-        }
+            let image = self.renderer.render(self.scene.gaussians(), &request.view, &request.options)?;
+            Ok::<_, SplatError>((1e3 * start.elapsed().as_secs_f64(), image))
+        };
+        let [first, second] = requests;
+        let images = [render(first)?.1, render(second)?.1];
+        let pair = |_| Ok::<_, SplatError>([render(first)?.0, render(second)?.0]);
+        let times = (0..self.pairs).map(pair).collect::<Result<_, _>>()?;
+        Ok((times, images))
     }
-    Ok(times)
+}
+
+impl Interval {
+    /// Of the first time minus the second.
+    fn of_differences(pairs: &[[f64; 2]]) -> Self {
+        let mut differences: Vec<f64> = pairs.iter().map(|[with, without]| with - without).collect();
+        differences.sort_by(f64::total_cmp);
+        let last = differences.len().saturating_sub(1);
+        let at = |quarters: usize| differences.get((quarters * last + 2) / 4).copied().unwrap_or(f64::NAN);
+        Self { median: median(differences.iter().copied()), quartiles: [at(1), at(3)] }
+    }
+}
+
+/// Changes of colour samples, pixel by pixel.
+fn changes(a: &Rendering<f32>, b: &Rendering<f32>) -> impl Iterator<Item = f64> {
+    let largest = |(a, b): (&[f32; 3], &[f32; 3])| {
+        a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::maximum_of)
+    };
+    a.rgb.iter().zip(&b.rgb).map(largest)
+}
+
+fn share_of_pixels(effect: &dyn Effect, [with, without]: &[Rendering<f32>; 2], tolerance: f64) -> f64 {
+    let own = [("depth", &with.depth), ("scalar", &with.scalar), ("median-depth", &with.median_depth)];
+    let own = own.into_iter().find(|(name, _)| *name == effect.name());
+    let count = match own {
+        Some((_, image)) => image.iter().flatten().filter(|value| **value != 0.0).count(),
+        None => changes(with, without).filter(|change| !(*change <= tolerance)).count(),
+    };
+    if with.rgb.is_empty() { 0.0 } else { count as f64 / with.rgb.len() as f64 }
 }
 
 #[expect(clippy::expect_used, reason = "callers time at least one pair")]
@@ -113,23 +174,51 @@ impl Display for Verdict {
     }
 }
 
+/// The median, or that the pairs do not tell it from nothing.
+impl Display for Interval {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let [low, high] = self.quartiles;
+        f.pad(&if low > 0.0 || high < 0.0 { format!("{:.2}", self.median) } else { "none".to_owned() })
+    }
+}
+
 impl Display for Explanation {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{:<16} {:<10} {:>9} {:>8}  why", "effect", "decision", "bound", "ms")?;
-        for Cost { decision, ms } in &self.effects {
+        let [effect, decision] = ["effect", "decision"];
+        writeln!(
+            f,
+            "{effect:<16} {decision:<10} {:>9} {:>7} {:>8} {:>8} {:>8}  why",
+            "bound", "pixels", "takes", "saves", "spent"
+        )?;
+        for Cost { decision, pixels, ms, saved_ms, spent_ms } in &self.effects {
             let bound = match decision.bound {
                 Some(0.0) => "0".to_owned(),
                 Some(bound) => format!("{bound:.1e}"),
                 None => "-".to_owned(),
             };
-            let ms = ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}"));
-            writeln!(f, "{:<16} {:<10} {bound:>9} {ms:>8}  {}", decision.effect, decision.verdict, decision.reason)?;
+            let pixels = pixels.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+            let time = |ms: &Option<Interval>| ms.map_or_else(|| "-".to_owned(), |ms| ms.to_string());
+            let (takes, saves) = (time(ms), time(saved_ms));
+            writeln!(
+                f,
+                "{:<16} {:<10} {bound:>9} {pixels:>7} {takes:>8} {saves:>8} {spent_ms:>8.2}  {}",
+                decision.effect, decision.verdict, decision.reason
+            )?;
         }
         writeln!(
             f,
-            "\n{}: {:.2} ms for everything requested, {:.2} ms for what the plan left of it, {:.3} ms to decide \
-             (medians of {} pairs; tolerance {:.1e} of display range, in colour alone)",
-            self.renderer, self.asked_ms, self.reduced_ms, self.plan_ms, self.pairs, self.tolerance
+            "\n{}: {:.2} ms for everything requested, {:.2} ms for what the plan left of it, {:.3} ms to decide for this \
+             view and for what {} views share; the largest change is {:.1e}, the tolerance {:.1e} of display range \
+             (milliseconds: medians of {} alternating pairs, `none` where half of them do not agree on the sign; pixels: \
+             those that change by more than the tolerance without the effect)",
+            self.renderer,
+            self.asked_ms,
+            self.reduced_ms,
+            self.plan_ms,
+            self.views,
+            self.largest_change,
+            self.tolerance,
+            self.pairs
         )
     }
 }

@@ -1,6 +1,6 @@
 use atsplat_numeric::Extremes as _;
 
-use super::{Assessment, Effect, Request, amplitude};
+use super::{Assessment, Effect, Request, Scene};
 use crate::{Exposure, Gaussians};
 
 /// An affine map of colours after compositing.
@@ -20,7 +20,7 @@ impl Effect for ExposureEffect {
         request.options.exposure = None;
     }
 
-    fn assess(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Assessment {
+    fn assess(&self, scene: &Scene<'_>, request: &Request, budget: f64) -> Assessment {
         let Some(exposure) = request.options.exposure else { return Assessment::keep("not asked for") };
         if exposure == Exposure::IDENTITY {
             return Assessment::remove(self, request, 0.0, "it is the identity");
@@ -35,7 +35,7 @@ impl Effect for ExposureEffect {
             return Assessment::keep(format!("it changes white by up to {white_change:.2e}"));
         }
         let background = request.options.background.iter().map(|value| value.abs()).fold(0.0, f64::maximum_of);
-        let brightest = amplitude::of_colour(gaussians, request.options.max_sh_degree).maximum_of(background);
+        let brightest = scene.brightest(request.options.max_sh_degree).maximum_of(background);
         let bound = difference.gain() * brightest + offset;
         if bound <= budget {
             let reason = format!("it changes no colour of this scene by more than {bound:.1e}");

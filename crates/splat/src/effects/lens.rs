@@ -2,7 +2,7 @@ use atsplat_camera::{Distortion, Lens};
 use atsplat_numeric::Extremes as _;
 use glam::DVec2;
 
-use super::{Assessment, Effect, Request, geometry};
+use super::{Assessment, Effect, Request, Scene, geometry};
 use crate::{Gaussians, View};
 
 /// Lens distortion.
@@ -22,7 +22,7 @@ impl Effect for LensEffect {
         request.view.camera.distortion = Distortion::None;
     }
 
-    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
+    fn assess(&self, scene: &Scene<'_>, request: &Request, _: f64) -> Assessment {
         let zero_distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
         if request.view.camera.distortion == zero_distortion {
             return Assessment::remove(self, request, 0.0, "its coefficients are zero");
@@ -34,7 +34,7 @@ impl Effect for LensEffect {
         if moved != 0.0 {
             return Assessment::keep(format!("it moves the image border by {moved:.2e} pixels"));
         }
-        geometry::remove_if_unused(self, gaussians, request, "it moves no Gaussian that is drawn")
+        geometry::remove_if_unused(self, scene.gaussians(), request, "it moves no Gaussian that is drawn")
     }
 }
 

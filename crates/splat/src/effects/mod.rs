@@ -1,9 +1,9 @@
 //! Effects that rendering may skip, one per file, and the plan that runs only what a scene calls for.
 //!
 //! A plan is a reduced request, which every backend renders like any other, so that a skipped effect costs nothing.
-//! Bounds are proved from the data in exact arithmetic; f32 rounding comes on top, as between any two backends. Only
-//! colour ever changes: shapes, positions and opacities stay, and with them the alpha, depth and scalar images and
-//! every threshold decision.
+//! Bounds are proved from the data in exact arithmetic; f32 rounding comes on top, as between any two backends. Shapes,
+//! positions and opacities stay, and with them every threshold decision and the depth and scalar images; alpha loses at
+//! most the tolerance, where nothing but Gaussians behind opaque ones is left out.
 //!
 //! **For rendering, not for training.** A reduced request has other gradients: SH coefficients that are all zero have a
 //! gradient, which the reduced options would drop. Differentiate the original request, never the reduced one.
@@ -15,8 +15,10 @@ mod channels;
 mod explain;
 mod exposure;
 mod geometry;
+mod hidden;
 mod lens;
 mod plan;
+mod scene;
 mod selection;
 mod summary;
 mod view_dependence;
@@ -27,6 +29,7 @@ use crate::{Gaussians, RenderOptions, View};
 
 pub use explain::{Cost, Explanation};
 pub use plan::{Decision, EffectPlan, Verdict};
+pub use scene::Scene;
 pub use selection::EffectSelection;
 pub use summary::EffectSummary;
 
@@ -51,7 +54,7 @@ pub trait Effect: Debug + Send + Sync {
     fn remove_from(&self, request: &mut Request);
 
     /// Finds the smallest part of it that this scene needs if colour may change by `budget`, see [`Assessment::bound`].
-    fn assess(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Assessment;
+    fn assess(&self, scene: &Scene<'_>, request: &Request, budget: f64) -> Assessment;
 }
 
 /// Whether a scene needs an effect.
@@ -80,8 +83,9 @@ impl Assessment {
     }
 }
 
-/// Every effect, in order of assessment: exposure first, because it scales the changes of the others.
-pub const EFFECTS: [&dyn Effect; 8] = [
+/// Every effect, in order of assessment: exposure first, because it scales the changes of the others; `hidden` last,
+/// because it can use whatever tolerance is left.
+pub const EFFECTS: [&dyn Effect; 9] = [
     &exposure::ExposureEffect,
     &view_dependence::ViewDependence,
     &lens::LensEffect,
@@ -90,6 +94,7 @@ pub const EFFECTS: [&dyn Effect; 8] = [
     &channels::DEPTH,
     &channels::SCALAR,
     &channels::MEDIAN_DEPTH,
+    &hidden::Hidden,
 ];
 
 impl Request {

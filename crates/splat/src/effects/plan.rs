@@ -2,7 +2,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::{Assessment, EFFECTS, Effect, EffectSelection, Request};
+use super::{Assessment, EFFECTS, Effect, EffectSelection, Request, Scene};
 use crate::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
 
 /// Which requested effects run for a scene, and why.
@@ -13,7 +13,8 @@ pub struct EffectPlan {
     /// One per effect, in the order of [`EFFECTS`].
     decisions: Vec<Decision>,
     tolerance: f64,
-    secs: f64,
+    /// Seconds spent on each decision.
+    secs: Vec<f64>,
 }
 
 /// The decision on an effect.
@@ -45,35 +46,40 @@ pub enum Verdict {
 }
 
 impl EffectPlan {
-    /// Default tolerance: a quarter of an 8-bit step.
-    pub const TOLERANCE: f64 = 1.0 / 1024.0;
+    /// Default tolerance: a quarter of a grey level of 8 bits.
+    pub const TOLERANCE: f64 = 0.25 / 255.0;
+    /// The budget of effects that are left out by name, so that any finite bound is reported.
+    pub(super) const UNLIMITED: f64 = f64::MAX;
 
     /// Decides which effects a scene needs.
     ///
     /// Under [`EffectSelection::Auto`] the skipped effects together change each colour sample by at most `tolerance`,
-    /// in units of display range, and no other image. The other selections report the bounds but do not enforce them.
+    /// in units of display range, alpha by at most as much, and no other image. The other selections report the bounds but do not enforce them.
     ///
     /// # Errors
     /// [`SplatError::Tolerance`] if it is negative or not finite, [`SplatError::Options`] for invalid options,
     /// [`SplatError::View`] and [`SplatError::Camera`] for an invalid view.
     pub fn for_scene(
-        gaussians: &Gaussians,
+        scene: &Scene<'_>,
         view: &View,
         options: &RenderOptions,
         selection: &EffectSelection,
         tolerance: f64,
     ) -> Result<Self, SplatError> {
-        let start = Instant::now();
         if !(tolerance >= 0.0 && tolerance.is_finite()) {
             return Err(SplatError::Tolerance { found: tolerance });
         }
         options.check()?;
         view.optics(&options.constants)?;
         let requested = Request { view: *view, options: options.clone() };
-        let mut planning = Planning { gaussians, selection, reduced: requested.clone(), budget: tolerance };
-        let decisions = EFFECTS.iter().map(|effect| planning.decide(*effect)).collect();
+        let mut planning = Planning { scene, selection, reduced: requested.clone(), budget: tolerance };
+        let timed = |effect: &&dyn Effect| {
+            let start = Instant::now();
+            (planning.decide(*effect), start.elapsed().as_secs_f64())
+        };
+        let (decisions, secs) = EFFECTS.iter().map(timed).unzip();
         let reduced = planning.reduced;
-        Ok(Self { requested, reduced, decisions, tolerance, secs: start.elapsed().as_secs_f64() })
+        Ok(Self { requested, reduced, decisions, tolerance, secs })
     }
 
     /// The original request.
@@ -97,8 +103,13 @@ impl EffectPlan {
     }
 
     /// Wall-clock seconds spent planning.
-    pub const fn secs(&self) -> f64 {
-        self.secs
+    pub fn secs(&self) -> f64 {
+        self.secs.iter().sum()
+    }
+
+    /// Wall-clock seconds spent on each decision.
+    pub(super) fn secs_each(&self) -> &[f64] {
+        &self.secs
     }
 
     /// Renders the reduced request, and fills in the images that are known to be zero.
@@ -125,7 +136,7 @@ impl EffectPlan {
 
 /// State while planning.
 struct Planning<'a> {
-    gaussians: &'a Gaussians,
+    scene: &'a Scene<'a>,
     selection: &'a EffectSelection,
     reduced: Request,
     /// Remaining tolerance.
@@ -135,7 +146,7 @@ struct Planning<'a> {
 impl Planning<'_> {
     fn decide(&mut self, effect: &dyn Effect) -> Decision {
         let decision = |verdict, bound, reason: String| Decision { effect: effect.name(), verdict, bound, reason };
-        if !effect.is_requested(self.gaussians, &self.reduced) {
+        if !effect.is_requested(self.scene.gaussians(), &self.reduced) {
             return decision(Verdict::NotAsked, Some(0.0), "not asked for".to_owned());
         }
         if *self.selection == EffectSelection::Auto {
@@ -144,8 +155,7 @@ impl Planning<'_> {
         if self.selection.allows(effect.name()) {
             return decision(Verdict::Runs, None, format!("chosen by `{}`", self.selection));
         }
-        // Unlimited, so that any finite bound is reported.
-        let Assessment { bound, reason, .. } = effect.assess(self.gaussians, &self.reduced, f64::MAX);
+        let Assessment { bound, reason, .. } = effect.assess(self.scene, &self.reduced, EffectPlan::UNLIMITED);
         effect.remove_from(&mut self.reduced);
         let reason = match bound {
             Some(_) => format!("left out by `{}`; {reason}", self.selection),
@@ -155,14 +165,17 @@ impl Planning<'_> {
     }
 
     fn assess(&mut self, effect: &dyn Effect) -> Decision {
-        let Assessment { reduced, bound, reason } = effect.assess(self.gaussians, &self.reduced, self.budget);
+        let Assessment { reduced, bound, reason } = effect.assess(self.scene, &self.reduced, self.budget);
         let (Some(reduced), Some(change)) = (reduced, bound) else {
             return Decision { effect: effect.name(), verdict: Verdict::Runs, bound, reason };
         };
         self.reduced = reduced;
         self.budget -= change;
-        let verdict =
-            if effect.is_requested(self.gaussians, &self.reduced) { Verdict::Reduced } else { Verdict::LeftOut };
+        let verdict = if effect.is_requested(self.scene.gaussians(), &self.reduced) {
+            Verdict::Reduced
+        } else {
+            Verdict::LeftOut
+        };
         Decision { effect: effect.name(), verdict, bound, reason }
     }
 }

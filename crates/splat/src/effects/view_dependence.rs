@@ -1,11 +1,16 @@
-use super::{Assessment, Effect, Request, amplitude};
-use crate::Gaussians;
+use std::sync::Arc;
+
+use super::{Assessment, Effect, EffectPlan, Request, Scene, amplitude};
+use crate::{Gaussians, Harmonics};
 
 /// Spherical harmonics above degree 0: view-dependent colour.
 ///
-/// Compositing weights sum to at most 1, so no pixel changes by more than the colour of some Gaussian.
+/// Decided for each Gaussian, once for all views: which bands it needs, see [`Harmonics`].
 #[derive(Debug)]
 pub(super) struct ViewDependence;
+
+/// Share of the remaining tolerance: the rest is for what follows.
+const SHARE: f64 = 0.5;
 
 impl Effect for ViewDependence {
     fn name(&self) -> &'static str {
@@ -18,31 +23,53 @@ impl Effect for ViewDependence {
 
     fn remove_from(&self, request: &mut Request) {
         request.options.max_sh_degree = 0;
+        request.options.harmonics = None;
     }
 
-    fn assess(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Assessment {
-        let degree = amplitude::degree(gaussians, request.options.max_sh_degree);
-        if amplitude::is_flat(gaussians, degree) {
-            return Assessment::remove(self, request, 0.0, "every coefficient above degree 0 is zero");
-        }
+    fn assess(&self, scene: &Scene<'_>, request: &Request, budget: f64) -> Assessment {
+        let degree = amplitude::degree(scene.gaussians(), request.options.max_sh_degree);
         let gain = request.gain();
-        let last_band = |above: &amplitude::Above| above[usize::from(degree)] * gain;
-        let above = amplitude::above(gaussians, degree, |above| !(last_band(above) <= budget));
-        let kept = (0..degree).find_map(|kept| {
-            let change = above.get(usize::from(kept) + 1)? * gain;
-            (change <= budget).then_some((kept, change))
-        });
-        let Some((kept, change)) = kept else {
-            let change = last_band(&above);
-            return Assessment::keep(if change.is_finite() {
-                format!("degree {degree} alone may change a colour by {change:.2}")
-            } else {
-                format!("a coefficient up to degree {degree} is not finite or too large to be drawn")
-            });
-        };
-        let mut reduced = request.clone();
-        reduced.options.max_sh_degree = kept;
-        let reason = format!("no colour changes by more than {change:.1e} above degree {kept}");
-        Assessment { reduced: Some(reduced), bound: Some(change), reason }
+        if !(budget < EffectPlan::UNLIMITED) {
+            return of_removal(self, scene, request, degree);
+        }
+        if scene.views() < Scene::FEWEST_VIEWS {
+            let few = scene.views();
+            return Assessment::keep(format!(
+                "for {few} views, finding out what shows would take longer than it saves"
+            ));
+        }
+        match scene.harmonics(degree, SHARE * budget / gain) {
+            Some(packed) => packed_into(request, packed, gain),
+            None => Assessment::keep(format!("nearly every Gaussian shows its bands up to degree {degree}")),
+        }
+    }
+}
+
+fn packed_into(request: &Request, packed: Arc<Harmonics>, gain: f64) -> Assessment {
+    let bound = packed.bound() * gain;
+    let all = packed.len() as f64;
+    let shares = (0u8..).zip(packed.kept()).filter(|(_, count)| *count > 0);
+    let shares: Vec<String> =
+        shares.map(|(degree, count)| format!("{:.0} % to degree {degree}", 100.0 * count as f64 / all)).collect();
+    let mut reduced = request.clone();
+    reduced.options.max_sh_degree = packed.degree();
+    reduced.options.harmonics = Some(packed);
+    let reason = format!("of the Gaussians, {} show: no colour changes by more than {bound:.1e}", shares.join(", "));
+    Assessment { reduced: Some(reduced), bound: Some(bound), reason }
+}
+
+/// All of it, whatever that changes.
+fn of_removal(effect: &dyn Effect, scene: &Scene<'_>, request: &Request, degree: u8) -> Assessment {
+    let [_, change, ..] = amplitude::above(scene.gaussians(), degree);
+    let change = change * request.gain();
+    if change.is_finite() {
+        Assessment::remove(
+            effect,
+            request,
+            change,
+            format!("no colour changes by more than {change:.1e} above degree 0"),
+        )
+    } else {
+        Assessment::keep(format!("a coefficient up to degree {degree} is not finite or too large to be drawn"))
     }
 }

@@ -1,3 +1,5 @@
+use std::borrow::Cow;
+
 use super::GpuError;
 use super::context::Context;
 use super::kernels::Pool;
@@ -116,13 +118,27 @@ impl GpuGaussians {
     }
 
     /// Copies Gaussians to the device, into buffers of the pool.
-    pub(super) fn upload(context: &Context, pool: &mut Pool, gaussians: &Gaussians) -> Result<Self, GpuError> {
+    ///
+    /// Bands above `max_degree` stay behind, which shortens the largest of the copies.
+    pub(super) fn upload(
+        context: &Context,
+        pool: &mut Pool,
+        gaussians: &Gaussians,
+        max_degree: u8,
+    ) -> Result<Self, GpuError> {
         let of = gaussians.parts();
-        let stored = sh_coefficients(of.sh_degree);
-        let each = part_length(context, of.sh_degree);
+        let (stored, sh_degree) = (sh_coefficients(of.sh_degree), of.sh_degree.min(max_degree));
+        let used = sh_coefficients(sh_degree);
+        let each = part_length(context, sh_degree);
         let mut parts = Vec::new();
         for (at, from) in (0..gaussians.len()).step_by(each).enumerate() {
             let past = (from + each).min(gaussians.len());
+            let sh = &of.sh[from * stored..past * stored];
+            let sh: Cow<'_, [[f32; 3]]> = if used == stored {
+                Cow::Borrowed(sh)
+            } else {
+                Cow::Owned(sh.chunks_exact(stored).flat_map(|own| own.iter().take(used)).copied().collect())
+            };
             let mut upload = |name, values: &[f32]| -> Result<wgpu::Buffer, GpuError> {
                 let bytes: &[u8] = bytemuck::cast_slice(values);
                 let buffer = pool.get(context, name, at, bytes.len() as u64)?;
@@ -137,12 +153,12 @@ impl GpuGaussians {
                 quaternions: upload("quaternions", of.quaternions[from..past].as_flattened())?,
                 log_scales: upload("log scales", of.log_scales[from..past].as_flattened())?,
                 opacity_logits: upload("opacity logits", &of.opacity_logits[from..past])?,
-                sh: upload("harmonics", of.sh[from * stored..past * stored].as_flattened())?,
+                sh: upload("harmonics", sh.as_flattened())?,
                 scalars: of.scalars.as_ref().map(|values| upload("scalars", &values[from..past])).transpose()?,
                 filter_3d: of.filter_3d.as_ref().map(|values| upload("3D filters", &values[from..past])).transpose()?,
             });
         }
-        Ok(Self { sh_degree: of.sh_degree, parts })
+        Ok(Self { sh_degree, parts })
     }
 }
 

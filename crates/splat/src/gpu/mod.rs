@@ -50,7 +50,9 @@ pub use verdict_cache::VerdictCache;
 
 use std::time::Instant;
 
-use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View};
+use crate::{
+    Gaussians, Gradients, ImageGradients, MAX_SH_DEGREE, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
+};
 use context::Context;
 use kernels::{Pipelines, Pool};
 use panics::catch_panics;
@@ -208,7 +210,7 @@ impl GpuRenderer {
     pub fn upload(&mut self, gaussians: &Gaussians) -> Result<GpuGaussians, SplatError> {
         check_memory(gaussians.size_in_bytes(), self.options.memory_limit)?;
         let context = &self.context;
-        context.guarded(|| Ok(GpuGaussians::upload(context, &mut Pool::default(), gaussians)?))
+        context.guarded(|| Ok(GpuGaussians::upload(context, &mut Pool::default(), gaussians, MAX_SH_DEGREE)?))
     }
 
     /// Renders Gaussians on the device into buffers that stay there. Only the number of (tile, Gaussian) pairs is read
@@ -313,8 +315,12 @@ impl Renderer for GpuRenderer {
         self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         let (rendering, timings) = context.guarded(|| {
+            options.check_harmonics(gaussians)?;
             check_memory_before_upload(gaussians, view, limits.memory_limit)?;
-            let resident = GpuGaussians::upload(context, pool, gaussians)?;
+            // No Gaussian keeps a band above the packed degree, so that dropping it is within the packed bound.
+            let packed = options.harmonics.as_ref().map_or(MAX_SH_DEGREE, |packed| packed.degree());
+            let degree = options.max_sh_degree.min(packed);
+            let resident = GpuGaussians::upload(context, pool, gaussians, degree)?;
             let mut recorder = Recorder::new(context, pipelines);
             let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
             let job = Job { gaussians: &resident, view, options };
@@ -340,7 +346,7 @@ impl Renderer for GpuRenderer {
         let Self { context, pool, pipelines, options: limits, .. } = self;
         let (gradients, timings) = context.guarded(|| {
             check_memory_before_upload(gaussians, view, limits.memory_limit)?;
-            let resident = GpuGaussians::upload(context, pool, gaussians)?;
+            let resident = GpuGaussians::upload(context, pool, gaussians, MAX_SH_DEGREE)?;
             view.optics(&options.constants)?;
             let images = GpuImageGradients::upload(context, pool, view, &images::strips(context, view)?, images)?;
             let mut recorder = Recorder::new(context, pipelines);

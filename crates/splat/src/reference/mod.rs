@@ -78,6 +78,7 @@ pub(crate) fn project_unchecked(
     view: &View,
     options: &RenderOptions,
 ) -> Result<Vec<Option<Projection>>, SplatError> {
+    options.check_harmonics(gaussians)?;
     let optics = view.optics(&options.constants)?;
     let one = |position| {
         let splat = project::project(gaussians, position, &optics, view.size, options).ok()?;
@@ -115,6 +116,7 @@ pub(crate) fn backward_unchecked(
     images: &ImageGradients<f64>,
 ) -> Result<Gradients<f64>, SplatError> {
     images.check(view)?;
+    let options = &*options.in_full();
     let images = options.before_exposure(images);
     let (splats, _) = prepare(gaussians, view, options)?;
     let mut gradients = Gradients::zero(gaussians);
@@ -143,6 +145,7 @@ fn prepare(
     view: &View,
     options: &RenderOptions,
 ) -> Result<(Vec<Splat>, Rendering<f64>), SplatError> {
+    options.check_harmonics(gaussians)?;
     let optics = view.optics(&options.constants)?;
     let (images, limit) = (Rendering::<f64>::bytes(view, options), LIMIT);
     if images > limit {

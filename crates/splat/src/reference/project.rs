@@ -220,11 +220,15 @@ fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
 fn colour(gaussians: &Gaussians, position: usize, direction: DVec3, options: &RenderOptions) -> Option<DVec3> {
     let parts = gaussians.parts();
     let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
-    let stored = sh_coefficients(parts.sh_degree);
-    let coefficients = parts.sh[position * stored..].iter().take(sh_coefficients(degree));
     let basis = sh::basis(degree, direction.to_array());
-    let sum = coefficients.zip(basis).fold(DVec3::splat(0.5), |sum, (coefficient, value)| {
-        sum + value * DVec3::from_array(coefficient.map(f64::from))
-    });
+    let add = |sum, (coefficient, value): ([f64; 3], f64)| sum + value * DVec3::from_array(coefficient);
+    let stored = sh_coefficients(parts.sh_degree);
+    let own = &parts.sh[position * stored..][..sh_coefficients(degree)];
+    let (first, upper) = match &options.harmonics {
+        Some(packed) => packed.of(position)?,
+        None => (own[0], &own[1..]),
+    };
+    let coefficients = std::iter::once(&first).chain(upper).map(|coefficient| coefficient.map(f64::from));
+    let sum = coefficients.zip(basis).fold(DVec3::splat(0.5), add);
     (sum.abs().max_element() <= LARGEST_CHANNEL && sum.is_finite()).then_some(sum)
 }
