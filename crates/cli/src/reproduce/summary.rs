@@ -31,6 +31,7 @@ pub(super) fn write(
     let request = Request {
         title: "Results beside the paper".to_owned(),
         tables: TableDefinition::names().map(str::to_owned).collect(),
+        protocols: true,
         formats: vec![
             TableFormat::Terminal,
             TableFormat::Markdown,
@@ -59,7 +60,7 @@ pub(super) fn print(
         (trials + results.trials.len(), targets + results.targets.len())
     });
     let mut text = format!("{trials} trials, {targets} targets; ATSplat: {}\n\n", trained.description);
-    for table in &report.tables {
+    for table in report.tables.iter().filter(|table| table.is_published()) {
         let verdict = verdict(table);
         writeln!(text, "{}", table.title)?;
         if let Some(headline) = &verdict.headline {

@@ -101,18 +101,18 @@ fn marks_agree_with_the_paper() {
     let overlap = published("re10k_overlap");
     let (psnr, ssim, lpips) = (0, 1, 2);
     for (group, column, best, second) in [
-        (1, psnr, vec!["Ours"], vec!["iLRM"]),
-        (1, ssim, vec!["Ours"], vec!["iLRM"]),
-        (1, lpips, vec!["iLRM"], vec!["Ours"]),
-        (2, psnr, vec!["Ours"], vec!["iLRM"]),
-        (2, ssim, vec!["iLRM"], vec!["Ours"]),
-        (2, lpips, vec!["iLRM"], vec!["Ours"]),
-        (3, ssim, vec!["iLRM"], vec!["DepthSplat", "Ours"]),
+        (1, psnr, vec!["ATSplat"], vec!["iLRM"]),
+        (1, ssim, vec!["ATSplat"], vec!["iLRM"]),
+        (1, lpips, vec!["iLRM"], vec!["ATSplat"]),
+        (2, psnr, vec!["ATSplat"], vec!["iLRM"]),
+        (2, ssim, vec!["iLRM"], vec!["ATSplat"]),
+        (2, lpips, vec!["iLRM"], vec!["ATSplat"]),
+        (3, ssim, vec!["iLRM"], vec!["DepthSplat", "ATSplat"]),
         (3, lpips, vec!["iLRM"], vec!["DepthSplat"]),
-        (4, psnr, vec!["iLRM", "Ours"], vec!["DepthSplat"]),
-        (4, ssim, vec!["iLRM"], vec!["Ours"]),
+        (4, psnr, vec!["iLRM", "ATSplat"], vec!["DepthSplat"]),
+        (4, ssim, vec!["iLRM"], vec!["ATSplat"]),
         (4, lpips, vec!["iLRM"], vec!["DepthSplat"]),
-        (0, 0, vec!["Ours"], vec![]),
+        (0, 0, vec!["ATSplat"], vec![]),
     ] {
         assert_eq!(marked(&overlap, group, column, Mark::Best), best, "group {group}, column {column}");
         // With two best values, the paper marks no second.
@@ -122,7 +122,7 @@ fn marks_agree_with_the_paper() {
     }
     let cross = published("cross_dataset");
     assert_eq!(marked(&cross, 0, lpips, Mark::Best), ["DepthSplat", "iLRM"]);
-    assert_eq!(marked(&cross, 0, lpips, Mark::Second), ["Ours"]);
+    assert_eq!(marked(&cross, 0, lpips, Mark::Second), ["ATSplat"]);
     let re10k = published("re10k");
     assert_eq!(
         (marked(&re10k, 0, lpips, Mark::Best), marked(&re10k, 0, lpips, Mark::Second)),

@@ -1,9 +1,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::PresetRecord;
+use atsplat_eval::{MethodRecord, PresetRecord};
 use atsplat_protocol::{OverlapBins, Preset};
 
-use super::Source;
+use super::{Row, Source};
 use crate::ReportError;
 use crate::definition::TableDefinition;
 
@@ -94,6 +94,14 @@ impl Edition<'_> {
         self.suffix == Some(suffix) && records.iter().all(same)
     }
 
+    /// The method of a measured row under a preset.
+    pub(super) fn method(&self, preset: &str, row: &Row) -> Option<(&Part<'_>, &MethodRecord)> {
+        let parts = self.parts.iter().filter(|part| part.preset.published() == preset);
+        let part = parts.filter(|part| Some(part.source.label) == row.store.as_deref()).next()?;
+        let records = &part.source.results.provenance.methods;
+        Some((part, records.iter().find(|record| Some(&record.name) == row.method.as_ref())?))
+    }
+
     /// Names of the presets that were run in place of a published preset, or of any; `None` if all were run as published.
     pub(super) fn other_setting(&self, preset: Option<&str>) -> Option<String> {
         let of_preset = |part: &&Part<'_>| preset.is_none_or(|preset| part.preset.published() == preset);
@@ -154,8 +162,12 @@ impl Part<'_> {
                 record.name, record.entries, record.entries_of_index
             ));
         }
-        let known = Preset::named(&record.preset).and_then(|preset| preset.hash());
-        let same = known.is_ok_and(|hash| hash.to_string() == record.hash);
-        (!same).then(|| format!("{}: the preset was changed", record.name))
+        self.is_changed().then(|| format!("{}: the preset was changed", record.name))
+    }
+
+    /// Whether the preset differs from the built-in one of its name.
+    pub(super) fn is_changed(&self) -> bool {
+        let known = Preset::named(&self.preset.preset).and_then(|preset| preset.hash());
+        known.map_or(true, |hash| hash.to_string() != self.preset.hash)
     }
 }

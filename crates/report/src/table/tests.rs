@@ -22,7 +22,7 @@ fn own<'a>(table: &'a Table, method: &str) -> &'a Row {
 fn measured_rows_follow_the_published_rows_they_reproduce() {
     let store = store();
     let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let ours = table.rows.iter().position(|row| row.labels == ["Ours"]).unwrap();
+    let ours = table.rows.iter().position(|row| row.labels == ["ATSplat"]).unwrap();
     assert_eq!(table.rows[ours + 1].method.as_deref(), Some("atsplat"));
     assert!(table.rows[ours + 2].without_leaked, "followed by the same row without leaked targets");
     assert_eq!(own(&table, "nearest-view").answers, None);
@@ -76,7 +76,7 @@ fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
         let marks = own(&table, "atsplat").cells[0].iter().filter(|cell| cell.mark != Mark::Plain).count();
         (fastest, marks)
     };
-    assert_eq!(one_best(false), (vec!["Ours".to_owned()], 1), "as few Gaussians as the paper's own");
+    assert_eq!(one_best(false), (vec!["ATSplat".to_owned()], 1), "as few Gaussians as the paper's own");
     assert_eq!(one_best(true).1, 0);
 }
 
