@@ -29,6 +29,7 @@ pub mod thresholds;
 pub mod timing;
 pub mod tradeoff;
 pub mod trained;
+pub mod weights_list;
 
 pub use context::network_views;
 pub use error::EvalError;

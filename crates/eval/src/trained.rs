@@ -52,7 +52,9 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn as_variant(&self, variant: &str) -> Result<Arc<dyn Method>, EvalError> {
-        self.variant(variant, &self.config)
+        let method = self.network(&format!("atsplat {variant}"), &self.config)?.variant(variant);
+        // All other variants can be read from the configuration.
+        Ok(Arc::new(if variant == "unified" { method.stating_variant(variant) } else { method }))
     }
 
     /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need

@@ -101,6 +101,13 @@ impl AtSplat {
         self
     }
 
+    /// States its variant in the record, for what its configuration does not say.
+    #[must_use]
+    pub fn stating_variant(mut self, variant: &str) -> Self {
+        self.record.parameters.insert("variant".to_owned(), variant.into());
+        self
+    }
+
     /// Records that its thresholds are these quantiles of its own scores, in place of the published ones.
     #[must_use]
     pub fn with_thresholds_at(mut self, quantiles: &[f64], published: &[f64]) -> Self {

@@ -110,6 +110,11 @@ pub(crate) fn has_own_training(record: &MethodRecord) -> bool {
         && variant(record).is_some_and(|variant| !matches!(variant.as_str(), "thresholds" | "partial-expansion"))
 }
 
+/// Whether a method is the whole of ATSplat with the paper's ratios.
+pub(crate) fn is_full(record: &MethodRecord) -> bool {
+    variant(record).as_deref() == Some("full")
+}
+
 /// Whether a method is an ablation, which benchmark tables omit.
 pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
     variant(record).is_some_and(|variant| variant != "full" && variant != "other-ratios")

@@ -12,7 +12,7 @@ mod training;
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
-pub(crate) use method_rule::{by_quantile, has_own_training, is_ablation};
+pub(crate) use method_rule::{by_quantile, has_own_training, is_ablation, is_full};
 pub use published::{Published, PublishedRow};
 pub use quantity::{Along, Quantity};
 pub(crate) use training::{name as dataset_name, never_saw};
@@ -240,6 +240,12 @@ impl TableDefinition {
         let known = builtin::PUBLISHED.iter().find(|(file, _)| *file == self.published);
         let (file, text) = known.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
         Published::parse(file, text, self)
+    }
+
+    /// Every preset that it needs.
+    pub fn presets(&self) -> Vec<&str> {
+        let groups = self.groups.iter().filter_map(|group| group.preset.as_deref());
+        groups.chain(self.rows.iter().filter_map(|row| row.preset.as_deref())).collect()
     }
 
     /// The name of the published column.

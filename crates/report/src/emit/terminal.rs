@@ -77,7 +77,10 @@ impl Terminal {
         let mut part: Vec<Place> = Vec::new();
         let mut used = lead;
         for group in columns.chunk_by(|a, b| a.0 == b.0) {
-            let together: usize = group.iter().map(width).sum();
+            let columns_of: usize = group.iter().map(width).sum();
+            // A heading wider than its columns widens the last of them.
+            let heading = group.first().map_or(0, |place| table.groups[place.0].title.width() + 3);
+            let together = columns_of.max(heading);
             for (at, place) in group.iter().enumerate() {
                 let own = width(place);
                 let needed = if at == 0 { together } else { own };
@@ -85,7 +88,7 @@ impl Terminal {
                     parts.push(std::mem::take(&mut part));
                     used = lead;
                 }
-                used += own;
+                used += if at == 0 { own + together - columns_of } else { own };
                 part.push(*place);
             }
         }

@@ -12,7 +12,7 @@ use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials
 use crate::ReportError;
 use crate::definition::{
     ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, by_quantile, has_own_training,
-    is_ablation, never_saw,
+    is_ablation, is_full, never_saw,
 };
 use crate::plot::Origin;
 
@@ -200,9 +200,10 @@ fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
 /// Whether a method runs the weights of another method under another configuration that expands or selects differently.
 fn shares_weights(edition: &Edition<'_>, record: &MethodRecord) -> bool {
     let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
-    is_ablation(record)
+    let trained_so = |other: &MethodRecord| is_full(other) || (is_ablation(record) && !is_ablation(other));
+    !is_full(record)
         && record.weights_sha256.is_some()
-        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && !is_ablation(other))
+        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && trained_so(other))
 }
 
 /// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run.
@@ -297,7 +298,8 @@ fn remarks(
         remarks.extend(never_saw(record, &part.protocol.dataset));
         if let Some(thresholds) = by_quantile(record) {
             remarks.push(format!("thresholds {thresholds}"));
-        } else if shares_weights(edition, record) {
+        }
+        if shares_weights(edition, record) {
             remarks.push(INFERENCE_ONLY.to_owned());
         }
     }

@@ -43,7 +43,7 @@ pub(super) fn editions<'a>(
     sources: &[Source<'a>],
     mix: bool,
 ) -> Result<Vec<Edition<'a>>, ReportError> {
-    let needed = presets(definition);
+    let needed = definition.presets();
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
         let own = source.results.provenance.presets.iter().filter(|record| needed.contains(&record.published()));
@@ -77,12 +77,6 @@ pub(super) fn editions<'a>(
 fn suffix_of(record: &PresetRecord) -> &str {
     let own = record.name.strip_prefix(record.preset.as_str()).unwrap_or("");
     if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
-}
-
-/// Every preset that a definition needs.
-pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
-    let groups = definition.groups.iter().filter_map(|group| group.preset.as_deref());
-    groups.chain(definition.rows.iter().filter_map(|row| row.preset.as_deref())).collect()
 }
 
 impl Edition<'_> {
@@ -152,6 +146,9 @@ impl Part<'_> {
         let record = self.preset;
         if let Some(published) = &record.stands_for {
             return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
+        }
+        if self.protocol.index.accepted.is_empty() {
+            return Some(format!("{}: no published protocol ({})", record.name, record.dataset));
         }
         if record.index_name.is_none() {
             return Some(format!("{}: the index is not a published one ({})", record.name, record.dataset));

@@ -67,7 +67,7 @@ fn few_scenes(notes: &mut Notes, table: &Table) {
     let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
     let counts = cells.filter(|cell| cell.value.number().is_some()).filter_map(|cell| cell.counts);
     if counts.map(|counts| counts.scenes).any(|scenes| scenes < FEWEST_SCENES) {
-        notes.add(NoteKind::Interval, format!("no interval with fewer than {FEWEST_SCENES} scenes"));
+        notes.add(NoteKind::LeftOut, format!("no interval with fewer than {FEWEST_SCENES} scenes"));
     }
 }
 
@@ -270,9 +270,10 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
         let Some(text) = counts_of(&own.columns, &row.cells[group]) else { continue };
+        let title = if own.title.is_empty() { "all" } else { own.title.as_str() };
         match by_text.iter_mut().find(|(_, known)| *known == text) {
-            Some((groups, _)) => groups.push(&own.title),
-            None => by_text.push((vec![&own.title], text)),
+            Some((groups, _)) => groups.push(title),
+            None => by_text.push((vec![title], text)),
         }
     }
     let parts: Vec<String> = match by_text.as_slice() {

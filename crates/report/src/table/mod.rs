@@ -9,6 +9,8 @@ mod orders;
 mod protocol;
 mod rank;
 #[cfg(test)]
+mod statement_tests;
+#[cfg(test)]
 mod tests;
 mod trainings;
 mod verdict;
@@ -254,7 +256,7 @@ pub enum NoteKind {
     Busy,
     /// Slopes over a setting.
     Trend,
-    /// Targets that are left out of means.
+    /// Targets that are left out of means, and intervals of too few scenes.
     LeftOut,
     /// The spread of several trainings.
     Trainings,

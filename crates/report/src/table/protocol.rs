@@ -26,8 +26,10 @@ pub fn protocol_tables(sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Tab
             let Some(first) = edition.parts.first() else { continue };
             let mut own = definition(protocol, groups(protocol, &edition));
             own.title.clone_from(&first.preset.title);
-            own.caption =
-                format!("Every method under the protocol {}, with 95 % intervals over scenes.", first.preset.name);
+            own.caption = format!(
+                "Every method under the protocol {}; in brackets, 95 % intervals over scenes.",
+                first.preset.name
+            );
             let mut found = table(&own, &[], Some(&edition));
             found.name = unused(&tables, &format!("protocol-{}", plain(&first.preset.name)));
             if found.is_measured() {

@@ -75,7 +75,10 @@ pub(super) fn mean_row(training: &Training<'_>) -> Option<Row> {
     });
     let mut remarks = vec![format!("mean of {} trainings", training.rows.len())];
     remarks.extend(first.remarks.iter().cloned());
-    // Titles are the same up to the names that tell the trainings apart.
-    let labels = first.labels.iter().map(|label| label.split(" (").next().unwrap_or(label).to_owned()).collect();
+    let mut labels = first.labels.clone();
+    // A label ends with the name in parentheses that tells the trainings apart.
+    if let Some(label) = labels.iter_mut().rev().find(|label| !label.is_empty()) {
+        label.truncate(label.rfind(" (").unwrap_or(label.len()));
+    }
     Some(Row { labels, remarks, method: None, cells: cells.collect(), ..first.clone() })
 }
