@@ -90,8 +90,9 @@ impl Edition<'_> {
 
     /// The method of a measured row under a preset.
     pub(super) fn method(&self, preset: &str, row: &Row) -> Option<(&Part<'_>, &MethodRecord)> {
-        let parts = self.parts.iter().filter(|part| part.preset.published() == preset);
-        let part = parts.filter(|part| Some(part.source.label) == row.store.as_deref()).next()?;
+        let own =
+            |part: &&Part<'_>| part.preset.published() == preset && Some(part.source.label) == row.store.as_deref();
+        let part = self.parts.iter().find(own)?;
         let records = &part.source.results.provenance.methods;
         Some((part, records.iter().find(|record| Some(&record.name) == row.method.as_ref())?))
     }
@@ -165,6 +166,6 @@ impl Part<'_> {
     /// Whether the preset differs from the built-in one of its name.
     pub(super) fn is_changed(&self) -> bool {
         let known = Preset::named(&self.preset.preset).and_then(|preset| preset.hash());
-        known.map_or(true, |hash| hash.to_string() != self.preset.hash)
+        !known.is_ok_and(|hash| hash.to_string() == self.preset.hash)
     }
 }
