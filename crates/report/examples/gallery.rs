@@ -1,0 +1,22 @@
+//! Draws every plot from synthetic data, as SVG and PNG, into a folder: `cargo run --example gallery FOLDER`.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use atsplat_report::plot::{self, PlotFormat};
+
+#[path = "../src/gallery.rs"]
+#[expect(dead_code, clippy::unwrap_used, reason = "test support, shared with the unit tests")]
+mod gallery;
+
+fn main() -> anyhow::Result<()> {
+    let folder = PathBuf::from(std::env::args().nth(1).context("expected a folder to write to")?);
+    std::fs::create_dir_all(&folder)?;
+    for (name, drawing) in gallery::gallery() {
+        for format in [PlotFormat::Svg, PlotFormat::Png] {
+            let path = folder.join(name).with_extension(format.extension());
+            std::fs::write(&path, drawing.encode(format)?).with_context(|| path.display().to_string())?;
+        }
+    }
+    Ok(())
+}
