@@ -25,15 +25,17 @@ mod sample_rows;
 pub mod sources;
 pub mod statistics;
 pub mod store;
+pub mod thresholds;
 pub mod timing;
 pub mod tradeoff;
 pub mod trained;
+pub mod weights_list;
 
 pub use context::network_views;
 pub use error::EvalError;
 pub use rows::{
     IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry, TargetRow,
-    TargetStatus, TrialKey, TrialRow, TrialStatus, WarningCount,
+    TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
 pub use run_report::RunReport;
 pub use store::Store;

@@ -9,8 +9,9 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
-use crate::EvalError;
 use crate::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsSource};
+use crate::runner::Dataset;
+use crate::{EvalError, TrainingRecord, thresholds};
 
 /// A configuration with its weights.
 #[derive(Debug)]
@@ -19,6 +20,7 @@ pub struct TrainedNetwork {
     pub config: ModelConfig,
     tensors: StoredTensors,
     weights: WeightsSource,
+    training: Option<TrainingRecord>,
     /// Description of the weights' origin.
     pub description: String,
 }
@@ -29,8 +31,10 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the file is broken.
     pub fn new(file: &TensorFile, description: String) -> Result<Self, EvalError> {
-        let ModelWeights { config, tensors, .. } = ModelWeights::of_file(file)?;
-        Ok(Self { config, tensors, weights: WeightsSource::File { sha256: file.sha256.clone() }, description })
+        let ModelWeights { config, tensors, provenance, .. } = ModelWeights::of_file(file)?;
+        let (weights, training) =
+            (WeightsSource::File { sha256: file.sha256.clone() }, TrainingRecord::of(&provenance));
+        Ok(Self { config, tensors, weights, training, description })
     }
 
     /// ATSplat as trained, and the baselines.
@@ -43,23 +47,43 @@ impl TrainedNetwork {
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 
-    /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need
-    /// their own weights and are not included.
+    /// This network under another name in the rows, with `variant` in its title.
     ///
     /// # Errors
-    /// [`EvalError::Model`] if the weights do not fit a variant.
-    pub fn variants(&self) -> Result<Vec<Arc<dyn Method>>, EvalError> {
+    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    pub fn as_variant(&self, variant: &str) -> Result<Arc<dyn Method>, EvalError> {
+        let method = self.network(&format!("atsplat {variant}"), &self.config)?.variant(variant);
+        // All other variants can be read from the configuration.
+        Ok(Arc::new(if variant == "unified" { method.stating_variant(variant) } else { method }))
+    }
+
+    /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need
+    /// their own weights and are not included. Thresholds are the paper's for its own configurations, and otherwise at
+    /// quantiles of the network's scores in the first scenes of `dataset`.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] if the weights do not fit a variant; [`EvalError::Settings`] if `dataset` has no trial.
+    pub fn variants(&self, dataset: &Dataset) -> Result<Vec<Arc<dyn Method>>, EvalError> {
         let mut variants = vec![
             self.variant("no expansion", &self.config.with_expansion_in_first(0))?,
             self.variant("random", &self.selecting(Selection::Random { seed: 0 }))?,
             self.variant("farthest point", &self.selecting(Selection::FarthestPoint {}))?,
         ];
-        for thresholds in [[0.1, 0.1, 0.4], [0.05, 0.05, 0.2], [0.01, 0.01, 0.04]] {
-            let name = thresholds.map(|threshold| threshold.to_string()).join(" ");
-            // Configurations that expand in other blocks do not accept these thresholds.
-            if let Ok(config) = self.config.with_thresholds(&thresholds) {
-                variants.push(self.variant(&name, &config)?);
+        if self.config.name.starts_with("paper-") {
+            for (thresholds, _) in thresholds::PUBLISHED {
+                // Configurations that expand in other blocks do not accept these thresholds.
+                if let Ok(config) = self.config.with_thresholds(&thresholds) {
+                    variants.push(self.variant(&spaced(&thresholds), &config)?);
+                }
             }
+            return Ok(variants);
+        }
+        let scores = thresholds::scores(&self.bare(&self.config)?, dataset)?;
+        for (published, quantiles) in thresholds::PUBLISHED {
+            let Some(own) = thresholds::at_quantiles(&scores, &quantiles) else { continue };
+            let name = format!("quantiles {}", spaced(&quantiles));
+            let method = self.network(&format!("atsplat {name}"), &self.config.with_thresholds(&own)?)?.variant(&name);
+            variants.push(Arc::new(method.with_thresholds_at(&quantiles, &published)));
         }
         Ok(variants)
     }
@@ -75,7 +99,8 @@ impl TrainedNetwork {
     }
 
     fn network(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
-        AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())
+        let method = AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())?;
+        Ok(method.trained(self.training.clone()))
     }
 
     /// The network of a configuration with these weights.
@@ -89,4 +114,8 @@ impl TrainedNetwork {
         tensors.tensors.retain(|name, _| expected.contains(name));
         Ok(Network::new(config, &Device::flex())?.with_weights(&tensors)?.trained_at(self.config.resolution))
     }
+}
+
+fn spaced(values: &[f64]) -> String {
+    values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
 }

@@ -5,7 +5,7 @@ use crate::emit::TableFormat;
 use crate::figures::{of_store, of_table};
 use crate::page::{Page, PageStore, PictureBudget, PlotSection};
 use crate::plot::{Drawing, PlotFormat};
-use crate::table::{Mixing, Source, Table, tables};
+use crate::table::{Mixing, Source, Table, protocol_tables, tables};
 use crate::{ReportError, page};
 
 /// What a report contains.
@@ -15,6 +15,8 @@ pub struct Request {
     pub title: String,
     /// Names of tables; tables without measured rows are omitted.
     pub tables: Vec<String>,
+    /// Whether every protocol gets a table of its own too.
+    pub protocols: bool,
     /// File formats of tables.
     pub formats: Vec<TableFormat>,
     /// Whether a table may mix protocols.
@@ -56,6 +58,9 @@ impl Report {
                     unmeasured.push(table.name);
                 }
             }
+        }
+        if request.protocols {
+            measured.extend(protocol_tables(&sources, request.mixing)?);
         }
         for source in &sources {
             plots.extend(of_store(source)?);

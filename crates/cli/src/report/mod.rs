@@ -26,7 +26,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", default_value = "reports/latest")]
     out: PathBuf,
 
-    /// Which of the paper's tables; by default all for which the stores have results.
+    /// Which of the paper's tables; by default all for which the stores have results, and one for every protocol.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = table_name)]
     tables: Vec<String>,
 
@@ -100,6 +100,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let request = Request {
         title: args.title.clone(),
         tables,
+        protocols: args.tables.is_empty(),
         formats: args.format.iter().map(|format| (*format).into()).collect(),
         mixing: if args.force { Mixing::Forced } else { Mixing::Apart },
         budget: PictureBudget { bytes: usize::from(args.pictures) * 1_000_000 },
@@ -133,9 +134,9 @@ fn print_tables(report: &Report) -> anyhow::Result<()> {
         print_text(&format!("{}\n", terminal.write(table)))?;
     }
     if report.tables.is_empty() {
-        return print_text("These stores have no results for any table of the paper.\n");
+        return print_text("These stores have no results.\n");
     }
-    for table in &report.tables {
+    for table in report.tables.iter().filter(|table| table.is_published()) {
         print_text(&format!("{}: {}\n", table.title, verdict(table)))?;
     }
     Ok(())

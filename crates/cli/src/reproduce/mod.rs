@@ -2,6 +2,7 @@
 
 mod expansion;
 mod summary;
+mod weights;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
 
-use crate::embedded;
+use self::weights::{Group, Listed};
 use crate::output::{print_findings, print_warnings};
 use crate::progress::Progress;
 use crate::provenance;
@@ -32,8 +33,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
 
-    /// Weights of ATSplat: a file of `atsplat train` or `atsplat weights import`; by default the embedded weights of a small
-    /// network trained on simulated rooms.
+    /// Weights of ATSplat: a file of `atsplat train` or `atsplat weights import`, or a .toml that lists them by protocol,
+    /// table and variant; by default the embedded weights of a small network trained on simulated rooms.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 
@@ -102,30 +103,36 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     let Found { datasets, mut not_run } = args.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
-    let trained = embedded::trained(args.weights.as_deref())?;
-    let of_ablations: Vec<usize> =
-        datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
-    let Evaluated { results, summary, nothing } =
-        args.evaluate("results", &datasets, &trained.methods()?, Some(TimingPlan::default()))?;
-    if let Some(why) = nothing {
-        bail!("nothing was evaluated: {why}");
+    let mut networks = Listed::new(args.weights.as_deref())?;
+    let groups = networks.groups(datasets, &mut not_run)?;
+    anyhow::ensure!(!groups.is_empty(), "nothing to run: {}", reasons(&not_run));
+    let (mut stores, mut complete, mut empty) = (Vec::new(), true, Vec::new());
+    for (at, Group { trained, datasets }) in groups.iter().enumerate() {
+        let name = numbered("results", at);
+        let evaluated = args.evaluate(&name, datasets, &trained.methods()?, Some(TimingPlan::default()))?;
+        complete &= evaluated.summary.is_complete();
+        empty.extend(evaluated.nothing);
+        stores.push((name, evaluated.results));
     }
-    let sections = match expansion::section(&datasets, &trained) {
-        Ok(section) => vec![section],
-        Err(error) => {
-            not_run.push(NotRun { what: "plots of expansion".to_owned(), why: format!("{error:#}") });
-            Vec::new()
+    if empty.len() == groups.len() {
+        bail!("nothing was evaluated: {}", empty.join("; "));
+    }
+    let mut sections = Vec::new();
+    for Group { trained, datasets } in groups.iter().take(1) {
+        match expansion::section(datasets, trained) {
+            Ok(section) => sections.push(section),
+            Err(error) => {
+                not_run.push(NotRun { what: "plots of expansion".to_owned(), why: format!("{error:#}") });
+            }
         }
-    };
-    let mut stores = vec![("results", results)];
-    let mut complete = summary.is_complete();
-    if !of_ablations.is_empty() {
-        let all = datasets.into_iter().enumerate();
-        let datasets: Vec<Dataset> = all.filter(|(at, _)| of_ablations.contains(at)).map(|(_, one)| one).collect();
+    }
+    let trained = groups.iter().map(|group| group.trained.description.clone()).collect::<Vec<_>>().join("; ");
+    for (at, (methods, datasets)) in ablations(&mut networks, groups)?.into_iter().enumerate() {
+        let name = numbered("ablations", at);
         // Ablation tables have no times.
-        let Evaluated { results, summary, .. } = args.evaluate("ablations", &datasets, &trained.variants()?, None)?;
+        let Evaluated { results, summary, .. } = args.evaluate(&name, &datasets, &methods, None)?;
         complete &= summary.is_complete();
-        stores.push(("ablations", results));
+        stores.push((name, results));
     }
     let report = summary::write(&args.out, &stores, sections, args.pictures)?;
     print_warnings(&warnings);
@@ -134,6 +141,48 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     summary::print(&report, &stores, &not_run, &trained, &args.out)?;
     Ok(complete && not_run.is_empty())
+}
+
+/// Methods of a store of ablations, and the datasets that they run on.
+type Ablations = (Vec<Arc<dyn Method>>, Vec<Dataset>);
+
+/// Variants with weights of their own, and for the protocols of the paper's ablations also those that change the network at
+/// inference, unless their name has weights of its own. Datasets with the same variants share a store.
+fn ablations(networks: &mut Listed, groups: Vec<Group>) -> anyhow::Result<Vec<Ablations>> {
+    let mut all: Vec<Ablations> = Vec::new();
+    for Group { trained, datasets } in groups {
+        // Thresholds by quantile are those of the first dataset for all of them.
+        let mut at_inference: Option<Vec<Arc<dyn Method>>> = None;
+        let mut by_names: Vec<(Vec<String>, Ablations)> = Vec::new();
+        for dataset in datasets {
+            let listed = networks.variants(&dataset)?;
+            let mut methods: Vec<Arc<dyn Method>> = listed.iter().map(|(_, method)| Arc::clone(method)).collect();
+            if is_for_ablations(&dataset) {
+                let variants = match &at_inference {
+                    Some(known) => known.clone(),
+                    None => at_inference.insert(trained.variants(&dataset)?).clone(),
+                };
+                let taken: Vec<String> = methods.iter().map(|method| method.record().name).collect();
+                methods.extend(variants.into_iter().filter(|method| !taken.contains(&method.record().name)));
+            }
+            let names: Vec<String> = methods
+                .iter()
+                .map(|method| format!("{} {:?}", method.record().name, method.record().weights_sha256))
+                .collect();
+            match by_names.iter_mut().find(|(known, _)| *known == names) {
+                _ if methods.is_empty() => {}
+                Some((_, (_, datasets))) => datasets.push(dataset),
+                None => by_names.push((names, (methods, vec![dataset]))),
+            }
+        }
+        all.extend(by_names.into_iter().map(|(_, own)| own));
+    }
+    Ok(all)
+}
+
+/// `results`, `results-2` …
+fn numbered(name: &str, at: usize) -> String {
+    if at == 0 { name.to_owned() } else { format!("{name}-{}", at + 1) }
 }
 
 fn is_for_ablations(dataset: &Dataset) -> bool {

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use atsplat_eval::Results;
 use atsplat_eval::discovery::NotRun;
-use atsplat_eval::trained::TrainedNetwork;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
@@ -18,7 +17,7 @@ use crate::output::print_text;
 /// Writes tables, plots and a page of all stores, with at most `pictures` megabytes of images.
 pub(super) fn write(
     folder: &Path,
-    stores: &[(&str, Results)],
+    stores: &[(String, Results)],
     sections: Vec<PlotSection>,
     pictures: u16,
 ) -> anyhow::Result<Report> {
@@ -31,6 +30,7 @@ pub(super) fn write(
     let request = Request {
         title: "Results beside the paper".to_owned(),
         tables: TableDefinition::names().map(str::to_owned).collect(),
+        protocols: true,
         formats: vec![
             TableFormat::Terminal,
             TableFormat::Markdown,
@@ -50,16 +50,16 @@ pub(super) fn write(
 /// Prints every table's verdict, and what could not be run.
 pub(super) fn print(
     report: &Report,
-    stores: &[(&str, Results)],
+    stores: &[(String, Results)],
     not_run: &[NotRun],
-    trained: &TrainedNetwork,
+    trained: &str,
     folder: &Path,
 ) -> anyhow::Result<()> {
     let (trials, targets) = stores.iter().fold((0, 0), |(trials, targets), (_, results)| {
         (trials + results.trials.len(), targets + results.targets.len())
     });
-    let mut text = format!("{trials} trials, {targets} targets; ATSplat: {}\n\n", trained.description);
-    for table in &report.tables {
+    let mut text = format!("{trials} trials, {targets} targets; ATSplat: {trained}\n\n");
+    for table in report.tables.iter().filter(|table| table.is_published()) {
         let verdict = verdict(table);
         writeln!(text, "{}", table.title)?;
         if let Some(headline) = &verdict.headline {

@@ -142,7 +142,8 @@ impl MethodArgs {
                 let weights = record.weights();
                 let name = name.as_deref().unwrap_or("atsplat");
                 let (seed, splatting) = (self.network.seed, self.gaussians.splatting()?);
-                Ok(Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?))
+                let method = AtSplat::new(name, network, &weights, seed, splatting)?;
+                Ok(Arc::new(method.trained(record.training())))
             }
             other => self.gaussians.imported(name.as_deref(), other),
         }

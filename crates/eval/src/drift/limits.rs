@@ -4,7 +4,7 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use serde::{Deserialize, Serialize};
 
 use crate::Results;
-use crate::statistics::{Leaked, MetricQuery, scene_means, student_quantile};
+use crate::statistics::{Identical, Leaked, MetricQuery, scene_means, student_quantile};
 
 /// How far a mean may change before it counts as drift.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,7 +58,7 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
         .collect();
     let limit = |(preset, method, metric): (&str, &str, &str)| {
-        let query = MetricQuery { preset, method, metric, leaked: Leaked::Included };
+        let query = MetricQuery { preset, method, metric, leaked: Leaked::Included, identical: Identical::Capped };
         let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &query)).collect();
         let least = least_limit(metric);
         let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));

@@ -22,6 +22,7 @@ use thiserror::Error;
 
 pub use families::{Family, ProjectedFamily, seen_by};
 pub use stages::Stage;
+pub(crate) use subject::views as context_views;
 pub use subject::{Subject, Target};
 pub use uncertainty::Uncertainty;
 

@@ -61,7 +61,7 @@ impl Subject {
     }
 }
 
-fn views(trial: &Trial) -> Result<Views, ExpansionError> {
+pub(crate) fn views(trial: &Trial) -> Result<Views, ExpansionError> {
     let decoded: Vec<Arc<ImageU8>> = trial.context().iter().map(ContextView::picture).collect::<Result<_, _>>()?;
     let cameras = trial.context().iter().map(|view| view.camera).collect();
     Ok(network_views(decoded.iter().map(AsRef::as_ref), cameras)?)

@@ -4,7 +4,7 @@ use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrialInput};
 use crate::context::trial_seed;
-use crate::{EvalError, MethodRecord, network_views};
+use crate::{EvalError, MethodRecord, TrainingRecord, network_views};
 
 /// Smallest number of pixels for which the paper's high-resolution configuration is used: the paper uses it at 512×960
 /// but not at 256×448.
@@ -92,6 +92,28 @@ impl AtSplat {
         self.record.parameters.insert("high-resolution".to_owned(), as_json(network.config())?);
         self.high_resolution = Some(network);
         Ok(self)
+    }
+
+    /// Records how the weights were trained.
+    #[must_use]
+    pub fn trained(mut self, training: Option<TrainingRecord>) -> Self {
+        self.record.training = training;
+        self
+    }
+
+    /// States its variant in the record, for what its configuration does not say.
+    #[must_use]
+    pub fn stating_variant(mut self, variant: &str) -> Self {
+        self.record.parameters.insert("variant".to_owned(), variant.into());
+        self
+    }
+
+    /// Records that its thresholds are these quantiles of its own scores, in place of the published ones.
+    #[must_use]
+    pub fn with_thresholds_at(mut self, quantiles: &[f64], published: &[f64]) -> Self {
+        self.record.parameters.insert("threshold-quantiles".to_owned(), quantiles.into());
+        self.record.parameters.insert("published-thresholds".to_owned(), published.into());
+        self
     }
 
     /// Sets the variant's name in tables and plots: what differs from the configuration stored with the weights.

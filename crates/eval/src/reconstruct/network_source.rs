@@ -8,6 +8,7 @@ use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone}
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use serde::Serialize;
 
+use crate::TrainingRecord;
 use crate::method::WeightsSource;
 
 /// A network configuration and the location of its weights, which are not loaded yet.
@@ -103,6 +104,14 @@ impl WeightsRecord {
                 let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
                 WeightsSource::Random { seed: *seed, backbone_sha256 }
             }
+        }
+    }
+
+    /// How the weights were trained, if their file says so.
+    pub fn training(&self) -> Option<TrainingRecord> {
+        match self {
+            Self::File { provenance, .. } => TrainingRecord::of(provenance),
+            Self::Untrained { .. } => None,
         }
     }
 

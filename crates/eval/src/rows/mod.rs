@@ -10,7 +10,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-pub use provenance::{MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, WarningCount};
+pub use provenance::{
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, TrainingRecord, WarningCount,
+};
 pub use target::{IDENTICAL, TargetRow, TargetStatus};
 pub use trial::{TrialRow, TrialStatus};
 

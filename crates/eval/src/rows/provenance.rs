@@ -123,12 +123,33 @@ pub struct MethodRecord {
     pub weights_sha256: Option<String>,
     /// Whether its weights are random.
     pub untrained: bool,
+    /// How its weights were trained, if their file says so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training: Option<TrainingRecord>,
     /// Name of the renderer's constants.
     pub constants: Option<String>,
     /// Name of the rendering backend.
     pub backend: Option<String>,
     /// Whether equal inputs give bit-identical results on one machine.
     pub deterministic: bool,
+}
+
+/// How weights were trained, from the provenance in their file.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TrainingRecord {
+    /// Description of the training data.
+    pub data: String,
+    /// Seed of the training.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<String>,
+}
+
+impl TrainingRecord {
+    /// From a weights file's provenance; `None` if it does not name its data.
+    pub fn of(provenance: &BTreeMap<String, String>) -> Option<Self> {
+        Some(Self { data: provenance.get("data")?.clone(), seed: provenance.get("seed").cloned() })
+    }
 }
 
 /// A metric as it was computed.

@@ -6,6 +6,9 @@ use super::significance::{normal_tail, student_quantile};
 /// Nominal coverage of the intervals.
 pub const CONFIDENCE: f64 = 0.95;
 
+/// With fewer scenes an interval is not published: it cannot leave the range of the scenes' values and is too short.
+pub const FEWEST_SCENES: u64 = 6;
+
 /// Seed of the resampling, fixed so that equal rows give equal intervals.
 const SEED: u64 = 0x6174_7370_6c61_7421;
 /// Number of resamples for few scenes, and the minimum.
@@ -25,31 +28,43 @@ const DRAWS: usize = 10_000_000;
 ///
 /// `None` with fewer than two clusters, or if a value is not finite or a weight not positive.
 pub fn interval_of_mean(clusters: &[[f64; 2]]) -> Option<[f64; 2]> {
-    let resamples = DRAWS.checked_div(clusters.len()).unwrap_or(MOST).clamp(LEAST, MOST);
-    interval_of_resamples(clusters, resamples)
+    interval_of_resamples(clusters, resamples(clusters.len()))
 }
 
 /// As [`interval_of_mean`] with this many resamples.
 pub(super) fn interval_of_resamples(clusters: &[[f64; 2]], resamples: usize) -> Option<[f64; 2]> {
-    let last = clusters.len().checked_sub(1).filter(|last| *last > 0)?;
     if clusters.iter().any(|[sum, weight]| !sum.is_finite() || !weight.is_finite() || *weight <= 0.0) {
         return None;
     }
+    interval_of(clusters, resamples, |[sum, weight]| sum / weight)
+}
+
+/// The number of resamples for this many clusters.
+pub(super) fn resamples(clusters: usize) -> usize {
+    DRAWS.checked_div(clusters).unwrap_or(MOST).clamp(LEAST, MOST)
+}
+
+/// As [`interval_of_mean`], of any statistic of the sums over clusters.
+pub(super) fn interval_of<const N: usize>(
+    clusters: &[[f64; N]],
+    resamples: usize,
+    statistic: impl Fn([f64; N]) -> f64 + Sync,
+) -> Option<[f64; 2]> {
+    let last = clusters.len().checked_sub(1).filter(|last| *last > 0)?;
     let mut seeds = SplitMix64::new(SEED);
     let seeds: Vec<u64> = (0..resamples).map(|_| seeds.next_u64()).collect();
-    let mut means: Vec<f64> = seeds
+    let mut values: Vec<f64> = seeds
         .into_par_iter()
         .map(|seed| {
             let mut random = SplitMix64::new(seed);
             let drawn = (0..=last).filter_map(|_| random.within(0..=last).and_then(|at| clusters.get(at)));
-            let [sum, weight] = drawn.fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
-            sum / weight
+            statistic(drawn.fold([0.0; N], |sums, own| std::array::from_fn(|at| sums[at] + own[at])))
         })
         .collect();
-    means.sort_by(f64::total_cmp);
+    values.sort_by(f64::total_cmp);
     let count = clusters.len() as f64;
     let student = student_quantile(f64::midpoint(1.0, CONFIDENCE), last);
     let tail = normal_tail((count / (count - 1.0)).sqrt() * student);
-    let interval = [quantile(&means, tail)?, quantile(&means, 1.0 - tail)?];
+    let interval = [quantile(&values, tail)?, quantile(&values, 1.0 - tail)?];
     interval.iter().all(|end| end.is_finite()).then_some(interval)
 }

@@ -1,12 +1,13 @@
 //! Numbers by overlap of the context views and by distance from them.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 use atsplat_protocol::{Aggregation, OverlapBins};
 use serde::Serialize;
 
 use super::selection::{SelectedTarget, select};
-use super::summary::of_selected;
+use super::summary::to_publish;
 use super::{MetricQuery, Summary};
 use crate::Results;
 
@@ -30,7 +31,7 @@ pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) ->
     let summary = |is_included: &dyn Fn(Option<&str>) -> bool| {
         let chosen: Vec<SelectedTarget> =
             selected.iter().filter(|target| is_included(bin_of(target))).copied().collect();
-        of_selected(&chosen, Aggregation::SceneMeans)
+        to_publish(&chosen, Aggregation::SceneMeans)
     };
     Binned {
         bins: bins.names().iter().map(|name| (name.clone(), summary(&|bin| bin == Some(name)))).collect(),
@@ -50,6 +51,13 @@ pub fn by_distance(results: &Results, query: &MetricQuery) -> Vec<(i64, Summary)
     }
     distances
         .into_iter()
-        .map(|(distance, selected)| (distance, of_selected(&selected, Aggregation::SceneMeans)))
+        .map(|(distance, selected)| (distance, to_publish(&selected, Aggregation::SceneMeans)))
         .collect()
+}
+
+/// The metric over the targets whose distance from the window of context frames, on either side, is in a range.
+pub fn within_distances(results: &Results, query: &MetricQuery, distances: RangeInclusive<u64>) -> Summary {
+    let inside = |target: &SelectedTarget| target.distance.is_some_and(|d| distances.contains(&d.unsigned_abs()));
+    let selected: Vec<SelectedTarget> = select(results, query).into_iter().filter(inside).collect();
+    to_publish(&selected, Aggregation::SceneMeans)
 }

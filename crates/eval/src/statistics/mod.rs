@@ -2,7 +2,7 @@
 //!
 //! Everything starts from a [`MetricQuery`]: one metric of one method under one preset, with or without targets that are also
 //! context frames. Targets that were not compared are counted but never averaged; a non-finite value always counts as a broken
-//! render. Intervals resample scenes, because targets of one scene fail together.
+//! render. Intervals resample scenes, because targets of one scene fail together; with fewer than [`FEWEST_SCENES`] there is none.
 
 mod bootstrap;
 mod breakdown;
@@ -10,21 +10,25 @@ mod contrast;
 mod cost;
 mod paired;
 mod scene_means;
+mod seeds;
 mod selection;
 mod significance;
 mod summary;
+mod trend;
 
 use serde::{Deserialize, Serialize};
 
-pub use bootstrap::{CONFIDENCE, interval_of_mean};
-pub use breakdown::{Binned, by_distance, by_overlap};
+pub use bootstrap::{CONFIDENCE, FEWEST_SCENES, interval_of_mean};
+pub use breakdown::{Binned, by_distance, by_overlap, within_distances};
 pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 
 pub use paired::{Paired, paired, paired_between};
 pub use scene_means::{SceneMean, direction, scene_means, worst};
+pub use seeds::{Seeds, difference_of_seeds, of_seeds};
 pub use significance::sign_test;
 pub use summary::{Summary, summary};
+pub use trend::{Trend, along_distance, along_overlap, along_setting};
 
 pub(crate) use contrast::contrast;
 pub(crate) use paired::of_selected as paired_of;
@@ -43,6 +47,8 @@ pub struct MetricQuery<'a> {
     pub metric: &'a str,
     /// Whether targets that are also context frames count.
     pub leaked: Leaked,
+    /// Whether renders that are identical to the truth count.
+    pub identical: Identical,
 }
 
 /// Treatment of targets that are also context frames.
@@ -54,6 +60,18 @@ pub enum Leaked {
     Included,
     /// They are excluded, also from counts.
     Excluded,
+}
+
+/// Treatment of renders that are bit-identical to the ground truth: their PSNR is infinite, and one of them, capped at
+/// [`atsplat_metrics::DECIBEL_CAP`] dB, moves the mean of a scene by tens of decibels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Identical {
+    /// They are counted, and left out of means of every metric.
+    #[default]
+    Excluded,
+    /// They are in the mean, in decibels with the cap.
+    Capped,
 }
 
 #[cfg(test)]

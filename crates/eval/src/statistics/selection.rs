@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
-use super::{Leaked, MetricQuery};
+use super::{Identical, Leaked, MetricQuery};
 use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 
 /// One target of a query.
@@ -22,6 +22,8 @@ pub(crate) struct SelectedTarget<'a> {
 pub(crate) enum Outcome<'a> {
     /// A finite number.
     Score { value: f64, identical: bool },
+    /// The render is identical to the truth, and the query leaves it out.
+    Identical,
     /// The render, or the score, is not finite.
     NonFinite,
     /// The render or the ground truth is missing.
@@ -46,7 +48,7 @@ impl SelectedTarget<'_> {
 
 /// The targets of a query, ordered by scene, entry and target.
 pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<SelectedTarget<'a>> {
-    let MetricQuery { preset, method, metric, leaked } = *query;
+    let MetricQuery { preset, method, metric, leaked, identical } = *query;
     let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
     let is_requested = results.provenance.metrics.iter().any(|record| record.id == metric)
         || rows().any(|row| row.scores.contains_key(metric));
@@ -59,7 +61,10 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
         target: row.target,
         distance: Some(row.signed_distance),
         overlap: row.overlap,
-        outcome: outcome(row, metric, is_requested, absent),
+        outcome: match outcome(row, metric, is_requested, absent) {
+            Outcome::Score { identical: true, .. } if identical == Identical::Excluded => Outcome::Identical,
+            other => other,
+        },
     };
     let mut selected: Vec<SelectedTarget<'a>> = rows().filter(counts).map(of_row).collect();
     let seen: BTreeSet<(&str, u32)> = rows().map(|row| (row.key.scene.as_str(), row.key.entry)).collect();

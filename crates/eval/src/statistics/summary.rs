@@ -2,7 +2,7 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::MetricQuery;
-use super::bootstrap::interval_of_mean;
+use super::bootstrap::{FEWEST_SCENES, interval_of_mean};
 use super::scene_means::{clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
@@ -11,15 +11,15 @@ use crate::Results;
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Summary {
-    /// The protocol's mean, in which identical pictures count as [`atsplat_metrics::DECIBEL_CAP`] dB; `None` without scores.
+    /// The protocol's mean, with or without identical pictures as [`MetricQuery::identical`] says; `None` without scores.
     pub mean: Option<f64>,
-    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than two scenes.
+    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`FEWEST_SCENES`].
     pub interval: Option<[f64; 2]>,
     /// Scenes in the mean.
     pub scenes: u64,
     /// Targets in the mean.
     pub targets: u64,
-    /// Those that are bit-identical to the ground truth.
+    /// Targets that are bit-identical to the ground truth, in the mean or not.
     pub identical: u64,
     /// Targets without a render or a ground truth; not in the mean.
     pub failed: u64,
@@ -33,10 +33,16 @@ pub struct Summary {
 
 /// The number that a protocol with this aggregation publishes.
 pub fn summary(results: &Results, query: &MetricQuery, aggregation: Aggregation) -> Summary {
-    of_selected(&select(results, query), aggregation)
+    to_publish(&select(results, query), aggregation)
 }
 
 /// As [`summary`], of targets that are already selected and ordered.
+pub(super) fn to_publish(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
+    let found = of_selected(selected, aggregation);
+    Summary { interval: found.interval.filter(|_| found.scenes >= FEWEST_SCENES), ..found }
+}
+
+/// As [`summary`], of targets that are already selected and ordered, with an interval from two scenes on.
 pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
     let clusters = clusters(selected, aggregation);
     let (mean, parts) = mean_of_clusters(&clusters);
@@ -51,6 +57,7 @@ pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation)
     for target in selected {
         match target.outcome {
             Outcome::Score { .. } => {}
+            Outcome::Identical => summary.identical += 1,
             Outcome::NonFinite => summary.non_finite += 1,
             Outcome::Failed => summary.failed += 1,
             Outcome::NotComputed(reason) => {

@@ -31,7 +31,8 @@ fn oracle() -> Oracle {
 }
 
 fn query(method: &str) -> MetricQuery<'_> {
-    MetricQuery { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
+    let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+    MetricQuery { preset: PRESET, method, metric: "psnr", leaked, identical }
 }
 
 fn psnr(scenes: &[(&str, u32, Vec<f64>)]) -> Results {
@@ -128,7 +129,8 @@ fn missing_scores_are_counted_and_never_averaged() {
     let mut lost = trial("m", "d", 0, 7);
     lost.status = TrialStatus::Failed;
     store.trials.push(lost);
-    let found = summary(&store, &query("m"), Aggregation::SceneMeans);
+    let capped = MetricQuery { identical: Identical::Capped, ..query("m") };
+    let found = summary(&store, &capped, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [(21.0 + 30.0 + DECIBEL_CAP) / 3.0], "mean");
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
@@ -145,7 +147,7 @@ fn infinite_scores_of_one_metric_count_as_the_cap() {
     let mut store = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
     store.targets[1].scores.clear();
     store.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
-    let of = MetricQuery { metric: "psnr-8bit-truncated", ..query("m") };
+    let of = MetricQuery { metric: "psnr-8bit-truncated", identical: Identical::Capped, ..query("m") };
     let found = summary(&store, &of, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [f64::midpoint(20.0, DECIBEL_CAP)], "mean");
     assert_eq!((found.identical, found.uncomputed), (1, 0));
@@ -228,7 +230,7 @@ fn distances_are_means_over_scenes() {
 fn worst_scenes_follow_the_metrics_direction() {
     let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
     let names = |metric: &str| {
-        let query = MetricQuery { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
+        let query = MetricQuery { metric, ..query("m") };
         worst(&results("m", metric, &scenes), &query, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
     };
     assert_eq!(names("psnr"), ["b", "a"]);
@@ -300,4 +302,173 @@ fn intervals_have_their_nominal_coverage() {
 
 fn uniform(random: &mut SplitMix64) -> f64 {
     (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Two targets of three are identical to the truth: one of PSNR 100 dB would lift the mean of its scene by 40 dB.
+#[test]
+fn identical_targets_are_counted_and_left_out_of_every_mean() {
+    let mut store = psnr(&[("a", 0, vec![20.0, 0.0]), ("b", 0, vec![0.0]), ("c", 0, vec![26.0, 28.0])]);
+    for row in [1, 2] {
+        store.targets[row].status = TargetStatus::Identical;
+        store.targets[row].scores = [("ssim".to_owned(), 1.0)].into();
+    }
+    store.targets[0].scores.insert("ssim".to_owned(), 0.5);
+    let of = |identical, metric| {
+        let found = summary(&store, &MetricQuery { metric, identical, ..query("m") }, Aggregation::SceneMeans);
+        (found.mean, [found.scenes, found.targets, found.identical])
+    };
+    for (identical, metric, expected, counts) in [
+        // Scene b has no other target.
+        (Identical::Excluded, "psnr", 23.5, [2, 3, 2]),
+        (Identical::Capped, "psnr", (60.0 + DECIBEL_CAP + 27.0) / 3.0, [3, 5, 2]),
+        // The same targets for every metric.
+        (Identical::Excluded, "ssim", 0.5, [1, 1, 2]),
+    ] {
+        let (mean, found) = of(identical, metric);
+        Tolerance::F64.assert(mean, [expected], metric);
+        assert_eq!(found, counts, "{metric}, {identical:?}");
+    }
+    // Against another method, the identical targets have no partner.
+    let mut other = store.clone();
+    other.targets.iter_mut().for_each(|row| row.status = TargetStatus::Scored);
+    for row in &mut other.targets {
+        row.scores.insert("psnr".to_owned(), 25.0);
+    }
+    let pair = paired_between((&store, &query("m")), (&other, &query("m"))).unwrap();
+    Tolerance::F64.assert([pair.difference], [f64::midpoint(-5.0, 2.0)], "over scenes a and c");
+    assert_eq!((pair.scenes, pair.targets, pair.unpaired), (2, 3, 2));
+}
+
+#[test]
+fn fewer_than_six_scenes_have_no_published_interval() {
+    let names = ["a", "b", "c", "d", "e", "f"];
+    for (count, expected) in [(5, false), (6, true)] {
+        let scenes: Vec<_> =
+            (0u8..).zip(&names[..count]).map(|(at, name)| (*name, 0, vec![20.0 + f64::from(at)])).collect();
+        let store = psnr(&scenes);
+        assert_eq!(
+            summary(&store, &query("m"), Aggregation::SceneMeans).interval.is_some(),
+            expected,
+            "{count} scenes"
+        );
+        let pair = paired_between((&store, &query("m")), (&store, &query("m"))).unwrap();
+        assert_eq!(pair.interval.is_some(), expected, "pairs of {count} scenes");
+    }
+}
+
+#[test]
+fn distances_are_selected_on_both_sides() {
+    let mut store = psnr(&[("a", 0, vec![30.0, 20.0, 22.0, 10.0])]);
+    for (row, distance) in store.targets.iter_mut().zip([0, -3, 5, 6]) {
+        row.signed_distance = distance;
+    }
+    let mean = |range| within_distances(&store, &query("m"), range).mean;
+    Tolerance::F64.assert([mean(0..=0), mean(1..=5), mean(6..=9)].map(Option::unwrap), [30.0, 21.0, 10.0], "means");
+    assert_eq!(mean(7..=9), None);
+}
+
+fn scene_mean(scene: &str, mean: f64) -> SceneMean {
+    SceneMean { scene: scene.to_owned(), mean, targets: 1, identical: 0 }
+}
+
+/// Scenes differ by 10 dB in height and every one of them falls by 2 dB per doubling: pooled, the missing points would tilt
+/// the line.
+#[test]
+fn slopes_over_settings_compare_within_scenes() {
+    let setting = |x: f64, scenes: std::ops::Range<usize>| {
+        (x, scenes.map(|at| scene_mean(&format!("{at}"), 10.0 * at as f64 - 2.0 * x)).collect::<Vec<_>>())
+    };
+    let found = along_setting(&[setting(2.0, 0..7), setting(3.0, 0..7), setting(5.0, 1..9)]).unwrap();
+    Tolerance::absolute(1e-9).assert([found.slope], [-2.0], "per unit");
+    Tolerance::absolute(1e-9).assert(found.interval.unwrap(), [-2.0; 2], "every scene agrees");
+    assert_eq!(found.scenes, 6, "those that all settings have");
+    assert_eq!(along_setting(&[setting(2.0, 0..7)]), None, "one setting has no slope");
+    assert_eq!(along_setting(&[setting(2.0, 0..3), setting(4.0, 0..3)]).unwrap().interval, None, "three scenes");
+}
+
+/// Against the least-squares line through nine points, by hand: Σ(x − x̄)(y − ȳ) / Σ(x − x̄)².
+#[test]
+fn slopes_over_overlap_and_distance_are_least_squares() {
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+    let points: Vec<(f64, f64)> = (0..9u8).map(|at| (0.1 * f64::from(at), 20.0 + f64::from(at * at % 7))).collect();
+    let scenes: Vec<_> = names.iter().zip(&points).map(|(name, (_, y))| (*name, 0, vec![*y])).collect();
+    let mut store = psnr(&scenes);
+    for (row, (overlap, _)) in store.targets.iter_mut().zip(&points) {
+        row.overlap = Some(*overlap);
+    }
+    let (mx, my) = (0.4, points.iter().map(|(_, y)| y).sum::<f64>() / 9.0);
+    let by_hand = points.iter().map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
+        / points.iter().map(|(x, _)| (x - mx).powi(2)).sum::<f64>();
+    let found = along_overlap(&store, &query("m")).unwrap();
+    Tolerance::relative(1e-9).assert([found.slope], [by_hand], "overlap");
+    let [low, high] = found.interval.unwrap();
+    assert!(low < found.slope && found.slope < high && low < 0.0 && high > 0.0, "no trend in noise: {low} to {high}");
+
+    // 3 dB per frame on either side, whatever the height of the scene; targets inside the window do not count.
+    let scenes: Vec<_> = names
+        .iter()
+        .zip(0u8..)
+        .map(|(name, at)| (*name, 0, vec![99.0, 40.0 - f64::from(at), 31.0 - f64::from(at)]))
+        .collect();
+    let mut store = psnr(&scenes);
+    for (row, distance) in store.targets.iter_mut().zip([0, -1, 4].into_iter().cycle()) {
+        row.signed_distance = distance;
+    }
+    let found = along_distance(&store, &query("m")).unwrap();
+    Tolerance::relative(1e-9).assert([found.slope], [-3.0], "distance");
+    assert_eq!(along_overlap(&store, &query("m")), None, "no overlaps");
+}
+
+/// Coverage of slopes over 30 scenes with scattered overlaps and noise.
+#[test]
+fn slopes_have_their_nominal_coverage() {
+    let mut random = SplitMix64::new(5);
+    let samples = 60;
+    let mut held = 0;
+    for _ in 0..samples {
+        let names: Vec<String> = (0..30).map(|at| format!("{at:02}")).collect();
+        let xs: Vec<f64> = names.iter().map(|_| uniform(&mut random)).collect();
+        let noise = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
+        let scenes: Vec<_> = names
+            .iter()
+            .zip(&xs)
+            .map(|(name, x)| (name.as_str(), 0, vec![20.0 + 4.0 * x + noise(&mut random)]))
+            .collect();
+        let mut store = psnr(&scenes);
+        for (row, x) in store.targets.iter_mut().zip(&xs) {
+            row.overlap = Some(*x);
+        }
+        let [low, high] = along_overlap(&store, &query("m")).unwrap().interval.unwrap();
+        held += u32::from(low <= 4.0 && 4.0 <= high);
+    }
+    assert!((52..=60).contains(&held), "{held} of {samples} intervals hold the slope");
+}
+
+/// Three trainings of six scenes by hand: the spread of scenes is 2 dB apart in steps, that of trainings 0.3 dB.
+#[test]
+fn trainings_and_scenes_have_separate_deviations() {
+    let training = |offset: f64| {
+        (0..6u8).map(|at| scene_mean(&format!("{at}"), 20.0 + 2.0 * f64::from(at) + offset)).collect::<Vec<_>>()
+    };
+    let trainings = [training(-0.3), training(0.0), training(0.3)];
+    let found = of_seeds(&trainings).unwrap();
+    Tolerance::relative(1e-9).assert(
+        [found.mean, found.training_deviation, found.scene_deviation],
+        [25.0, 0.3, 14.0f64.sqrt()],
+        "mean and deviations",
+    );
+    assert_eq!((found.seeds, found.scenes), (3, 6));
+    // Var = 14/6 + 0.09/3; Satterthwaite: its square over (14/6)²/5 + 0.03²/2 is 5.13 degrees of freedom, so 5.
+    let half = 2.570_581_835_636_314 * (14.0 / 6.0 + 0.03f64).sqrt();
+    Tolerance::relative(1e-9).assert(found.interval.unwrap(), [25.0 - half, 25.0 + half], "interval");
+    assert_eq!(of_seeds(&trainings[..1]), None, "one training has no spread");
+
+    // The difference to one other network: heights of scenes cancel, the spread of trainings does not.
+    let found = difference_of_seeds(&trainings, &[training(1.0)]).unwrap();
+    Tolerance::relative(1e-9).assert([found.mean, found.training_deviation], [-1.0, 0.3], "difference");
+    Tolerance::absolute(1e-9).assert([found.scene_deviation], [0.0], "scenes");
+    let [low, high] = found.interval.unwrap();
+    assert!(high < 0.0 || low < -1.0, "an interval around −1: {low} to {high}");
+    let swapped = difference_of_seeds(&[training(1.0)], &trainings).unwrap();
+    Tolerance::relative(1e-9).assert([swapped.mean], [1.0], "swapped");
 }

@@ -5,7 +5,9 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::{Axis, Frontier, Sample, frontier};
-use crate::statistics::{Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of};
+use crate::statistics::{
+    Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
+};
 use crate::timing::{Machine, machine_of, times};
 use crate::{EvalError, PresetRecord, Results};
 
@@ -104,7 +106,7 @@ fn scored<'a>(
 ) -> Vec<(Sample, Vec<SelectedTarget<'a>>)> {
     let sample = |method: &'a str| {
         let cost = cost(results, preset, method);
-        let selected = select(results, &MetricQuery { preset, method, metric, leaked });
+        let selected = select(results, &MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded });
         let mut sample = Sample {
             label: method.to_owned(),
             quality: summary_of(&selected, aggregation).mean,

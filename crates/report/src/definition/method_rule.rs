@@ -3,6 +3,8 @@ use atsplat_model::ModelConfig;
 use atsplat_model::config::{AnchorDesign, BlockExpansion, Selection};
 use serde::{Deserialize, Serialize};
 
+use super::training::is_unified;
+
 /// Which methods reproduce a row; all given conditions must hold.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -19,6 +21,9 @@ pub struct MethodRule {
     /// Gaussians per token; the paper's 16 by default.
     #[serde(default)]
     pub gaussians_per_token: Option<usize>,
+    /// Whether it has to be one network trained on both datasets, or must not be; both without it.
+    #[serde(default)]
+    pub unified: Option<bool>,
 }
 
 /// The paper's K.
@@ -32,6 +37,9 @@ impl MethodRule {
         if self.kind.as_ref().is_some_and(|kind| *kind != record.kind) {
             return false;
         }
+        if self.unified.is_some_and(|unified| unified != is_unified(record)) {
+            return false;
+        }
         let config = configuration(record);
         if self.variant.is_none() && self.thresholds.is_none() && self.gaussians_per_token.is_none() {
             return true;
@@ -43,8 +51,9 @@ impl MethodRule {
         };
         let per_token = self.gaussians_per_token.unwrap_or(GAUSSIANS_PER_TOKEN);
         let same_k = config.as_ref().is_none_or(|config| config.head.gaussians_per_token == per_token);
-        let same_thresholds =
-            self.thresholds.as_ref().is_none_or(|own| config.as_ref().map(thresholds).as_ref() == Some(own));
+        // Thresholds by quantile stand for the published ones that they were chosen for.
+        let published = numbers(record, "published-thresholds").or_else(|| config.as_ref().map(thresholds));
+        let same_thresholds = self.thresholds.as_ref().is_none_or(|own| published.as_ref() == Some(own));
         variant(record).as_deref() == Some(expected) && same_k && same_thresholds
     }
 }
@@ -101,9 +110,26 @@ pub(crate) fn has_own_training(record: &MethodRecord) -> bool {
         && variant(record).is_some_and(|variant| !matches!(variant.as_str(), "thresholds" | "partial-expansion"))
 }
 
+/// Whether a method is the whole of ATSplat with the paper's ratios.
+pub(crate) fn is_full(record: &MethodRecord) -> bool {
+    variant(record).as_deref() == Some("full")
+}
+
 /// Whether a method is an ablation, which benchmark tables omit.
 pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
     variant(record).is_some_and(|variant| variant != "full" && variant != "other-ratios")
+}
+
+/// How its thresholds were chosen, if by quantile of its own scores.
+pub(crate) fn by_quantile(record: &MethodRecord) -> Option<String> {
+    let text = |values: Vec<f64>| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" / ");
+    let quantiles = numbers(record, "threshold-quantiles")?;
+    let own = configuration(record).map(|config| format!(": {}", text(thresholds(&config)))).unwrap_or_default();
+    Some(format!("by quantile {} of its own scores{own}", text(quantiles)))
+}
+
+fn numbers(record: &MethodRecord, parameter: &str) -> Option<Vec<f64>> {
+    record.parameters.get(parameter)?.as_array()?.iter().map(serde_json::Value::as_f64).collect()
 }
 
 fn thresholds(config: &ModelConfig) -> Vec<f64> {
@@ -161,6 +187,35 @@ mod tests {
         let rule = MethodRule { variant: None, thresholds: Some(vec![0.1, 0.1, 0.4]), ..full() };
         assert!(rule.accepts(&record(&thresholds)) && !rule.accepts(&record(&nano)));
         assert!(full().accepts(&record(&nano)) && !full().accepts(&record(&random)));
+    }
+
+    #[test]
+    fn thresholds_by_quantile_stand_for_the_published_ones() {
+        let own = ModelConfig::named("nano").unwrap().with_thresholds(&[0.3, 0.2, 0.7]).unwrap();
+        let mut record = record(&own);
+        let rule = |thresholds: [f64; 3]| MethodRule {
+            kind: Some("atsplat".to_owned()),
+            thresholds: Some(thresholds.to_vec()),
+            ..MethodRule::default()
+        };
+        assert!(rule([0.3, 0.2, 0.7]).accepts(&record) && by_quantile(&record).is_none());
+        record.parameters.insert("published-thresholds".to_owned(), serde_json::json!([0.1, 0.1, 0.4]));
+        record.parameters.insert("threshold-quantiles".to_owned(), serde_json::json!([0.8, 0.8, 0.9]));
+        assert!(rule([0.1, 0.1, 0.4]).accepts(&record) && !rule([0.05, 0.05, 0.2]).accepts(&record));
+        assert!(!rule([0.3, 0.2, 0.7]).accepts(&record), "it is in one row alone");
+        let text = by_quantile(&record).unwrap();
+        assert_eq!(text, "by quantile 0.8 / 0.8 / 0.9 of its own scores: 0.3 / 0.2 / 0.7");
+    }
+
+    #[test]
+    fn unified_weights_fill_no_separate_row() {
+        let rule = |unified| MethodRule { unified: Some(unified), ..full() };
+        let mut record = record(&ModelConfig::named("nano").unwrap());
+        assert!(rule(false).accepts(&record) && !rule(true).accepts(&record), "separate weights");
+        let data = "1 × data/re10k/train under re10k-2v-256, 1 × data/dl3dv/train under dl3dv-6v-256x448".to_owned();
+        record.training = Some(atsplat_eval::TrainingRecord { data, seed: None });
+        assert!(!rule(false).accepts(&record) && rule(true).accepts(&record), "unified weights");
+        assert!(full().accepts(&record), "tables that do not ask take either");
     }
 
     #[test]

@@ -7,13 +7,15 @@ mod published;
 mod quantity;
 #[cfg(test)]
 mod tests;
+mod training;
 
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
-pub(crate) use method_rule::{has_own_training, is_ablation};
+pub(crate) use method_rule::{by_quantile, has_own_training, is_ablation, is_full};
 pub use published::{Published, PublishedRow};
-pub use quantity::Quantity;
+pub use quantity::{Along, Quantity};
+pub(crate) use training::{name as dataset_name, never_saw};
 
 use crate::ReportError;
 
@@ -48,6 +50,12 @@ pub struct TableDefinition {
     /// Whether methods that match no row get rows of their own, except for ablations.
     #[serde(default)]
     pub others: bool,
+    /// Whether ablations get rows of their own too.
+    #[serde(default)]
+    pub ablations: bool,
+    /// Whether intervals stand beside the numbers.
+    #[serde(default)]
+    pub intervals: bool,
     /// What readers must know.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -124,6 +132,9 @@ pub struct ColumnGroup {
     /// The overlap bin, or `average` over all bins.
     #[serde(default)]
     pub bin: Option<String>,
+    /// Range of the targets' distance from the window of context frames, in frames on either side; all without it.
+    #[serde(default)]
+    pub distances: Option<[u64; 2]>,
     /// Suffix of the names of published columns.
     #[serde(default)]
     pub suffix: String,
@@ -229,6 +240,12 @@ impl TableDefinition {
         let known = builtin::PUBLISHED.iter().find(|(file, _)| *file == self.published);
         let (file, text) = known.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
         Published::parse(file, text, self)
+    }
+
+    /// Every preset that it needs.
+    pub fn presets(&self) -> Vec<&str> {
+        let groups = self.groups.iter().filter_map(|group| group.preset.as_deref());
+        groups.chain(self.rows.iter().filter_map(|row| row.preset.as_deref())).collect()
     }
 
     /// The name of the published column.

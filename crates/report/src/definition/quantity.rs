@@ -18,6 +18,17 @@ pub enum Quantity {
     InitialTokens,
     /// Tokens after expansion, which become Gaussians.
     FinalTokens,
+    /// Slope of a metric; only in tables of protocols.
+    Slope(&'static Definition, Along),
+}
+
+/// The property of targets along which a slope is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Along {
+    /// Overlap of the context views; per tenth.
+    Overlap,
+    /// Distance from the window of context frames; per frame.
+    Distance,
 }
 
 const COSTS: [Quantity; 6] = [
@@ -40,6 +51,8 @@ impl Quantity {
             Self::Seconds => "seconds",
             Self::InitialTokens => "initial-tokens",
             Self::FinalTokens => "final-tokens",
+            Self::Slope(_, Along::Overlap) => "slope-over-overlap",
+            Self::Slope(_, Along::Distance) => "slope-over-distance",
         }
     }
 
@@ -53,6 +66,8 @@ impl Quantity {
             Self::Seconds => "Time (s)",
             Self::InitialTokens => "N init.",
             Self::FinalTokens => "N final",
+            Self::Slope(_, Along::Overlap) => "per 0.1 of overlap",
+            Self::Slope(_, Along::Distance) => "per frame outside",
         }
     }
 
@@ -61,7 +76,7 @@ impl Quantity {
         match self {
             Self::Metric(metric) => Some(metric.direction),
             Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax | Self::Seconds => Some(Direction::Lower),
-            Self::InitialTokens | Self::FinalTokens => None,
+            Self::InitialTokens | Self::FinalTokens | Self::Slope(..) => None,
         }
     }
 
@@ -77,6 +92,7 @@ impl Quantity {
             Self::Metric(metric) if metric.unit == "dB" => format!("{value:.2}"),
             Self::Metric(_) | Self::Seconds => format!("{value:.3}"),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
+            Self::Slope(..) => format!("{value:+.3}"),
             _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
             _ => format!("{:.0}K", (value / 1000.0).trunc()),
         }

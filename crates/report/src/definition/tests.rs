@@ -66,7 +66,7 @@ fn rejects_inconsistent_definitions() {
     for (from, to, expected) in [
         ("extrapolation.csv", "absent.csv", "eval/published"),
         ("\"ssim\"", "\"ssim-inria\"", "ssim-inria"),
-        ("\"Ours\"", "\"Theirs\"", "Theirs"),
+        ("\"ATSplat\"", "\"Theirs\"", "Theirs"),
         ("{method}", "{methods}", "methods"),
         ("\"lpips\"", "\"lpisp\"", "lpisp"),
         ("others = true", "other = true", "other"),

@@ -3,12 +3,13 @@ use crate::definition::Quantity;
 use crate::plot::Origin;
 use crate::table::{Row, Table, Value};
 
-/// One line per row: labels, origin, then each number in full precision with its interval and number of scenes; times also
+/// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of scenes; times also
 /// with their median absolute deviation, the machine and whether it was busy. Columns have their names in
 /// `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
-    head.extend(["from", "method_id", "store", "untrained", "inference_only", "without_leaked"].map(str::to_owned));
+    let about = ["from", "measured_on", "published_setting", "method_id", "store"];
+    head.extend(about.into_iter().chain(["untrained", "inference_only", "without_leaked"]).map(str::to_owned));
     for (_, column) in table.columns() {
         let name = &column.name;
         head.push(name.clone());
@@ -22,11 +23,13 @@ pub(super) fn write(table: &Table) -> String {
 }
 
 fn record(table: &Table, row: &Row) -> Vec<String> {
-    let mut record = row.labels.clone();
+    let mut record = row.printed_labels();
     record.push(match row.origin {
         Origin::Published => "published".to_owned(),
         Origin::Measured => "measured".to_owned(),
     });
+    record.push(row.measured_on.as_ref().map_or_else(String::new, |on| on.text.clone()));
+    record.push(row.measured_on.as_ref().map_or_else(String::new, |on| on.published_setting.to_string()));
     record.push(row.method.clone().unwrap_or_default());
     record.push(row.store.clone().unwrap_or_default());
     record.extend([row.untrained, row.inference_only, row.without_leaked].map(|set| set.to_string()));

@@ -1,13 +1,13 @@
 use atsplat_metrics::Direction;
 
 use crate::plot::Origin;
-use crate::table::{Mark, Row, Table};
+use crate::table::{Mark, NoteKind, Row, Table};
 
-/// A `table` environment, which needs only `\usepackage{booktabs}`. The notes are comments above it, so that a table
-/// pasted into a paper states its origin.
+/// A `table` environment, which needs only `\usepackage{booktabs}`. Conventions and counts are comments above it; what
+/// readers must know to read the numbers is printed: in the rows, the caption, and below the table.
 pub(super) fn write(table: &Table) -> String {
     let mut text = String::new();
-    for note in &table.footer {
+    for note in table.footer.iter().filter(|note| !is_printed(note.kind)) {
         text.push_str(&format!("% {}\n", comment(&note.text)));
     }
     let measured = table.is_measured();
@@ -19,12 +19,14 @@ pub(super) fn write(table: &Table) -> String {
     text.push_str(&format!("\\caption{{\\textbf{{{}.}} {}}}\n", escaped(&table.title), escaped(&table.caption)));
     text.push_str(&format!("\\label{{tab:{}}}\n", label(&table.name)));
     let groups: Vec<String> = table.groups.iter().map(|group| "c".repeat(group.columns.len())).collect();
-    text.push_str(&format!("\\begin{{tabular}}{{{} {}}}\n\\toprule\n", "l".repeat(names), groups.join(" ")));
+    let labels = "l".repeat(table.labels.len());
+    let from = if measured { "p{38mm}" } else { "" };
+    text.push_str(&format!("\\begin{{tabular}}{{{labels}{from} {}}}\n\\toprule\n", groups.join(" ")));
     if grouped {
         text.push_str(&group_heads(table, names));
     }
     let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
-    heads.extend(measured.then(String::new));
+    heads.extend(measured.then(|| "measured on".to_owned()));
     heads.extend(table.columns().map(|(_, column)| {
         let arrow = match column.direction {
             Some(Direction::Higher) => "$\\uparrow$",
@@ -41,8 +43,29 @@ pub(super) fn write(table: &Table) -> String {
         }
         text.push_str(&line(&cells(table, row, measured)));
     }
-    text.push_str(&format!("\\bottomrule\n\\end{{tabular}}\n\\end{{table{wide}}}\n"));
+    text.push_str("\\bottomrule\n\\end{tabular}\n");
+    let printed: Vec<String> =
+        table.footer.iter().filter(|note| is_printed(note.kind)).map(|note| escaped(&note.text)).collect();
+    if !printed.is_empty() {
+        text.push_str(&format!("\\par\\smallskip{{\\footnotesize {}.\\par}}\n", printed.join(". ")));
+    }
+    text.push_str(&format!("\\end{{table{wide}}}\n"));
     text
+}
+
+/// Whether a note is printed below the table, because a number is misread without it.
+const fn is_printed(kind: NoteKind) -> bool {
+    match kind {
+        NoteKind::Published | NoteKind::Convention | NoteKind::Counts | NoteKind::Interval => false,
+        NoteKind::Setting
+        | NoteKind::Untrained
+        | NoteKind::NotComputed
+        | NoteKind::Busy
+        | NoteKind::Forced
+        | NoteKind::Trend
+        | NoteKind::LeftOut
+        | NoteKind::Trainings => true,
+    }
 }
 
 fn group_heads(table: &Table, names: usize) -> String {
@@ -61,17 +84,10 @@ fn group_heads(table: &Table, names: usize) -> String {
 }
 
 fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
-    let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
+    let mut cells: Vec<String> = row.printed_labels().iter().map(|label| escaped(label)).collect();
     let origin = match row.origin {
         Origin::Published => "paper".to_owned(),
-        Origin::Measured => {
-            let symbol = |mark| match mark {
-                '†' => "$^\\dagger$",
-                '‡' => "$^\\ddagger$",
-                _ => "$^\\P$",
-            };
-            format!("measured{}", row.marks().map(symbol).collect::<String>())
-        }
+        Origin::Measured => format!("{{\\scriptsize\\raggedright {}\\par}}", escaped(row.origin_text())),
     };
     cells.extend(measured.then_some(origin));
     cells.extend(table.columns().map(|(place, column)| {

@@ -4,7 +4,7 @@ use crate::table::{Cell, Column, Mark, Table};
 pub(super) fn write(table: &Table) -> String {
     let measured = table.is_measured();
     let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
-    heads.extend(measured.then(|| "from".to_owned()));
+    heads.extend(measured.then(|| "measured on".to_owned()));
     let names = heads.len();
     for ((group, _), column) in table.columns() {
         let title = &table.groups[group].title;
@@ -17,8 +17,8 @@ pub(super) fn write(table: &Table) -> String {
     let align: Vec<String> = (0..heads.len()).map(|at| if at < names { "---" } else { "---:" }.to_owned()).collect();
     text.push_str(&line(&align));
     for row in &table.rows {
-        let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
-        cells.extend(measured.then(|| row.origin_text()));
+        let mut cells: Vec<String> = row.printed_labels().iter().map(|label| escaped(label)).collect();
+        cells.extend(measured.then(|| escaped(row.origin_text())));
         cells.extend(table.columns().map(|(place, column)| number(row.cell(place), column)));
         text.push_str(&line(&cells));
     }

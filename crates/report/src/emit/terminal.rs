@@ -44,6 +44,9 @@ impl Terminal {
     /// The table as text.
     pub fn write(&self, table: &Table) -> String {
         let mut text = format!("{}\n", self.set(&table.title, BOLD));
+        for line in wrapped(&clean(&table.caption), self.width) {
+            text.push_str(&format!("{line}\n"));
+        }
         for part in self.parts(table) {
             text.push_str(&self.part(table, &part));
         }
@@ -74,7 +77,10 @@ impl Terminal {
         let mut part: Vec<Place> = Vec::new();
         let mut used = lead;
         for group in columns.chunk_by(|a, b| a.0 == b.0) {
-            let together: usize = group.iter().map(width).sum();
+            let columns_of: usize = group.iter().map(width).sum();
+            // A heading wider than its columns widens the last of them.
+            let heading = group.first().map_or(0, |place| table.groups[place.0].title.width() + 3);
+            let together = columns_of.max(heading);
             for (at, place) in group.iter().enumerate() {
                 let own = width(place);
                 let needed = if at == 0 { together } else { own };
@@ -82,7 +88,7 @@ impl Terminal {
                     parts.push(std::mem::take(&mut part));
                     used = lead;
                 }
-                used += own;
+                used += if at == 0 { own + together - columns_of } else { own };
                 part.push(*place);
             }
         }
@@ -133,7 +139,7 @@ impl Terminal {
             let cells: Vec<String> = lead_widths.iter().map(|width| " ".repeat(width + 2)).chain(headings).collect();
             text.push_str(&format!("│{}│\n", cells.join("│")));
         }
-        let heads = lead.first().into_iter().flatten().map(|head| (head.clone(), false));
+        let heads = lead.first().into_iter().flatten().map(|head| (head.concat(), false));
         let heads = heads.chain(part.heads.iter().map(|head| (head.clone(), true)));
         let cells: Vec<String> =
             heads.zip(&all).map(|((head, right), width)| self.set(&padded(&head, *width, right), BOLD)).collect();
@@ -143,10 +149,14 @@ impl Terminal {
             if row.rule_above && at > 0 {
                 text.push_str(&rule('├', '┼', '┤'));
             }
-            let names = lead.get(at + 1).into_iter().flatten().zip(&lead_widths).map(|(name, width)| {
-                let name = padded(name, *width, false);
-                if row.origin == Origin::Published { self.set(&name, FAINT) } else { name }
-            });
+            let names: Vec<&Vec<String>> = lead.get(at + 1).into_iter().flatten().collect();
+            let lines = names.iter().map(|name| name.len()).max().unwrap_or(1);
+            let name_at = |line: usize| {
+                names.iter().zip(&lead_widths).map(move |(name, width)| {
+                    let name = padded(name.get(line).map_or("", String::as_str), *width, false);
+                    if row.origin == Origin::Published { self.set(&name, FAINT) } else { name }
+                })
+            };
             let numbers = part.rows.get(at).into_iter().flatten().zip(&column_widths).map(|(own, width)| {
                 let space = " ".repeat(width.saturating_sub(own.text.width()));
                 let style = match (own.mark, row.origin) {
@@ -157,29 +167,37 @@ impl Terminal {
                 };
                 format!("{space}{}", self.set(&own.text, style))
             });
-            text.push_str(&format!("│ {} │\n", names.chain(numbers).collect::<Vec<_>>().join(" │ ")));
+            text.push_str(&format!("│ {} │\n", name_at(0).chain(numbers).collect::<Vec<_>>().join(" │ ")));
+            for line in 1..lines {
+                let blank = column_widths.iter().map(|width| " ".repeat(*width));
+                text.push_str(&format!("│ {} │\n", name_at(line).chain(blank).collect::<Vec<_>>().join(" │ ")));
+            }
         }
         text.push_str(&rule('└', '┴', '┘'));
         text
     }
 }
 
-/// Labels and origin of each row, after their headings.
-fn lead(table: &Table) -> Vec<Vec<String>> {
-    const LONGEST: usize = 36;
+/// Labels and origin of each row, after their headings; each as its lines.
+fn lead(table: &Table) -> Vec<Vec<Vec<String>>> {
+    const LONGEST: usize = 26;
     let measured = table.is_measured();
     let origin = |text: &str| measured.then(|| text.to_owned());
-    let heads = table.labels.iter().map(|label| clean(label)).chain(origin("from")).collect();
+    let lines = |text: String| -> Vec<String> {
+        wrapped(&clean(&text), LONGEST).iter().map(|line| cut(line, LONGEST)).collect()
+    };
+    let heads = table.labels.iter().cloned().chain(origin("measured on")).map(|head| vec![clean(&head)]).collect();
     let row = |row: &Row| {
-        let names = row.labels.iter().map(|label| cut(&clean(label), LONGEST));
-        names.chain(origin(&row.origin_text())).collect()
+        let names = row.printed_labels().into_iter();
+        names.chain(origin(row.origin_text())).map(lines).collect()
     };
     std::iter::once(heads).chain(table.rows.iter().map(row)).collect()
 }
 
-fn widths(rows: &[Vec<String>]) -> Vec<usize> {
+fn widths(rows: &[Vec<Vec<String>>]) -> Vec<usize> {
     let columns = rows.first().map_or(0, Vec::len);
-    let width = |at: usize| rows.iter().filter_map(|row| row.get(at)).map(|text| text.width()).max().unwrap_or(0);
+    let lines = |at: usize| rows.iter().filter_map(move |row| row.get(at)).flatten();
+    let width = |at: usize| lines(at).map(|text| text.width()).max().unwrap_or(0);
     (0..columns).map(width).collect()
 }
 

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use atsplat_eval::statistics::{Leaked, MetricQuery, Summary, by_distance, by_overlap, paired, scene_means};
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_distance, by_overlap, paired, scene_means};
 use atsplat_eval::timing::{Times, machine_of, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
@@ -41,7 +41,8 @@ struct View<'a> {
 
 impl<'a> View<'a> {
     fn question(&self, method: &'a str, metric: &'static Definition) -> MetricQuery<'a> {
-        MetricQuery { preset: &self.preset.name, method, metric: metric.id, leaked: Leaked::Included }
+        let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+        MetricQuery { preset: &self.preset.name, method, metric: metric.id, leaked, identical }
     }
 
     fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {

@@ -1,4 +1,4 @@
-use atsplat_eval::statistics::{Leaked, MetricQuery, paired_between};
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_metrics::Definition;
 
 use super::{estimate, metric_of, place_of};
@@ -153,7 +153,8 @@ fn gap(
         records.iter().find(|record| record.published() == *preset).map(|record| record.name.clone())
     };
     let (first, second) = (record(a)?, record(b)?);
-    let question = |preset, method| MetricQuery { preset, method, metric: metric.id, leaked: Leaked::Included };
+    let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+    let question = |preset, method| MetricQuery { preset, method, metric: metric.id, leaked, identical };
     let pair = paired_between(
         (a.results, &question(&first, own.method.as_deref()?)),
         (b.results, &question(&second, reference.method.as_deref()?)),

@@ -16,7 +16,7 @@ fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
         })
         .concat();
     let verdict = verdict(table);
-    let verdict = if verdict.compared > 0 {
+    let verdict = if table.is_published() && table.is_measured() {
         format!("<p class=\"verdict\">{}</p>", escaped(&verdict.to_string()))
     } else {
         String::new()
@@ -59,11 +59,11 @@ fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
         let own = if row.origin == Origin::Measured { "own" } else { "" };
         let rule = if row.rule_above && at > 0 { "rule" } else { "" };
         text.push_str(&format!("<tr class=\"{origin} {own} {rule}\">"));
-        for label in &row.labels {
+        for label in &row.printed_labels() {
             text.push_str(&format!("<td class=\"label\" title=\"{0}\">{0}</td>", escaped(label)));
         }
         if measured {
-            text.push_str(&format!("<td class=\"label\">{}</td>", row.origin_text()));
+            text.push_str(&format!("<td class=\"label\">{}</td>", escaped(row.origin_text())));
         }
         text.push_str(&numbers(table, row, stores));
         text.push_str("</tr>");

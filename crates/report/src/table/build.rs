@@ -4,11 +4,15 @@ use atsplat_eval::statistics::Leaked;
 use super::edition::{Edition, Part, editions};
 use super::footer::footer;
 use super::measure::{cells, has_leaked};
+use super::measured_on::{MeasuredOn, Ran};
+use super::orders::orders;
 use super::rank::rank;
-use super::{Cell, Column, Group, Row, Source, Table, Value, has_trials};
+use super::trainings::{mean_row, trainings};
+use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials};
 use crate::ReportError;
 use crate::definition::{
-    ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, has_own_training, is_ablation,
+    ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, by_quantile, has_own_training,
+    is_ablation, is_full, never_saw,
 };
 use crate::plot::Origin;
 
@@ -48,28 +52,36 @@ pub fn tables(definition: &TableDefinition, sources: &[Source<'_>], mixing: Mixi
     Ok(tables)
 }
 
-fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Option<&Edition<'_>>) -> Table {
+/// The table of an edition, or of the published numbers alone.
+pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Option<&Edition<'_>>) -> Table {
     let mut rows = Vec::new();
     let mut claimed: Vec<(&str, &str)> = Vec::new();
     for (at, row) in published.iter().enumerate() {
         let known = definition.row(&row.labels);
         rows.push(published_row(row, at, known));
         let Some((edition, known)) = edition.zip(known) else { continue };
-        for method in methods(definition, edition, known) {
+        let methods = methods(definition, edition, known);
+        for method in &methods {
             if let Some(method) = method {
                 claimed.push((method.store, &method.record.name));
             }
-            rows.extend(measured(definition, edition, Some((at, row, known)), method));
+            rows.extend(measured(definition, edition, Some((at, row, known)), *method));
         }
+        let own = rows.iter().rposition(|row| row.origin == Origin::Published).map_or(0, |at| at + 1);
+        let means: Vec<Row> = trainings(definition, edition, &rows[own..]).iter().filter_map(mean_row).collect();
+        rows.extend(means);
     }
     if let Some(edition) = edition.filter(|_| definition.others) {
         let others = all_methods(edition)
             .into_iter()
-            .filter(|method| !claimed.contains(&(method.store, &method.record.name)) && !is_ablation(method.record));
+            .filter(|method| !claimed.contains(&(method.store, &method.record.name)))
+            .filter(|method| definition.ablations || !is_ablation(method.record));
         let first = rows.len();
         for method in others {
             rows.extend(measured(definition, edition, None, Some(method)));
         }
+        let means: Vec<Row> = trainings(definition, edition, &rows[first..]).iter().filter_map(mean_row).collect();
+        rows.extend(means);
         if let Some(row) = rows.get_mut(first) {
             row.rule_above = true;
         }
@@ -77,27 +89,49 @@ fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Opti
     let mut table = Table {
         name: definition.name.clone(),
         title: definition.title.clone(),
-        caption: definition.caption.clone(),
+        caption: caption(definition, &rows),
         labels: definition.labels.iter().map(|label| label.title.clone()).collect(),
-        groups: definition.groups.iter().map(|own| group(own, edition)).collect(),
+        groups: definition.groups.iter().map(|own| group(definition, own, edition)).collect(),
         rows,
         footer: Vec::new(),
+        orders: Vec::new(),
         forced: edition.is_some_and(|edition| edition.mixed),
     };
     let one_ranking =
         edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
     rank(&mut table, definition.marks, one_ranking);
+    table.orders = edition.map(|edition| orders(&table, definition, edition)).unwrap_or_default();
     table.footer = footer(&table, definition, edition);
     table
 }
 
-fn group(group: &ColumnGroup, edition: Option<&Edition<'_>>) -> Group {
+/// The definition's caption, and what the measured rows were measured on: the sentence that a pasted table keeps.
+fn caption(definition: &TableDefinition, rows: &[Row]) -> String {
+    /// More places are named in their rows alone.
+    const MOST: usize = 2;
+    let measured: Vec<&Row> = rows.iter().filter(|row| row.origin == Origin::Measured).collect();
+    if measured.is_empty() {
+        return definition.caption.clone();
+    }
+    let on = distinct(measured.iter().filter_map(|row| Some(row.measured_on.as_ref()?.place.as_str())));
+    let place = match on.len() {
+        0..=MOST => on.join("; "),
+        _ => "what the row says".to_owned(),
+    };
+    let elsewhere = measured.iter().any(|row| row.measured_on.as_ref().is_some_and(|on| !on.published_setting));
+    let published = rows.iter().any(|row| row.origin == Origin::Published);
+    let comparable = if elsewhere && published { ": not comparable with the paper's numbers" } else { "" };
+    format!("{} Measured on {place}{comparable}.", definition.caption)
+}
+
+fn group(definition: &TableDefinition, group: &ColumnGroup, edition: Option<&Edition<'_>>) -> Group {
     let column = |column: &crate::definition::ColumnDefinition| Column {
         name: TableDefinition::published_name(group, column),
         title: column.title.clone().unwrap_or_else(|| column.quantity.title().to_owned()),
         quantity: column.quantity,
         direction: column.quantity.direction(),
         exact: column.exact,
+        intervals: definition.intervals,
     };
     Group {
         title: group.title.clone(),
@@ -113,6 +147,8 @@ fn published_row(row: &PublishedRow, at: usize, known: Option<&RowDefinition>) -
         labels: row.labels.clone(),
         origin: Origin::Published,
         answers: Some(at),
+        measured_on: None,
+        remarks: Vec::new(),
         method: None,
         store: None,
         untrained: false,
@@ -161,6 +197,15 @@ fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
         && methods.any(|other| other.weights_sha256 == record.weights_sha256 && !has_own_training(other))
 }
 
+/// Whether a method runs the weights of another method under another configuration that expands or selects differently.
+fn shares_weights(edition: &Edition<'_>, record: &MethodRecord) -> bool {
+    let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
+    let trained_so = |other: &MethodRecord| is_full(other) || (is_ablation(record) && !is_ablation(other));
+    !is_full(record)
+        && record.weights_sha256.is_some()
+        && methods.any(|other| other.weights_sha256 == record.weights_sha256 && trained_so(other))
+}
+
 /// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run.
 fn measured(
     definition: &TableDefinition,
@@ -201,8 +246,23 @@ fn measured(
         });
         groups.collect()
     };
+    let ran: Vec<Ran<'_>> = definition
+        .groups
+        .iter()
+        .zip(&chosen)
+        .filter_map(|(group, chosen)| {
+            let (part, record) = chosen.as_ref()?;
+            Some(Ran { heading: &group.title, part, method: &record.name })
+        })
+        .collect();
+    let titles = distinct(chosen.iter().flatten().map(|(_, record)| record.title.as_str()));
+    // A row with the labels of a published one does not name its method otherwise.
+    let by_setting = definition.measured_label == MeasuredLabel::Published && reproduced.is_some();
+    let measured_on = MeasuredOn::of(&ran, by_setting.then(|| titles.join(" and ")));
     let row = |leaked: Leaked| Row {
-        labels: labels(definition, edition, reproduced.map(|(_, row, _)| row), method),
+        labels: settings(definition, &ran, labels(definition, edition, reproduced.map(|(_, row, _)| row), method)),
+        measured_on: Some(measured_on.clone()),
+        remarks: remarks(edition, &chosen, leaked, &measured_on),
         origin: Origin::Measured,
         answers: reproduced.map(|(at, _, _)| at),
         method: method.map(|method| method.record.name.clone()),
@@ -221,6 +281,48 @@ fn measured(
         rows.push(row(Leaked::Excluded));
     }
     rows
+}
+
+/// What the label of a measured row has to add.
+fn remarks(
+    edition: &Edition<'_>,
+    chosen: &[Option<(&Part<'_>, &MethodRecord)>],
+    leaked: Leaked,
+    measured_on: &MeasuredOn,
+) -> Vec<String> {
+    let mut remarks: Vec<String> = Vec::new();
+    for (part, record) in chosen.iter().flatten() {
+        if record.untrained && !record.title.contains("untrained") && !measured_on.text.contains("untrained") {
+            remarks.push("untrained".to_owned());
+        }
+        remarks.extend(never_saw(record, &part.protocol.dataset));
+        if let Some(thresholds) = by_quantile(record) {
+            remarks.push(format!("thresholds {thresholds}"));
+        }
+        if shares_weights(edition, record) {
+            remarks.push(INFERENCE_ONLY.to_owned());
+        }
+    }
+    if leaked == Leaked::Excluded {
+        remarks.push("without context frames".to_owned());
+    }
+    distinct(remarks)
+}
+
+/// Remark on a row that shares its weights with another row and differs at inference.
+const INFERENCE_ONLY: &str = "changed at inference only";
+
+/// Labels that print the published data or size say what was measured instead.
+fn settings(definition: &TableDefinition, ran: &[Ran<'_>], labels: Vec<String>) -> Vec<String> {
+    let Some(first) = ran.first().filter(|_| definition.measured_label == MeasuredLabel::Published) else {
+        return labels;
+    };
+    let own = definition.labels.iter().zip(labels).map(|(column, label)| match column.text.as_str() {
+        "{dataset}" => first.part.data(),
+        "{height}×{width}" => first.part.size(first.method).unwrap_or(label),
+        _ => label,
+    });
+    own.collect()
 }
 
 /// The labels of a measured row; methods with the same title are distinguished by name and store.

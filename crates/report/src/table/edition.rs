@@ -1,9 +1,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::PresetRecord;
+use atsplat_eval::{MethodRecord, PresetRecord};
 use atsplat_protocol::{OverlapBins, Preset};
 
-use super::Source;
+use super::{Row, Source};
 use crate::ReportError;
 use crate::definition::TableDefinition;
 
@@ -43,7 +43,7 @@ pub(super) fn editions<'a>(
     sources: &[Source<'a>],
     mix: bool,
 ) -> Result<Vec<Edition<'a>>, ReportError> {
-    let needed = presets(definition);
+    let needed = definition.presets();
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
         let own = source.results.provenance.presets.iter().filter(|record| needed.contains(&record.published()));
@@ -79,12 +79,6 @@ fn suffix_of(record: &PresetRecord) -> &str {
     if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
 }
 
-/// Every preset that a definition needs.
-pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
-    let groups = definition.groups.iter().filter_map(|group| group.preset.as_deref());
-    groups.chain(definition.rows.iter().filter_map(|row| row.preset.as_deref())).collect()
-}
-
 impl Edition<'_> {
     fn fits(&self, suffix: &str, source: Source<'_>, records: &[&PresetRecord]) -> bool {
         let same = |record: &&PresetRecord| {
@@ -92,6 +86,15 @@ impl Edition<'_> {
                 && self.parts.iter().all(|part| part.has_same_data(source, record))
         };
         self.suffix == Some(suffix) && records.iter().all(same)
+    }
+
+    /// The method of a measured row under a preset.
+    pub(super) fn method(&self, preset: &str, row: &Row) -> Option<(&Part<'_>, &MethodRecord)> {
+        let own =
+            |part: &&Part<'_>| part.preset.published() == preset && Some(part.source.label) == row.store.as_deref();
+        let part = self.parts.iter().find(own)?;
+        let records = &part.source.results.provenance.methods;
+        Some((part, records.iter().find(|record| Some(&record.name) == row.method.as_ref())?))
     }
 
     /// Names of the presets that were run in place of a published preset, or of any; `None` if all were run as published.
@@ -145,6 +148,9 @@ impl Part<'_> {
         if let Some(published) = &record.stands_for {
             return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
         }
+        if self.protocol.index.accepted.is_empty() {
+            return Some(format!("{}: no published protocol ({})", record.name, record.dataset));
+        }
         if record.index_name.is_none() {
             return Some(format!("{}: the index is not a published one ({})", record.name, record.dataset));
         }
@@ -154,8 +160,12 @@ impl Part<'_> {
                 record.name, record.entries, record.entries_of_index
             ));
         }
-        let known = Preset::named(&record.preset).and_then(|preset| preset.hash());
-        let same = known.is_ok_and(|hash| hash.to_string() == record.hash);
-        (!same).then(|| format!("{}: the preset was changed", record.name))
+        self.is_changed().then(|| format!("{}: the preset was changed", record.name))
+    }
+
+    /// Whether the preset differs from the built-in one of its name.
+    pub(super) fn is_changed(&self) -> bool {
+        let known = Preset::named(&self.preset.preset).and_then(|preset| preset.hash());
+        !known.is_ok_and(|hash| hash.to_string() == self.preset.hash)
     }
 }

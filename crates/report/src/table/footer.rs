@@ -1,17 +1,19 @@
 use std::collections::BTreeSet;
 
-use atsplat_eval::statistics::CONFIDENCE;
-use atsplat_metrics::DECIBEL_CAP;
+use atsplat_eval::statistics::{CONFIDENCE, FEWEST_SCENES, Trend, along_setting, cost};
 
 use super::edition::{Edition, Part};
-use super::{BUSY, Cell, CellTiming, Column, Counts, Note, NoteKind, Row, Table, Value};
-use crate::definition::{Quantity, TableDefinition};
+use super::orders::means;
+use super::{BUSY, Cell, CellTiming, Column, Counts, Note, NoteKind, Row, Table, Trainings, Value};
+use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::Origin;
 
 /// Everything that readers must know about a table.
 pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Option<&Edition<'_>>) -> Vec<Note> {
     let mut notes = Notes::default();
-    notes.add(NoteKind::Published, format!("paper: {}", definition.source));
+    if !definition.source.is_empty() {
+        notes.add(NoteKind::Published, format!("paper: {}", definition.source));
+    }
     for note in &definition.notes {
         notes.add(NoteKind::Published, note.clone());
     }
@@ -31,24 +33,107 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
         counts(&mut notes, table, row);
         intervals(&mut notes, table, row);
     }
+    few_scenes(&mut notes, table);
+    left_out(&mut notes, table);
+    several_trainings(&mut notes, table);
+    if let Some(text) = trend_over_gaussians(table, definition, edition) {
+        notes.add(NoteKind::Trend, text);
+    }
+    trained_on(&mut notes, table, edition);
     if table.rows.iter().any(|row| row.untrained) {
         notes.add(
             NoteKind::Untrained,
-            "† untrained: random weights; such rows are not ranked, and their quality says nothing about the method"
+            "untrained: random weights; such rows are not ranked, and their quality says nothing about the method"
                 .to_owned(),
         );
     }
     if table.rows.iter().any(|row| row.inference_only) {
         notes.add(
             NoteKind::Setting,
-            "¶ not retrained: the weights of another row, with the network changed at inference only; the paper retrains"
+            "changed at inference only: the weights of another row in a network that was changed after training; the paper \
+             trains one for each such row"
                 .to_owned(),
         );
     }
     if table.rows.iter().any(|row| row.without_leaked) {
-        notes.add(NoteKind::Counts, "‡ without targets that are also context frames".to_owned());
+        let text = "without context frames: targets that are also context frames are left out".to_owned();
+        notes.add(NoteKind::Counts, text);
     }
     notes.list
+}
+
+/// Numbers without intervals, because their scenes are too few.
+fn few_scenes(notes: &mut Notes, table: &Table) {
+    let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
+    let counts = cells.filter(|cell| cell.value.number().is_some()).filter_map(|cell| cell.counts);
+    if counts.map(|counts| counts.scenes).any(|scenes| scenes < FEWEST_SCENES) {
+        notes.add(NoteKind::LeftOut, format!("no interval with fewer than {FEWEST_SCENES} scenes"));
+    }
+}
+
+fn left_out(notes: &mut Notes, table: &Table) {
+    let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
+    if cells.filter_map(|cell| cell.counts).any(|counts| counts.identical > 0) {
+        let text =
+            "renders that are identical to the truth, whose PSNR is infinite, are counted and left out of all means";
+        notes.add(NoteKind::LeftOut, text.to_owned());
+    }
+}
+
+fn several_trainings(notes: &mut Notes, table: &Table) {
+    for row in &table.rows {
+        for (place, column) in table.columns() {
+            let Some(Trainings { count, training_deviation, scene_deviation }) = row.cell(place).trainings else {
+                continue;
+            };
+            let deviations = [training_deviation, scene_deviation].map(|value| column.format(value));
+            let text = format!(
+                "{}: {} has the standard deviation {} over {count} trainings and {} over scenes; its interval is for both",
+                name(row),
+                column.title,
+                deviations[0],
+                deviations[1],
+            );
+            notes.add(NoteKind::Trainings, text);
+        }
+    }
+}
+
+/// The slope over the number of Gaussians, in tables whose rows are budgets of one protocol.
+fn trend_over_gaussians(table: &Table, definition: &TableDefinition, edition: &Edition<'_>) -> Option<String> {
+    let budgets = matches!(definition.plot, Some(PlotKind::KScaling | PlotKind::BudgetHistogram));
+    let preset = definition.groups.first().filter(|_| budgets)?.preset.as_deref()?;
+    let metric = table.columns().find_map(|(_, column)| match column.quantity {
+        Quantity::Metric(metric) => Some(metric),
+        _ => None,
+    })?;
+    let rows = table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked);
+    let settings = rows.filter_map(|row| {
+        let (part, record) = edition.method(preset, row)?;
+        let gaussians = cost(part.source.results, &part.preset.name, &record.name).gaussians?;
+        Some((gaussians.log2(), means(&(part, record), metric)))
+    });
+    let settings: Vec<_> = settings.collect();
+    let Trend { slope, interval, scenes } = along_setting(&settings)?;
+    let interval = match interval {
+        Some([low, high]) => format!("[{low:+.3}, {high:+.3}]"),
+        None => format!("without an interval: fewer than {FEWEST_SCENES} scenes"),
+    };
+    Some(format!(
+        "trend: {} changes by {slope:+.3} {interval} per doubling of Gaussians, over {} settings and {scenes} scenes",
+        metric.name,
+        settings.len()
+    ))
+}
+
+/// The training data of the networks in the table.
+fn trained_on(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
+    for record in edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods) {
+        let shown = table.rows.iter().any(|row| row.method.as_ref() == Some(&record.name));
+        if let Some(training) = record.training.as_ref().filter(|_| shown) {
+            notes.add(NoteKind::Convention, format!("{}: trained on {}", record.title, training.data));
+        }
+    }
 }
 
 /// Distinct notes, in order.
@@ -185,9 +270,10 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
         let Some(text) = counts_of(&own.columns, &row.cells[group]) else { continue };
+        let title = if own.title.is_empty() { "all" } else { own.title.as_str() };
         match by_text.iter_mut().find(|(_, known)| *known == text) {
-            Some((groups, _)) => groups.push(&own.title),
-            None => by_text.push((vec![&own.title], text)),
+            Some((groups, _)) => groups.push(title),
+            None => by_text.push((vec![title], text)),
         }
     }
     let parts: Vec<String> = match by_text.as_slice() {
@@ -211,9 +297,8 @@ fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
             text.push_str(&format!(", {count} {what} and not in the mean"));
         }
     }
-    let capped = counted.iter().any(|(column, _)| column.quantity.id().starts_with("psnr"));
-    if counts.identical > 0 && capped {
-        text.push_str(&format!(", {} identical to the truth and counted as {DECIBEL_CAP} dB", counts.identical));
+    if counts.identical > 0 {
+        text.push_str(&format!(", {} more identical to the truth and left out", counts.identical));
     }
     if counted.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
         text.push_str(", metrics over different targets");
@@ -244,8 +329,8 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
 }
 
 fn name(row: &Row) -> String {
-    let leaked = if row.without_leaked { " ‡" } else { "" };
-    format!("{}{leaked}", row.names().join(", "))
+    let labels = row.printed_labels();
+    labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 /// The first 12 characters of a hash.

@@ -1,9 +1,12 @@
-use atsplat_eval::statistics::{Cost, Leaked, MetricQuery, Summary, by_overlap, cost, summary};
+use atsplat_eval::statistics::{
+    Cost, Identical, Leaked, MetricQuery, Summary, Trend, along_distance, along_overlap, by_overlap, cost, summary,
+    within_distances,
+};
 use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
 
 use super::edition::Part;
 use super::{Cell, CellTiming, Counts, Value};
-use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
+use crate::definition::{Along, ColumnDefinition, ColumnGroup, Quantity};
 
 /// The cells of a method under a preset for a group of columns.
 pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
@@ -14,9 +17,17 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
     }
     let (results, preset) = (part.source.results, part.preset.name.as_str());
     let cost = cost(results, preset, method);
+    let identical = Identical::Excluded;
     let cell = |column: &ColumnDefinition| match column.quantity {
         Quantity::Metric(metric) => {
-            metric_cell(part, &MetricQuery { preset, method, metric: metric.id, leaked }, group.bin.as_ref())
+            metric_cell(part, &MetricQuery { preset, method, metric: metric.id, leaked, identical }, group)
+        }
+        Quantity::Slope(metric, along) => {
+            let query = MetricQuery { preset, method, metric: metric.id, leaked, identical };
+            match along {
+                Along::Overlap => slope_cell(along_overlap(results, &query), 0.1),
+                Along::Distance => slope_cell(along_distance(results, &query), 1.0),
+            }
         }
         Quantity::Seconds => of_times(times(results, preset, method)),
         quantity => of_cost(quantity, &cost),
@@ -24,14 +35,17 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
     group.columns.iter().map(cell).collect()
 }
 
-fn metric_cell(part: &Part<'_>, question: &MetricQuery<'_>, bin: Option<&String>) -> Cell {
+fn metric_cell(part: &Part<'_>, question: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
     let results = part.source.results;
-    let found = match (bin, &part.protocol.overlap_bins) {
-        (None, _) => summary(results, question, part.protocol.aggregation),
+    let found = match (&group.bin, &part.protocol.overlap_bins) {
+        (None, _) => match group.distances {
+            Some([low, high]) => within_distances(results, question, low..=high),
+            None => summary(results, question, part.protocol.aggregation),
+        },
         (Some(bin), Some(bins)) => {
             let binned = by_overlap(results, question, bins);
-            let own = binned.bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
-            own.or_else(|| (bin == "average").then_some(binned.average)).unwrap_or_default()
+            let own = binned.bins.into_iter().find(|(name, _)| *name == *bin).map(|(_, summary)| summary);
+            own.or_else(|| (*bin == "average").then_some(binned.average)).unwrap_or_default()
         }
         (Some(_), None) => Summary::default(),
     };
@@ -51,6 +65,12 @@ fn metric_cell(part: &Part<'_>, question: &MetricQuery<'_>, bin: Option<&String>
     }
 }
 
+fn slope_cell(trend: Option<Trend>, unit: f64) -> Cell {
+    let Some(Trend { slope, interval, .. }) = trend else { return Cell::default() };
+    let interval = interval.map(|ends| ends.map(|end| end * unit));
+    Cell { value: Value::Number(slope * unit), interval, ..Cell::default() }
+}
+
 fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
     let value = match quantity {
         Quantity::Gaussians => cost.gaussians,
@@ -58,7 +78,7 @@ fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
         Quantity::GaussiansMax => cost.gaussians_max.map(|count| count as f64),
         Quantity::InitialTokens => cost.initial_tokens,
         Quantity::FinalTokens => cost.final_tokens,
-        Quantity::Metric(_) | Quantity::Seconds => None,
+        Quantity::Metric(_) | Quantity::Slope(..) | Quantity::Seconds => None,
     };
     Cell { value: value.map_or(Value::Absent, Value::Number), ..Cell::default() }
 }

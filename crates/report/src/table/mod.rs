@@ -4,9 +4,15 @@ mod build;
 mod edition;
 mod footer;
 mod measure;
+mod measured_on;
+mod orders;
+mod protocol;
 mod rank;
 #[cfg(test)]
+mod statement_tests;
+#[cfg(test)]
 mod tests;
+mod trainings;
 mod verdict;
 
 use atsplat_eval::Results;
@@ -16,6 +22,9 @@ use serde::Serialize;
 
 pub use build::{Mixing, tables};
 pub(crate) use footer::short;
+pub use measured_on::MeasuredOn;
+pub use orders::{Order, Outcome};
+pub use protocol::protocol_tables;
 pub use verdict::{Headline, Verdict, verdict};
 
 use crate::definition::Quantity;
@@ -48,6 +57,8 @@ pub struct Table {
     pub rows: Vec<Row>,
     /// What readers must know, in order.
     pub footer: Vec<Note>,
+    /// Whether measured rows are in the order of the published rows that they reproduce.
+    pub orders: Vec<Order>,
     /// Whether it mixes rows of different protocols.
     pub forced: bool,
 }
@@ -80,6 +91,8 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// Whether counts are printed exactly.
     pub exact: bool,
+    /// Whether intervals are printed beside the numbers.
+    pub intervals: bool,
 }
 
 /// A row.
@@ -93,6 +106,10 @@ pub struct Row {
     pub origin: Origin,
     /// Position of the published row that it is or reproduces.
     pub answers: Option<usize>,
+    /// What was measured; `None` for published rows.
+    pub measured_on: Option<MeasuredOn>,
+    /// What the label has to add: changed at inference only, never saw such data, without context frames.
+    pub remarks: Vec<String>,
     /// Name of the method in its store; `None` for published rows and for rows of several methods.
     pub method: Option<String>,
     /// Label of its store.
@@ -123,9 +140,24 @@ pub struct Cell {
     pub counts: Option<Counts>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
+    /// The spread of several trainings beside that of scenes, if it is a mean over them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub trainings: Option<Trainings>,
     /// How it was timed, if it is a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timing: Option<CellTiming>,
+}
+
+/// Spread over several trainings of one network.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Trainings {
+    /// Number of trainings.
+    pub count: u64,
+    /// Standard deviation over trainings, of their means over scenes.
+    pub training_deviation: f64,
+    /// Standard deviation over scenes, of their means over trainings.
+    pub scene_deviation: f64,
 }
 
 /// How a time was measured.
@@ -158,7 +190,7 @@ pub struct Counts {
     pub scenes: u64,
     /// Targets in the mean.
     pub targets: u64,
-    /// Targets whose render is identical to the truth.
+    /// Targets whose render is identical to the truth; not in the mean.
     pub identical: u64,
     /// Targets without a render or a truth.
     pub failed: u64,
@@ -222,6 +254,12 @@ pub enum NoteKind {
     NotComputed,
     /// Times measured on a busy machine.
     Busy,
+    /// Slopes over a setting.
+    Trend,
+    /// Targets that are left out of means, and intervals of too few scenes.
+    LeftOut,
+    /// The spread of several trainings.
+    Trainings,
     /// Rows of different protocols.
     Forced,
 }
@@ -245,6 +283,17 @@ impl Value {
     }
 }
 
+/// Each value once, where it is first.
+fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for value in values {
+        if !found.contains(&value) {
+            found.push(value);
+        }
+    }
+    found
+}
+
 /// The position of a column: group, and column in the group.
 pub(crate) type Place = (usize, usize);
 
@@ -266,7 +315,12 @@ impl Cell {
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
             (Value::Number(number), _) if self.is_busy() => format!("{} {BUSY}", column.format(*number)),
-            (Value::Number(number), _) => column.format(*number),
+            (Value::Number(number), _) => match self.interval.filter(|_| column.intervals) {
+                Some([low, high]) => {
+                    format!("{} [{}, {}]", column.format(*number), column.format(low), column.format(high))
+                }
+                None => column.format(*number),
+            },
             (Value::Text(text), _) => text.clone(),
             (Value::Absent, Some(_)) => "n/c".to_owned(),
             (Value::Absent, None) => "–".to_owned(),
@@ -301,23 +355,31 @@ impl Row {
         self.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect()
     }
 
-    /// `paper`, or `measured` with the marks of the row.
-    pub fn origin_text(&self) -> String {
-        match (self.origin, self.marks().collect::<String>()) {
-            (Origin::Published, _) => "paper".to_owned(),
-            (Origin::Measured, marks) if marks.is_empty() => "measured".to_owned(),
-            (Origin::Measured, marks) => format!("measured {marks}"),
-        }
+    /// `paper`, or what was measured.
+    pub fn origin_text(&self) -> &str {
+        self.measured_on.as_ref().map_or("paper", |measured_on| &measured_on.text)
     }
 
-    /// Marks that the table's footer explains: † untrained, ¶ changed at inference only, ‡ without leaked targets.
-    pub(crate) fn marks(&self) -> impl Iterator<Item = char> {
-        let marks = [(self.untrained, '†'), (self.inference_only, '¶'), (self.without_leaked, '‡')];
-        marks.into_iter().filter_map(|(set, mark)| set.then_some(mark))
+    /// The labels with the row's remarks after the last of them, as tables print them.
+    pub fn printed_labels(&self) -> Vec<String> {
+        let mut labels = self.labels.clone();
+        let last = labels.iter().rposition(|label| !label.is_empty()).unwrap_or_default();
+        if let Some(label) = labels.get_mut(last) {
+            for remark in &self.remarks {
+                label.push_str(if label.is_empty() { "" } else { ", " });
+                label.push_str(remark);
+            }
+        }
+        labels
     }
 }
 
 impl Table {
+    /// Whether any row is published.
+    pub fn is_published(&self) -> bool {
+        self.rows.iter().any(|row| row.origin == Origin::Published)
+    }
+
     /// Whether any row was measured.
     pub fn is_measured(&self) -> bool {
         self.rows.iter().any(|row| row.origin == Origin::Measured)

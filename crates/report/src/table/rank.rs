@@ -68,8 +68,8 @@ fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Mar
 fn printed_value(table: &Table, row: &Row, place: Place) -> Option<f64> {
     let cell = row.cell(place);
     // A time measured on a busy machine is not ranked.
-    cell.value.number().filter(|_| !cell.is_busy())?;
-    let text = cell.print(table.column(place));
+    let value = cell.value.number().filter(|_| !cell.is_busy())?;
+    let text = table.column(place).format(value);
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
         None => text.parse().ok(),

@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use super::{Column, NoteKind, Place, Row, Table};
+use super::{Column, Outcome, Place, Row, Table};
 use crate::definition::Quantity;
 use crate::plot::Origin;
 
@@ -14,20 +14,26 @@ pub struct Verdict {
     pub table: String,
     /// The most important values.
     pub headline: Option<Headline>,
+    /// Why measured and published values are not comparable: what was measured instead. Empty if they are.
+    pub not_comparable: Vec<String>,
     /// Number of values that are both published and measured.
     pub compared: u64,
-    /// Those that print alike, or whose interval contains the published value.
-    pub agreeing: u64,
-    /// Pairs of published rows, in a column, that differ and are both reproduced.
-    pub pairs: u64,
-    /// Those whose measured rows differ in the same direction.
-    pub ordered: u64,
+    /// Those that print alike.
+    pub alike: u64,
+    /// The others whose interval contains the published value.
+    pub inside: u64,
+    /// Pairs of published rows whose measured order is the same, by a paired 95 % interval.
+    pub kept: u64,
+    /// Pairs whose measured order is the opposite.
+    pub reversed: u64,
+    /// Pairs whose interval contains 0, or that have none.
+    pub undecided: u64,
+    /// Whether a pair has too few scenes for an interval.
+    pub few_scenes: bool,
     /// Whether a reproduced row has random weights.
     pub untrained: bool,
-    /// Whether the published setting was run: index, entries, preset.
-    pub same_setting: bool,
-    /// The presets that were run otherwise.
-    pub measured_on: Vec<String>,
+    /// Whether a reproduced row was changed at inference only, where the paper trains a network of its own.
+    pub inference_only: bool,
 }
 
 /// One quantity of the last published row that is reproduced, because papers print their own method last: a printed value
@@ -46,53 +52,50 @@ pub struct Headline {
 }
 
 impl std::fmt::Display for Headline {
-    /// `Ours, PSNR: measured 18.08, 19.61; published 24.09, 26.56`.
+    /// `ATSplat, PSNR: measured 18.08, 19.61; published 24.09, 26.56`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { row, quantity, measured, published } = self;
         write!(f, "{row}, {quantity}: measured {}; published {}", measured.join(", "), published.join(", "))
     }
 }
 
-/// Compares values and their order; if several measured rows reproduce a published row, the first counts. The order is not
-/// compared in columns without a better direction, such as tokens.
+/// Compares values; if several measured rows reproduce a published row, the first counts. Orders are those of
+/// [`Table::orders`].
 pub fn verdict(table: &Table) -> Verdict {
-    let same_setting = !table.footer.iter().any(|note| note.kind == NoteKind::Setting);
-    let places: BTreeSet<&String> = table.groups.iter().filter_map(|group| group.measured_on.as_ref()).collect();
-    let measured_on = places.into_iter().cloned().collect();
-    let mut verdict = Verdict { table: table.name.clone(), same_setting, measured_on, ..Verdict::default() };
     let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
     let reproduced = |row: &Row| {
         let mut measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
         measured.find(|other| other.answers.is_some() && other.answers == row.answers)
     };
     let pairs: Vec<(&Row, &Row)> = published.filter_map(|row| Some((row, reproduced(row)?))).collect();
-    verdict.untrained = pairs.iter().any(|(_, own)| own.untrained);
-    verdict.headline = pairs.last().and_then(|(paper, own)| headline(table, paper, own));
+    let elsewhere = pairs.iter().filter_map(|(_, own)| own.measured_on.as_ref()).filter(|on| !on.published_setting);
+    let places: BTreeSet<&String> = elsewhere.map(|on| &on.place).collect();
+    let votes = |outcome| table.orders.iter().filter(|order| order.outcome == outcome).count() as u64;
+    let mut verdict = Verdict {
+        table: table.name.clone(),
+        headline: pairs.last().and_then(|(paper, own)| headline(table, paper, own)),
+        not_comparable: places.into_iter().cloned().collect(),
+        kept: votes(Outcome::Kept),
+        reversed: votes(Outcome::Reversed),
+        undecided: votes(Outcome::Undecided),
+        few_scenes: table.orders.iter().any(|order| order.interval.is_none()),
+        untrained: pairs.iter().any(|(_, own)| own.untrained),
+        inference_only: pairs.iter().any(|(_, own)| own.inference_only),
+        ..Verdict::default()
+    };
     for (place, column) in table.columns() {
         // Published times were measured on other machines.
         if column.quantity == Quantity::Seconds {
             continue;
         }
-        let of = |row: &Row| row.cell(place).value.number();
-        let mut figures: Vec<(f64, f64)> = Vec::new();
         for (paper, own) in &pairs {
-            let (Some(published), Some(measured)) = (of(paper), of(own)) else { continue };
-            figures.push((published, measured));
-            let alike = column.format(measured) == column.format(published);
-            let inside = own.cell(place).interval.is_some_and(|[low, high]| (low..=high).contains(&published));
-            verdict.agreeing += u64::from(alike || inside);
-        }
-        verdict.compared += figures.len() as u64;
-        if column.direction.is_none() {
-            continue;
-        }
-        for (at, first) in figures.iter().enumerate() {
-            for second in figures.iter().skip(at + 1) {
-                let (paper, own) = (first.0 - second.0, first.1 - second.1);
-                if paper != 0.0 {
-                    verdict.pairs += 1;
-                    verdict.ordered += u64::from(paper * own > 0.0);
-                }
+            let number = |row: &Row| row.cell(place).value.number();
+            let (Some(published), Some(measured)) = (number(paper), number(own)) else { continue };
+            verdict.compared += 1;
+            if column.format(measured) == column.format(published) {
+                verdict.alike += 1;
+            } else if own.cell(place).interval.is_some_and(|[low, high]| (low..=high).contains(&published)) {
+                verdict.inside += 1;
             }
         }
     }
@@ -114,22 +117,30 @@ fn headline(table: &Table, paper: &Row, own: &Row) -> Option<Headline> {
 }
 
 impl std::fmt::Display for Verdict {
-    /// `3 of 4 figures agree, 9 of 10 orders kept`.
+    /// `not comparable: measured on simulated rooms, 128×128, 8 of 24 scenes; orders: 1 kept, 0 reversed, 5 undecided`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if self.compared == 0 {
             return write!(f, "nothing to compare");
         }
-        write!(f, "{} of {} figures agree", self.agreeing, self.compared)?;
-        if self.pairs > 0 {
-            write!(f, ", {} of {} orders kept", self.ordered, self.pairs)?;
+        if self.not_comparable.is_empty() {
+            write!(f, "{} of {} figures print alike", self.alike, self.compared)?;
+            if self.inside > 0 {
+                write!(f, ", {} more within their interval", self.inside)?;
+            }
+        } else {
+            write!(f, "not comparable: measured on {}", self.not_comparable.join("; "))?;
         }
-        if self.untrained {
-            write!(f, ", untrained")?;
+        if self.kept + self.reversed + self.undecided > 0 {
+            let Self { kept, reversed, undecided, .. } = self;
+            write!(f, "; orders: {kept} kept, {reversed} reversed, {undecided} undecided")?;
         }
-        if !self.same_setting {
-            write!(f, ", not the published setting")?;
-            if !self.measured_on.is_empty() {
-                write!(f, ": measured on {}", self.measured_on.join(", "))?;
+        for (so, what) in [
+            (self.few_scenes, "fewer than 6 scenes in common give no interval"),
+            (self.inference_only, "changed at inference only, where the paper trains"),
+            (self.untrained, "untrained"),
+        ] {
+            if so {
+                write!(f, "; {what}")?;
             }
         }
         Ok(())

@@ -1,0 +1,113 @@
+//! Several trainings of one network: the spread that training causes beside that of scenes.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+
+use super::SceneMean;
+use super::bootstrap::{CONFIDENCE, FEWEST_SCENES};
+use super::significance::student_quantile;
+
+/// A mean over trainings and scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Seeds {
+    /// The mean over the scenes that every training has a score for.
+    pub mean: f64,
+    /// Its 95 % interval for other scenes and other trainings; `None` with fewer than [`FEWEST_SCENES`] scenes.
+    pub interval: Option<[f64; 2]>,
+    /// Number of trainings.
+    pub seeds: u64,
+    /// Scenes that every training has a score for.
+    pub scenes: u64,
+    /// Standard deviation over trainings, of their means.
+    pub training_deviation: f64,
+    /// Standard deviation over scenes, of their means over trainings.
+    pub scene_deviation: f64,
+}
+
+/// The mean over several trainings, each given by its scene means. `None` with fewer than two trainings or without common
+/// scenes.
+///
+/// The interval is Student's, with the variances of scenes and of trainings added and Satterthwaite's degrees of freedom:
+/// two or three trainings are too few to be resampled.
+pub fn of_seeds(trainings: &[Vec<SceneMean>]) -> Option<Seeds> {
+    let table = matrix(trainings)?;
+    let scenes = over_scenes(&table);
+    let seeds = spread(&over_seeds(&table)).filter(|_| table.len() > 1)?;
+    Some(combined(spread(&scenes)?, &[seeds], table.len() as u64))
+}
+
+/// The difference between the means of two networks, `a - b`, of which at least one was trained several times. `None` without
+/// common scenes.
+pub fn difference_of_seeds(a: &[Vec<SceneMean>], b: &[Vec<SceneMean>]) -> Option<Seeds> {
+    let both: Vec<Vec<SceneMean>> = a.iter().chain(b).cloned().collect();
+    let table = matrix(&both)?;
+    let (first, second) = table.split_at_checked(a.len())?;
+    let differences: Vec<f64> =
+        over_scenes(first).iter().zip(over_scenes(second)).map(|(one, other)| one - other).collect();
+    let trainings: Vec<Spread> =
+        [first, second].into_iter().filter(|own| own.len() > 1).filter_map(|own| spread(&over_seeds(own))).collect();
+    Some(combined(spread(&differences)?, &trainings, both.len() as u64))
+}
+
+/// Mean, variance and number of values.
+#[derive(Clone, Copy, Debug)]
+struct Spread {
+    mean: f64,
+    variance: f64,
+    count: usize,
+}
+
+fn spread(values: &[f64]) -> Option<Spread> {
+    let count = values.len();
+    let mean = values.iter().sum::<f64>() / count as f64;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    let freedom = count.checked_sub(1)?;
+    let variance = if freedom == 0 { 0.0 } else { squares / freedom as f64 };
+    Some(Spread { mean, variance, count })
+}
+
+fn combined(scenes: Spread, trainings: &[Spread], seeds: u64) -> Seeds {
+    let parts: Vec<(f64, usize)> = std::iter::once(&scenes)
+        .chain(trainings)
+        .map(|own| (own.variance / own.count as f64, own.count.saturating_sub(1).max(1)))
+        .collect();
+    let variance: f64 = parts.iter().map(|(variance, _)| variance).sum();
+    let squares: f64 = parts.iter().map(|(variance, freedom)| variance.powi(2) / *freedom as f64).sum();
+    // Satterthwaite's degrees of freedom lie between the smallest of the parts' and their sum.
+    let least = parts.iter().map(|(_, freedom)| *freedom).min().unwrap_or(1);
+    let most: usize = parts.iter().map(|(_, freedom)| freedom).sum();
+    let freedom = (least..=most).rev().find(|freedom| *freedom as f64 * squares <= variance.powi(2)).unwrap_or(least);
+    let half = student_quantile(f64::midpoint(1.0, CONFIDENCE), freedom) * variance.sqrt();
+    let enough = scenes.count as u64 >= FEWEST_SCENES;
+    let mean_variance = trainings.iter().map(|own| own.variance).sum::<f64>();
+    Seeds {
+        mean: scenes.mean,
+        interval: enough.then_some([scenes.mean - half, scenes.mean + half]),
+        seeds,
+        scenes: scenes.count as u64,
+        training_deviation: mean_variance.sqrt(),
+        scene_deviation: scenes.variance.sqrt(),
+    }
+}
+
+/// The means of the scenes that every training has, training by training; `None` without any.
+fn matrix(trainings: &[Vec<SceneMean>]) -> Option<Vec<Vec<f64>>> {
+    let by_scene: Vec<BTreeMap<&str, f64>> =
+        trainings.iter().map(|own| own.iter().map(|scene| (scene.scene.as_str(), scene.mean)).collect()).collect();
+    let mut common: BTreeSet<&str> = by_scene.first()?.keys().copied().collect();
+    common.retain(|scene| by_scene.iter().all(|own| own.contains_key(scene)));
+    let row = |own: &BTreeMap<&str, f64>| common.iter().filter_map(|scene| own.get(scene).copied()).collect();
+    (!common.is_empty()).then(|| by_scene.iter().map(row).collect())
+}
+
+fn over_seeds(table: &[Vec<f64>]) -> Vec<f64> {
+    table.iter().map(|scenes| scenes.iter().sum::<f64>() / scenes.len() as f64).collect()
+}
+
+fn over_scenes(table: &[Vec<f64>]) -> Vec<f64> {
+    let scenes = table.first().map_or(0, Vec::len);
+    let mean = |scene: usize| table.iter().filter_map(|own| own.get(scene)).sum::<f64>() / table.len() as f64;
+    (0..scenes).map(mean).collect()
+}

@@ -1,0 +1,104 @@
+//! Slopes: how a metric changes with overlap, with distance from the context, or with a setting of the method.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::bootstrap::{FEWEST_SCENES, interval_of, resamples};
+use super::selection::select;
+use super::{MetricQuery, SceneMean};
+use crate::Results;
+
+/// The slope of a metric along a property of targets or a setting of the method, by least squares.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Trend {
+    /// Change of the metric per unit.
+    pub slope: f64,
+    /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does; `None` with fewer than
+    /// [`FEWEST_SCENES`].
+    pub interval: Option<[f64; 2]>,
+    /// Scenes with scores.
+    pub scenes: u64,
+}
+
+/// Points of one scene: the property, and the score.
+type Points = Vec<[f64; 2]>;
+
+/// The slope over overlap (per 1.0 of overlap): one line through the targets of all scenes, because overlap differs between
+/// trials more than within them. `None` without two different overlaps.
+pub fn along_overlap(results: &Results, query: &MetricQuery) -> Option<Trend> {
+    let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
+    for target in select(results, query) {
+        if let Some((overlap, score)) = target.overlap.zip(target.score()) {
+            scenes.entry(target.scene).or_default().push([overlap, score]);
+        }
+    }
+    of_sums(&one_line(&scenes.into_values().collect::<Vec<_>>()))
+}
+
+/// The slope over the distance from the window of context frames, per frame, of the targets outside it: lines of one slope,
+/// each scene with its own height. `None` without two different distances in a scene.
+pub fn along_distance(results: &Results, query: &MetricQuery) -> Option<Trend> {
+    let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
+    for target in select(results, query) {
+        let distance = target.distance.filter(|distance| *distance != 0);
+        if let Some((distance, score)) = distance.zip(target.score()) {
+            scenes.entry(target.scene).or_default().push([distance.unsigned_abs() as f64, score]);
+        }
+    }
+    of_sums(&parallel_lines(scenes.into_values()))
+}
+
+/// The slope over a setting, given as its value with the scene means that it led to: lines of one slope, each scene with its
+/// own height. Only scenes that all settings have count. `None` without two different values.
+pub fn along_setting(settings: &[(f64, Vec<SceneMean>)]) -> Option<Trend> {
+    let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
+    for (value, means) in settings {
+        for scene in means {
+            scenes.entry(&scene.scene).or_default().push([*value, scene.mean]);
+        }
+    }
+    of_sums(&parallel_lines(scenes.into_values().filter(|points| points.len() == settings.len())))
+}
+
+/// Sums of a scene from which a slope follows: count, x, y, x², xy.
+type Sums = [f64; 5];
+
+fn one_line(scenes: &[Points]) -> Vec<Sums> {
+    // Sums of centred numbers lose no digits.
+    let middle = mean(scenes.iter().flatten());
+    scenes.iter().map(|points| sums(points, middle, points.len() as f64)).collect()
+}
+
+/// Each scene is centred on its own, which leaves nothing of its height.
+fn parallel_lines(scenes: impl Iterator<Item = Points>) -> Vec<Sums> {
+    scenes.map(|points| sums(&points, mean(points.iter()), 1.0)).collect()
+}
+
+fn mean<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> [f64; 2] {
+    let (sums, count) = points.fold(([0.0; 2], 0.0), |([x, y], count), own| ([x + own[0], y + own[1]], count + 1.0));
+    sums.map(|sum| sum / count)
+}
+
+fn sums(points: &Points, [x, y]: [f64; 2], count: f64) -> Sums {
+    let centred = points.iter().map(|own| [own[0] - x, own[1] - y]);
+    centred.fold([count, 0.0, 0.0, 0.0, 0.0], |[n, sx, sy, sxx, sxy], [x, y]| {
+        [n, sx + x, sy + y, sxx + x * x, sxy + x * y]
+    })
+}
+
+fn slope([n, sx, sy, sxx, sxy]: Sums) -> f64 {
+    (sxy - sx * sy / n) / (sxx - sx * sx / n)
+}
+
+fn of_sums(scenes: &[Sums]) -> Option<Trend> {
+    /// Spread below which all values of the property are the same, relative to the square of its unit.
+    const LEAST_SPREAD: f64 = 1e-12;
+    let all = scenes.iter().fold([0.0; 5], |all: Sums, own| std::array::from_fn(|at| all[at] + own[at]));
+    let spread = all[3] - all[1] * all[1] / all[0];
+    let found = Some(slope(all)).filter(|slope| slope.is_finite() && spread > LEAST_SPREAD)?;
+    let enough = scenes.len() as u64 >= FEWEST_SCENES;
+    let interval = enough.then(|| interval_of(scenes, resamples(scenes.len()), slope)).flatten();
+    Some(Trend { slope: found, interval, scenes: scenes.len() as u64 })
+}

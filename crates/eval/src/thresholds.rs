@@ -1,0 +1,103 @@
+//! Thresholds of token expansion by quantile of a network's own scores.
+//!
+//! The paper's thresholds are values of its own networks' uncertainty. A network at another scale has other scores, and all of
+//! the paper's thresholds may expand the same tokens; the same quantiles of its own scores give budgets that differ.
+
+use std::sync::Arc;
+
+use atsplat_model::network::Network;
+use atsplat_numeric::quantile;
+use atsplat_protocol::EvaluationIndex;
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
+
+use crate::EvalError;
+use crate::context::trial_seed;
+use crate::expansion::context_views;
+use crate::runner::Dataset;
+
+/// The paper's thresholds (supplement, "Per-scene dynamic budgets"), each with the quantiles whose mean budgets have the
+/// paper's proportions to its fixed budget: 13, 19 and 39 thousand Gaussians to 23 thousand.
+pub const PUBLISHED: [([f64; 3], [f64; 3]); 3] =
+    [([0.1, 0.1, 0.4], [0.8, 0.8, 0.9]), ([0.05, 0.05, 0.2], [0.6, 0.6, 0.8]), ([0.01, 0.01, 0.04], [0.2, 0.2, 0.6])];
+
+/// Number of trials whose scores are pooled.
+const TRIALS: usize = 4;
+
+/// The scores of each block that expands by score, in order, over the tokens of a dataset's first trials.
+///
+/// # Errors
+/// [`EvalError::Settings`] if no trial can be read; the errors of the network.
+pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, EvalError> {
+    let first = dataset.index.index.scenes.iter().filter_map(|(key, entries)| {
+        let present = dataset.source.keys().contains(key);
+        Some((key.clone(), vec![entries.first().filter(|_| present)?.clone()]))
+    });
+    let index = EvaluationIndex { scenes: first.take(TRIALS).collect() };
+    let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+    let trials = Trials::new(Arc::clone(&dataset.source), &index, TrialRecipe::of(&dataset.preset, "ATSplat"), ahead);
+    let mut blocks: Vec<Vec<f64>> = Vec::new();
+    for (trial, _) in trials.flatten() {
+        let settings = |error: crate::expansion::ExpansionError| EvalError::Settings {
+            what: "thresholds by quantile",
+            expected: format!("context pictures of {}", trial.scene()),
+            found: error.to_string(),
+        };
+        let reconstruction = network.reconstruct(&context_views(&trial).map_err(settings)?, trial_seed(0, &trial))?;
+        let scored = reconstruction.blocks.into_iter().filter_map(|block| block.scores);
+        for (at, scores) in scored.enumerate() {
+            if blocks.len() == at {
+                blocks.push(Vec::new());
+            }
+            if let Some(block) = blocks.get_mut(at) {
+                block.extend(scores.into_iter().map(f64::from));
+            }
+        }
+    }
+    if blocks.is_empty() {
+        return Err(EvalError::Settings {
+            what: "thresholds by quantile",
+            expected: "trials whose tokens are scored".to_owned(),
+            found: format!("none in {}", dataset.name),
+        });
+    }
+    Ok(blocks)
+}
+
+/// The quantile of each block's scores, to three significant digits; `None` if their numbers differ or a block has no score.
+pub fn at_quantiles(scores: &[Vec<f64>], quantiles: &[f64]) -> Option<Vec<f64>> {
+    let of_block = |(scores, at): (&Vec<f64>, &f64)| {
+        let mut sorted = scores.clone();
+        sorted.sort_by(f64::total_cmp);
+        quantile(&sorted, *at).map(three_digits)
+    };
+    (scores.len() == quantiles.len()).then(|| scores.iter().zip(quantiles).map(of_block).collect())?
+}
+
+/// Rounded, so that a label can print the whole value.
+fn three_digits(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    #[test]
+    fn each_block_has_its_own_quantile() {
+        let scores = [(0..=100).rev().map(f64::from).collect(), (0..=10).map(|at| f64::from(at) * 0.001_234).collect()];
+        let found = at_quantiles(&scores, &[0.8, 0.3]).unwrap();
+        Tolerance::relative(1e-12).assert(found, [80.0, 0.0037], "0.3 of 0.012 34, to three digits");
+        assert_eq!(at_quantiles(&scores, &[0.8]), None);
+        assert_eq!(at_quantiles(&[Vec::new()], &[0.8]), None);
+    }
+
+    #[test]
+    fn looser_published_thresholds_have_lower_quantiles() {
+        for pair in PUBLISHED.windows(2) {
+            for block in 0..3 {
+                assert!(pair[0].0[block] > pair[1].0[block] && pair[0].1[block] > pair[1].1[block]);
+            }
+        }
+    }
+}

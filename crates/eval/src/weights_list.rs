@@ -1,0 +1,235 @@
+//! Which weights a reproduction uses for which protocol, table and variant: one file for all, or a TOML file that lists them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use atsplat_protocol::Preset;
+use serde::Deserialize;
+
+use crate::EvalError;
+
+/// Weights by protocol, table and variant.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WeightsList {
+    entries: Vec<Entry>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Entry {
+    file: PathBuf,
+    /// The protocols that it is for; all without it.
+    presets: Option<BTreeSet<String>>,
+    variant: Option<String>,
+    /// Number of conditions: the entry with the most counts.
+    conditions: u8,
+}
+
+/// The file: `[[weights]]` entries.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct ListToml {
+    weights: Vec<EntryToml>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct EntryToml {
+    file: PathBuf,
+    preset: Option<String>,
+    table: Option<String>,
+    variant: Option<String>,
+}
+
+impl WeightsList {
+    /// The same weights for everything.
+    pub fn one(file: PathBuf) -> Self {
+        Self { entries: vec![Entry { file, presets: None, variant: None, conditions: 0 }] }
+    }
+
+    /// Reads a list. `tables` are the protocols of each table by its name. Paths are relative to the list's folder, except for
+    /// names of weights in `embedded`.
+    ///
+    /// # Errors
+    /// [`EvalError::Io`]; [`EvalError::Malformed`] with the entry and the field, for text that is not a list, unknown presets
+    /// and tables, conditions that no protocol meets, and two entries for the same.
+    pub fn read(path: &Path, tables: &BTreeMap<String, Vec<String>>, embedded: &[&str]) -> Result<Self, EvalError> {
+        let text = std::fs::read_to_string(path).map_err(|source| EvalError::Io {
+            action: "reading a list of weights",
+            path: path.to_owned(),
+            source,
+        })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Self::parse(&text, folder, tables, embedded).map_err(|(location, expected, found)| EvalError::Malformed {
+            path: path.to_owned(),
+            location,
+            expected,
+            found,
+        })
+    }
+
+    fn parse(
+        text: &str,
+        folder: &Path,
+        tables: &BTreeMap<String, Vec<String>>,
+        embedded: &[&str],
+    ) -> Result<Self, (String, String, String)> {
+        let list: ListToml = toml::from_str(text).map_err(|error| {
+            let line = error.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|b| *b == b'\n').count());
+            (
+                format!("line {line}"),
+                "[[weights]] entries with file, preset, table, variant".to_owned(),
+                error.message().to_owned(),
+            )
+        })?;
+        let mut entries: Vec<Entry> = Vec::new();
+        for (at, own) in list.weights.into_iter().enumerate() {
+            let wrong = |field: &str, expected: String, found: String| {
+                (format!("weights entry {}, {field}", at + 1), expected, format!("{found:?}"))
+            };
+            if let Some(preset) = own.preset.as_ref().filter(|preset| Preset::named(preset).is_err()) {
+                let known = Preset::names().collect::<Vec<_>>().join(", ");
+                return Err(wrong("preset", format!("one of {known}"), preset.clone()));
+            }
+            let of_table = match &own.table {
+                None => None,
+                Some(table) => Some(tables.get(table).ok_or_else(|| {
+                    let known = tables.keys().cloned().collect::<Vec<_>>().join(", ");
+                    wrong("table", format!("one of {known}"), table.clone())
+                })?),
+            };
+            let presets: Option<BTreeSet<String>> = match (&own.preset, of_table) {
+                (None, None) => None,
+                (None, Some(table)) => Some(table.iter().cloned().collect()),
+                (Some(preset), None) => Some([preset.clone()].into()),
+                (Some(preset), Some(table)) => {
+                    let published = Preset::named(preset).ok().and_then(|own| own.stands_for);
+                    let fits = table.contains(preset) || published.is_some_and(|own| table.contains(&own));
+                    if !fits {
+                        return Err(wrong(
+                            "preset",
+                            format!("a protocol of the table: {}", table.join(", ")),
+                            preset.clone(),
+                        ));
+                    }
+                    Some([preset.clone()].into())
+                }
+            };
+            if let Some(variant) = own.variant.as_ref().filter(|variant| !is_plain(variant)) {
+                let expected = "lower-case letters, digits and hyphens".to_owned();
+                return Err(wrong("variant", expected, variant.clone()));
+            }
+            let is_embedded = own.file.to_str().is_some_and(|name| embedded.contains(&name));
+            let file = if is_embedded { own.file } else { folder.join(own.file) };
+            let conditions = u8::from(own.preset.is_some()) * 2 + u8::from(own.table.is_some());
+            let entry = Entry { file, presets, variant: own.variant, conditions };
+            let same = |other: &Entry| (&other.presets, &other.variant) == (&entry.presets, &entry.variant);
+            if let Some(first) = entries.iter().position(same) {
+                let expected = "one entry for each protocol and variant".to_owned();
+                return Err(wrong("file", expected, format!("the same as entry {}", first + 1)));
+            }
+            entries.push(entry);
+        }
+        if entries.is_empty() {
+            return Err(("weights".to_owned(), "at least one entry".to_owned(), "none".to_owned()));
+        }
+        Ok(Self { entries })
+    }
+
+    /// The weights of ATSplat under a protocol: of the entry with the most conditions, the first of several. `None` if the list
+    /// has none.
+    pub fn network(&self, preset: &Preset) -> Option<&Path> {
+        self.best(preset, None)
+    }
+
+    /// The variants with weights of their own under a protocol, in alphabetical order.
+    pub fn variants(&self, preset: &Preset) -> Vec<(&str, &Path)> {
+        let names: BTreeSet<&str> = self.entries.iter().filter_map(|entry| entry.variant.as_deref()).collect();
+        names.into_iter().filter_map(|name| Some((name, self.best(preset, Some(name))?))).collect()
+    }
+
+    fn best(&self, preset: &Preset, variant: Option<&str>) -> Option<&Path> {
+        let names = [Some(&preset.name), preset.stands_for.as_ref()];
+        let fits = |entry: &&Entry| {
+            let presets = entry.presets.as_ref();
+            let own = presets.is_none_or(|presets| names.iter().flatten().any(|name| presets.contains(*name)));
+            own && entry.variant.as_deref() == variant
+        };
+        let mut found: Option<&Entry> = None;
+        for entry in self.entries.iter().filter(fits) {
+            if found.is_none_or(|best| entry.conditions > best.conditions) {
+                found = Some(entry);
+            }
+        }
+        found.map(|entry| entry.file.as_path())
+    }
+}
+
+fn is_plain(name: &str) -> bool {
+    !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<WeightsList, (String, String, String)> {
+        let tables = [
+            ("re10k".to_owned(), vec!["re10k-2v-256".to_owned()]),
+            ("unified".to_owned(), vec!["re10k-2v-256".to_owned(), "dl3dv-2v-256x448".to_owned()]),
+        ];
+        WeightsList::parse(text, Path::new("runs"), &tables.into(), &["micro-rooms"])
+    }
+
+    #[test]
+    fn the_most_specific_entry_counts() {
+        let list = parse(
+            "[[weights]]\nfile = 'micro-rooms'\n[[weights]]\nfile = 'both'\ntable = 'unified'\n\
+             [[weights]]\nfile = 'dl3dv'\npreset = 'dl3dv-2v-256x448'\n\
+             [[weights]]\nfile = 'joint'\ntable = 'unified'\nvariant = 'unified'\n\
+             [[weights]]\nfile = 'other'\npreset = 'rooms-2v-128'\nvariant = 'random'\n",
+        )
+        .unwrap();
+        let network = |preset: &str| list.network(&Preset::named(preset).unwrap()).unwrap().display().to_string();
+        assert_eq!(network("acid-2v-256"), "micro-rooms", "an embedded name is no path");
+        assert_eq!(network("re10k-2v-256"), "runs/both");
+        assert_eq!(network("dl3dv-2v-256x448"), "runs/dl3dv");
+        assert_eq!(network("yards-2v-128x224"), "runs/dl3dv", "a stand-in takes the weights of its protocol");
+        let variants = |preset: &str| {
+            let preset = Preset::named(preset).unwrap();
+            list.variants(&preset).iter().map(|(name, file)| format!("{name} {}", file.display())).collect::<Vec<_>>()
+        };
+        assert_eq!(variants("rooms-2v-128"), ["random runs/other", "unified runs/joint"]);
+        assert_eq!(variants("re10k-2v-256"), ["unified runs/joint"], "an entry of a stand-in is not for its protocol");
+        assert_eq!(variants("acid-2v-256"), [""; 0]);
+        let only = parse("[[weights]]\nfile = 'a'\npreset = 'acid-2v-256'").unwrap();
+        assert_eq!(only.network(&Preset::named("re10k-2v-256").unwrap()), None);
+    }
+
+    #[test]
+    fn errors_name_the_entry_and_its_field() {
+        let entry = |text: &str| format!("[[weights]]\nfile = 'a'\n[[weights]]\nfile = 'b'\n{text}\n");
+        for (text, location, found) in [
+            ("weights = 3".to_owned(), "line 1", "integer"),
+            (String::new(), "line 1", "weights"),
+            ("weights = []".to_owned(), "weights", "none"),
+            (entry("preset = 're20k'"), "weights entry 2, preset", "re20k"),
+            (entry("table = 'unify'"), "weights entry 2, table", "unify"),
+            (entry("table = 're10k'\npreset = 'acid-2v-256'"), "weights entry 2, preset", "acid-2v-256"),
+            (entry("variant = 'No expansion'"), "weights entry 2, variant", "No expansion"),
+            (entry("weight = 'c'"), "line 5", "weight"),
+            (entry(""), "weights entry 2, file", "the same as entry 1"),
+        ] {
+            let (own, expected, what) = parse(&text).unwrap_err();
+            assert!(
+                own == location && what.contains(found) && !expected.is_empty(),
+                "{text}: {own}: {expected}, {what}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_missing_list_names_its_path() {
+        let error = WeightsList::read(Path::new("no/list.toml"), &BTreeMap::new(), &[]).unwrap_err().to_string();
+        assert!(error.contains("reading a list of weights") && error.contains("no/list.toml"), "{error}");
+    }
+}

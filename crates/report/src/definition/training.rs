@@ -1,0 +1,88 @@
+//! What a network was trained on, from the description in its record.
+
+use std::collections::BTreeSet;
+
+use atsplat_eval::MethodRecord;
+
+/// Datasets by their id in `datasets/`, with the words that name them in a description of training data.
+const DATASETS: [(&str, &[&str]); 5] = [
+    ("re10k", &["re10k", "realestate10k"]),
+    ("acid", &["acid"]),
+    ("dl3dv", &["dl3dv"]),
+    ("rooms", &["rooms"]),
+    ("yards", &["yards"]),
+];
+/// Datasets without photographs.
+const SIMULATED: [&str; 2] = ["rooms", "yards"];
+/// The pairs of datasets that a unified network is trained on: the paper's, and its stand-in.
+const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
+
+/// The ids of the datasets that the description names; empty if it names none that is known.
+fn seen(record: &MethodRecord) -> BTreeSet<&'static str> {
+    let Some(training) = &record.training else { return BTreeSet::new() };
+    let data = training.data.to_lowercase();
+    let words: BTreeSet<&str> = data.split(|letter: char| !letter.is_ascii_alphanumeric()).collect();
+    DATASETS.iter().filter(|(_, names)| names.iter().any(|name| words.contains(name))).map(|(id, _)| *id).collect()
+}
+
+/// `never saw yards`, for a network that was trained on other data than `dataset`; `None` for a network that saw it, and for
+/// one whose training data are not known.
+pub(crate) fn never_saw(record: &MethodRecord, dataset: &str) -> Option<String> {
+    let seen = seen(record);
+    let known = DATASETS.iter().any(|(id, _)| *id == dataset);
+    match (seen.is_empty(), known) {
+        (true, _) => None,
+        (false, true) => (!seen.contains(dataset)).then(|| format!("never saw {}", name(dataset))),
+        (false, false) => seen.iter().all(|id| SIMULATED.contains(id)).then(|| "never saw photographs".to_owned()),
+    }
+}
+
+/// Whether one network was trained on both datasets of a unified model, or says that it is one.
+pub(crate) fn is_unified(record: &MethodRecord) -> bool {
+    let stated = record.parameters.get("variant").and_then(serde_json::Value::as_str) == Some("unified");
+    let seen = seen(record);
+    stated || UNIFIED.iter().any(|pair| pair.iter().all(|id| seen.contains(id)))
+}
+
+/// A dataset's name in tables.
+pub(crate) fn name(dataset: &str) -> &str {
+    match dataset {
+        "re10k" => "RE10K",
+        "acid" => "ACID",
+        "dl3dv" => "DL3DV",
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_eval::TrainingRecord;
+
+    fn trained_on(data: &str) -> MethodRecord {
+        let training = Some(TrainingRecord { data: data.to_owned(), seed: None });
+        MethodRecord { training, ..MethodRecord::default() }
+    }
+
+    #[test]
+    fn a_network_never_saw_what_its_record_does_not_name() {
+        let rooms = trained_on("simulated rooms, train split, seeds 0 to 5999, 128x128");
+        assert_eq!(never_saw(&rooms, "rooms"), None);
+        assert_eq!(never_saw(&rooms, "yards").as_deref(), Some("never saw yards"));
+        assert_eq!(never_saw(&rooms, "dl3dv").as_deref(), Some("never saw DL3DV"));
+        assert_eq!(never_saw(&rooms, "photos").as_deref(), Some("never saw photographs"));
+        let re10k = trained_on("data/re10k/train under re10k-2v-256");
+        assert_eq!((never_saw(&re10k, "re10k"), never_saw(&re10k, "photos")), (None, None));
+        assert_eq!(never_saw(&trained_on("my own videos"), "re10k"), None, "nothing is claimed about unknown data");
+        assert_eq!(never_saw(&MethodRecord::default(), "re10k"), None);
+    }
+
+    #[test]
+    fn unified_networks_saw_both_datasets() {
+        assert!(is_unified(&trained_on(
+            "1 × data/re10k/train under re10k-2v-256, 1 × data/dl3dv/train under dl3dv-6v"
+        )));
+        assert!(is_unified(&trained_on("1 × rooms train 0 to 9 at 128x128, 1 × yards train 0 to 9 at 128x128")));
+        assert!(!is_unified(&trained_on("simulated rooms")) && !is_unified(&trained_on("dl3dv and rooms")));
+    }
+}

@@ -1,0 +1,110 @@
+//! What a row was measured on, in words for the row itself: a row pasted without its table's notes still says so.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::edition::Part;
+use crate::definition::dataset_name;
+
+/// Data, size of pictures and number of scenes of a measured row.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct MeasuredOn {
+    /// `simulated rooms, 128×128, 8 of 24 scenes`, after the method in a row with the labels of a published one:
+    /// `ATSplat (nano) on simulated rooms …`.
+    pub text: String,
+    /// The same without a method.
+    #[serde(skip)]
+    pub place: String,
+    /// Whether this is the whole of a published protocol: its data, index and preset.
+    pub published_setting: bool,
+}
+
+/// A protocol that was run, for the columns with a heading.
+pub(super) struct Ran<'a> {
+    pub(super) heading: &'a str,
+    pub(super) part: &'a Part<'a>,
+    pub(super) method: &'a str,
+}
+
+impl MeasuredOn {
+    /// Of all protocols behind a row; headings appear only where numbers of scenes differ. `method` is named first.
+    pub(super) fn of(ran: &[Ran<'_>], method: Option<String>) -> Self {
+        // Data and size, with each number of scenes and the headings that have it.
+        let mut places: Vec<(String, Vec<(String, Vec<&str>)>)> = Vec::new();
+        for Ran { heading, part, method } in ran {
+            let place = [Some(part.data()), part.size(method)].into_iter().flatten().collect::<Vec<_>>().join(", ");
+            let at = places.iter().position(|(known, _)| *known == place).unwrap_or_else(|| {
+                places.push((place, Vec::new()));
+                places.len() - 1
+            });
+            let (scenes, counts) = (part.scenes(method), &mut places[at].1);
+            match counts.iter_mut().find(|(known, _)| *known == scenes) {
+                Some((_, headings)) => headings.push(heading),
+                None => counts.push((scenes, vec![*heading])),
+            }
+        }
+        let text = places.iter().map(|(place, counts)| match counts.as_slice() {
+            [(scenes, _)] => format!("{place}, {scenes}"),
+            several => {
+                let several = several.iter().map(|(scenes, headings)| format!("{scenes} ({})", headings.join(", ")));
+                format!("{place}: {}", several.collect::<Vec<_>>().join(", "))
+            }
+        });
+        let place = text.collect::<Vec<_>>().join("; ");
+        Self {
+            text: method.map_or_else(|| place.clone(), |method| format!("{method} on {place}")),
+            place,
+            published_setting: ran.iter().all(|ran| ran.part.difference().is_none()),
+        }
+    }
+}
+
+impl Part<'_> {
+    /// The data in words: `RE10K`, `simulated rooms`, `capture fox`.
+    pub(super) fn data(&self) -> String {
+        match self.protocol.dataset.as_str() {
+            kind @ ("rooms" | "yards") => format!("simulated {kind}"),
+            known @ ("re10k" | "acid" | "dl3dv") => dataset_name(known).to_owned(),
+            _ => {
+                let path = Path::new(&self.preset.dataset);
+                let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
+                format!("capture {}", name.unwrap_or_else(|| self.preset.dataset.clone()))
+            }
+        }
+    }
+
+    /// Height and width of the compared pictures; `None` without any.
+    pub(super) fn size(&self, method: &str) -> Option<String> {
+        let targets = self.source.results.targets.iter();
+        let own = targets.filter(|row| row.key.preset == self.preset.name && row.key.method == method);
+        let sizes: BTreeSet<(u32, u32)> = own.map(|row| (row.height, row.width)).filter(|size| size.0 > 0).collect();
+        let (first, last) = (sizes.first()?, sizes.last()?);
+        let print = |(height, width): &(u32, u32)| format!("{height}×{width}");
+        Some(if first == last { print(first) } else { format!("{} to {}", print(first), print(last)) })
+    }
+
+    /// Scenes with trials of those of the protocol, and what else differs from it.
+    fn scenes(&self, method: &str) -> String {
+        let trials = self.source.results.trials.iter();
+        let own = trials.filter(|trial| trial.key.preset == self.preset.name && trial.key.method == method);
+        let scenes = own.map(|trial| trial.key.scene.as_str()).collect::<BTreeSet<_>>().len() as u64;
+        let all = self.protocol.index.scenes;
+        let mut text = match scenes {
+            1 if all <= 1 => "1 scene".to_owned(),
+            own if own == all => format!("all {all} scenes"),
+            own if own < all => format!("{own} of {all} scenes"),
+            own => format!("{own} scenes"),
+        };
+        let published = self.preset.stands_for.is_none() && !self.protocol.index.accepted.is_empty();
+        if published && self.preset.index_name.is_none() {
+            text.push_str(", own index");
+        }
+        if self.is_changed() {
+            text.push_str(", protocol changed");
+        }
+        text
+    }
+}

@@ -1,0 +1,317 @@
+//! What a table says where it is pasted: data, sizes, scenes, verdicts, trainings, trends.
+
+use atsplat_eval::{MethodRecord, Results, TargetStatus, TrainingRecord};
+use atsplat_numeric::Tolerance;
+use serde_json::json;
+
+use super::*;
+use crate::csv_text;
+use crate::definition::TableDefinition;
+use crate::emit::{TableFormat, Terminal};
+use crate::sample::{atsplat, floor, preset, random, results, results_over, store};
+
+fn built(name: &str, results: &Results) -> Table {
+    let source = Source { label: "run", results };
+    tables(&TableDefinition::named(name).unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0)
+}
+
+fn protocols(results: &Results) -> Vec<Table> {
+    protocol_tables(&[Source { label: "run", results }], Mixing::Apart).unwrap()
+}
+
+fn notes(table: &Table, kind: NoteKind) -> String {
+    let own = table.footer.iter().filter(|note| note.kind == kind);
+    own.map(|note| format!("{}\n", note.text)).collect()
+}
+
+fn measured(table: &Table) -> impl Iterator<Item = &Row> {
+    table.rows.iter().filter(|row| row.origin == Origin::Measured)
+}
+
+fn trained(name: &str, seed: &str, data: &str) -> MethodRecord {
+    let training = Some(TrainingRecord { data: data.to_owned(), seed: Some(seed.to_owned()) });
+    MethodRecord { weights_sha256: Some(format!("weights of {name}")), training, ..atsplat(name, |_| ()) }
+}
+
+/// Every method that a table of the paper has a row for.
+fn methods() -> Vec<MethodRecord> {
+    use atsplat_model::config::{AnchorDesign, Selection};
+    let thresholds = |values: [f64; 3]| {
+        atsplat(&format!("thresholds {values:?}"), |config| *config = config.with_thresholds(&values).unwrap())
+    };
+    let k = |k| atsplat(&format!("k {k}"), |config| config.head.gaussians_per_token = k);
+    vec![
+        atsplat("atsplat", |_| ()),
+        random(),
+        floor(),
+        atsplat("farthest", |config| config.expansion.selection = Selection::FarthestPoint {}),
+        atsplat("none", |config| *config = config.with_expansion_in_first(0)),
+        atsplat("rays", |config| config.anchors.design = AnchorDesign::RayDepth {}),
+        thresholds([0.1, 0.1, 0.4]),
+        thresholds([0.01, 0.01, 0.04]),
+        k(8),
+        k(32),
+        trained("joint", "1", "rooms train 0 to 9, yards train 0 to 9"),
+    ]
+}
+
+/// All tables of the paper and of protocols, of stand-ins or of part of the published data: each measured row says so in
+/// the visible text of each format, and LaTeX in more than its comments.
+#[test]
+fn every_row_that_is_not_the_published_setting_says_so() {
+    let all = atsplat_protocol::Preset::names().map(preset);
+    let (stand_ins, published): (Vec<_>, Vec<_>) = all.partition(|preset| preset.stands_for.is_some());
+    for (presets, expected) in [(stand_ins, "simulated"), (published, " scene")] {
+        let results = results(presets, methods());
+        let mut tables: Vec<Table> = TableDefinition::names().map(|name| built(name, &results)).collect();
+        assert!(tables.iter().all(Table::is_measured), "every table has a measured row");
+        tables.extend(protocols(&results));
+        for table in &tables {
+            let name = &table.name;
+            let says = |text: &str| text.contains(expected) && text.contains("16");
+            let latex = TableFormat::Latex.write(table).unwrap();
+            let rows = latex.lines().filter(|line| line.ends_with("\\\\") && !line.contains("& paper &"));
+            let rows: Vec<&str> = rows.skip_while(|line| !line.contains("scriptsize")).collect();
+            assert_eq!(rows.len(), measured(table).count(), "{name}:\n{latex}");
+            assert!(rows.iter().all(|row| says(row)), "{name}:\n{latex}");
+            assert!(!latex.contains("Ours"), "{name}");
+
+            let markdown = TableFormat::Markdown.write(table).unwrap();
+            let lines = markdown.lines().filter(|line| line.starts_with("| ")).skip(2);
+            let rows: Vec<&str> = lines.filter(|line| !line.contains("| paper |")).collect();
+            assert_eq!(rows.len(), measured(table).count(), "{name}:\n{markdown}");
+            assert!(rows.iter().all(|row| says(row)), "{name}:\n{markdown}");
+
+            let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
+            let at = |field: &str| records[0].iter().position(|own| own == field).unwrap();
+            let rows = records.iter().skip(1).filter(|record| record[at("from")] == "measured");
+            for record in rows {
+                assert!(says(&record[at("measured_on")]), "{name}: {record:?}");
+                assert_eq!(record[at("published_setting")], "false", "{name}");
+            }
+
+            for (width, widest) in [(80, 100), (120, 120)] {
+                use unicode_width::UnicodeWidthStr as _;
+                let text = Terminal { width, styled: false }.write(table);
+                let boxes: Vec<&str> = text.lines().filter(|line| line.starts_with(['│', '┌', '├', '└'])).collect();
+                assert!(boxes.iter().all(|line| line.width() <= widest), "{name} at {width}:\n{text}");
+                assert!(boxes.iter().any(|line| line.contains(expected)), "{name}:\n{text}");
+            }
+        }
+    }
+}
+
+#[test]
+fn captions_say_that_stand_ins_are_not_comparable() {
+    let table = built("re10k", &results(vec![preset("rooms-2v-128")], vec![atsplat("atsplat", |_| ())]));
+    let said = "Measured on simulated rooms, 16×16, 4 of 24 scenes: not comparable with the paper's numbers.";
+    assert!(table.caption.ends_with(said), "{}", table.caption);
+    let mut whole = preset("re10k-2v-256");
+    whole.entries = whole.entries_of_index;
+    let table = built("re10k", &results(vec![whole], vec![atsplat("atsplat", |_| ())]));
+    assert!(table.caption.ends_with("Measured on RE10K, 16×16, 4 of 6474 scenes."), "{}", table.caption);
+}
+
+/// One vote for PSNR and SSIM together: the sample's methods are 3 dB apart in their order.
+#[test]
+fn orders_are_kept_reversed_or_undecided_by_paired_intervals() {
+    let presets = || vec![preset("rooms-2v-128")];
+    let own = |weights: &str, method: MethodRecord| MethodRecord { weights_sha256: Some(weights.to_owned()), ..method };
+    let votes = |results: &Results| {
+        let found = verdict(&built("ablation_ate", results));
+        [found.kept, found.reversed, found.undecided]
+    };
+    let (full, other) = (atsplat("atsplat", |_| ()), own("of its own", random()));
+    assert_eq!(votes(&results_over(presets(), vec![full.clone(), other.clone()], 7)), [1, 0, 0]);
+    assert_eq!(votes(&results_over(presets(), vec![other.clone(), full.clone()], 7)), [0, 1, 0]);
+    assert_eq!(votes(&results_over(presets(), vec![full.clone(), other.clone()], 5)), [0, 0, 1], "five scenes");
+    // Better by 3 dB on average, and by −9 to 15 from scene to scene.
+    let mut noisy = results_over(presets(), vec![full, other], 7);
+    for (at, row) in noisy.targets.iter_mut().enumerate() {
+        let sign = if at / 3 % 2 == 0 { 1.0 } else { -1.0 };
+        row.scores.entry("psnr".to_owned()).and_modify(|psnr| *psnr += 12.0 * sign);
+    }
+    assert_eq!(votes(&noisy), [0, 0, 1], "signs alone would say kept");
+    let said = verdict(&built("ablation_ate", &noisy)).to_string();
+    let expected =
+        "not comparable: measured on simulated rooms, 16×16, 7 of 24 scenes; orders: 0 kept, 0 reversed, 1 undecided";
+    assert_eq!(said, expected);
+}
+
+#[test]
+fn identical_targets_are_left_out_and_counted() {
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![floor()], 7);
+    let before = built("re10k", &results);
+    let mut copy = results.targets[0].clone();
+    (copy.target, copy.status, copy.scores) = (9, TargetStatus::Identical, [("ssim".to_owned(), 1.0)].into());
+    results.targets.push(copy);
+    let after = built("re10k", &results);
+    let [before, with] = [&before, &after].map(|table| measured(table).next().unwrap().cells[0][..2].to_vec());
+    for (one, other) in before.iter().zip(&with) {
+        assert_eq!((&one.value, one.interval), (&other.value, other.interval), "100 dB and SSIM 1 move no mean");
+    }
+    assert_eq!(with[0].counts.unwrap().identical, 1);
+    assert!(notes(&after, NoteKind::Counts).contains("21 targets, 1 more identical to the truth and left out"));
+    assert!(notes(&after, NoteKind::LeftOut).contains("left out of all means"));
+    assert!(TableFormat::Latex.write(&after).unwrap().contains("{\\footnotesize"), "printed below the table");
+}
+
+#[test]
+fn a_network_outside_its_training_data_says_so() {
+    let rooms = || vec![trained("atsplat", "1", "simulated rooms, train split"), floor()];
+    let yards = built("cross_dataset", &results(vec![preset("rooms-to-yards-128")], rooms()));
+    let all = measured(&yards).filter(|row| !row.without_leaked);
+    let labels: Vec<String> = all.map(|row| row.printed_labels().concat()).collect();
+    assert_eq!(labels, ["ATSplat, never saw yards", "Nearest view"]);
+    let inside = built("re10k", &results(vec![preset("rooms-2v-128")], rooms()));
+    assert_eq!(measured(&inside).next().unwrap().printed_labels(), ["ATSplat"]);
+    assert!(notes(&inside, NoteKind::Convention).contains("ATSplat: trained on simulated rooms, train split"));
+}
+
+#[test]
+fn unified_columns_are_filled_by_unified_weights_alone() {
+    let presets = || vec![preset("rooms-2v-128"), preset("yards-2v-128x224")];
+    let filled = |methods: Vec<MethodRecord>| {
+        let table = built("unified", &results(presets(), methods));
+        let row = measured(&table).next().unwrap().clone();
+        [0, 1].map(|group| row.cells[group][0].value.number().is_some())
+    };
+    let separate = || trained("atsplat", "1", "simulated rooms");
+    let unified = || trained("joint", "1", "rooms train 0 to 9, yards train 0 to 9");
+    assert_eq!(filled(vec![separate()]), [true, false]);
+    assert_eq!(filled(vec![unified()]), [false, true]);
+    assert_eq!(filled(vec![separate(), unified()]), [true, true]);
+}
+
+/// Three trainings that differ by 3 dB: their mean with both spreads, beside their own rows.
+#[test]
+fn several_trainings_share_a_row() {
+    let seeds = ["1", "2", "3"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
+    let all = seeds.iter().cloned().chain([floor()]).collect();
+    let table = built("re10k", &results_over(vec![preset("rooms-2v-128")], all, 7));
+    let mean = measured(&table).find(|row| row.remarks.iter().any(|remark| remark == "mean of 3 trainings")).unwrap();
+    let single: Vec<&Row> =
+        measured(&table).filter(|row| row.method.as_deref().is_some_and(|own| own.starts_with("seed"))).collect();
+    assert_eq!(single.iter().filter(|row| !row.without_leaked).count(), 3);
+    let trainings = mean.cells[0][0].trainings.unwrap();
+    // The second method of the sample fails in the third scene: six are common. 27.25 − 2 · at, without at = 2.
+    let scenes = [27.25, 25.25, 21.25, 19.25, 17.25, 15.25].map(|psnr| psnr - 3.0);
+    let expected = scenes.iter().sum::<f64>() / 6.0;
+    Tolerance::relative(1e-9).assert([mean.cells[0][0].value.number().unwrap()], [expected], "mean");
+    Tolerance::relative(1e-9).assert([trainings.training_deviation], [3.0], "trainings 3 dB apart");
+    let variance = scenes.iter().map(|psnr| (psnr - expected).powi(2)).sum::<f64>() / 5.0;
+    Tolerance::relative(1e-9).assert([trainings.scene_deviation], [variance.sqrt()], "scenes");
+    let said = notes(&table, NoteKind::Trainings);
+    assert!(said.contains("PSNR has the standard deviation 3.00 over 3 trainings and"), "{said}");
+    // Another seed of other data is another network.
+    let mixed = vec![trained("a", "1", "simulated rooms"), trained("b", "2", "simulated yards")];
+    let table = built("re10k", &results_over(vec![preset("rooms-2v-128")], mixed, 7));
+    assert!(measured(&table).all(|row| row.cells[0][0].trainings.is_none()));
+}
+
+#[test]
+fn an_order_over_several_trainings_includes_their_spread() {
+    let own = |seed: &str| trained(&format!("seed {seed}"), seed, "simulated rooms");
+    let other = MethodRecord { weights_sha256: Some("of its own".to_owned()), ..random() };
+    let order = |methods: Vec<MethodRecord>| {
+        let table = built("ablation_ate", &results_over(vec![preset("rooms-2v-128")], methods, 7));
+        let order = table.orders[0].clone();
+        (order.measured, order.interval.unwrap(), order.outcome)
+    };
+    let (_, [low, high], outcome) = order(vec![own("1"), other.clone()]);
+    assert!(outcome == Outcome::Kept && high - low < 1e-9, "one training: 3 dB in every scene");
+    // Trainings at 0 and −6 dB, the other at −3: nothing is known about the next training.
+    let (measured, [low, high], outcome) = order(vec![own("1"), other, own("2")]);
+    Tolerance::absolute(1e-9).assert([measured], [0.0], "the mean of +3 and −3");
+    assert!(outcome == Outcome::Undecided && low < -3.0 && high > 3.0, "{low} to {high}");
+}
+
+/// A capture has a table in every format; with six of them also intervals.
+#[test]
+fn a_capture_has_a_protocol_table_in_every_format() {
+    let mut own = preset("photos-3v-256");
+    (own.dataset, own.index_name) = ("/home/me/fox".to_owned(), None);
+    let methods = || vec![trained("atsplat", "1", "simulated rooms"), floor()];
+    for (scenes, intervals) in [(4, false), (7, true)] {
+        let found = protocols(&results_over(vec![own.clone()], methods(), scenes));
+        let [table] = found.as_slice() else { panic!("one table: {}", found.len()) };
+        assert_eq!(table.name, "protocol-photos-3v-256");
+        for format in TableFormat::ALL {
+            let text = format.write(table).unwrap().replace("$\\times$", "×");
+            assert!(text.contains("capture fox, 16×16") && text.contains("never saw"), "{text}");
+            assert_eq!(
+                text.contains("no interval with fewer than 6"),
+                !intervals && format != TableFormat::Csv,
+                "{text}"
+            );
+        }
+        let printed = TableFormat::Markdown.write(table).unwrap().replace('\\', "");
+        let brackets = |line: &str| line.starts_with("| ATSplat") && line.contains(" [");
+        assert_eq!(printed.lines().any(brackets), intervals, "{printed}");
+        assert!(printed.contains("#Gauss.") && printed.contains("Time (s)") && printed.contains("0.260"), "{printed}");
+    }
+}
+
+#[test]
+fn protocol_tables_have_bins_and_distances_with_their_slopes() {
+    let mut results = results_over(vec![preset("rooms-overlap-128"), preset("rooms-extrapolation-128")], methods(), 8);
+    for row in results.targets.iter_mut().filter(|row| row.key.preset == "rooms-extrapolation-128") {
+        // 4 dB per frame.
+        row.signed_distance = [0, -1, 3][row.target as usize];
+        if row.signed_distance != 0 {
+            row.scores.insert("psnr".to_owned(), 30.0 - 4.0 * row.signed_distance.unsigned_abs() as f64);
+        }
+    }
+    for row in results.targets.iter_mut().filter(|row| row.key.preset == "rooms-overlap-128") {
+        row.signed_distance = 0;
+    }
+    let tables = protocols(&results);
+    assert_eq!(tables.len(), 2);
+    let titles: Vec<&str> = tables[0].groups.iter().map(|group| group.title.as_str()).collect();
+    assert_eq!(titles, ["", "small overlap", "medium overlap", "large overlap", "Trend of PSNR"]);
+    let titles: Vec<&str> = tables[1].groups.iter().map(|group| group.title.as_str()).collect();
+    assert_eq!(titles, ["", "inside the window", "1 outside", "3 outside", "Trend of PSNR"]);
+    let row = measured(&tables[1]).next().unwrap();
+    let numbers: Vec<f64> = (2..5).map(|group| row.cells[group][0].value.number().unwrap()).collect();
+    Tolerance::absolute(1e-9).assert(numbers, [26.0, 18.0, -4.0], "1 and 3 frames outside, and the slope");
+    assert_eq!(row.cells[4][0].print(tables[1].column((4, 0))), "-4.000 [-4.000, -4.000]");
+    // Ablations have rows too, and say what they are.
+    let labels: Vec<String> = measured(&tables[0]).map(|row| row.printed_labels().concat()).collect();
+    assert!(labels.iter().any(|label| label == "ATSplat, random, changed at inference only"), "{labels:?}");
+}
+
+#[test]
+fn thresholds_by_quantile_say_so_and_budgets_have_a_trend() {
+    let by_quantile = |published: [f64; 3], at: f64, gaussians: u64| {
+        let mut method =
+            atsplat(&format!("quantiles {at}"), |config| *config = config.with_thresholds(&[at; 3]).unwrap());
+        method.title = format!("ATSplat at {at}");
+        method.parameters.insert("threshold-quantiles".to_owned(), json!([0.8, 0.8, 0.9]));
+        method.parameters.insert("published-thresholds".to_owned(), json!(published));
+        (method, gaussians)
+    };
+    let methods = [by_quantile([0.1, 0.1, 0.4], 0.3, 16_384), by_quantile([0.01, 0.01, 0.04], 0.2, 4_096)];
+    let records = methods.iter().map(|(method, _)| method.clone()).collect();
+    let mut results = results_over(vec![preset("rooms-2v-128")], records, 8);
+    for trial in &mut results.trials {
+        let own = methods.iter().find(|(method, _)| method.name == trial.key.method);
+        trial.gaussians = own.map(|(_, gaussians)| *gaussians);
+    }
+    let table = built("dynamic_budget", &results);
+    let labels: Vec<String> =
+        measured(&table).filter(|row| !row.without_leaked).map(|row| row.printed_labels().concat()).collect();
+    let expected = "0.1 / 0.1 / 0.4, thresholds by quantile 0.8 / 0.8 / 0.9 of its own scores: 0.3 / 0.3 / 0.3";
+    assert_eq!(labels[0], expected);
+    assert_eq!(labels.len(), 2);
+    // The second method is 3 dB worse with a quarter of the Gaussians, in the seven scenes where it does not fail.
+    let trend = notes(&table, NoteKind::Trend);
+    assert!(trend.starts_with("trend: PSNR changes by +1.500 [+1.500, +1.500] per doubling"), "{trend}");
+    assert!(trend.contains("over 2 settings and 7 scenes"), "{trend}");
+}
+
+#[test]
+fn stores_without_a_training_record_claim_nothing() {
+    let table = built("cross_dataset", &results(vec![preset("rooms-to-yards-128")], vec![atsplat("atsplat", |_| ())]));
+    assert_eq!(measured(&table).next().unwrap().printed_labels(), ["ATSplat"]);
+    assert!(protocols(&store()).iter().all(Table::is_measured));
+}
