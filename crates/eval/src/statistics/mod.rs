@@ -17,7 +17,7 @@ mod summary;
 use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{CONFIDENCE, interval_of_mean};
-pub use breakdown::{Binned, by_distance, by_overlap};
+pub use breakdown::{Binned, by_distance, by_distance_steps, by_overlap};
 pub use contrast::Contrast;
 pub use cost::{Cost, cost};
 
