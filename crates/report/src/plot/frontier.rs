@@ -2,7 +2,7 @@ use atsplat_eval::tradeoff::Standing;
 
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
-use super::scale::{Scale, count_label, own_label, time_unit};
+use super::scale::{Scale, count_label, own_label, seconds_label, time_unit};
 use super::series::{Estimate, Figure, Origin, mark, note, plain, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, MUTED};
@@ -103,25 +103,30 @@ impl Frontiers {
         });
         let top = bottom + 34.0;
         let y = Scale::around(all().flat_map(|point| point.quality.extent()), 0.12);
-        let mut below = top;
+        let (mut below, mut crowded) = (top, Vec::new());
         for (at, (cost, points)) in panels.iter().enumerate() {
             let left = 64.0 + WIDTH * at as f64;
             let right = if count == 1 { 836.0 } else { left + WIDTH - 64.0 };
             let inside = Extent::new(left, top, right, top + 350.0);
-            below = self.draw_panel(&mut drawing, (inside, y), (*cost, points), [&names[0], &names[1]]);
+            let names = [names[0].as_str(), names[1].as_str()];
+            below = self.draw_panel(&mut drawing, (inside, y), (*cost, points), names, &mut crowded);
+        }
+        if !crowded.is_empty() {
+            below = note(&mut drawing, below, &format!("No room at its point: {}", crowded.join("; ")));
         }
         let bottom = note(&mut drawing, below, &self.note);
         drawing.end_at(bottom + 14.0);
         drawing
     }
 
-    /// A panel's axes, frontiers, points and labels; returns its lower edge.
+    /// A panel's axes, frontiers, points and labels, and the labels without room; returns its lower edge.
     fn draw_panel(
         &self,
         drawing: &mut Drawing,
         (inside, y): (Extent, Scale),
         (cost, points): (CostAxis, &[&FrontierPoint]),
         names: [&str; 2],
+        crowded: &mut Vec<String>,
     ) -> f64 {
         let (unit, length) = match cost {
             CostAxis::Seconds => time_unit(points.iter().map(|point| point.cost)),
@@ -173,7 +178,6 @@ impl Frontiers {
                 drawing.data(name, |drawing| mark(drawing, at, origin, colour_of(origin)));
             }
         }
-        let mut crowded = Vec::new();
         for point in points {
             let undecided = if point.standing == Some(Standing::NotDistinguishable) { " ?" } else { "" };
             let text = TextLine::new(format!("{}{undecided}", point.label), [0.0, 0.0]).within(190.0);
@@ -182,19 +186,14 @@ impl Frontiers {
             let text = if point.origin == Origin::Published { TextLine { colour: MUTED, ..text } } else { text };
             if !labels.place_if_free(drawing, &text, place(point.cost, point.quality.value)) {
                 let value = self.quality.print(point.quality.value);
-                let cost = (label)(point.cost / length, &[]);
-                crowded.push(format!(
-                    "{} ({value}, {cost}{}{unit})",
-                    point.label,
-                    if unit.is_empty() { "" } else { " " }
-                ));
+                let cost = match cost {
+                    CostAxis::Seconds => seconds_label(point.cost),
+                    CostAxis::Gaussians => count_label(point.cost),
+                };
+                crowded.push(format!("{} ({value}, {cost})", point.label));
             }
         }
-        if crowded.is_empty() {
-            bottom
-        } else {
-            note(drawing, bottom, &format!("No room at its point: {}", crowded.join("; ")))
-        }
+        bottom
     }
 
     /// The points of the frontier, cheapest first: those that were tested, or those that no other point beats in both cost

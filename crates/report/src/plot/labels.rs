@@ -5,7 +5,10 @@ use super::theme::GREY;
 #[derive(Debug)]
 pub(super) struct Labels {
     bounds: Extent,
+    /// Marks and labels.
     taken: Vec<Extent>,
+    /// Pieces of lines, which a connection may cross but no label.
+    lines: Vec<Extent>,
 }
 
 const GAPS: [f64; 10] = [11.0, 17.0, 28.0, 44.0, 64.0, 90.0, 120.0, 150.0, 190.0, 240.0];
@@ -16,7 +19,7 @@ const NEAR: f64 = 17.0;
 
 impl Labels {
     pub(super) const fn new(bounds: Extent) -> Self {
-        Self { bounds, taken: Vec::new() }
+        Self { bounds, taken: Vec::new(), lines: Vec::new() }
     }
 
     /// Keeps labels off a mark.
@@ -32,7 +35,8 @@ impl Labels {
             let mut step = 0.0;
             while step <= steps {
                 let share = step / steps;
-                self.avoid([from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1])], 2.0);
+                let [x, y] = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
+                self.lines.push(Extent::new(x - 2.0, y - 2.0, x + 2.0, y + 2.0));
                 step += 1.0;
             }
         }
@@ -62,7 +66,7 @@ impl Labels {
         let placed = candidates.map(|(gap, at, side)| {
             let text = TextLine { at, side, ..text.clone() };
             let extent = text.extent();
-            let covered: f64 = self.taken.iter().map(|other| extent.shared(*other)).sum();
+            let covered: f64 = self.taken.iter().chain(&self.lines).map(|other| extent.shared(*other)).sum();
             let crossed = if gap > NEAR { self.crossed(connection(mark, extent)) } else { 0.0 };
             let outside = if self.bounds.contains(extent) { 0.0 } else { 1e4 };
             (covered + crossed + outside, (gap, text))
@@ -85,8 +89,8 @@ impl Labels {
 
     /// How much of a line lies on what is taken, apart from its own mark.
     fn crossed(&self, [from, to]: [[f64; 2]; 2]) -> f64 {
-        // The mark itself is within 8 pixels of its middle.
-        let own = (8.0 / (to[0] - from[0]).hypot(to[1] - from[1])).clamp(0.0, 1.0);
+        // The mark itself is within 18 pixels of its middle.
+        let own = (18.0 / (to[0] - from[0]).hypot(to[1] - from[1])).clamp(0.0, 1.0);
         let step = |at: u32| {
             let share = own + (0.98 - own) * f64::from(at) / 48.0;
             let [x, y] = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
