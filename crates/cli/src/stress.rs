@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let report = StressReport::of(run_cases(&args.case, &args.path)?);
     if let Some(plot) = plot {
         let errors = plotted_errors(&report.rows);
-        plot.finish(|format| StressErrors { errors: &errors }.encode(format))?;
+        plot.finish(|format| StressErrors { errors: &errors }.draw().encode(format))?;
     }
     print_report(&report, args.json)?;
     Ok(report.failed == 0)

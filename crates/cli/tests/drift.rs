@@ -202,7 +202,7 @@ fn plots_the_history_over_acceptances() {
     let outcome = atsplat(at, &args);
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
     let svg = std::fs::read_to_string(at.join("plots/psnr.svg")).unwrap();
-    for text in ["fine on p; now: drifted", "+0.500 dB: a better decoder", "−0.250 dB"] {
+    for text in ["fine on p; 3 runs; now: drifted", "+0.500 dB: a better decoder", "−0.250 dB"] {
         assert!(svg.contains(text), "{text}: {svg}");
     }
     assert!(!svg.contains("the first numbers"), "nothing moved then");

@@ -122,8 +122,10 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
         succeed(here, &[&args[..], &["--index", index, "--out", store]].concat());
     }
     let report = |store: &str, more: &[&str]| {
-        let message =
-            succeed(here, &[&["report", store, "--tables", "re10k_overlap", "--format", "terminal"], more].concat());
+        let message = succeed(
+            here,
+            &[&["report", store, "--tables", "re10k_overlap", "--format", "terminal", "--check-plots"], more].concat(),
+        );
         // Lines are wrapped at the terminal width.
         message.split_whitespace().collect::<Vec<_>>().join(" ")
     };

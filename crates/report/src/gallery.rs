@@ -1,22 +1,25 @@
 //! Every plot from synthetic data, for tests and for `examples/gallery.rs`, which includes this file. No number here is a
 //! result.
 
+use atsplat_eval::tradeoff::Standing;
 use atsplat_metrics::definition;
 use atsplat_pixels::ImageU8;
 
 use crate::plot::{
-    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, Estimate,
-    EstimatePoint, EstimatorPanel, EstimatorScatter, Expansion, ExpansionStrip, ExpansionStrips, ExtrapolationDecay,
-    ExtrapolationSeries, Figure, Frontier, FrontierPoint, HistogramPanel, Histograms, KPoint, KScaling, Origin,
-    OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapSeries, ScatterPoint, SceneScatter, StageTime,
-    StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
+    Ablation, AblationRow, BudgetHistogram, BudgetSeries, ContactRow, ContactSheet, CostAxis, Drawing, DriftHistory,
+    DriftRun, Estimate, EstimatePoint, EstimatorPanel, EstimatorScatter, Expansion, ExpansionStrip, ExpansionStrips,
+    ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier, FrontierPoint, Frontiers, HistogramPanel, Histograms,
+    KPoint, KScaling, LearningCurve, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves,
+    OverlapHistogram, OverlapSeries, ScatterPanel, ScatterPoint, SceneScatter, StageTime, StageTimeRow, StressError,
+    StressErrors, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
 };
 
-const SYNTHETIC: &str = "synthetic data";
+const SYNTHETIC: &str = "synthetic data of 8 scenes";
 
 /// Every plot by name.
 pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
     vec![
+        ("frontiers", frontiers().draw()),
         ("frontier-gaussians", frontier(CostAxis::Gaussians).draw()),
         ("frontier-seconds", frontier(CostAxis::Seconds).draw()),
         ("overlap-curves", overlap_curves().draw()),
@@ -33,6 +36,10 @@ pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
         ("uncertainty", uncertainty().draw()),
         ("estimators", estimators().draw()),
         ("histograms", histograms().draw()),
+        ("overlap-histogram", overlap_histogram()),
+        ("learning-curve", learning_curve()),
+        ("contact-sheet", contact_sheet().draw()),
+        ("stress", stress()),
     ]
 }
 
@@ -44,18 +51,35 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     let mut broken = frontier(CostAxis::Seconds);
     broken.points.iter_mut().for_each(|point| point.quality.value = f64::NAN);
     let mut level = scatter();
-    level.points.iter_mut().for_each(|point| (point.x, point.y) = (1.0, 1.0));
-    level.x.clone_from(&long);
+    for panel in &mut level.panels {
+        panel.points.iter_mut().for_each(|point| (point.x, point.y) = (1.0, 1.0));
+        panel.x.clone_from(&long);
+    }
     let mut unmeasured = ablation();
     unmeasured.rows.iter_mut().for_each(|row| (row.measured, row.gap) = (None, None));
     let mut named = overlap_curves();
-    named.series.iter_mut().for_each(|series| series.label.clone_from(&long));
+    named.series.iter_mut().enumerate().for_each(|(at, series)| series.label = format!("{at} {long}"));
     let mut empty = [overlap_curves(), overlap_curves()];
     let mut lost = estimators();
     lost.panels.iter_mut().for_each(|panel| panel.points.iter_mut().for_each(|point| point.truth = f64::NAN));
     let mut level_groups = histograms();
     level_groups.panels.iter_mut().for_each(|panel| panel.values = vec![vec![f64::NAN], vec![2.0; 5]]);
-    level_groups.groups.iter_mut().for_each(|name| name.clone_from(&long));
+    level_groups.groups.iter_mut().enumerate().for_each(|(at, name)| *name = format!("{at} {long}"));
+    let mut crowded = frontiers();
+    crowded
+        .panels
+        .iter_mut()
+        .for_each(|(_, points)| points.iter_mut().for_each(|point| point.label.push_str(" and its setting")));
+    let mut many = overlap_curves();
+    many.series =
+        (0..14).map(|at| OverlapSeries { label: format!("method {at}"), ..many.series[at % 4].clone() }).collect();
+    let mut outlier = overlap_curves();
+    outlier.series[2].points[10].1 = around(100.0, 30.0);
+    let mut gaps = overlap_curves();
+    gaps.series[0].points.drain(4..7);
+    gaps.series[1].points[5].1.interval = None;
+    let mut stages = stage_time();
+    stages.rows[0].stages = (0..12).map(|at| (format!("stage {at}"), 1e-5 * f64::from(at + 1))).collect();
     empty[0].series.clear();
     empty[1].series.iter_mut().for_each(|series| series.points.clear());
     vec![
@@ -70,7 +94,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("empty curves", empty[1].draw()),
         ("no bins", OverlapBinMeans { bins: Vec::new(), series: Vec::new(), ..overlap_bins() }.draw()),
         ("no distances", ExtrapolationDecay { series: Vec::new(), ..extrapolation() }.draw()),
-        ("no scenes", SceneScatter { points: Vec::new(), ..scatter() }.draw()),
+        ("no scenes", SceneScatter { panels: Vec::new(), ..scatter() }.draw()),
         ("no runs", DriftHistory { runs: Vec::new(), ..drift_history() }.draw()),
         ("no methods", StageTime { rows: Vec::new(), ..stage_time() }.draw()),
         ("no budgets", BudgetHistogram { series: Vec::new(), fixed: None, ..budget_histogram() }.draw()),
@@ -84,6 +108,14 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("no estimators", EstimatorScatter { panels: Vec::new(), ..estimators() }.draw()),
         ("equal clips", level_groups.draw()),
         ("no measures", Histograms { panels: Vec::new(), ..histograms() }.draw()),
+        ("crowded frontiers", crowded.draw()),
+        ("no costs", Frontiers { panels: Vec::new(), ..frontiers() }.draw()),
+        ("many methods", many.draw()),
+        ("an outlier", outlier.draw()),
+        ("gaps", gaps.draw()),
+        ("many stages", stages.draw()),
+        ("no samples", ContactSheet { rows: Vec::new(), ..contact_sheet() }.draw()),
+        ("no cases", StressErrors { errors: &[] }.draw()),
         ("no triplets", UncertaintyTriplets { rows: Vec::new(), ..uncertainty() }.draw()),
     ]
 }
@@ -129,6 +161,7 @@ fn frontier(cost: CostAxis) -> Frontier {
         spread: None,
         quality: Estimate::exact(quality),
         origin: Origin::Published,
+        standing: None,
         highlighted: false,
     });
     let measured = measured.map(|(label, gaussians, secs, quality)| FrontierPoint {
@@ -137,6 +170,7 @@ fn frontier(cost: CostAxis) -> Frontier {
         spread: (cost == CostAxis::Seconds).then_some([0.9 * secs, 1.15 * secs]),
         quality: around(quality, 0.4),
         origin: Origin::Measured,
+        standing: None,
         highlighted: label == "K = 16",
     });
     let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time" };
@@ -149,6 +183,26 @@ fn frontier(cost: CostAxis) -> Frontier {
     }
 }
 
+fn frontiers() -> Frontiers {
+    let standing = |at: usize| [Standing::Frontier, Standing::Worse, Standing::NotDistinguishable][at % 3];
+    let panel = |cost| {
+        let mut points: Vec<FrontierPoint> =
+            frontier(cost).points.into_iter().filter(|point| point.origin == Origin::Measured).collect();
+        points.iter_mut().enumerate().for_each(|(at, point)| point.standing = Some(standing(at)));
+        (cost, points)
+    };
+    Frontiers {
+        title: "PSNR against time to the first picture and against Gaussians".to_owned(),
+        subtitle: format!(
+            "RealEstate10K, 2 views, 256×256; {SYNTHETIC}; timed on a machine with a long name, 2 threads on 2 logical processors"
+        ),
+        quality: figure("psnr"),
+        panels: vec![panel(CostAxis::Seconds), panel(CostAxis::Gaussians)],
+        note: "Frontier against time: K = 4, then warp. Bold: on the frontier; ?: not distinguishable from it."
+            .to_owned(),
+    }
+}
+
 fn overlap_curves() -> OverlapCurves {
     let curve = |base: f64, slope: f64| {
         (0..12).map(move |at| {
@@ -156,11 +210,8 @@ fn overlap_curves() -> OverlapCurves {
             (overlap, around(base + slope * overlap, 0.25 + 0.3 * (overlap - 0.4).abs()))
         })
     };
-    let series = |label: &str, base, slope| OverlapSeries {
-        label: label.to_owned(),
-        points: curve(base, slope).collect(),
-        origin: Origin::Measured,
-    };
+    let series =
+        |label: &str, base, slope| OverlapSeries { label: label.to_owned(), points: curve(base, slope).collect() };
     OverlapCurves {
         title: "PSNR against overlap".to_owned(),
         subtitle: format!("RealEstate10K by overlap, 5601 scenes; {SYNTHETIC}"),
@@ -170,6 +221,7 @@ fn overlap_curves() -> OverlapCurves {
             OverlapBin { name: "medium".to_owned(), edges: [0.3, 0.55], scenes: 2568 },
             OverlapBin { name: "large".to_owned(), edges: [0.55, 0.8], scenes: 1630 },
         ],
+        step: 0.062,
         series: vec![
             series("ATSplat", 22.6, 9.0),
             series("imported: DepthSplat", 21.1, 9.8),
@@ -206,18 +258,18 @@ fn extrapolation() -> ExtrapolationDecay {
     let curve = |inside: f64, decay: f64| {
         (-10..=10i32).map(move |distance| {
             let outside = f64::from(distance.abs());
-            (i64::from(distance), around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside))
+            (f64::from(distance), around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside))
         })
     };
     let series = |label: &str, inside, decay| ExtrapolationSeries {
         label: label.to_owned(),
         points: curve(inside, decay).collect(),
-        origin: Origin::Measured,
     };
     ExtrapolationDecay {
         title: "PSNR outside the window".to_owned(),
         subtitle: format!("DL3DV, 6 views, 10 frames either side; {SYNTHETIC}"),
         quality: figure("psnr"),
+        step: 1.0,
         series: vec![series("ATSplat", 27.2, 2.1), series("warp", 21.0, 2.4), series("nearest view", 18.0, 1.5)],
     }
 }
@@ -289,19 +341,93 @@ fn k_scaling() -> KScaling {
 }
 
 fn scatter() -> SceneScatter {
-    let point = |at: usize| {
-        let x = 18.0 + 14.0 * noise(at * 3);
-        ScatterPoint { scene: format!("scene-{at:04}"), x, y: x + 3.2 * (noise(at * 3 + 1) + noise(at * 3 + 2) - 0.8) }
+    let panel = |x: &str, ahead: f64, salt: usize| {
+        let point = |at: usize| {
+            let x = 18.0 + 14.0 * noise(at * 3 + salt);
+            let ahead = 3.2 * (noise(at * 3 + salt + 1) + noise(at * 3 + salt + 2) - ahead);
+            ScatterPoint { scene: format!("scene-{at:04}"), x, y: x + ahead }
+        };
+        let points: Vec<ScatterPoint> = (0..140).map(point).collect();
+        ScatterPanel {
+            x: x.to_owned(),
+            difference: format!("+0.63 [+0.48, +0.79] to {x}; better in 98 of 140 scenes"),
+            points,
+        }
     };
     SceneScatter {
-        title: "PSNR scene by scene".to_owned(),
-        subtitle: format!("ATSplat − warp: +0.63 dB [0.48, 0.79] over 140 scenes; {SYNTHETIC}"),
+        title: "PSNR scene by scene: ATSplat against the others".to_owned(),
+        subtitle: "RealEstate10K, 2 views; 140 scenes; synthetic data".to_owned(),
         quality: figure("psnr"),
-        x: "warp".to_owned(),
         y: "ATSplat".to_owned(),
-        points: (0..140).map(point).collect(),
-        named: 5,
+        panels: vec![
+            panel("warp", 0.8, 0),
+            panel("nearest view", 0.1, 7),
+            panel("imported: DepthSplat", 1.2, 11),
+            panel("ATSplat, no expansion", 1.0, 13),
+        ],
+        named: 3,
     }
+}
+
+fn overlap_histogram() -> Drawing {
+    let bins = ["small", "medium", "large"].map(str::to_owned);
+    let overlap = |at: usize| {
+        let overlap = 0.05 + 0.85 * (noise(at * 2) + noise(at * 2 + 1)) / 2.0;
+        (overlap, [0.3, 0.55, 0.8].iter().position(|edge| overlap < *edge))
+    };
+    let overlaps: Vec<(f64, Option<usize>)> = (0..1200).map(overlap).collect();
+    let subtitle = "RealEstate10K, an index; 1200 context sets; synthetic data";
+    OverlapHistogram { title: "Overlap of the context views", subtitle, overlaps: &overlaps, bins: &bins }.draw()
+}
+
+fn learning_curve() -> Drawing {
+    let steps: Vec<u64> = (0..3000).collect();
+    let term = |scale: f64, salt: usize| {
+        let value = |at: usize| scale * (0.2 + (-(at as f64) / 700.0).exp()) * (0.7 + 0.6 * noise(at * 3 + salt));
+        (0..3000).map(|at| (at % 97 != 5).then_some(value(at))).collect()
+    };
+    LearningCurve {
+        title: "Learning curve of micro-rooms",
+        subtitle: "rooms, 128×128; 3000 steps; synthetic data",
+        steps: &steps,
+        losses: &[
+            ("mse", term(0.1, 1)),
+            ("lpips", term(0.4, 2)),
+            ("uncertainty", term(0.02, 3)),
+            ("off", vec![Some(0.0); 3000]),
+        ],
+        evaluations: &[(0, 9.0, 16.5), (1000, 17.5, 16.5), (2000, 20.5, 16.5), (2999, 21.5, 16.5)],
+    }
+    .draw()
+}
+
+fn contact_sheet() -> ContactSheet {
+    let row = |at: u32| ContactRow {
+        label: format!("rooms-test-{at:08}, 21.4 dB"),
+        context: vec![picture(1.0), picture(0.9)],
+        targets: vec![[picture(0.4), picture(1.0)], [picture(0.3), picture(0.9)]],
+    };
+    ContactSheet {
+        title: "Held-out samples of micro-rooms".to_owned(),
+        subtitle: "rooms, 128×128; 2 samples; synthetic data".to_owned(),
+        rows: vec![row(1), row(2)],
+    }
+}
+
+fn stress() -> Drawing {
+    let cases: Vec<String> = ["needles", "dust", "huge", "behind"].map(str::to_owned).into();
+    let paths = [("reference", 1e-8, 1e-6), ("cpu, avx2", 2e-7, 1e-6), ("gpu, a device", 3e-7, 2e-6)];
+    let error = |case: usize, (path, size, bound): (&'static str, f64, f64), kind: &'static str| {
+        let relative = size * 10f64.powf(2.0 * noise(case * 17 + path.len()));
+        (case, StressError { case: "", path, kind, relative, bound, passes: relative <= bound })
+    };
+    let all: Vec<(usize, StressError<'_>)> = (0..cases.len())
+        .flat_map(|case| paths.map(|path| ["image", "gradient", "differences"].map(|kind| error(case, path, kind))))
+        .flatten()
+        .collect();
+    let errors: Vec<StressError<'_>> =
+        all.iter().map(|(case, error)| StressError { case: &cases[*case], ..*error }).collect();
+    StressErrors { errors: &errors }.draw()
 }
 
 fn estimators() -> EstimatorScatter {
@@ -318,7 +444,7 @@ fn estimators() -> EstimatorScatter {
     };
     EstimatorScatter {
         title: "Estimated overlap against the truth".to_owned(),
-        subtitle: format!("240 pairs of views; {SYNTHETIC}"),
+        subtitle: format!("720 pairs of views; {SYNTHETIC}"),
         kinds: vec!["rooms".to_owned(), "yards".to_owned()],
         bins: ["small", "medium", "large"].map(str::to_owned).to_vec(),
         edges: vec![0.05, 0.3, 0.55, 0.8],
@@ -337,7 +463,7 @@ fn histograms() -> Histograms {
     };
     Histograms {
         title: "How cameras move".to_owned(),
-        subtitle: format!("heights: share of the clips; {SYNTHETIC}"),
+        subtitle: "300 simulated clips and 11 of RE10K; heights: share of a group's clips; synthetic data".to_owned(),
         groups: vec!["simulated".to_owned(), "real".to_owned()],
         panels: vec![
             panel("speed, units/s", 0.4, 1),
@@ -446,6 +572,7 @@ fn uncertainty() -> UncertaintyTriplets {
         render: picture(0.6),
         error: painted(|x, y| heat(0.5 + 0.5 * (x * 24.0 + y * 5.0).sin())),
         predicted: painted(|x, y| heat(0.5 + 0.4 * (x * 24.0 + y * 5.0 + 0.4).sin())),
+        brightest: 0.62,
         selected_alpha: painted(|x, y| if (x * 24.0 + y * 5.0).sin() > 0.2 { [0.9; 3] } else { [0.05; 3] }),
         captions: ["mean 0.031".to_owned(), "Spearman 0.71".to_owned(), "50 % of tokens".to_owned()],
     };

@@ -2,9 +2,9 @@ use std::path::{Path, PathBuf};
 
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
-use crate::figures::{of_store, of_table};
+use crate::figures::{of_frontier, of_store, of_table};
 use crate::page::{Page, PageStore, PictureBudget, PlotSection};
-use crate::plot::{Drawing, PlotFormat};
+use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
 use crate::{ReportError, page};
 
@@ -47,7 +47,7 @@ impl Report {
     /// [`ReportError::UnknownTable`], and the errors of tables, plots and pages.
     pub fn new(request: &Request, stores: &[PageStore<'_>]) -> Result<Self, ReportError> {
         let sources: Vec<Source<'_>> = stores.iter().map(|store| store.source).collect();
-        let (mut measured, mut unmeasured, mut plots) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut measured, mut unmeasured, mut plots) = (Vec::new(), Vec::new(), of_frontier(&sources)?);
         for name in &request.tables {
             let definition = TableDefinition::named(name)?;
             for table in tables(&definition, &sources, request.mixing)? {
@@ -70,6 +70,14 @@ impl Report {
         let html = page.write()?;
         plots.extend(sections.iter().flat_map(|section| section.plots.iter().cloned()));
         Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
+    }
+
+    /// What is wrong with the plots, each with its plot's name; empty for a good report.
+    pub fn plot_faults(&self) -> Vec<(&str, PlotFault)> {
+        self.plots
+            .iter()
+            .flat_map(|(name, plot)| plot.faults().into_iter().map(move |own| (name.as_str(), own)))
+            .collect()
     }
 
     /// Writes `tables/`, `plots/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.

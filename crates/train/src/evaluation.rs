@@ -24,8 +24,8 @@ pub struct Evaluation {
 
 /// Scores of one render.
 #[derive(Clone, Copy, Debug, Default)]
-struct Scores {
-    psnr: f64,
+pub(crate) struct Scores {
+    pub(crate) psnr: f64,
     ssim: f64,
 }
 
@@ -98,7 +98,7 @@ pub(crate) fn picture(posed: &PosedPictures, view: usize) -> Result<Image, Train
     Ok(Image::new(size.width, size.height, posed.picture(view).to_vec())?)
 }
 
-fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
+pub(crate) fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
     let pair = Pair::new(render, truth)?;
     let ssim = ssim(&pair, Values::Clipped, Ssim::SKIMAGE_GAUSSIAN)?;
     Ok(Scores { psnr: psnr(&pair, Values::Clipped).capped(DECIBEL_CAP).unwrap_or(f64::NAN), ssim })

@@ -84,11 +84,15 @@ fn histograms(groups: &[ClipGroup]) -> Histograms {
         measure: measure.to_owned(),
         values: groups.iter().map(|group| group.clips.iter().filter_map(read).collect()).collect(),
     };
+    let counts: Vec<String> =
+        groups.iter().map(|group| format!("{} clips of {}", group.clips.len(), group.name)).collect();
     Histograms {
         title: "Camera motion".to_owned(),
-        subtitle: "height: share of a group's clips; marks: single clips; lengths in each clip's own units, metres if \
-                   simulated"
-            .to_owned(),
+        subtitle: format!(
+            "{}; heights: share of a group's clips; groups of fewer than 20: a dot for each clip; lengths in each clip's own \
+             units, metres if simulated",
+            counts.join(", ")
+        ),
         groups: groups.iter().map(|group| group.name.clone()).collect(),
         panels: MOTION_MEASURES.map(panel).into(),
     }

@@ -93,9 +93,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let layout = file.layout;
-    let title = match KnownIndex::by_sha256(&file.sha256) {
-        Some(known) => format!("{} {}", known.repository, known.path),
-        None => args.index.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+    let name = match KnownIndex::by_sha256(&file.sha256) {
+        Some(known) => known.name.to_owned(),
+        None => args.index.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let mut warnings = Warnings::new();
     let mut index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
@@ -125,8 +125,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     if let Some(plot) = plot {
         let overlaps = placed_overlaps(&index, &bins);
-        let histogram = OverlapHistogram { title: &title, overlaps: &overlaps, bins: bins.names() };
-        plot.finish(|format| histogram.encode(format))?;
+        let subtitle = format!("index {name}; {} context sets; {}", overlaps.len(), report.definition);
+        let title = "Overlap of the context views";
+        let histogram = OverlapHistogram { title, subtitle: &subtitle, overlaps: &overlaps, bins: bins.names() };
+        plot.finish(|format| histogram.draw().encode(format))?;
     }
     if let Some(out) = out {
         out.finish(index.to_json(&layout).as_bytes())?;

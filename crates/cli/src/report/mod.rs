@@ -46,6 +46,11 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MB", default_value_t = 16)]
     pictures: u16,
 
+    /// Check every plot: texts that are cut off or cover something, colours, legends, axes, intervals, headings. Faults are
+    /// printed and fail the command.
+    #[arg(long)]
+    check_plots: bool,
+
     /// Print the tables as JSON.
     #[arg(long)]
     json: bool,
@@ -79,7 +84,7 @@ fn table_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// Writes the report and prints its tables; `false` if a requested table has no results.
+/// Writes the report and prints its tables; `false` if a requested table has no results, or a checked plot has a fault.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     once("--tables", &args.tables).map_err(anyhow::Error::msg)?;
     let labels = labels(&args.stores);
@@ -125,7 +130,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for name in missing {
         warn(&format!("warning: the stores have no results for table {name}"));
     }
-    Ok(missing.is_empty())
+    let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
+    for (plot, fault) in &faults {
+        warn(&format!("warning: plot {plot}: {fault}"));
+    }
+    if args.check_plots {
+        warn(&format!("{} plots checked, {} faults", report.plots.len(), faults.len()));
+    }
+    Ok(missing.is_empty() && faults.is_empty())
 }
 
 fn print_tables(report: &Report) -> anyhow::Result<()> {

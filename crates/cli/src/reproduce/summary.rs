@@ -76,6 +76,9 @@ pub(super) fn print(
     for line in absent {
         writeln!(text, "{line}")?;
     }
+    for (plot, fault) in report.plot_faults() {
+        writeln!(text, "plot {plot}: {fault}")?;
+    }
     for NotRun { what, why } in not_run {
         writeln!(text, "not run: {what}: {why}")?;
     }

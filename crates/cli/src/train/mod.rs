@@ -6,14 +6,13 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use atsplat_pixels::encode_png;
-use atsplat_report::plot::{LearningCurve, PlotFormat};
-use atsplat_train::{Limits, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
+use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
+use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
 
 use crate::output::{PendingFile, print_text};
 use report::Live;
 
-/// Rows of the contact sheet, and pairs of render and ground truth per row.
+/// Rows of the contact sheet, and targets of each.
 const SHEET: (usize, usize) = (8, 3);
 
 #[derive(Debug, clap::Args)]
@@ -83,8 +82,11 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let terms = Terms::default().named().map(|(name, _)| name);
     let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
     let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();
+    let name = args.config.file_stem().unwrap_or_default().to_string_lossy();
+    let samples = trainer.evaluation().map_or(0, |evaluation| evaluation.samples().len());
     let curve = LearningCurve {
         title: &trainer.config().title,
+        subtitle: &format!("{name}; {} steps; PSNR of {samples} fixed samples", steps.len()),
         steps: &steps.iter().map(|record| record.step).collect::<Vec<_>>(),
         losses: &losses,
         evaluations: &evaluations
@@ -92,10 +94,20 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
             .map(|record| (record.step, record.psnr, record.nearest_view_psnr))
             .collect::<Vec<_>>(),
     };
-    PendingFile::open(&args.out.join("learning-curve.png"))?.finish(&curve.encode(PlotFormat::Png)?)?;
+    PendingFile::open(&args.out.join("learning-curve.png"))?.finish(&curve.draw().encode(PlotFormat::Png)?)?;
     if let Some(evaluation) = trainer.evaluation() {
-        let sheet = contact_sheet(evaluation, &trainer.network()?, SHEET.0, SHEET.1)?;
-        PendingFile::open(&args.out.join("contact-sheet.png"))?.finish(&encode_png(&sheet)?)?;
+        let rows = contact_sheet(evaluation, &trainer.network()?, SHEET.0, SHEET.1)?;
+        let row = |(at, row): (usize, SheetRow)| ContactRow {
+            label: format!("sample {}, {:.2} dB", at + 1, row.psnr),
+            context: row.context,
+            targets: row.targets,
+        };
+        let sheet = ContactSheet {
+            title: format!("{}: fixed samples", trainer.config().title),
+            subtitle: format!("{name}; {} of {samples} samples after {} steps", rows.len(), trainer.state().step),
+            rows: rows.into_iter().enumerate().map(row).collect(),
+        };
+        PendingFile::open(&args.out.join("contact-sheet.png"))?.finish(&sheet.draw().encode(PlotFormat::Png)?)?;
     }
     Ok(())
 }

@@ -227,6 +227,20 @@ fn distances_are_means_over_scenes() {
 }
 
 #[test]
+fn steps_of_distance_begin_at_the_window_on_either_side() {
+    let mut store = psnr(&[("a", 0, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0])]);
+    for (row, distance) in store.targets.iter_mut().zip([-6, -5, 0, 1, 5, 6]) {
+        row.signed_distance = distance;
+    }
+    let found = by_distance_steps(&store, &query("m"), 5);
+    // −6 to −10, −1 to −5, the window, 1 to 5, 6 to 10.
+    Tolerance::F64.assert(found.iter().map(|(middle, _)| *middle), [-8.0, -3.0, 0.0, 3.0, 8.0], "middles");
+    Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [1.0, 2.0, 3.0, 4.5, 6.0], "means");
+    let each: Vec<f64> = by_distance_steps(&store, &query("m"), 1).into_iter().map(|(middle, _)| middle).collect();
+    Tolerance::F64.assert(each, [-6.0, -5.0, 0.0, 1.0, 5.0, 6.0], "steps of one frame");
+}
+
+#[test]
 fn worst_scenes_follow_the_metrics_direction() {
     let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
     let names = |metric: &str| {

@@ -1,16 +1,21 @@
-//! The plots of a table, a store, an expansion study and the history of a baseline.
+//! The plots of a table, a store, an expansion study, the history of a baseline, and the frontiers of several stores.
 
 mod of_drift;
 mod of_expansion;
+mod of_frontier;
 mod of_store;
 mod of_table;
 
 pub use of_drift::of_drift;
 pub use of_expansion::{ExpansionScene, ExpansionTarget, of_expansion};
+pub use of_frontier::of_frontier;
 pub use of_store::of_store;
 pub use of_table::of_table;
 
-use atsplat_metrics::Definition;
+use std::collections::BTreeSet;
+
+use atsplat_eval::{PresetRecord, Results};
+use atsplat_metrics::{Definition, definitions};
 
 use crate::definition::Quantity;
 use crate::plot::Estimate;
@@ -30,4 +35,30 @@ fn place_of(group: &Group, quantity: Quantity) -> Option<usize> {
 
 fn estimate(cell: &Cell) -> Option<Estimate> {
     Some(Estimate { value: cell.value.number()?, interval: cell.interval })
+}
+
+/// The first metric that a protocol's targets have scores of.
+fn first_metric(results: &Results, preset: &str) -> Option<&'static Definition> {
+    let targets = || results.targets.iter().filter(|row| row.key.preset == preset);
+    definitions().iter().find(|metric| targets().any(|row| row.scores.contains_key(metric.id)))
+}
+
+/// Protocol, data and scenes, for a plot's heading: `RealEstate10K, 2 views (re10k-2v-256); 8 scenes of 7194 in the index`.
+fn subject(results: &Results, preset: &PresetRecord) -> String {
+    let trials = results.trials.iter().filter(|trial| trial.key.preset == preset.name);
+    let scenes = trials.map(|trial| trial.key.scene.as_str()).collect::<BTreeSet<_>>().len() as u64;
+    let part = if preset.entries < preset.entries_of_index {
+        format!(", {} of {} trials of the index", preset.entries, preset.entries_of_index)
+    } else {
+        String::new()
+    };
+    let plural = if scenes == 1 { "scene" } else { "scenes" };
+    format!("{} ({}); {scenes} {plural}{part}", preset.title, preset.name)
+}
+
+/// A name that is valid on every file system.
+fn plain(text: &str) -> String {
+    text.chars()
+        .map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' })
+        .collect()
 }

@@ -18,9 +18,10 @@ pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
         1 => "; 1 acceptance without it".to_owned(),
         more => format!("; {more} acceptances without it"),
     };
+    let plural = if runs.len() == 1 { "run" } else { "runs" };
     let plot = DriftHistory {
         title: format!("{} over accepted runs", quality.name),
-        subtitle: format!("{method} on {preset}; now: {verdict}{gap}"),
+        subtitle: format!("{method} on {preset}; {} {plural}; now: {verdict}{gap}", runs.len()),
         quality,
         runs: runs.iter().map(|run| drift_run(run, quality)).collect(),
     };

@@ -66,7 +66,10 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
         let names = first.study.stages.iter().map(|stage| blocks(&stage.blocks));
         let plot = ExpansionStrips {
             title: "Expansion, block by block".to_owned(),
-            subtitle: format!("{subject}; the same weights with expansion enabled in ever more blocks"),
+            subtitle: format!(
+                "{subject}, {}; the same weights with expansion enabled in ever more blocks",
+                counted(scenes.len())
+            ),
             columns: names.chain(["truth".to_owned()]).collect(),
             strips,
         };
@@ -77,12 +80,16 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
     if !rows.is_empty() {
         let plot = UncertaintyTriplets {
             title: "Error, prediction, selection".to_owned(),
-            subtitle: format!("{subject}; before the last block that expands; dark is zero"),
+            subtitle: format!("{subject}, {}; before the last block that expands", counted(scenes.len())),
             rows,
         };
         plots.push(("uncertainty".to_owned(), plot.draw()));
     }
     Ok(plots)
+}
+
+fn counted(scenes: usize) -> String {
+    if scenes == 1 { "1 scene".to_owned() } else { format!("{scenes} scenes") }
 }
 
 fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {
@@ -129,10 +136,11 @@ fn triplet(label: &str, own: &Uncertainty) -> Result<UncertaintyRow, ReportError
     let share = 100.0 * own.selected as f64 / own.tokens.max(1) as f64;
     let agreement = own.correlation.map_or("no rank correlation".to_owned(), |found| format!("Spearman {found:.2}"));
     Ok(UncertaintyRow {
-        label: format!("{label}, block {}; yellow from {brightest:.2}", own.block),
+        label: format!("{label}, block {}", own.block),
         render: own.render.to_u8(Rounding::Nearest)?,
         error: heat(&own.error)?,
         predicted: heat(&own.predicted)?,
+        brightest,
         selected_alpha: map(own, &own.selected_alpha, |alpha| Ramp::Grey.colour(alpha))?,
         captions: [
             format!("mean {:.3}", mean(&own.error)),

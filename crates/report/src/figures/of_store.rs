@@ -1,20 +1,23 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_distance, by_overlap, paired, scene_means};
+use atsplat_eval::statistics::{
+    Identical, Leaked, MetricQuery, SceneMean, Summary, by_distance_steps, by_overlap, paired, scene_means,
+};
 use atsplat_eval::timing::{Times, machine_of, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
-use atsplat_metrics::{Definition, definitions};
+use atsplat_metrics::Definition;
 use atsplat_protocol::{BinRule, OverlapBins};
 
 use crate::ReportError;
 use crate::plot::{
-    Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries,
+    Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, OverlapBin, OverlapCurves, OverlapSeries, ScatterPanel,
     ScatterPoint, SceneScatter, StageTime, StageTimeRow,
 };
 use crate::table::{BUSY, Source, has_trials};
 
-/// The plots of each protocol in a store, by name: overlap, extrapolation and scatter plots of the first computed metric,
-/// and time.
+use super::{first_metric, plain, subject};
+
+/// The plots of each protocol in a store, by name: overlap, extrapolation and scenes of the first computed metric, and time.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in the store.
@@ -26,7 +29,7 @@ pub fn of_store(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportErr
         if let Some(metric) = view.metric() {
             plots.extend(view.overlap(metric)?.map(|plot| (name("overlap"), plot)));
             plots.extend(view.extrapolation(metric).map(|plot| (name("extrapolation"), plot)));
-            plots.extend(view.scatters(metric).into_iter().map(|(methods, plot)| (name(&methods), plot)));
+            plots.extend(view.scatter(metric).map(|plot| (name("scenes"), plot)));
         }
         plots.extend(view.time().map(|plot| (name("time"), plot)));
     }
@@ -51,8 +54,12 @@ impl<'a> View<'a> {
     }
 
     fn metric(&self) -> Option<&'static Definition> {
-        let targets = || self.results.targets.iter().filter(|row| row.key.preset == self.preset.name);
-        definitions().iter().find(|metric| targets().any(|row| row.scores.contains_key(metric.id)))
+        first_metric(self.results, &self.preset.name)
+    }
+
+    /// Protocol and scenes: what every plot of the protocol is about.
+    fn subject(&self) -> String {
+        subject(self.results, self.preset)
     }
 
     fn overlap(&self, metric: &'static Definition) -> Result<Option<Drawing>, ReportError> {
@@ -74,7 +81,7 @@ impl<'a> View<'a> {
             let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
             let points =
                 middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
-            OverlapSeries { label: method.title.clone(), points: points.collect(), origin: Origin::Measured }
+            OverlapSeries { label: method.title.clone(), points: points.collect() }
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         let first_method = self.methods().next().map(|method| method.name.as_str());
@@ -91,72 +98,71 @@ impl<'a> View<'a> {
         let plot = OverlapCurves {
             title: format!("{} against overlap", metric.name),
             subtitle: format!(
-                "{}; tenths of the range of overlap, bands are 95 % intervals over scenes{by}",
-                self.preset.title
+                "{}; means over tenths of the range of overlap with their 95 % intervals over scenes{by}",
+                self.subject()
             ),
             quality: metric.into(),
             bins: shown.collect(),
+            step: (high - low) / STEPS as f64,
             series,
         };
         Ok((!overlaps.is_empty() && !plot.series.is_empty()).then(|| plot.draw()))
     }
 
     fn extrapolation(&self, metric: &'static Definition) -> Option<Drawing> {
-        let outside = |row: &atsplat_eval::TargetRow| row.key.preset == self.preset.name && row.signed_distance != 0;
-        if !self.results.targets.iter().any(outside) {
-            return None;
-        }
+        let own = self.results.targets.iter().filter(|row| row.key.preset == self.preset.name);
+        let distances: BTreeSet<i64> = own.map(|row| row.signed_distance).filter(|distance| *distance != 0).collect();
+        let step = step_of(&distances)?;
         let series = |method: &'a MethodRecord| ExtrapolationSeries {
             label: method.title.clone(),
-            points: by_distance(self.results, &self.question(&method.name, metric))
+            points: by_distance_steps(self.results, &self.question(&method.name, metric), step)
                 .iter()
                 .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
                 .collect(),
-            origin: Origin::Measured,
         };
+        let together = if step > 1 { format!("{step} distances together, ") } else { String::new() };
         let plot = ExtrapolationDecay {
             title: format!("{} outside the window", metric.name),
-            subtitle: format!("{}; bands are 95 % intervals over scenes", self.preset.title),
+            subtitle: format!("{}; {together}means with their 95 % intervals over scenes", self.subject()),
             quality: metric.into(),
+            step: f64::from(step),
             series: self.methods().map(series).filter(|series| !series.points.is_empty()).collect(),
         };
         (!plot.series.is_empty()).then(|| plot.draw())
     }
 
     /// The first ATSplat method, or else the first method, against each of the others.
-    fn scatters(&self, metric: &'static Definition) -> Vec<(String, Drawing)> {
-        const NAMED: usize = 5;
-        const MOST: usize = 4;
+    fn scatter(&self, metric: &'static Definition) -> Option<Drawing> {
+        const NAMED: usize = 3;
         let methods: Vec<&MethodRecord> = self.methods().collect();
-        let Some(own) = methods.iter().find(|method| method.kind == "atsplat").or(methods.first()) else {
-            return Vec::new();
-        };
+        let own = methods.iter().find(|method| method.kind == "atsplat").or(methods.first())?;
         let means = |method: &'a MethodRecord| scene_means(self.results, &self.question(&method.name, metric));
+        let own_means = means(own);
         let against = |other: &&'a MethodRecord| {
-            let (a, b) = (means(own), means(other));
-            let point = |own: &atsplat_eval::statistics::SceneMean| {
-                let other = b.iter().find(|other| other.scene == own.scene)?;
-                Some(ScatterPoint { scene: own.scene.clone(), x: other.mean, y: own.mean })
+            let others = means(other);
+            let point = |mean: &SceneMean| {
+                let other = others.iter().find(|other| other.scene == mean.scene)?;
+                Some(ScatterPoint { scene: mean.scene.clone(), x: other.mean, y: mean.mean })
             };
-            let points: Vec<ScatterPoint> = a.iter().filter_map(point).collect();
             let pair = paired(self.results, &self.question(&own.name, metric), &self.question(&other.name, metric))?;
-            let interval = pair.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.3}, {high:+.3}]"));
-            let plot = SceneScatter {
-                title: format!("{} scene by scene", metric.name),
-                subtitle: format!(
-                    "difference {:+.3}{interval} over {} scenes, sign test p = {:.3}",
-                    pair.difference, pair.scenes, pair.sign_test
-                ),
-                quality: metric.into(),
-                x: other.title.clone(),
-                y: own.title.clone(),
-                points,
-                named: NAMED,
-            };
-            (!plot.points.is_empty())
-                .then(|| (format!("{}-against-{}", plain(&own.name), plain(&other.name)), plot.draw()))
+            let interval = pair.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.2}, {high:+.2}]"));
+            let difference = format!(
+                "{:+.2}{interval} to {}; better in {} of {} scenes, sign test p = {:.3}",
+                pair.difference, other.title, pair.wins, pair.scenes, pair.sign_test
+            );
+            let points: Vec<ScatterPoint> = own_means.iter().filter_map(point).collect();
+            let difference = difference.replace('-', "−");
+            (!points.is_empty()).then(|| ScatterPanel { x: other.title.clone(), difference, points })
         };
-        methods.iter().filter(|other| other.name != own.name).filter_map(against).take(MOST).collect()
+        let plot = SceneScatter {
+            title: format!("{} scene by scene: {} against the others", metric.name, own.title),
+            subtitle: format!("{}; mean differences with their 95 % intervals over scenes", self.subject()),
+            quality: metric.into(),
+            y: own.title.clone(),
+            panels: methods.iter().filter(|other| other.name != own.name).filter_map(against).collect(),
+            named: NAMED,
+        };
+        (!plot.panels.is_empty()).then(|| plot.draw())
     }
 
     /// The times of the timing pass, with a reason for each method without times; `None` without a timing pass.
@@ -171,7 +177,7 @@ impl<'a> View<'a> {
         };
         let plot = StageTime {
             title: "Where the time goes until the first picture".to_owned(),
-            subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.preset.title),
+            subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.subject()),
             rows: methods.into_iter().map(|(method, times)| stage_time_row(method, times)).collect(),
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
@@ -210,9 +216,21 @@ fn estimate(summary: &Summary) -> Option<Estimate> {
     Some(Estimate { value: summary.mean?, interval: summary.interval })
 }
 
-/// A name that is valid on every file system.
-fn plain(text: &str) -> String {
-    text.chars()
-        .map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' })
-        .collect()
+/// How many distances go together so that a side has at most ten points: a round number; `None` without distances.
+fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
+    const MOST: u64 = 10;
+    let farthest = distances.iter().map(|distance| distance.unsigned_abs()).max()?;
+    let round = (0..9).flat_map(|power| [1, 2, 5].map(|digit| digit * 10u32.pow(power)));
+    round.into_iter().find(|step| farthest.div_ceil(u64::from(*step)) <= MOST)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn far_distances_go_together_in_round_steps() {
+        let step = |distances: &[i64]| step_of(&distances.iter().copied().collect());
+        assert_eq!([step(&[]), step(&[-10, 4]), step(&[-11]), step(&[35, -42])], [None, Some(1), Some(2), Some(5)]);
+    }
 }

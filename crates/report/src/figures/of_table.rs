@@ -67,6 +67,7 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
                     spread: spent.timing.as_ref().map(|timing| timing.spread.quartiles),
                     quality: estimate(row.cell((at, quality_at)))?,
                     origin: row.origin,
+                    standing: None,
                     highlighted: false,
                 })
             };

@@ -1,5 +1,5 @@
 use super::scale::Scale;
-use super::shape::{Drawing, Extent, Side, Stroke, TextLine};
+use super::shape::{Drawing, Extent, Role, Side, Stroke, TextLine};
 use super::theme::{GRID, MUTED};
 
 /// The area of a plot's data, and the scales of its axes.
@@ -10,7 +10,7 @@ pub(super) struct Axes {
     pub(super) y: Scale,
 }
 
-/// The title of an axis, and the format of its tick labels.
+/// The title of an axis, with its unit, and the format of its tick labels, which are plain numbers in that unit.
 pub(super) struct AxisText<'a> {
     pub(super) title: &'a str,
     pub(super) label: &'a dyn Fn(f64, &[f64]) -> String,
@@ -31,40 +31,66 @@ impl Axes {
 
     /// Draws horizontal grid lines with labels on the left and the title above.
     pub(super) fn draw_y(&self, drawing: &mut Drawing, text: &AxisText<'_>) {
+        self.draw_y_below(drawing, text, 8.0);
+    }
+
+    /// As [`Self::draw_y`], with the title `gap` above the plot.
+    pub(super) fn draw_y_below(&self, drawing: &mut Drawing, text: &AxisText<'_>, gap: f64) {
         let Extent { left, right, top, .. } = self.inside;
         let ticks = self.y.ticks(fitting(self.inside.height(), 55.0, 8));
+        let axis = drawing.next_axis();
         for tick in &ticks {
             let y = self.y_of(*tick);
             drawing.line([[left, y], [right, y]], Stroke::new(GRID, 1.0));
-            drawing
-                .text(TextLine::new((text.label)(*tick, &ticks), [left - 8.0, y]).size(12.0).muted().side(Side::Right));
+            let label = TextLine::new((text.label)(*tick, &ticks), [left - 8.0, y]).small().muted().side(Side::Right);
+            drawing.with(Role::Tick(axis), |drawing| drawing.text(label));
         }
-        drawing.text(TextLine::new(text.title, [left, top - 14.0]).size(12.0).muted());
+        let mut title = TextLine::new(text.title, [left, 0.0]).small().muted().within(right - left + 40.0);
+        title.at[1] = top - gap - title.height() / 2.0;
+        drawing.with(Role::Axis(axis), |drawing| drawing.text(title));
     }
 
-    /// Draws the x axis with ticks, and the title below.
-    pub(super) fn draw_x(&self, drawing: &mut Drawing, text: &AxisText<'_>) {
-        let ticks = self.x.ticks(fitting(self.inside.width(), 90.0, 12));
-        self.draw_x_at(drawing, text, &ticks);
-    }
-
-    /// As [`Self::draw_x`], with ticks at the given values.
-    pub(super) fn draw_x_at(&self, drawing: &mut Drawing, text: &AxisText<'_>, ticks: &[f64]) {
-        let Extent { left, right, bottom, .. } = self.inside;
-        drawing.line([[left, bottom], [right, bottom]], Stroke::new(MUTED, 1.0));
+    /// Draws vertical grid lines.
+    pub(super) fn draw_x_grid(&self, drawing: &mut Drawing, ticks: &[f64]) {
         for tick in ticks {
             let x = self.x_of(*tick);
-            drawing.line([[x, bottom], [x, bottom + 5.0]], Stroke::new(MUTED, 1.0));
-            drawing.text(
-                TextLine::new((text.label)(*tick, ticks), [x, bottom + 16.0]).size(12.0).muted().side(Side::Middle),
-            );
+            drawing.line([[x, self.inside.top], [x, self.inside.bottom]], Stroke::new(GRID, 1.0));
         }
-        drawing.text(
-            TextLine::new(text.title, [f64::midpoint(left, right), bottom + 36.0])
-                .size(12.5)
-                .muted()
-                .side(Side::Middle),
-        );
+    }
+
+    /// The round values at which the x axis has room for ticks.
+    pub(super) fn x_ticks(&self) -> Vec<f64> {
+        self.x.ticks(fitting(self.inside.width(), 90.0, 12))
+    }
+
+    /// Draws the x axis with ticks, and the title below; returns its lower edge.
+    pub(super) fn draw_x(&self, drawing: &mut Drawing, text: &AxisText<'_>) -> f64 {
+        self.draw_x_at(drawing, text, &self.x_ticks())
+    }
+
+    /// As [`Self::draw_x`], with ticks at the given values; a label without room beside the one before is omitted.
+    pub(super) fn draw_x_at(&self, drawing: &mut Drawing, text: &AxisText<'_>, ticks: &[f64]) -> f64 {
+        let Extent { left, right, bottom, .. } = self.inside;
+        let axis = drawing.next_axis();
+        let stroke = Stroke::new(MUTED, 1.0);
+        drawing.with(Role::Frame, |drawing| drawing.line([[left, bottom], [right, bottom]], stroke));
+        let mut end = f64::NEG_INFINITY;
+        for tick in ticks {
+            let x = self.x_of(*tick);
+            drawing.with(Role::Frame, |drawing| drawing.line([[x, bottom], [x, bottom + 5.0]], stroke));
+            let label =
+                TextLine::new((text.label)(*tick, ticks), [x, bottom + 16.0]).small().muted().side(Side::Middle);
+            if label.extent().left > end + 4.0 {
+                end = label.extent().right;
+                drawing.with(Role::Tick(axis), |drawing| drawing.text(label));
+            }
+        }
+        let middle = [f64::midpoint(left, right), 0.0];
+        let title = TextLine::new(text.title, middle).small().muted().side(Side::Middle);
+        let title = title.within(right - left + 40.0).below(bottom + 28.0);
+        let below = title.extent().bottom;
+        drawing.with(Role::Axis(axis), |drawing| drawing.text(title));
+        below
     }
 }
 

@@ -1,8 +1,9 @@
+use atsplat_numeric::Extremes as _;
+
 use super::axes::{Axes, AxisText};
-use super::font::shortened;
 use super::scale::{Scale, bounds, count_label};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
-use super::theme::{GRID, INK, MUTED, colour};
+use super::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, TextLine};
+use super::theme::{INK, MUTED, colour};
 
 /// The distribution of Gaussians per scene under uncertainty thresholds: one row per setting.
 #[derive(Clone, Debug)]
@@ -29,65 +30,77 @@ pub struct BudgetSeries {
 const COLUMNS: usize = 48;
 
 impl BudgetHistogram {
-    /// Draws it.
+    /// Draws it: each column is as high as the number of scenes in it, the highest of a row as high as the row.
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 96.0;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few rows")]
-        let mut drawing = Drawing::new(860, (150.0 + ROW * self.series.len() as f64) as u32);
-        drawing.heading(&self.title, &self.subtitle);
+        let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
+        let fixed_name = self.fixed.map(|fixed| format!("dashed: fixed ratios, {}", count_label(fixed)));
+        let mut legend = vec!["mean"];
+        legend.extend(fixed_name.as_deref());
+        let top = 12.0
+            + drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, [x, y]| match at {
+                0 => drawing.line([[x, y - 7.0], [x, y + 7.0]], Stroke::new(INK, 2.0)),
+                _ => dashed(drawing, x, [y - 7.0, y + 7.0]),
+            });
         let counts = self.series.iter().flat_map(|series| series.gaussians.iter().copied()).chain(self.fixed);
-        let bottom = 80.0 + ROW * self.series.len() as f64;
+        let name =
+            |series: &BudgetSeries| TextLine::new(&*series.label, [0.0; 2]).bold().side(Side::Right).within(178.0);
+        let heights: Vec<f64> =
+            self.series.iter().map(|series| (name(series).height() + 48.0).maximum_of(ROW)).collect();
+        let bottom = top + heights.iter().sum::<f64>();
         let axes = Axes {
-            inside: Extent::new(210.0, 90.0, 836.0, bottom),
+            inside: Extent::new(210.0, top, 836.0, bottom),
             x: Scale::around(counts, 0.04),
             y: Scale::linear(0.0, 1.0),
         };
+        axes.draw_x_grid(&mut drawing, &axes.x_ticks());
         let label = |count: f64, _: &[f64]| count_label(count);
-        for tick in axes.x.ticks(6) {
-            drawing.line([[axes.x_of(tick), 90.0], [axes.x_of(tick), bottom]], Stroke::new(GRID, 1.0));
-        }
-        axes.draw_x(&mut drawing, &AxisText { title: "Gaussians per scene", label: &label });
-        for (at, series) in self.series.iter().enumerate() {
-            let base = 90.0 + ROW * (at as f64 + 1.0) - 10.0;
+        let text = AxisText { title: "Gaussians per scene; columns: number of scenes", label: &label };
+        let below = axes.draw_x(&mut drawing, &text);
+        let mut upper = top;
+        for (at, (series, height)) in self.series.iter().zip(heights).enumerate() {
+            let base = upper + height - 8.0;
+            drawing.line([[axes.inside.left, base], [axes.inside.right, base]], Stroke::new(MUTED, 1.0));
+            drawing.key(&series.label, |drawing| {
+                drawing.text(TextLine { at: [196.0, 0.0], ..name(series) }.below(upper + 8.0));
+            });
             let columns = histogram(&series.gaussians, axes.x);
             let tallest = columns.iter().max().copied().unwrap_or(0).clamp(1, u64::MAX) as f64;
-            for (column, count) in columns.iter().enumerate().filter(|(_, count)| **count > 0) {
-                let width = axes.inside.width() / COLUMNS as f64;
-                let left = axes.inside.left + width * column as f64;
-                let height = (ROW - 26.0) * *count as f64 / tallest;
-                drawing.rectangle(
-                    Extent::new(left + 0.5, base - height, left + width - 0.5, base),
-                    Fill::solid(colour(at)),
-                );
-            }
-            drawing.line([[axes.inside.left, base], [axes.inside.right, base]], Stroke::new(MUTED, 1.0));
-            let name = shortened(&series.label, 13.0, true, 178.0);
-            drawing.text(TextLine::new(name, [196.0, base - 50.0]).bold().side(Side::Right));
+            let width = axes.inside.width() / COLUMNS as f64;
+            drawing.data(&series.label, |drawing| {
+                for (column, count) in columns.iter().enumerate().filter(|(_, count)| **count > 0) {
+                    let left = axes.inside.left + width * column as f64 + 0.5;
+                    let top = base - (ROW - 26.0) * *count as f64 / tallest;
+                    drawing.rectangle(Extent::new(left, top, left + width - 1.0, base), Fill::solid(colour(at)));
+                }
+            });
             if let Some((low, high)) = bounds(series.gaussians.iter().copied()) {
                 let mean = series.gaussians.iter().sum::<f64>() / series.gaussians.len() as f64;
-                let range = format!("{} to {}", count_label(low), count_label(high));
-                drawing.text(
-                    TextLine::new(format!("mean {}", count_label(mean)), [196.0, base - 31.0])
-                        .size(12.0)
-                        .side(Side::Right),
-                );
-                drawing.text(TextLine::new(range, [196.0, base - 14.0]).size(12.0).muted().side(Side::Right));
+                let lines = [
+                    format!("mean {} of {}", count_label(mean), series.gaussians.len()),
+                    format!("{} to {}", count_label(low), count_label(high)),
+                ];
+                for (text, y) in lines.into_iter().zip([base - 24.0, base - 7.0]) {
+                    drawing.text(TextLine::new(text, [196.0, y]).small().muted().side(Side::Right));
+                }
                 let x = axes.x_of(mean);
                 drawing.line([[x, base - ROW + 22.0], [x, base + 6.0]], Stroke::new(INK, 2.0));
             }
+            upper += height;
         }
         if let Some(fixed) = self.fixed {
-            let x = axes.x_of(fixed);
-            let mut y = 90.0;
-            while y < bottom {
-                drawing.line([[x, y], [x, y + 5.0]], Stroke::new(MUTED, 1.5));
-                y += 10.0;
-            }
-            let text =
-                TextLine::new(format!("fixed ratios {}", count_label(fixed)), [x, 76.0]).size(12.0).side(Side::Middle);
-            drawing.text(text);
+            dashed(&mut drawing, axes.x_of(fixed), [top, bottom]);
         }
+        drawing.end_at(below + 14.0);
         drawing
+    }
+}
+
+fn dashed(drawing: &mut Drawing, x: f64, [from, to]: [f64; 2]) {
+    let mut y = from;
+    while y < to {
+        drawing.line([[x, y], [x, (y + 4.0).minimum_of(to)]], Stroke::new(MUTED, 1.5));
+        y += 8.0;
     }
 }
 

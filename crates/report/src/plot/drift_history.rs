@@ -1,10 +1,11 @@
+use atsplat_numeric::Extremes as _;
+
 use super::axes::Axes;
-use super::font::shortened;
 use super::labels::Labels;
 use super::scale::Scale;
 use super::series::{Estimate, Figure, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
-use super::theme::{COLOURS, GREY, INK};
+use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::theme::{COLOURS, GREY};
 
 /// The smallest visible height of a band, in pixels.
 const THINNEST: f64 = 4.0;
@@ -38,16 +39,65 @@ pub struct DriftRun {
 impl DriftHistory {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
-        let mut drawing = Drawing::new(860, 460);
-        drawing.heading(&self.title, &self.subtitle);
+        let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
+        let drifted = self.runs.iter().any(|run| run.drift.is_some());
+        let limited = self.runs.iter().any(|run| run.limits.is_some());
+        let keys = [(SAME, true), (MOVED, drifted), (LIMITS, limited)];
+        let keys: Vec<&str> = keys.iter().filter(|(_, is_used)| *is_used).map(|(name, _)| *name).collect();
+        let bottom = drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, [x, y]| match keys[at] {
+            SAME => drawing.disc([x, y], 4.5, Fill::solid(COLOURS[0])),
+            MOVED => drawing.disc([x, y], 6.0, Fill::solid(COLOURS[1])),
+            _ => drawing.rectangle(Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0), Fill::faint(COLOURS[2], 0.3)),
+        });
+        let top = bottom + 34.0;
         let values = self.runs.iter().flat_map(|run| run.quality.extent().chain(run.limits.into_iter().flatten()));
         let axes = Axes {
-            inside: Extent::new(72.0, 104.0, 836.0, 380.0),
+            inside: Extent::new(72.0, top, 836.0, top + 280.0),
             x: Scale::linear(-0.5, self.runs.len() as f64 - 0.5),
             y: Scale::around(values, 0.12),
         };
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
-        let Extent { bottom, .. } = axes.inside;
+        let Extent { left, right, bottom, .. } = axes.inside;
+        self.draw_limits(&mut drawing, &axes);
+        let places: Vec<[f64; 2]> =
+            self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.quality.value)).collect();
+        if places.len() > 1 {
+            drawing.line(places.clone(), Stroke::new(GREY, 1.5));
+        }
+        drawing.with(Role::Frame, |drawing| drawing.line([[left, bottom], [right, bottom]], Stroke::new(GREY, 1.0)));
+        let mut labels = Labels::new(Extent::new(left, top - 4.0, 856.0, bottom - 4.0));
+        labels.avoid_line(&places);
+        let room = axes.inside.width() / self.runs.len().clamp(1, usize::MAX) as f64;
+        let every = (64.0 / room).ceil().clamp(1.0, 1e6);
+        let mut below = bottom;
+        for (at, (run, place)) in self.runs.iter().zip(&places).enumerate() {
+            drawing.data(if run.drift.is_some() { MOVED } else { SAME }, |drawing| {
+                let (radius, own) = if run.drift.is_some() { (7.0, COLOURS[1]) } else { (4.5, COLOURS[0]) };
+                if let Some(interval) = run.quality.interval {
+                    whisker(drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(own, 1.5));
+                }
+                drawing.disc(*place, radius, Fill::solid(own));
+            });
+            labels.avoid(*place, 8.0);
+            if (at as f64 / every).fract() == 0.0 {
+                let name = TextLine::new(&*run.label, [place[0], 0.0]).small().muted().side(Side::Middle);
+                let name = name.within((room * every - 6.0).minimum_of(120.0)).below(bottom + 10.0);
+                below = below.maximum_of(name.extent().bottom);
+                drawing.text(name);
+            }
+        }
+        for (run, place) in self.runs.iter().zip(&places) {
+            if let Some(drift) = run.drift.as_ref().filter(|drift| !drift.is_empty()) {
+                let text = TextLine::new(&**drift, [0.0, 0.0]).small().bold().within(240.0);
+                labels.place(&mut drawing, &text, *place);
+            }
+        }
+        drawing.end_at(below + 16.0);
+        drawing
+    }
+
+    /// A band for each stretch of runs with the same limits.
+    fn draw_limits(&self, drawing: &mut Drawing, axes: &Axes) {
         let mut from = 0.0;
         for runs in self.runs.chunk_by(|a, b| a.limits == b.limits) {
             let to = from + runs.len() as f64;
@@ -60,50 +110,9 @@ impl DriftHistory {
             }
             from = to;
         }
-        let line: Vec<_> =
-            self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.quality.value)).collect();
-        if line.len() > 1 {
-            drawing.line(line.clone(), Stroke::new(GREY, 1.5));
-        }
-        let mut labels = Labels::new(Extent::new(axes.inside.left, 84.0, 856.0, bottom - 4.0));
-        labels.avoid_line(&line);
-        let room = axes.inside.width() / self.runs.len().clamp(1, usize::MAX) as f64;
-        let every = (58.0 / room).ceil().clamp(1.0, 1e6);
-        for (at, (run, place)) in self.runs.iter().zip(&line).enumerate() {
-            if let Some(interval) = run.quality.interval {
-                whisker(&mut drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(COLOURS[0], 1.5));
-            }
-            labels.avoid(*place, 8.0);
-            if run.drift.is_some() {
-                drawing.disc(*place, 7.0, Fill::solid(COLOURS[1]));
-            } else {
-                drawing.disc(*place, 4.5, Fill::solid(COLOURS[0]));
-            }
-            if (at as f64 / every).fract() == 0.0 {
-                let text = shortened(&run.label, 11.0, false, room * every - 6.0);
-                drawing.text(TextLine::new(text, [place[0], bottom + 16.0]).size(11.0).muted().side(Side::Middle));
-            }
-        }
-        drawing.line([[axes.inside.left, bottom], [axes.inside.right, bottom]], Stroke::new(GREY, 1.0));
-        for (run, place) in self.runs.iter().zip(&line) {
-            if let Some(drift) = run.drift.as_ref().filter(|drift| !drift.is_empty()) {
-                labels.place(
-                    &mut drawing,
-                    TextLine::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(),
-                    *place,
-                );
-            }
-        }
-        let key = [(COLOURS[0], "no drift"), (COLOURS[1], "drift, and what moved the number")];
-        let mut x = axes.inside.left;
-        for (colour, text) in key {
-            drawing.disc([x + 6.0, bottom + 48.0], 5.0, Fill::solid(colour));
-            let text = TextLine { colour: INK, ..TextLine::new(text, [x + 18.0, bottom + 48.0]).size(12.0) };
-            x = text.extent().right + 24.0;
-            drawing.text(text);
-        }
-        drawing.rectangle(Extent::new(x, bottom + 41.0, x + 18.0, bottom + 55.0), Fill::faint(COLOURS[2], 0.3));
-        drawing.text(TextLine::new("the baseline's limits", [x + 24.0, bottom + 48.0]).size(12.0));
-        drawing
     }
 }
+
+const SAME: &str = "no drift";
+const MOVED: &str = "drift, and what moved the number";
+const LIMITS: &str = "limits of the baseline";

@@ -1,9 +1,11 @@
+use atsplat_numeric::Extremes as _;
+
 use super::axes::Axes;
-use super::font::shortened;
+use super::labels::names_above;
 use super::scale::Scale;
 use super::series::plain;
-use super::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, TextLine};
-use super::theme::{GREY, GRID, INK, MUTED, colour};
+use super::shape::{Drawing, Extent, Fill, Role, Side, Stroke, TextLine};
+use super::theme::{GREY, GRID, MUTED, colour};
 
 /// Estimates against the truth, both in [0, 1], with a panel per estimator.
 #[derive(Clone, Debug)]
@@ -47,83 +49,94 @@ pub struct EstimatePoint {
 const SIDE: f64 = 292.0;
 const PITCH: f64 = SIDE + 40.0;
 const LEFT: f64 = 64.0;
-const LINE: f64 = 18.0;
 
 impl EstimatorScatter {
     /// Draws it: on the diagonal, estimate and truth are equal; in a tinted square, they fall in the same bin.
     pub fn draw(&self) -> Drawing {
-        let top = 96.0 + LINE * (self.kinds.len() as f64 + 1.0);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels, a few lines")]
-        let size = ((LEFT + PITCH * self.panels.len() as f64).clamp(640.0, 4000.0) as u32, (top + SIDE + 56.0) as u32);
-        let mut drawing = Drawing::new(size.0, size.1);
-        drawing.heading(&self.title, &self.subtitle);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels")]
+        let width = (LEFT + PITCH * self.panels.len() as f64).clamp(640.0, 4000.0) as u32;
+        let (mut drawing, head) = Drawing::titled(width, &self.title, &self.subtitle);
+        let captions = self
+            .panels
+            .iter()
+            .enumerate()
+            .map(|(at, panel)| self.draw_caption(&mut drawing, panel, [LEFT + PITCH * at as f64, head + 16.0]));
+        let top = 46.0 + captions.fold(head, f64::maximum_of);
+        let mut below = top + SIDE;
         for (at, panel) in self.panels.iter().enumerate() {
             let left = LEFT + PITCH * at as f64;
             let scale = Scale::linear(0.0, 1.0);
             let axes = Axes { inside: Extent::new(left, top, left + SIDE, top + SIDE), x: scale, y: scale };
             self.draw_bins(&mut drawing, axes);
-            self.draw_axes(&mut drawing, axes, at == 0);
+            below = below.maximum_of(self.draw_axes(&mut drawing, axes));
             for point in interleaved(&panel.points, self.kinds.len()) {
                 if (0.0..=1.0).contains(&point.truth) && (0.0..=1.0).contains(&point.estimate) {
                     let fill = Fill::faint(colour(point.kind), 0.6);
-                    drawing.disc(axes.place(point.truth, point.estimate), 2.75, fill);
+                    let place = axes.place(point.truth, point.estimate);
+                    drawing.data(&self.kinds[point.kind], |drawing| drawing.disc(place, 2.75, fill));
                 }
             }
-            self.draw_caption(&mut drawing, panel, [left, top]);
         }
+        drawing.end_at(below + 14.0);
         drawing
     }
 
     /// The edges in both directions, the squares of equal bins, and the bins' names above their columns.
     fn draw_bins(&self, drawing: &mut Drawing, axes: Axes) {
+        let mut names = Vec::new();
         for (name, pair) in self.bins.iter().zip(self.edges.windows(2)) {
             let (low, high) = (pair[0], pair[1]);
             let ([left, bottom], [right, top]) = (axes.place(low, low), axes.place(high, high));
             drawing.rectangle(Extent::new(left, top, right, bottom), Fill::faint(GRID, 0.6));
-            let name = shortened(name, 11.0, false, right - left);
-            let place = [f64::midpoint(left, right), axes.inside.top - 9.0];
-            drawing.text(TextLine::new(name, place).size(11.0).muted().side(Side::Middle));
+            names.push((name.clone(), [left, right]));
         }
+        names_above(drawing, axes.inside.top - 11.0, &names, [axes.inside.left, axes.inside.right]);
         for edge in &self.edges {
             drawing.line([axes.place(*edge, 0.0), axes.place(*edge, 1.0)], Stroke::new(GRID, 1.0));
             drawing.line([axes.place(0.0, *edge), axes.place(1.0, *edge)], Stroke::new(GRID, 1.0));
         }
-        drawing.line([axes.place(0.0, 0.0), axes.place(1.0, 1.0)], Stroke::new(GREY, 1.5));
+        drawing.with(Role::Frame, |drawing| {
+            drawing.line([axes.place(0.0, 0.0), axes.place(1.0, 1.0)], Stroke::new(GREY, 1.5));
+        });
     }
 
-    /// Both axes; the left axis is labelled in the first panel only.
-    fn draw_axes(&self, drawing: &mut Drawing, axes: Axes, first: bool) {
+    /// Both axes, with ticks at the edges of the bins; returns the lower edge.
+    fn draw_axes(&self, drawing: &mut Drawing, axes: Axes) -> f64 {
         let ticks: Vec<f64> = self.edges.iter().copied().chain([1.0]).collect();
         let Extent { left, top, bottom, .. } = axes.inside;
-        axes.draw_x_at(drawing, &plain("true co-visibility"), &ticks);
-        drawing.line([[left, top], [left, bottom]], Stroke::new(MUTED, 1.0));
+        let below = axes.draw_x_at(drawing, &plain("true co-visibility"), &ticks);
+        let stroke = Stroke::new(MUTED, 1.0);
+        drawing.with(Role::Frame, |drawing| drawing.line([[left, top], [left, bottom]], stroke));
+        let axis = drawing.next_axis();
         for tick in &ticks {
             let y = axes.y_of(*tick);
-            drawing.line([[left - 5.0, y], [left, y]], Stroke::new(MUTED, 1.0));
-            if first {
-                let label = super::scale::label(*tick, &ticks);
-                drawing.text(TextLine::new(label, [left - 8.0, y]).size(12.0).muted().side(Side::Right));
-            }
+            drawing.with(Role::Frame, |drawing| drawing.line([[left - 5.0, y], [left, y]], stroke));
+            let label = TextLine::new(super::scale::label(*tick, &ticks), [left - 8.0, y]).small().muted();
+            drawing.with(Role::Tick(axis), |drawing| drawing.text(label.side(Side::Right)));
         }
-        if first {
-            drawing.text(TextLine::new("estimate", [MARGIN, top - 14.0]).size(12.0).muted());
-        }
+        let title = TextLine::new("estimate", [left - 36.0, top - 28.0]).small().muted();
+        drawing.with(Role::Axis(axis), |drawing| drawing.text(title));
+        below
     }
 
-    /// The estimator's name, and the colour, correlation and number of pairs of each kind.
-    fn draw_caption(&self, drawing: &mut Drawing, panel: &EstimatorPanel, [left, top]: [f64; 2]) {
-        let first = top - LINE * (self.kinds.len() as f64 + 1.0) - 14.0;
-        drawing.text(TextLine::new(shortened(&panel.estimator, 14.0, true, SIDE), [left, first]).size(14.0).bold());
+    /// The estimator's name, and the colour, correlation and number of pairs of each kind; returns the lower edge.
+    fn draw_caption(&self, drawing: &mut Drawing, panel: &EstimatorPanel, [left, top]: [f64; 2]) -> f64 {
+        let name = TextLine::new(&*panel.estimator, [left, 0.0]).bold().within(SIDE).below(top);
+        let mut y = name.extent().bottom + 6.0;
+        drawing.text(name);
         for (kind, name) in self.kinds.iter().enumerate() {
-            let y = first + LINE * (kind as f64 + 1.0);
             let count = panel.points.iter().filter(|point| point.kind == kind).count();
             let rank = panel.rank_correlations.get(kind).copied().flatten();
             let rank = rank.map_or("-".to_owned(), |rank| format!("{rank:.3}").replace('-', "−"));
-            drawing.disc([left + 5.0, y], 4.5, Fill::solid(colour(kind)));
             let caption = format!("{name}: rank correlation {rank} of {count} pairs");
-            let text = TextLine::new(shortened(&caption, 12.5, false, SIDE - 16.0), [left + 15.0, y]).size(12.5);
-            drawing.text(TextLine { colour: INK, ..text });
+            let text = TextLine::new(caption, [left + 15.0, 0.0]).small().within(SIDE - 16.0).below(y);
+            drawing.key(name, |drawing| {
+                drawing.disc([left + 5.0, y + 6.0], 4.5, Fill::solid(colour(kind)));
+                y = text.extent().bottom + 5.0;
+                drawing.text(text);
+            });
         }
+        y
     }
 }
 
@@ -163,7 +176,7 @@ mod tests {
             panels: vec![panel],
         };
         let drawing = scatter.draw();
-        let discs = drawing.shapes.iter().filter(|shape| matches!(shape, Shape::Disc { .. })).count();
+        let discs = drawing.items.iter().filter(|item| matches!(item.shape, Shape::Disc { .. })).count();
         assert_eq!(discs, 3 + 2, "three pairs with numbers, two kinds in the caption");
         let texts: Vec<&str> = drawing.texts().collect();
         assert!(texts.contains(&"rooms: rank correlation −0.500 of 2 pairs"), "{texts:?}");

@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::picture_grid::{GridRow, PictureGrid};
+use super::picture_grid::{GridCell, GridRow, PictureGrid};
 
 /// Views rendered with expansion enabled in more and more of the decoder's blocks, followed by the truth.
 #[derive(Clone, Debug)]
@@ -39,7 +39,11 @@ impl ExpansionStrips {
     pub fn draw(&self) -> Drawing {
         let rows = self.strips.iter().map(|strip| GridRow {
             label: &strip.label,
-            cells: strip.pictures.iter().map(|picture| Some((&picture.image, picture.caption.clone()))).collect(),
+            cells: strip
+                .pictures
+                .iter()
+                .map(|picture| Some(GridCell::new(&picture.image, picture.caption.clone())))
+                .collect(),
         });
         PictureGrid {
             title: &self.title,

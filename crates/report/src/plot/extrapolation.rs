@@ -1,8 +1,9 @@
-use super::axes::Axes;
+use super::axes::{Axes, AxisText};
+use super::labels::names_above;
 use super::scale::Scale;
-use super::series::{Curve, Estimate, Figure, Origin, draw_curves, plain, series_colour};
-use super::shape::{Drawing, Extent, Fill, Side, TextLine};
-use super::theme::GRID;
+use super::series::{Curve, Estimate, Figure, beyond_note, draw_curves, height_of_names, note, plain, scale_of};
+use super::shape::{Drawing, Extent, Fill, MARGIN};
+use super::theme::{GRID, colour};
 
 /// Quality against the distance from the window of context frames.
 #[derive(Clone, Debug)]
@@ -13,6 +14,8 @@ pub struct ExtrapolationDecay {
     pub subtitle: String,
     /// The metric.
     pub quality: Figure,
+    /// Frames of distance that one point stands for.
+    pub step: f64,
     /// A curve per method.
     pub series: Vec<ExtrapolationSeries>,
 }
@@ -22,44 +25,43 @@ pub struct ExtrapolationDecay {
 pub struct ExtrapolationSeries {
     /// Its name.
     pub label: String,
-    /// Distance from the window in frames, negative before it and 0 inside, with the mean over scenes; ascending.
-    pub points: Vec<(i64, Estimate)>,
-    /// Published series are grey.
-    pub origin: Origin,
+    /// Distance from the window in frames, the middle of each step, negative before it and 0 inside, with the mean over
+    /// scenes; ascending.
+    pub points: Vec<(f64, Estimate)>,
 }
 
 impl ExtrapolationDecay {
     /// Draws it: frames before the window on the left, after it on the right.
     pub fn draw(&self) -> Drawing {
-        let mut drawing = Drawing::new(860, 500);
-        drawing.heading(&self.title, &self.subtitle);
-        let distances =
-            self.series.iter().flat_map(|series| series.points.iter().map(|(distance, _)| *distance as f64));
-        let values =
-            self.series.iter().flat_map(|series| series.points.iter().flat_map(|(_, estimate)| estimate.extent()));
+        let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        let top = head + 58.0;
+        let names = height_of_names(self.series.iter().map(|series| series.label.as_str()));
         let axes = Axes {
-            inside: Extent::new(64.0, 100.0, 640.0, 440.0),
-            x: Scale::around(distances.chain([-1.0, 1.0]), 0.03),
-            y: Scale::around(values, 0.1),
+            inside: Extent::new(64.0, top, 640.0, top + names.clamp(340.0, f64::INFINITY)),
+            x: Scale::around(points().map(|(distance, _)| *distance).chain([-1.0, 1.0]), 0.03),
+            y: scale_of(points().map(|(_, mean)| mean), 0.1),
         };
-        let Extent { top, bottom, .. } = axes.inside;
-        let window = Extent::new(axes.x_of(-0.5), top, axes.x_of(0.5), bottom);
-        drawing.rectangle(window, Fill::solid(GRID));
-        axes.draw_y(&mut drawing, &plain(&self.quality.title()));
+        let window = [-0.5, 0.5].map(|edge| axes.x_of(edge));
+        drawing.rectangle(Extent { left: window[0], right: window[1], ..axes.inside }, Fill::solid(GRID));
+        names_above(&mut drawing, top - 12.0, &[("window of the context frames".to_owned(), window)], [MARGIN, 660.0]);
+        axes.draw_y_below(&mut drawing, &plain(&self.quality.title()), 26.0);
         let label = |value: f64, _: &[f64]| {
             if value > 0.0 { format!("+{value:.0}") } else { format!("{value:.0}").replace('-', "−") }
         };
         let ticks: Vec<f64> = axes.x.ticks(9).into_iter().filter(|tick| tick.fract() == 0.0).collect();
-        let text =
-            super::axes::AxisText { title: "frames outside the window of context frames; 0 is inside", label: &label };
-        axes.draw_x_at(&mut drawing, &text, &ticks);
+        let title = "frames before (−) and after (+) the window";
+        let bottom = axes.draw_x_at(&mut drawing, &AxisText { title, label: &label }, &ticks);
         let curves = self.series.iter().enumerate().map(|(at, series)| Curve {
             label: &series.label,
-            points: series.points.iter().map(|(distance, mean)| (*distance as f64, *mean)).collect(),
-            colour: series_colour(at, series.origin),
+            points: series.points.clone(),
+            colour: colour(at),
         });
-        draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>());
-        drawing.text(TextLine::new("window", [axes.x_of(0.0), top - 14.0]).size(12.0).muted().side(Side::Middle));
+        let step = self.step;
+        let joined = |a: f64, b: f64| b - a < 1.5 * step && (a * b > 0.0 || step <= 1.0);
+        let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), joined);
+        let bottom = note(&mut drawing, bottom, &beyond_note(&beyond));
+        drawing.end_at(bottom + 14.0);
         drawing
     }
 }

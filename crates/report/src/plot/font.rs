@@ -5,13 +5,11 @@ use plotters::style::{FontDesc, FontFamily, FontStyle, register_font};
 use crate::ReportError;
 
 /// The name under which the bundled font is registered.
-pub const FONT: &str = "atsplat";
+pub(super) const FONT: &str = "atsplat";
 
 /// Font families of SVGs: the bundled font if it is installed, otherwise one with equal widths.
 pub(super) const FAMILIES: &str = "DejaVu Sans, Bitstream Vera Sans, Verdana, sans-serif";
 
-/// plotters divides font sizes by this in SVG.
-pub(super) const SVG_PER_CSS: f64 = 1.24;
 /// In bitmaps, plotters measures font sizes from ascender to descender, 1901 and 483 of an em's 2048 units in `DejaVu`.
 pub(super) const PIXELS_PER_CSS: f64 = 2384.0 / 2048.0;
 
@@ -19,7 +17,7 @@ pub(super) const PIXELS_PER_CSS: f64 = 2384.0 / 2048.0;
 ///
 /// # Errors
 /// [`ReportError::Font`] if it cannot be read.
-pub fn register_fonts() -> Result<(), ReportError> {
+pub(super) fn register_fonts() -> Result<(), ReportError> {
     static OUTCOME: OnceLock<bool> = OnceLock::new();
     let registered = *OUTCOME.get_or_init(|| {
         register_font(FONT, FontStyle::Normal, dejavu::sans::regular()).is_ok()
@@ -38,15 +36,30 @@ pub(super) fn width_of(text: &str, size: f64, bold: bool) -> f64 {
     measured.map_or(0.62 * size * text.chars().count() as f64, |((left, _), (right, _))| f64::from(right - left) / 10.0)
 }
 
-/// The text, truncated with an ellipsis if it is wider than `room`.
-pub(super) fn shortened(text: &str, size: f64, bold: bool, room: f64) -> String {
-    if width_of(text, size, bold) <= room {
-        return text.to_owned();
+/// The text in lines of at most this width, broken at spaces; a word that is too wide is broken between its letters.
+pub(super) fn wrapped(text: &str, size: f64, bold: bool, room: f64) -> Vec<String> {
+    let fits = |text: &str| !room.is_finite() || width_of(text, size, bold) <= room;
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let Some(line) = lines.last_mut() else { continue };
+        let longer = if line.is_empty() { word.to_owned() } else { format!("{line} {word}") };
+        if fits(&longer) {
+            *line = longer;
+            continue;
+        }
+        if !line.is_empty() {
+            lines.push(String::new());
+        }
+        for letter in word.chars() {
+            let Some(line) = lines.last_mut() else { continue };
+            line.push(letter);
+            if line.chars().count() > 1 && !fits(line) {
+                line.pop();
+                lines.push(letter.to_string());
+            }
+        }
     }
-    let letters: Vec<char> = text.chars().collect();
-    let cut = |count: usize| letters.iter().take(count).chain(['…'].iter()).collect::<String>();
-    let fitting = (0..letters.len()).rev().map(cut).find(|text| width_of(text, size, bold) <= room);
-    fitting.unwrap_or_else(|| "…".to_owned())
+    lines
 }
 
 #[cfg(test)]
@@ -63,10 +76,13 @@ mod tests {
     }
 
     #[test]
-    fn long_texts_are_truncated_with_an_ellipsis() {
-        let text = shortened("a very long name of a scene", 13.0, false, 80.0);
-        assert!(text.ends_with('…') && width_of(&text, 13.0, false) <= 80.0, "{text}");
-        assert_eq!(shortened("short", 13.0, false, 80.0), "short");
-        assert_eq!(shortened("x", 13.0, false, 0.0), "…");
+    fn long_texts_are_broken_at_spaces_and_keep_every_letter() {
+        let text = "a very long name of a scene with averyveryverylongword in it";
+        let lines = wrapped(text, 13.0, false, 80.0);
+        assert!(lines.len() > 4 && lines.iter().all(|line| width_of(line, 13.0, false) <= 80.0), "{lines:?}");
+        assert_eq!(lines[0], "a very long");
+        assert_eq!(lines.concat().replace(' ', ""), text.replace(' ', ""));
+        assert_eq!(wrapped("short", 13.0, false, 80.0), ["short"]);
+        assert_eq!(wrapped("xy", 13.0, false, 0.0), ["x", "y"]);
     }
 }

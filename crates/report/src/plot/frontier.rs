@@ -1,8 +1,10 @@
+use atsplat_eval::tradeoff::Standing;
+
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
-use super::scale::{Scale, count_label, seconds_label};
-use super::series::{Estimate, Figure, Origin, origin_key, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Stroke, TextLine};
+use super::scale::{Scale, count_label, own_label, seconds_label, time_unit};
+use super::series::{Estimate, Figure, Origin, mark, note, plain, whisker};
+use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, MUTED};
 
 /// Quality against cost: every method as a point, the Pareto frontier as a step line.
@@ -18,6 +20,21 @@ pub struct Frontier {
     pub quality: Figure,
     /// The methods; points without a positive cost are omitted.
     pub points: Vec<FrontierPoint>,
+}
+
+/// Quality against several kinds of cost, side by side.
+#[derive(Clone, Debug)]
+pub struct Frontiers {
+    /// Title.
+    pub title: String,
+    /// Protocol, scenes, machine.
+    pub subtitle: String,
+    /// The metric.
+    pub quality: Figure,
+    /// A panel per kind of cost; points without a positive cost are omitted.
+    pub panels: Vec<(CostAxis, Vec<FrontierPoint>)>,
+    /// Below the panels: which methods are on the frontiers, and which have no point.
+    pub note: String,
 }
 
 /// The kind of cost.
@@ -42,83 +59,145 @@ pub struct FrontierPoint {
     pub quality: Estimate,
     /// Published points are hollow, because their times are from other machines.
     pub origin: Origin,
+    /// Its relation to the frontier if that was tested; by its numbers alone if not.
+    pub standing: Option<Standing>,
     /// Whether it is highlighted, such as the knee of a curve.
     pub highlighted: bool,
 }
 
 impl Frontier {
+    /// Draws it.
+    pub fn draw(&self) -> Drawing {
+        let panels = vec![(self.cost, self.points.clone())];
+        let (title, subtitle) = (self.title.clone(), self.subtitle.clone());
+        Frontiers { title, subtitle, quality: self.quality, panels, note: String::new() }.draw()
+    }
+}
+
+impl Frontiers {
     /// Draws it, with separate frontiers of published and measured points, because times of different machines are not
     /// comparable.
     pub fn draw(&self) -> Drawing {
-        let mut drawing = Drawing::new(860, 520);
-        drawing.heading(&self.title, &self.subtitle);
-        let shown: Vec<&FrontierPoint> =
-            self.points.iter().filter(|p| p.cost > 0.0 && p.quality.value.is_finite()).collect();
-        let axes = Axes {
-            inside: Extent::new(64.0, 100.0, 836.0, 460.0),
-            x: Scale::logarithmic(shown.iter().map(|point| point.cost), 0.12),
-            y: Scale::around(shown.iter().flat_map(|point| point.quality.extent()), 0.12),
-        };
-        let label: &dyn Fn(f64, &[f64]) -> String = match self.cost {
-            CostAxis::Seconds => &|secs, _| seconds_label(secs),
-            CostAxis::Gaussians => &|count, _| count_label(count),
-        };
-        let title = match self.cost {
-            CostAxis::Seconds => "time from context views to Gaussians, logarithmic",
-            CostAxis::Gaussians => "Gaussians, logarithmic",
-        };
-        axes.draw_y(&mut drawing, &plain(&self.quality.title()));
-        axes.draw_x(&mut drawing, &AxisText { title, label });
-        if shown.iter().any(|point| point.origin == Origin::Published) {
-            origin_key(&mut drawing);
+        const WIDTH: f64 = 500.0;
+        let count = self.panels.len().clamp(1, 4);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most four panels")]
+        let width = if count == 1 { 860 } else { (WIDTH * count as f64) as u32 + 40 };
+        let (mut drawing, head) = Drawing::titled(width, &self.title, &self.subtitle);
+        let panels: Vec<(CostAxis, Vec<&FrontierPoint>)> =
+            self.panels.iter().map(|(cost, points)| (*cost, shown(points))).collect();
+        let names = [Origin::Published, Origin::Measured].map(|origin| {
+            let steps = panels.iter().map(|(_, points)| self.steps(of_origin(points, origin)).len()).max();
+            let name = if origin == Origin::Published { "published" } else { "measured" };
+            if steps > Some(1) { format!("{name}, and their frontier") } else { name.to_owned() }
+        });
+        let all = || panels.iter().flat_map(|(_, points)| points);
+        let mut legend: Vec<(&str, Option<Origin>)> = Vec::new();
+        for (origin, name) in [Origin::Published, Origin::Measured].into_iter().zip(&names) {
+            legend.extend(all().any(|point| point.origin == origin).then_some((name.as_str(), Some(origin))));
         }
-
-        let mut labels = Labels::new(Extent::new(axes.inside.left, 84.0, 856.0, axes.inside.bottom - 2.0));
-        for (origin, colour) in [(Origin::Published, GREY), (Origin::Measured, COLOURS[0])] {
-            let steps = self.steps(shown.iter().filter(|point| point.origin == origin).copied());
-            let mut corners = Vec::new();
-            for (at, point) in steps.iter().enumerate() {
-                if let Some(before) = at.checked_sub(1).and_then(|before| steps.get(before)) {
-                    corners.push(axes.place(point.cost, before.quality.value));
-                }
-                corners.push(axes.place(point.cost, point.quality.value));
-            }
-            if corners.len() > 1 {
-                labels.avoid_line(&corners);
-                drawing.line(corners, Stroke::new(colour, 2.0));
-            }
+        legend.extend(all().any(|point| point.highlighted).then_some((KNEE, None)));
+        let keys: Vec<&str> = legend.iter().map(|(name, _)| *name).collect();
+        let bottom = drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, place| match legend.get(at) {
+            Some((_, Some(origin))) => mark(drawing, place, *origin, colour_of(*origin)),
+            _ => drawing.ring(place, 6.0, Stroke::new(COLOURS[1], 2.0)),
+        });
+        let top = bottom + 34.0;
+        let y = Scale::around(all().flat_map(|point| point.quality.extent()), 0.12);
+        let (mut below, mut crowded) = (top, Vec::new());
+        for (at, (cost, points)) in panels.iter().enumerate() {
+            let left = 64.0 + WIDTH * at as f64;
+            let right = if count == 1 { 836.0 } else { left + WIDTH - 64.0 };
+            let inside = Extent::new(left, top, right, top + 350.0);
+            let names = [names[0].as_str(), names[1].as_str()];
+            below = self.draw_panel(&mut drawing, (inside, y), (*cost, points), names, &mut crowded);
         }
-        for point in &shown {
-            let at = axes.place(point.cost, point.quality.value);
-            labels.avoid(at, 7.0);
-            if let Some([low, high]) = point.quality.interval {
-                let ends = [axes.y_of(low), axes.y_of(high)];
-                whisker(&mut drawing, at[0], ends, Stroke::new(COLOURS[0], 1.5));
-                labels.avoid_line(&[[at[0], ends[1]], [at[0], ends[0]]]);
-            }
-            if let Some([low, high]) = point.spread.filter(|ends| ends.iter().all(|end| *end > 0.0)) {
-                let ends = [[axes.place(low, 0.0)[0], at[1]], [axes.place(high, 0.0)[0], at[1]]];
-                drawing.line(ends, Stroke::new(COLOURS[0], 1.5));
-            }
-            match point.origin {
-                Origin::Published => drawing.ring(at, 5.0, Stroke::new(GREY, 2.0)),
-                Origin::Measured => drawing.disc(at, 6.0, Fill::solid(COLOURS[0])),
-            }
-            if point.highlighted {
-                drawing.ring(at, 9.0, Stroke::new(COLOURS[1], 2.0));
-                drawing.disc(at, 6.0, Fill::solid(COLOURS[0]));
-            }
+        if !crowded.is_empty() {
+            below = note(&mut drawing, below, &format!("No room at its point: {}", crowded.join("; ")));
         }
-        for point in &shown {
-            let text = TextLine::new(point.label.as_str(), [0.0, 0.0]);
-            let text = if point.highlighted { text.bold() } else { text };
-            let text = if point.origin == Origin::Published { TextLine { colour: MUTED, ..text } } else { text };
-            labels.place(&mut drawing, text, axes.place(point.cost, point.quality.value));
-        }
+        let bottom = note(&mut drawing, below, &self.note);
+        drawing.end_at(bottom + 14.0);
         drawing
     }
 
-    /// The points that no other point beats in both cost and quality, cheapest first.
+    /// A panel's axes, frontiers, points and labels, and the labels without room; returns its lower edge.
+    fn draw_panel(
+        &self,
+        drawing: &mut Drawing,
+        (inside, y): (Extent, Scale),
+        (cost, points): (CostAxis, &[&FrontierPoint]),
+        names: [&str; 2],
+        crowded: &mut Vec<String>,
+    ) -> f64 {
+        let (unit, length) = match cost {
+            CostAxis::Seconds => time_unit(points.iter().map(|point| point.cost)),
+            CostAxis::Gaussians => ("", 1.0),
+        };
+        let axes = Axes { inside, x: Scale::logarithmic(points.iter().map(|point| point.cost / length), 0.12), y };
+        let (title, label): (String, &dyn Fn(f64, &[f64]) -> String) = match cost {
+            CostAxis::Seconds => (format!("time in {unit}, logarithmic"), &|time, _| own_label(time)),
+            CostAxis::Gaussians => ("Gaussians per scene, logarithmic".to_owned(), &|count, _| count_label(count)),
+        };
+        axes.draw_y(drawing, &plain(&self.quality.title()));
+        let bottom = axes.draw_x(drawing, &AxisText { title: &title, label });
+        let x_of = |cost: f64| axes.x_of(cost / length).clamp(inside.left, inside.right);
+        let place = |cost: f64, quality: f64| [x_of(cost), axes.y_of(quality)];
+        let mut labels =
+            Labels::new(Extent::new(inside.left, inside.top - 4.0, inside.right + 20.0, inside.bottom - 2.0));
+        for (origin, name) in [Origin::Published, Origin::Measured].into_iter().zip(names) {
+            let steps = self.steps(of_origin(points, origin));
+            let mut corners = Vec::new();
+            for (at, point) in steps.iter().enumerate() {
+                if let Some(before) = at.checked_sub(1).and_then(|before| steps.get(before)) {
+                    corners.push(place(point.cost, before.quality.value));
+                }
+                corners.push(place(point.cost, point.quality.value));
+            }
+            if corners.len() > 1 {
+                labels.avoid_line(&corners);
+                drawing.data(name, |drawing| drawing.line(corners, Stroke::new(colour_of(origin), 1.5)));
+            }
+            for point in of_origin(points, origin) {
+                let at = place(point.cost, point.quality.value);
+                labels.avoid(at, if point.highlighted { 11.0 } else { 7.0 });
+                drawing.data(name, |drawing| {
+                    let stroke = Stroke::new(colour_of(origin), 1.5);
+                    if let Some([low, high]) = point.quality.interval {
+                        let ends = [axes.y_of(low), axes.y_of(high)];
+                        whisker(drawing, at[0], ends, stroke);
+                        labels.avoid_line(&[[at[0], ends[1]], [at[0], ends[0]]]);
+                    }
+                    if let Some([low, high]) = point.spread.filter(|ends| ends.iter().all(|end| *end > 0.0)) {
+                        let ends = [[x_of(low), at[1]], [x_of(high), at[1]]];
+                        drawing.line(ends, stroke);
+                        labels.avoid_line(&ends);
+                    }
+                });
+                if point.highlighted {
+                    drawing.data(KNEE, |drawing| drawing.ring(at, 9.0, Stroke::new(COLOURS[1], 2.0)));
+                }
+                drawing.data(name, |drawing| mark(drawing, at, origin, colour_of(origin)));
+            }
+        }
+        for point in points {
+            let undecided = if point.standing == Some(Standing::NotDistinguishable) { " ?" } else { "" };
+            let text = TextLine::new(format!("{}{undecided}", point.label), [0.0, 0.0]).within(190.0);
+            let bold = point.highlighted || point.standing == Some(Standing::Frontier);
+            let text = if bold { text.bold() } else { text };
+            let text = if point.origin == Origin::Published { TextLine { colour: MUTED, ..text } } else { text };
+            if !labels.place_if_free(drawing, &text, place(point.cost, point.quality.value)) {
+                let value = self.quality.print(point.quality.value);
+                let cost = match cost {
+                    CostAxis::Seconds => seconds_label(point.cost),
+                    CostAxis::Gaussians => count_label(point.cost),
+                };
+                crowded.push(format!("{} ({value}, {cost})", point.label));
+            }
+        }
+        bottom
+    }
+
+    /// The points of the frontier, cheapest first: those that were tested, or those that no other point beats in both cost
+    /// and quality.
     fn steps<'a>(&self, points: impl Iterator<Item = &'a FrontierPoint>) -> Vec<&'a FrontierPoint> {
         let mut sorted: Vec<&FrontierPoint> = points.collect();
         sorted.sort_by(|a, b| {
@@ -130,11 +209,30 @@ impl Frontier {
         });
         let mut steps: Vec<&FrontierPoint> = Vec::new();
         for point in sorted {
-            if steps.last().is_none_or(|best| self.quality.better(point.quality.value, best.quality.value)) {
+            let better =
+                || steps.last().is_none_or(|best| self.quality.better(point.quality.value, best.quality.value));
+            if point.standing.map_or_else(better, |standing| standing == Standing::Frontier) {
                 steps.push(point);
             }
         }
         steps
+    }
+}
+
+const KNEE: &str = "knee: more cost buys less quality from here on";
+
+fn shown(points: &[FrontierPoint]) -> Vec<&FrontierPoint> {
+    points.iter().filter(|point| point.cost > 0.0 && point.quality.value.is_finite()).collect()
+}
+
+fn of_origin<'a>(points: &'a [&FrontierPoint], origin: Origin) -> impl Iterator<Item = &'a FrontierPoint> {
+    points.iter().copied().filter(move |point| point.origin == origin)
+}
+
+const fn colour_of(origin: Origin) -> plotters::style::RGBColor {
+    match origin {
+        Origin::Published => GREY,
+        Origin::Measured => COLOURS[0],
     }
 }
 
@@ -152,6 +250,7 @@ mod tests {
             spread: None,
             quality: Estimate::exact(quality),
             origin: Origin::Measured,
+            standing: None,
             highlighted: false,
         };
         let points = vec![
@@ -160,12 +259,12 @@ mod tests {
             point("beaten", 2.0, 19.0),
             point("twin", 1.0, 18.0),
         ];
-        let frontier = |id| Frontier {
+        let frontier = |id| Frontiers {
             title: String::new(),
             subtitle: String::new(),
-            cost: CostAxis::Gaussians,
             quality: Figure::from(definition(id).unwrap()),
-            points: points.clone(),
+            panels: Vec::new(),
+            note: String::new(),
         };
         let steps = |id| {
             let frontier = frontier(id);
@@ -173,5 +272,11 @@ mod tests {
         };
         assert_eq!(steps("psnr"), ["cheap", "dear"]);
         assert_eq!(steps("lpips"), ["twin"], "less is better");
+        let mut tested = points.clone();
+        tested.iter_mut().for_each(|point| point.standing = Some(Standing::NotDistinguishable));
+        tested[0].standing = Some(Standing::Frontier);
+        let on_frontier: Vec<_> =
+            frontier("psnr").steps(tested.iter()).iter().map(|point| point.label.clone()).collect();
+        assert_eq!(on_frontier, ["dear"], "what was tested counts, not the numbers");
     }
 }

@@ -1,12 +1,12 @@
-use atsplat_numeric::median;
+use atsplat_numeric::{Extremes as _, median};
 
 use super::axes::{Axes, AxisText};
-use super::font::shortened;
 use super::scale::{Scale, label};
-use super::shape::{Drawing, Extent, Fill, Stroke, TextLine};
+use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke, TextLine};
 use super::theme::colour;
 
-/// Groups compared by several measures: a small histogram per measure, with the first group filled, the others outlined.
+/// Groups compared by several measures: a small histogram per measure, with the first group filled, the others
+/// outlined, and groups of few values as single points.
 #[derive(Clone, Debug)]
 pub struct Histograms {
     /// Title.
@@ -33,69 +33,93 @@ const ACROSS: usize = 4;
 const WIDTH: f64 = 232.0;
 const HEIGHT: f64 = 110.0;
 const GAP: f64 = 28.0;
-const MARGIN: f64 = 24.0;
-const TOP: f64 = 68.0;
-const LINE: f64 = 16.0;
-/// Groups of at most this size also get a mark per value, because a histogram of few values says little.
-const FEW: usize = 40;
+const LINE: f64 = 17.0;
+/// The height of a row of single values.
+const STRIP: f64 = 14.0;
+/// Groups of fewer values are shown value by value, because a histogram of few values says little.
+const FEW: usize = 20;
 
 impl Histograms {
     /// Draws it. Heights are fractions of a group, so that groups of different sizes are comparable.
     pub fn draw(&self) -> Drawing {
-        let (across, down) = (self.panels.len().clamp(1, ACROSS), self.panels.len().div_ceil(ACROSS));
-        let head = 26.0 + LINE * self.groups.len() as f64;
-        let pitch = head + HEIGHT + 40.0;
+        let across = self.panels.len().clamp(1, ACROSS);
         let width = 2.0 * MARGIN + (WIDTH + GAP) * across as f64 - GAP;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels")]
-        let mut drawing = Drawing::new(width.clamp(640.0, 4000.0) as u32, (TOP + 8.0 + pitch * down as f64) as u32);
-        drawing.heading(&self.title, &self.subtitle);
-        for (at, panel) in self.panels.iter().enumerate() {
-            let left = MARGIN + (WIDTH + GAP) * (at % ACROSS) as f64;
-            let top = TOP + pitch * (at / ACROSS) as f64;
-            self.draw_caption(&mut drawing, panel, [left, top + 10.0]);
-            let inside = Extent::new(left, top + head, left + WIDTH, top + head + HEIGHT);
-            self.draw_columns(&mut drawing, panel, inside);
+        let (mut drawing, head) = Drawing::titled(width.clamp(640.0, 4000.0) as u32, &self.title, &self.subtitle);
+        let mut below = head + 14.0;
+        for row in self.panels.chunks(ACROSS) {
+            let top = below;
+            let mut upper = top;
+            for (at, panel) in row.iter().enumerate() {
+                let caption = self.draw_caption(&mut drawing, panel, [MARGIN + (WIDTH + GAP) * at as f64, top]);
+                upper = upper.maximum_of(caption + 10.0);
+            }
+            for (at, panel) in row.iter().enumerate() {
+                let left = MARGIN + (WIDTH + GAP) * at as f64;
+                let edge = self.draw_panel(&mut drawing, panel, [left, upper]);
+                below = below.maximum_of(edge + 22.0);
+            }
         }
+        drawing.end_at(below);
         drawing
     }
 
-    /// The measure, and the legend with each group's median.
-    fn draw_caption(&self, drawing: &mut Drawing, panel: &HistogramPanel, [left, y]: [f64; 2]) {
-        let measure = shortened(&panel.measure, 13.0, true, WIDTH);
-        drawing.text(TextLine::new(measure, [left, y]).size(13.0).bold());
+    /// The legend with each group's median and size; returns its lower edge.
+    fn draw_caption(&self, drawing: &mut Drawing, panel: &HistogramPanel, [left, top]: [f64; 2]) -> f64 {
+        let mut y = top;
         for (group, name) in self.groups.iter().enumerate() {
-            let y = y + LINE * (group as f64 + 1.0);
-            let values = finite(panel.values.get(group).map_or(&[][..], Vec::as_slice));
+            let values = self.of(panel, group);
             let median = median(values.iter().copied()).map_or("-".to_owned(), three_digits);
-            if group == 0 {
-                drawing.rectangle(Extent::new(left, y - 4.5, left + 12.0, y + 4.5), filled(group));
-            } else {
-                drawing.line([[left, y], [left + 12.0, y]], Stroke::new(colour(group), 2.0));
-            }
-            let caption = shortened(&format!("{name}: median {median}"), 12.0, false, WIDTH - 18.0);
-            drawing.text(TextLine::new(caption, [left + 18.0, y]).size(12.0));
+            let caption = format!("{name}: median {median} of {}", values.len());
+            let text = TextLine::new(caption, [left + 18.0, 0.0]).small().within(WIDTH - 18.0).below(y);
+            y = text.extent().bottom + LINE - 12.0;
+            let middle = text.extent().top + 6.0;
+            drawing.key(name, |drawing| {
+                drawing.text(text);
+                if values.len() < FEW {
+                    drawing.disc([left + 6.0, middle], 3.0, Fill::solid(colour(group)));
+                } else if group == 0 {
+                    drawing.rectangle(Extent::new(left, middle - 4.5, left + 12.0, middle + 4.5), filled(group));
+                } else {
+                    drawing.line([[left, middle], [left + 12.0, middle]], Stroke::new(colour(group), 2.0));
+                }
+            });
         }
+        y
     }
 
-    fn draw_columns(&self, drawing: &mut Drawing, panel: &HistogramPanel, inside: Extent) {
-        let groups: Vec<&[f64]> = panel.values.iter().take(self.groups.len()).map(Vec::as_slice).collect();
-        let x = Scale::around(groups.iter().flat_map(|values| values.iter().copied()), 0.02);
-        let shares: Vec<[f64; COLUMNS]> = groups.iter().map(|values| shares(values, x)).collect();
-        let axes = Axes { inside, x, y: Scale::from_zero(shares.iter().flatten().copied()) };
-        for (group, (shares, values)) in shares.iter().zip(&groups).enumerate() {
-            let steps = steps(shares, axes);
-            if group == 0 {
-                drawing.area(steps, filled(group));
-            } else {
-                drawing.line(steps, Stroke::new(colour(group), 2.0));
-            }
-            let few = values.len() <= FEW && group > 0;
-            for value in values.iter().filter(|value| few && value.is_finite()) {
-                let x = axes.x_of(*value);
-                drawing.line([[x, inside.bottom - 8.0], [x, inside.bottom]], Stroke::new(colour(group), 1.5));
-            }
+    /// The single values of small groups, the histograms of the others below, and the axis; returns its lower edge.
+    fn draw_panel(&self, drawing: &mut Drawing, panel: &HistogramPanel, [left, top]: [f64; 2]) -> f64 {
+        let groups: Vec<(usize, Vec<f64>)> = (0..self.groups.len()).map(|at| (at, self.of(panel, at))).collect();
+        let x = Scale::around(groups.iter().flat_map(|(_, values)| values.iter().copied()), 0.02);
+        let (few, many): (Vec<_>, Vec<_>) = groups.iter().partition(|(_, values)| values.len() < FEW);
+        let shares: Vec<(usize, [f64; COLUMNS])> = many.iter().map(|(at, values)| (*at, shares(values, x))).collect();
+        let upper = top + STRIP * self.groups.len() as f64;
+        let axes = Axes {
+            inside: Extent::new(left, upper, left + WIDTH, upper + HEIGHT),
+            x,
+            y: Scale::from_zero(shares.iter().flat_map(|(_, shares)| shares.iter().copied())),
+        };
+        for (row, (group, values)) in few.iter().enumerate() {
+            let y = top + STRIP * (row as f64 + 0.5);
+            drawing.data(&self.groups[*group], |drawing| {
+                for value in values {
+                    drawing.disc([axes.x_of(*value), y], 3.0, Fill::faint(colour(*group), 0.7));
+                }
+            });
         }
-        axes.draw_x_at(drawing, &AxisText { title: "", label: &label }, &x.ticks(4));
+        for (group, shares) in &shares {
+            drawing.data(&self.groups[*group], |drawing| match group {
+                0 => drawing.area(steps(shares, axes), filled(*group)),
+                _ => drawing.line(steps(shares, axes), Stroke::new(colour(*group), 2.0)),
+            });
+        }
+        axes.draw_x_at(drawing, &AxisText { title: &panel.measure, label: &label }, &x.ticks(4))
+    }
+
+    /// The finite values of a group.
+    fn of(&self, panel: &HistogramPanel, group: usize) -> Vec<f64> {
+        panel.values.get(group).map_or_else(Vec::new, |values| finite(values))
     }
 }
 

@@ -1,8 +1,8 @@
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
 use super::scale::{Scale, count_label};
-use super::series::{Estimate, Figure, Origin, origin_key, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Stroke, TextLine};
+use super::series::{Estimate, Figure, Origin, mark, plain, whisker};
+use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY};
 
 /// Quality against the number of Gaussians per token.
@@ -34,10 +34,23 @@ pub struct KPoint {
 impl KScaling {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
-        let mut drawing = Drawing::new(760, 480);
-        drawing.heading(&self.title, &self.subtitle);
+        let (mut drawing, head) = Drawing::titled(760, &self.title, &self.subtitle);
+        let series = [(Origin::Published, "published", GREY), (Origin::Measured, "measured", COLOURS[0])];
+        let series = series.map(|(origin, name, colour)| {
+            let mut points: Vec<&KPoint> = self.points.iter().filter(|point| point.origin == origin).collect();
+            points.sort_by(|a, b| a.k.total_cmp(&b.k));
+            (points, name, colour)
+        });
+        let shown: Vec<_> = series.iter().filter(|(points, ..)| !points.is_empty()).collect();
+        let names: Vec<&str> = shown.iter().map(|(_, name, _)| *name).collect();
+        let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, place| {
+            if let Some((points, _, colour)) = shown.get(at) {
+                mark(drawing, place, points[0].origin, *colour);
+            }
+        });
+        let top = bottom + 34.0;
         let axes = Axes {
-            inside: Extent::new(64.0, 100.0, 736.0, 420.0),
+            inside: Extent::new(64.0, top, 736.0, top + 320.0),
             x: Scale::logarithmic(self.points.iter().map(|point| point.k), 0.06),
             y: Scale::around(self.points.iter().flat_map(|point| point.quality.extent()), 0.15),
         };
@@ -46,39 +59,36 @@ impl KScaling {
         ks.sort_by(f64::total_cmp);
         ks.dedup();
         let text = AxisText {
-            title: "Gaussians per token, K, logarithmic; labels: Gaussians per scene",
+            title: "Gaussians per token, K, logarithmic; at the points: Gaussians per scene",
             label: &|k, _| format!("{k}"),
         };
-        axes.draw_x_at(&mut drawing, &text, &ks);
-        origin_key(&mut drawing);
-        let mut labels = Labels::new(Extent::new(axes.inside.left, 84.0, 752.0, axes.inside.bottom - 2.0));
-        for (origin, colour) in [(Origin::Published, GREY), (Origin::Measured, COLOURS[0])] {
-            let mut points: Vec<&KPoint> = self.points.iter().filter(|point| point.origin == origin).collect();
-            points.sort_by(|a, b| a.k.total_cmp(&b.k));
+        let bottom = axes.draw_x_at(&mut drawing, &text, &ks);
+        let mut labels = Labels::new(Extent::new(axes.inside.left, top, 752.0, axes.inside.bottom - 2.0));
+        for (points, name, colour) in &series {
             let line: Vec<_> = points.iter().map(|point| axes.place(point.k, point.quality.value)).collect();
             labels.avoid_line(&line);
-            if line.len() > 1 {
-                drawing.line(line.clone(), Stroke::new(colour, 2.0));
-            }
-            for (point, at) in points.iter().zip(line) {
-                labels.avoid(at, 6.0);
-                if let Some(interval) = point.quality.interval {
-                    let [low, high] = interval.map(|value| axes.y_of(value));
-                    labels.avoid_line(&[[at[0], high], [at[0], low]]);
-                    whisker(&mut drawing, at[0], [low, high], Stroke::new(colour, 1.5));
+            drawing.data(name, |drawing| {
+                if line.len() > 1 {
+                    drawing.line(line.clone(), Stroke::new(*colour, 2.0));
                 }
-                match origin {
-                    Origin::Published => drawing.ring(at, 5.0, Stroke::new(colour, 2.0)),
-                    Origin::Measured => drawing.disc(at, 6.0, Fill::solid(colour)),
+                for (point, at) in points.iter().zip(&line) {
+                    labels.avoid(*at, 6.0);
+                    if let Some(interval) = point.quality.interval {
+                        let [low, high] = interval.map(|value| axes.y_of(value));
+                        labels.avoid_line(&[[at[0], high], [at[0], low]]);
+                        whisker(drawing, at[0], [low, high], Stroke::new(*colour, 1.5));
+                    }
+                    mark(drawing, *at, point.origin, *colour);
                 }
-            }
+            });
         }
         for point in &self.points {
             let Some(gaussians) = point.gaussians else { continue };
-            let text = TextLine::new(count_label(gaussians), [0.0, 0.0]).size(12.0);
+            let text = TextLine::new(count_label(gaussians), [0.0, 0.0]).small();
             let text = if point.origin == Origin::Published { text.muted() } else { text };
-            labels.place(&mut drawing, text, axes.place(point.k, point.quality.value));
+            labels.place(&mut drawing, &text, axes.place(point.k, point.quality.value));
         }
+        drawing.end_at(bottom + 14.0);
         drawing
     }
 }

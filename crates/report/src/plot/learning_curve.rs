@@ -1,13 +1,9 @@
-use atsplat_numeric::Extremes as _;
-use plotters::coord::Shift;
-use plotters::coord::ranged1d::ValueFormatter;
-use plotters::prelude::*;
+use super::axes::{Axes, AxisText};
+use super::scale::{Scale, bounds, count_label, own_label};
+use super::series::plain;
+use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
+use super::theme::{GREY, colour};
 
-use super::native::{self, DrawResult, NativePlot};
-use super::{FONT, GREY, PlotFormat, colour};
-use crate::ReportError;
-
-const SIZE: (u32, u32) = (1000, 900);
 /// Maximum number of points of a curve, each a mean over consecutive steps.
 const POINTS: usize = 200;
 
@@ -16,6 +12,8 @@ const POINTS: usize = 200;
 pub struct LearningCurve<'a> {
     /// Title above the plot.
     pub title: &'a str,
+    /// Configuration, data, number of steps.
+    pub subtitle: &'a str,
     /// Number of each step.
     pub steps: &'a [u64],
     /// Name of each loss term, and its value at each step; `None` for skipped steps.
@@ -24,118 +22,73 @@ pub struct LearningCurve<'a> {
     pub evaluations: &'a [(u64, f64, f64)],
 }
 
+/// The series of the lower panel.
+const SCORES: [&str; 2] = ["renders", "nearest context view"];
+
 impl LearningCurve<'_> {
-    /// The bytes of the file; the same plot gives the same bytes.
-    ///
-    /// # Errors
-    /// [`ReportError::Font`], [`ReportError::Plot`], [`ReportError::Picture`].
-    pub fn encode(&self, format: PlotFormat) -> Result<Vec<u8>, ReportError> {
-        native::encode(self, format)
-    }
-
-    fn draw_losses<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult
-    where
-        B::ErrorType: 'static,
-    {
-        let curves: Vec<Vec<(f64, f64)>> = self.losses.iter().map(|(_, values)| curve(self.steps, values)).collect();
-        let values = || curves.iter().flatten().map(|(_, value)| *value).filter(|value| *value > 0.0);
-        let (low, high) = range(values());
-        let last = self.steps.last().map_or(1.0, |step| *step as f64 + 1.0);
-        let (low, high) = if low < high { (low * 0.9, high * 1.1) } else { (1e-4, 1.0) };
-        let mut builder = builder(area);
-        builder.caption(self.title, (FONT, 22)).x_label_area_size(32);
-        let mut chart = builder.build_cartesian_2d(0.0..last, (low..high).log_scale())?;
-        mesh(&mut chart, "", "loss, by term")?;
-        for (position, ((name, _), points)) in self.losses.iter().zip(curves).enumerate() {
-            let colour = colour(position);
-            if points.is_empty() {
-                continue;
-            }
-            let series = chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
-            series.label(*name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
+    /// Draws it. Terms that are never positive are omitted, because the scale is logarithmic.
+    pub fn draw(&self) -> Drawing {
+        let (mut drawing, head) = Drawing::titled(900, self.title, self.subtitle);
+        let curves: Vec<(&str, Vec<(f64, f64)>)> = self
+            .losses
+            .iter()
+            .map(|(name, values)| (*name, curve(self.steps, values)))
+            .filter(|(_, points)| !points.is_empty())
+            .collect();
+        let names: Vec<&str> = curves.iter().map(|(name, _)| *name).collect();
+        let top = line_legend(&mut drawing, head + 12.0, &names, colour) + 34.0;
+        let last = self.steps.last().copied().into_iter().chain(self.evaluations.last().map(|(step, ..)| *step)).max();
+        let x = Scale::linear(0.0, last.unwrap_or(1) as f64 + 1.0);
+        let steps: &dyn Fn(f64, &[f64]) -> String = &|step, _| count_label(step);
+        let losses = Axes {
+            inside: Extent::new(72.0, top, 876.0, top + 300.0),
+            x,
+            y: Scale::logarithmic(curves.iter().flat_map(|(_, points)| points.iter().map(|(_, loss)| *loss)), 0.05),
+        };
+        losses
+            .draw_y(&mut drawing, &AxisText { title: "loss by term, logarithmic", label: &|loss, _| own_label(loss) });
+        let below = losses.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
+        for (at, (name, points)) in curves.iter().enumerate() {
+            draw_line(&mut drawing, &losses, name, points, colour(at));
         }
-        legend(&mut chart)
-    }
-
-    fn draw_scores<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult
-    where
-        B::ErrorType: 'static,
-    {
-        let last = self.evaluations.last().map_or(1.0, |(step, ..)| *step as f64 + 1.0);
-        let all = || self.evaluations.iter().flat_map(|(_, renders, nearest)| [*renders, *nearest]);
-        let (low, high) = range(all());
-        let (low, high) = if low <= high { (low - 1.0, high + 1.0) } else { (0.0, 1.0) };
-        let mut chart = builder(area).x_label_area_size(44).build_cartesian_2d(0.0..last, low..high)?;
-        mesh(&mut chart, "steps", "PSNR in dB, fixed samples")?;
-        let renders: Vec<f64> = self.evaluations.iter().map(|(_, renders, _)| *renders).collect();
-        let copies: Vec<f64> = self.evaluations.iter().map(|(.., nearest)| *nearest).collect();
-        for (name, colour, values) in [("renders", colour(0), renders), ("nearest context view", GREY, copies)] {
-            let points = self.evaluations.iter().map(|(step, ..)| *step as f64).zip(values);
-            let series = chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
-            series.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
+        let score_colour = |at: usize| if at == 0 { colour(curves.len()) } else { GREY };
+        let top = line_legend(&mut drawing, below + 20.0, &SCORES, score_colour) + 34.0;
+        let values = self.evaluations.iter().flat_map(|(_, renders, nearest)| [*renders, *nearest]);
+        let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
+        let scores =
+            Axes { inside: Extent::new(72.0, top, 876.0, top + 260.0), x, y: Scale::linear(low - 1.0, high + 1.0) };
+        scores.draw_y(&mut drawing, &plain("PSNR in dB on the same samples, higher is better"));
+        let below = scores.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
+        for (at, name) in SCORES.into_iter().enumerate() {
+            let value = |(step, renders, nearest): &(u64, f64, f64)| (*step as f64, [*renders, *nearest][at]);
+            let points: Vec<(f64, f64)> = self.evaluations.iter().map(value).collect();
+            draw_line(&mut drawing, &scores, name, &points, score_colour(at));
         }
-        legend(&mut chart)
+        drawing.end_at(below + 14.0);
+        drawing
     }
 }
 
-impl NativePlot for LearningCurve<'_> {
-    fn size(&self) -> (u32, u32) {
-        SIZE
-    }
-
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult
-    where
-        B::ErrorType: 'static,
-    {
-        area.fill(&WHITE)?;
-        let (above, below) = area.split_vertically(480);
-        self.draw_losses(&above)?;
-        self.draw_scores(&below)?;
-        area.present()?;
-        Ok(())
-    }
+fn line_legend(
+    drawing: &mut Drawing,
+    top: f64,
+    names: &[&str],
+    colour: impl Fn(usize) -> plotters::style::RGBColor,
+) -> f64 {
+    drawing.legend(MARGIN, top, names, |drawing, at, [x, y]| {
+        drawing.line([[x - 8.0, y], [x + 8.0, y]], Stroke::new(colour(at), 2.0));
+    })
 }
 
-/// Margins with room for labels; on the right for half of the last step's label.
-fn builder<'b, B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> ChartBuilder<'_, 'b, B> {
-    let mut builder = ChartBuilder::on(area);
-    builder.margin(12).margin_right(32).y_label_area_size(72);
-    builder
-}
-
-fn mesh<B, X, Y>(chart: &mut ChartContext<'_, B, Cartesian2d<X, Y>>, x: &str, y: &str) -> DrawResult
-where
-    B: DrawingBackend,
-    B::ErrorType: 'static,
-    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
-    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
-{
-    let mut mesh = chart.configure_mesh();
-    mesh.x_desc(x).y_desc(y).label_style((FONT, 15)).axis_desc_style((FONT, 16)).light_line_style(WHITE);
-    mesh.x_label_formatter(&|step| format!("{step:.0}")).draw()?;
-    Ok(())
-}
-
-fn legend<'a, B, X, Y>(chart: &mut ChartContext<'a, B, Cartesian2d<X, Y>>) -> DrawResult
-where
-    B: DrawingBackend + 'a,
-    B::ErrorType: 'static,
-    X: Ranged<ValueType = f64>,
-    Y: Ranged<ValueType = f64>,
-{
-    chart
-        .configure_series_labels()
-        .label_font((FONT, 15))
-        .background_style(WHITE.mix(0.85))
-        .border_style(BLACK.mix(0.3))
-        .draw()?;
-    Ok(())
-}
-
-/// Minimum and maximum; minimum > maximum if there are no values.
-fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    values
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.minimum_of(value), high.maximum_of(value)))
+/// A line, or a dot if there is only one point.
+fn draw_line(drawing: &mut Drawing, axes: &Axes, name: &str, points: &[(f64, f64)], colour: plotters::style::RGBColor) {
+    let finite = points.iter().filter(|(_, value)| value.is_finite());
+    let line: Vec<[f64; 2]> = finite.map(|(step, value)| axes.place(*step, *value)).collect();
+    drawing.data(name, |drawing| match line.as_slice() {
+        [] => {}
+        [only] => drawing.disc(*only, 3.0, Fill::solid(colour)),
+        _ => drawing.line(line, Stroke::new(colour, 2.0)),
+    });
 }
 
 /// Means over stretches of steps, at their middles, without skipped steps.

@@ -1,9 +1,9 @@
 use super::axes::Axes;
-use super::font::shortened;
+use super::labels::names_above;
 use super::scale::Scale;
-use super::series::{Curve, Estimate, Figure, Origin, draw_curves, plain, series_colour};
-use super::shape::{Drawing, Extent, Fill, Side, TextLine};
-use super::theme::GRID;
+use super::series::{Curve, Estimate, Figure, beyond_note, draw_curves, height_of_names, note, plain, scale_of};
+use super::shape::{Drawing, Extent, Fill, MARGIN};
+use super::theme::{GRID, colour};
 
 /// Quality against the overlap of the context views.
 #[derive(Clone, Debug)]
@@ -16,6 +16,8 @@ pub struct OverlapCurves {
     pub quality: Figure,
     /// The protocol's bins, shown behind the curves.
     pub bins: Vec<OverlapBin>,
+    /// Distance between neighbouring points; across a larger one a curve has a gap.
+    pub step: f64,
     /// A curve per method.
     pub series: Vec<OverlapSeries>,
 }
@@ -38,45 +40,44 @@ pub struct OverlapSeries {
     pub label: String,
     /// Overlap in [0, 1] and the mean of the scenes around it, ascending.
     pub points: Vec<(f64, Estimate)>,
-    /// Published series are grey.
-    pub origin: Origin,
 }
 
 impl OverlapCurves {
-    /// Draws it.
+    /// Draws it. Outliers do not stretch the scale: they are triangles at its edge, with their values below the plot.
     pub fn draw(&self) -> Drawing {
-        let mut drawing = Drawing::new(860, 520);
-        drawing.heading(&self.title, &self.subtitle);
-        let overlaps = self.series.iter().flat_map(|series| series.points.iter().map(|(overlap, _)| *overlap));
+        let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
+        let points = || self.series.iter().flat_map(|series| &series.points);
         let edges = self.bins.iter().flat_map(|bin| bin.edges);
-        let values =
-            self.series.iter().flat_map(|series| series.points.iter().flat_map(|(_, estimate)| estimate.extent()));
+        let top = head + 58.0;
+        let names = height_of_names(self.series.iter().map(|series| series.label.as_str()));
+        let height = names.clamp(340.0, f64::INFINITY);
         let axes = Axes {
-            inside: Extent::new(64.0, 120.0, 640.0, 460.0),
-            x: Scale::around(overlaps.chain(edges), 0.0),
-            y: Scale::around(values, 0.08),
+            inside: Extent::new(64.0, top, 640.0, top + height),
+            x: Scale::around(points().map(|(overlap, _)| *overlap).chain(edges), 0.0),
+            y: scale_of(points().map(|(_, mean)| mean), 0.08),
         };
+        let mut names = Vec::new();
         for (at, bin) in self.bins.iter().enumerate() {
-            let [from, to] = bin.edges.map(|edge| axes.x_of(edge));
+            let part = bin.edges.map(|edge| axes.x_of(edge));
             if at % 2 == 0 {
-                drawing.rectangle(Extent::new(from, axes.inside.top, to, axes.inside.bottom), Fill::faint(GRID, 0.45));
+                let tint = Extent { left: part[0], right: part[1], ..axes.inside };
+                drawing.rectangle(tint, Fill::faint(GRID, 0.45));
             }
-            let name = shortened(&format!("{} · {}", bin.name, bin.scenes), 12.0, false, to - from - 6.0);
-            drawing.text(
-                TextLine::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0])
-                    .size(12.0)
-                    .muted()
-                    .side(Side::Middle),
-            );
+            names.push((format!("{} · {}", bin.name, bin.scenes), part));
         }
-        axes.draw_y(&mut drawing, &plain(&self.quality.title()));
-        axes.draw_x(&mut drawing, &plain("overlap of the context views"));
+        names_above(&mut drawing, top - 12.0, &names, [MARGIN, 840.0]);
+        axes.draw_y_below(&mut drawing, &plain(&self.quality.title()), 26.0);
+        let bottom =
+            axes.draw_x(&mut drawing, &plain("overlap of the context views; above the plot: bins and their scenes"));
         let curves = self.series.iter().enumerate().map(|(at, series)| Curve {
             label: &series.label,
             points: series.points.clone(),
-            colour: series_colour(at, series.origin),
+            colour: colour(at),
         });
-        draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>());
+        let step = self.step;
+        let beyond = draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>(), |a, b| b - a < 1.5 * step);
+        let bottom = note(&mut drawing, bottom, &beyond_note(&beyond));
+        drawing.end_at(bottom + 14.0);
         drawing
     }
 }

@@ -1,97 +1,71 @@
-use plotters::coord::Shift;
-use plotters::prelude::*;
-
-use super::native::{self, DrawResult, NativePlot};
-use super::{FONT, GREY, PlotFormat, colour};
-use crate::ReportError;
+use super::axes::{Axes, AxisText};
+use super::scale::Scale;
+use super::series::plain;
+use super::shape::{Drawing, Extent, Fill, MARGIN};
+use super::theme::{GREY, colour};
 
 /// A histogram of overlaps, stacked by bin.
 #[derive(Debug)]
 pub struct OverlapHistogram<'a> {
-    /// Title above the plot.
+    /// Title.
     pub title: &'a str,
+    /// Index, data, estimator of overlap, number of context sets.
+    pub subtitle: &'a str,
     /// Overlap of each context set, in \[0, 1\], with the position of its bin in `bins`; `None` is outside all bins.
     pub overlaps: &'a [(f64, Option<usize>)],
     /// Names of the bins, which take colours in order.
     pub bins: &'a [String],
 }
 
-const SIZE: (u32, u32) = (960, 540);
 /// One column per 0.025 of overlap: fine enough to see a bin's edge, coarse enough for 5 000 scenes.
 const COLUMNS: usize = 40;
 
 impl OverlapHistogram<'_> {
-    /// The bytes of the file; the same plot gives the same bytes.
-    ///
-    /// # Errors
-    /// [`ReportError::Font`], [`ReportError::Plot`], [`ReportError::Picture`].
-    pub fn encode(&self, format: PlotFormat) -> Result<Vec<u8>, ReportError> {
-        native::encode(self, format)
-    }
-}
-
-impl NativePlot for OverlapHistogram<'_> {
-    fn size(&self) -> (u32, u32) {
-        SIZE
-    }
-
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult
-    where
-        B::ErrorType: 'static,
-    {
+    /// Draws it.
+    pub fn draw(&self) -> Drawing {
+        let (mut drawing, head) = Drawing::titled(900, self.title, self.subtitle);
         let stacks = stack(self);
-        let tallest = stacks.iter().map(|column| column.iter().sum::<u64>()).max().unwrap_or(0).max(1);
-        area.fill(&WHITE)?;
-        let mut chart = ChartBuilder::on(area)
-            .caption(self.title, (FONT, 22))
-            .margin(16)
-            .x_label_area_size(44)
-            .y_label_area_size(64)
-            .build_cartesian_2d(0.0..1.0, 0.0..(tallest as f64 * 1.08))?;
-        chart
-            .configure_mesh()
-            .x_desc("overlap of the context views")
-            .y_desc("context sets")
-            .label_style((FONT, 15))
-            .axis_desc_style((FONT, 17))
-            .x_labels(11)
-            .y_label_formatter(&|count| format!("{count:.0}"))
-            .disable_x_mesh()
-            .light_line_style(WHITE)
-            .draw()?;
-
-        for bin in 0..=self.bins.len() {
-            let colour = colour_of(self, bin);
-            let boxes = stacks.iter().enumerate().filter_map(|(column, counts)| {
-                let height = *counts.get(bin)?;
-                let base: u64 = counts.iter().take(bin).sum();
-                (height > 0).then(|| {
-                    let left = column as f64 / COLUMNS as f64;
-                    let right = (column + 1) as f64 / COLUMNS as f64;
-                    Rectangle::new(
-                        [(left + 0.001, base as f64), (right - 0.001, (base + height) as f64)],
-                        colour.filled(),
-                    )
-                })
+        let total = |bin: usize| stacks.iter().filter_map(|counts| counts.get(bin)).sum::<u64>();
+        let used: Vec<usize> = (0..=self.bins.len()).filter(|bin| total(*bin) > 0).collect();
+        let name = |bin: usize| {
+            let name = self.bins.get(bin).map_or("outside the bins", String::as_str);
+            format!("{name} ({})", total(bin))
+        };
+        let names: Vec<String> = used.iter().map(|bin| name(*bin)).collect();
+        let legend: Vec<&str> = names.iter().map(String::as_str).collect();
+        let bottom = drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, [x, y]| {
+            let swatch = Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0);
+            drawing.rectangle(swatch, Fill::solid(self.colour_of(used[at])));
+        });
+        let top = bottom + 34.0;
+        let axes = Axes {
+            inside: Extent::new(72.0, top, 876.0, top + 360.0),
+            x: Scale::linear(0.0, 1.0),
+            y: Scale::from_zero(stacks.iter().map(|column| column.iter().sum::<u64>() as f64)),
+        };
+        let whole = |count: f64, _: &[f64]| super::scale::own_label(count);
+        axes.draw_y(&mut drawing, &AxisText { title: "context sets in each 0.025 of overlap", label: &whole });
+        for (bin, name) in used.iter().zip(&names) {
+            drawing.data(name, |drawing| {
+                for (column, counts) in stacks.iter().enumerate() {
+                    let base: u64 = counts.iter().take(*bin).sum();
+                    let height = counts.get(*bin).copied().unwrap_or(0);
+                    if height > 0 {
+                        let place = |at: usize| axes.x_of(at as f64 / COLUMNS as f64);
+                        let [low, high] = [base, base + height].map(|count| axes.y_of(count as f64));
+                        let part = Extent::new(place(column) + 1.0, high, place(column + 1) - 1.0, low);
+                        drawing.rectangle(part, Fill::solid(self.colour_of(*bin)));
+                    }
+                }
             });
-            let total: u64 = stacks.iter().filter_map(|counts| counts.get(bin)).sum();
-            let series = chart.draw_series(boxes)?;
-            if total > 0 {
-                let name = self.bins.get(bin).map_or("outside the bins", String::as_str);
-                series
-                    .label(format!("{name} ({total})"))
-                    .legend(move |(x, y)| Rectangle::new([(x, y - 6), (x + 14, y + 6)], colour.filled()));
-            }
         }
-        chart
-            .configure_series_labels()
-            .label_font((FONT, 16))
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.3))
-            .position(SeriesLabelPosition::UpperRight)
-            .draw()?;
-        area.present()?;
-        Ok(())
+        let below = axes.draw_x(&mut drawing, &plain("overlap of the context views, as a share of the picture"));
+        drawing.end_at(below + 14.0);
+        drawing
+    }
+
+    fn colour_of(&self, bin: usize) -> plotters::style::RGBColor {
+        if bin < self.bins.len() { colour(bin) } else { GREY }
     }
 }
 
@@ -117,10 +91,6 @@ fn stack(histogram: &OverlapHistogram<'_>) -> Vec<Vec<u64>> {
     stacks
 }
 
-fn colour_of(histogram: &OverlapHistogram<'_>, bin: usize) -> RGBColor {
-    if bin < histogram.bins.len() { colour(bin) } else { GREY }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,7 +103,7 @@ mod tests {
     #[test]
     fn counts_every_overlap_in_one_column_and_nan_in_none() {
         let (overlaps, bins) = example();
-        let stacks = stack(&OverlapHistogram { title: "", overlaps: &overlaps, bins: &bins });
+        let stacks = stack(&OverlapHistogram { title: "", subtitle: "", overlaps: &overlaps, bins: &bins });
         assert_eq!(stacks[4], [2, 0, 0]);
         assert_eq!(stacks[16], [0, 1, 0]);
         assert_eq!(stacks[COLUMNS - 1], [0, 0, 1], "an overlap of one belongs to the last column");
@@ -141,25 +111,19 @@ mod tests {
     }
 
     #[test]
-    fn the_same_histogram_gives_the_same_svg() {
+    fn every_bin_has_its_colour_and_its_count() {
         let (overlaps, bins) = example();
-        let histogram = OverlapHistogram { title: "overlap", overlaps: &overlaps, bins: &bins };
-        let svg = || String::from_utf8(histogram.encode(PlotFormat::Svg).unwrap()).unwrap();
-        let first = svg();
-        assert_eq!(first, svg());
-        assert!(first.contains("small (2)"), "the legend counts: {first}");
-    }
-
-    #[test]
-    fn a_png_has_the_colours_of_its_bins() {
-        let (overlaps, bins) = example();
-        let histogram = OverlapHistogram { title: "overlap", overlaps: &overlaps, bins: &bins };
-        let bytes = histogram.encode(PlotFormat::Png).unwrap();
-        let picture = atsplat_pixels::decode(&bytes, &atsplat_pixels::DecodeLimits::default()).unwrap();
-        assert_eq!((picture.width(), picture.height()), SIZE);
-        for colour in [colour(0), colour(1), GREY] {
-            let RGBColor(r, g, b) = colour;
-            assert!(picture.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{colour:?}");
+        let title = "Overlap";
+        let drawing = OverlapHistogram { title, subtitle: "an index; 5 sets", overlaps: &overlaps, bins: &bins }.draw();
+        let texts: Vec<&str> = drawing.texts().collect();
+        assert!(
+            ["small (2)", "medium (1)", "outside the bins (1)"].iter().all(|name| texts.contains(name)),
+            "{texts:?}"
+        );
+        let picture = drawing.to_image().unwrap();
+        for own in [colour(0), colour(1), GREY] {
+            let plotters::style::RGBColor(r, g, b) = own;
+            assert!(picture.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{own:?}");
         }
     }
 }

@@ -1,7 +1,9 @@
+use atsplat_metrics::Ramp;
+use atsplat_numeric::Extremes as _;
 use atsplat_pixels::ImageU8;
 
-use super::font::shortened;
-use super::shape::{Drawing, Extent, Side, TextLine};
+use super::scale::own_label;
+use super::shape::{Drawing, Extent, MARGIN, Side, TextLine};
 
 /// Pictures in rows and columns, with a name above each column and a caption below each picture.
 pub(super) struct PictureGrid<'a> {
@@ -14,60 +16,98 @@ pub(super) struct PictureGrid<'a> {
 pub(super) struct GridRow<'a> {
     pub(super) label: &'a str,
     /// One per column; `None` for an empty cell.
-    pub(super) cells: Vec<Option<(&'a ImageU8, String)>>,
+    pub(super) cells: Vec<Option<GridCell<'a>>>,
+}
+
+pub(super) struct GridCell<'a> {
+    pub(super) image: &'a ImageU8,
+    pub(super) caption: String,
+    /// The colours of a map, and the value of the last one; the first is zero.
+    pub(super) colours: Option<(Ramp, f64)>,
+}
+
+impl<'a> GridCell<'a> {
+    pub(super) const fn new(image: &'a ImageU8, caption: String) -> Self {
+        Self { image, caption, colours: None }
+    }
 }
 
 const WIDTH: f64 = 1000.0;
 const GAP: f64 = 8.0;
-const LEFT: f64 = 20.0;
-const CAPTION: f64 = 26.0;
+/// The height of a colour bar.
+const BAR: f64 = 8.0;
 
 impl PictureGrid<'_> {
     pub(super) fn draw(&self) -> Drawing {
         let columns = self.columns.len().clamp(1, usize::MAX) as f64;
-        let cell = ((WIDTH - 2.0 * LEFT - GAP * (columns - 1.0)) / columns).clamp(20.0, 320.0);
-        let height_of = |row: &GridRow<'_>| {
-            let shapes = row
-                .cells
-                .iter()
-                .flatten()
-                .map(|(image, _)| f64::from(image.height()) / f64::from(image.width().clamp(1, u32::MAX)));
-            cell * shapes.fold(0.0, |tallest, shape| if shape > tallest { shape } else { tallest })
-        };
-        let top = if self.subtitle.is_empty() { 64.0 } else { 84.0 };
-        let row_height = |row: &GridRow<'_>| height_of(row) + CAPTION + if row.label.is_empty() { 0.0 } else { 22.0 };
-        let height = top + self.rows.iter().map(row_height).sum::<f64>() + 16.0;
-        let width = 2.0 * LEFT + columns * cell + (columns - 1.0) * GAP;
+        let cell = ((WIDTH - 2.0 * MARGIN - GAP * (columns - 1.0)) / columns).clamp(20.0, 320.0);
+        let width = (2.0 * MARGIN + columns * cell + (columns - 1.0) * GAP).maximum_of(480.0);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "lengths of a page")]
-        let mut drawing = Drawing::new((if width > 420.0 { width } else { 420.0 }) as u32, height as u32);
-        drawing.heading(self.title, self.subtitle);
-        let left_of = |column: usize| LEFT + column as f64 * (cell + GAP);
+        let (mut drawing, head) = Drawing::titled(width as u32, self.title, self.subtitle);
+        let left_of = |column: usize| MARGIN + column as f64 * (cell + GAP);
+        let mut y = head;
         for (column, name) in self.columns.iter().enumerate() {
-            let middle = [left_of(column) + cell / 2.0, top - 12.0];
-            drawing.text(TextLine::new(shortened(name, 12.5, true, cell), middle).size(12.5).bold().side(Side::Middle));
+            let middle = [left_of(column) + cell / 2.0, 0.0];
+            let name = TextLine::new(name, middle).small().bold().side(Side::Middle).within(cell).below(head + 14.0);
+            y = y.maximum_of(name.extent().bottom);
+            drawing.text(name);
         }
-        let mut y = top;
         for row in &self.rows {
+            y += 10.0;
             if !row.label.is_empty() {
-                drawing.text(
-                    TextLine::new(shortened(row.label, 12.5, false, width - 2.0 * LEFT), [LEFT, y + 11.0])
-                        .size(12.5)
-                        .muted(),
-                );
-                y += 22.0;
+                let label = TextLine::new(row.label, [MARGIN, 0.0]).small().muted();
+                let label = label.within(width - 2.0 * MARGIN).below(y);
+                y = label.extent().bottom + 6.0;
+                drawing.text(label);
             }
-            let height = height_of(row);
-            for (column, picture) in row.cells.iter().enumerate() {
-                let Some((image, caption)) = picture else { continue };
+            let height = |cell: &GridCell<'_>| f64::from(cell.image.height()) / f64::from(cell.image.width().max(1));
+            let under = y + cell * row.cells.iter().flatten().map(height).fold(0.0, f64::maximum_of);
+            let mut below = under;
+            for (column, own) in row.cells.iter().enumerate() {
+                let Some(own) = own else { continue };
                 let left = left_of(column);
-                let own = cell * f64::from(image.height()) / f64::from(image.width().clamp(1, u32::MAX));
-                drawing.picture(Extent::new(left, y, left + cell, y + own), (*image).clone());
-                let middle = [left + cell / 2.0, y + height + 12.0];
-                drawing
-                    .text(TextLine::new(shortened(caption, 12.0, false, cell), middle).size(12.0).side(Side::Middle));
+                drawing.picture(Extent::new(left, y, left + cell, y + cell * height(own)), own.image.clone());
+                below = below.maximum_of(draw_below(&mut drawing, own, [left, left + cell], under));
             }
-            y += height + CAPTION;
+            y = below;
         }
+        drawing.end_at(y + 16.0);
         drawing
     }
+}
+
+/// The colour bar and the caption of a picture; returns their lower edge.
+fn draw_below(drawing: &mut Drawing, cell: &GridCell<'_>, [left, right]: [f64; 2], top: f64) -> f64 {
+    let mut y = top + 6.0;
+    if let Some((ramp, most)) = cell.colours {
+        let zero = TextLine::new("0", [left, y + BAR / 2.0]).small().muted();
+        let most = TextLine::new(own_label((most * 100.0).round() / 100.0), [right, y + BAR / 2.0]).small().muted();
+        let most = most.side(Side::Right);
+        let bar = Extent::new(zero.extent().right + 5.0, y, most.extent().left - 5.0, y + BAR);
+        if let Some(colours) = colours(ramp) {
+            drawing.picture(bar, colours);
+        }
+        drawing.text(zero);
+        drawing.text(most);
+        y += BAR + 6.0;
+    }
+    if cell.caption.is_empty() {
+        return y;
+    }
+    let caption = TextLine::new(&*cell.caption, [f64::midpoint(left, right), 0.0]).small().side(Side::Middle);
+    let caption = caption.within(right - left).below(y);
+    let bottom = caption.extent().bottom;
+    drawing.text(caption);
+    bottom
+}
+
+/// A row of a ramp's colours.
+fn colours(ramp: Ramp) -> Option<ImageU8> {
+    const STEPS: u8 = 128;
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in [0, 1]")]
+    let samples = (0..STEPS).flat_map(|at| {
+        let share = f64::from(at) / f64::from(STEPS - 1);
+        ramp.colour(share).map(|value| (value * 255.0).round() as u8)
+    });
+    ImageU8::new(u32::from(STEPS), 1, samples.collect()).ok()
 }

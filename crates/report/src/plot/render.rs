@@ -1,11 +1,9 @@
 use atsplat_pixels::{ImageU8, encode_png};
-use base64::Engine as _;
-use base64::engine::general_purpose::STANDARD;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::font::{FAMILIES, FONT, PIXELS_PER_CSS, SVG_PER_CSS, register_fonts};
+use super::font::{FONT, PIXELS_PER_CSS, register_fonts};
 use super::shape::{Drawing, Extent, Fill, Shape, Side, Stroke, TextLine};
 use super::theme::SURFACE;
 use crate::ReportError;
@@ -29,11 +27,11 @@ impl PlotFormat {
     }
 }
 
-/// plotters uses integer pixels: a quarter of a CSS pixel is as fine as readers can see.
-const SVG_SCALE: u32 = 4;
-const PNG_SCALE: u32 = 2;
-/// Browsers centre a text vertically on its lower-case letters, plotters' bitmaps on the line.
-const RASTER_DROP: f64 = 0.17;
+/// Pixels of a PNG per CSS pixel.
+const SCALE: u32 = 2;
+/// SVG centres a text vertically on its lower-case letters, plotters on the line: how far its text is moved down, as a fraction
+/// of its size.
+const DROP: f64 = 0.17;
 
 impl Drawing {
     /// The bytes of a file; equal drawings give equal bytes.
@@ -47,99 +45,28 @@ impl Drawing {
         }
     }
 
-    /// The drawing as SVG.
-    ///
-    /// # Errors
-    /// As [`encode`](Self::encode).
-    pub fn to_svg(&self) -> Result<String, ReportError> {
-        let size = (self.width * SVG_SCALE, self.height * SVG_SCALE);
-        let mut text = svg_of(size, |area| self.draw(area, SVG_SCALE))?;
-        let sized = format!("width=\"{}\" height=\"{}\" viewBox", size.0, size.1);
-        text = text.replacen(&sized, &format!("width=\"{}\" height=\"{}\" viewBox", self.width, self.height), 1);
-        let mut pictures = String::new();
-        for shape in &self.shapes {
-            if let Shape::Picture { at, image } = shape {
-                pictures.push_str(&svg_picture(*at, image)?);
-            }
-        }
-        // Pictures lie directly above the background, which is the first element.
-        if let Some(surface) = text.match_indices("/>\n").next().map(|(at, end)| at + end.len()) {
-            text.insert_str(surface, &pictures);
-        }
-        Ok(text)
-    }
-
     /// The drawing in pixels, two per CSS pixel.
     ///
     /// # Errors
     /// As [`encode`](Self::encode).
     pub fn to_image(&self) -> Result<ImageU8, ReportError> {
-        let size = (self.width * PNG_SCALE, self.height * PNG_SCALE);
-        image_of(size, |area| self.draw(area, PNG_SCALE))
-    }
-
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, scale: u32) -> Result<(), ReportError>
-    where
-        B::ErrorType: 'static,
-    {
-        let raster = scale == PNG_SCALE;
-        let (font, drop) = if raster { (PIXELS_PER_CSS, RASTER_DROP) } else { (SVG_PER_CSS, 0.0) };
-        let pen = Pen { area, scale: f64::from(scale), font, drop };
-        pen.area.fill(&SURFACE).map_err(plot_error)?;
-        // `to_svg` embeds pictures itself.
-        if raster {
-            for shape in &self.shapes {
-                if let Shape::Picture { at, image } = shape {
-                    pen.blit(*at, image)?;
-                }
-            }
+        register_fonts()?;
+        let size = (self.width * SCALE, self.height * SCALE);
+        let mut samples = vec![0; size.0 as usize * size.1 as usize * 3];
+        {
+            let area = BitMapBackend::with_buffer(&mut samples, size).into_drawing_area();
+            let pen = Pen { area: &area, scale: f64::from(SCALE) };
+            area.fill(&SURFACE).map_err(plot_error)?;
+            self.items.iter().try_for_each(|item| pen.draw(&item.shape))?;
+            area.present().map_err(plot_error)?;
         }
-        self.shapes.iter().try_for_each(|shape| pen.draw(shape))?;
-        pen.area.present().map_err(plot_error)
+        Ok(ImageU8::new(size.0, size.1, samples)?)
     }
-}
-
-/// An SVG of this size, drawn by `draw` with plotters' elements.
-///
-/// # Errors
-/// [`ReportError::Font`], and the errors of `draw`.
-pub fn svg_of<E: From<ReportError>>(
-    size: (u32, u32),
-    draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), E>,
-) -> Result<String, E> {
-    register_fonts()?;
-    let mut text = String::new();
-    {
-        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        draw(&area)?;
-    }
-    Ok(text.replace(&format!("font-family=\"{FONT}\""), &format!("font-family=\"{FAMILIES}\"")))
-}
-
-/// A bitmap of this size, drawn by `draw` with plotters' elements.
-///
-/// # Errors
-/// [`ReportError::Font`], and the errors of `draw`.
-pub fn image_of<E: From<ReportError>>(
-    size: (u32, u32),
-    draw: impl FnOnce(&DrawingArea<BitMapBackend<'_>, Shift>) -> Result<(), E>,
-) -> Result<ImageU8, E> {
-    register_fonts()?;
-    let mut samples = vec![0; size.0 as usize * size.1 as usize * 3];
-    {
-        let area = BitMapBackend::with_buffer(&mut samples, size).into_drawing_area();
-        draw(&area)?;
-    }
-    ImageU8::new(size.0, size.1, samples).map_err(|error| ReportError::from(error).into())
 }
 
 struct Pen<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: f64,
-    /// The font size in plotters that gives one CSS pixel.
-    font: f64,
-    /// How far text is moved down, as a fraction of its size.
-    drop: f64,
 }
 
 impl<B: DrawingBackend> Pen<'_, B>
@@ -175,8 +102,8 @@ where
                 self.area.draw(&disc(radius + stroke.width / 2.0, stroke.colour.filled())).map_err(plot_error)?;
                 self.area.draw(&disc(radius - stroke.width / 2.0, SURFACE.filled())).map_err(plot_error)
             }
-            Shape::Text(line) => self.write(line),
-            Shape::Picture { .. } => Ok(()),
+            Shape::Text(text) => text.lines().iter().try_for_each(|line| self.write(line)),
+            Shape::Picture { at, image } => self.blit(*at, image),
         }
     }
 
@@ -187,12 +114,10 @@ where
             Side::Middle => HPos::Center,
             Side::Right => HPos::Right,
         };
-        let font = (FONT, line.size * self.font * self.scale, weight);
+        let font = (FONT, line.size * PIXELS_PER_CSS * self.scale, weight);
         let style = TextStyle::from(font).color(&line.colour).pos(Pos::new(side, VPos::Center));
         let [x, y] = line.at;
-        self.area
-            .draw(&Text::new(line.text.as_str(), self.place([x, y + line.size * self.drop]), style))
-            .map_err(plot_error)
+        self.area.draw(&Text::new(line.text.as_str(), self.place([x, y + line.size * DROP]), style)).map_err(plot_error)
     }
 
     /// Nearest-neighbour sampling, so that readers see the pixels that were scored.
@@ -231,16 +156,4 @@ fn filled(fill: Fill) -> ShapeStyle {
 #[expect(clippy::needless_pass_by_value, reason = "map_err passes errors by value")]
 fn plot_error<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> ReportError {
     ReportError::Plot(error.to_string())
-}
-
-fn svg_picture(at: Extent, image: &ImageU8) -> Result<String, ReportError> {
-    let scale = f64::from(SVG_SCALE);
-    let data = STANDARD.encode(encode_png(image)?);
-    Ok(format!(
-        "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" href=\"data:image/png;base64,{data}\"/>\n",
-        at.left * scale,
-        at.top * scale,
-        at.width() * scale,
-        at.height() * scale,
-    ))
 }

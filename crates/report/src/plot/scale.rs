@@ -1,3 +1,5 @@
+use atsplat_numeric::quantile;
+
 /// Maps values to positions along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
@@ -23,8 +25,25 @@ impl Scale {
     /// Around all finite values, with a margin of `share` of their range on either side.
     pub(super) fn around(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
         let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
-        let slack = if high > low { (high - low) * share } else { 0.05 * high.abs() + 1e-6 };
+        let equal = if high.abs() > 0.0 { 0.05 * high.abs() } else { 1.0 };
+        let slack = if high > low { (high - low) * share } else { equal };
         Self::linear(low - slack, high + slack)
+    }
+
+    /// Around the values of `extents` within one and a half interquartile ranges of the middle half of `means` (Tukey's
+    /// fences), with a margin of `share` of their range on either side.
+    pub(super) fn without_outliers(
+        means: impl IntoIterator<Item = f64>,
+        extents: impl IntoIterator<Item = f64>,
+        share: f64,
+    ) -> Self {
+        let mut sorted: Vec<f64> = means.into_iter().filter(|mean| mean.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let (Some(first), Some(third)) = (quantile(&sorted, 0.25), quantile(&sorted, 0.75)) else {
+            return Self::around(extents, share);
+        };
+        let reach = 1.5 * (third - first) + 1e-9 * third.abs();
+        Self::around(extents.into_iter().filter(|value| (first - reach..=third + reach).contains(value)), share)
     }
 
     /// From zero to slightly above all values.
@@ -131,6 +150,22 @@ pub(super) fn count_label(value: f64) -> String {
     }
 }
 
+/// The unit in which all ticks of a time axis are written: its name, and its length in seconds.
+pub(super) fn time_unit(secs: impl IntoIterator<Item = f64>) -> (&'static str, f64) {
+    let longest = bounds(secs).map_or(1.0, |(_, high)| high);
+    match longest {
+        secs if secs >= 300.0 => ("minutes", 60.0),
+        secs if secs >= 2.0 => ("seconds", 1.0),
+        secs if secs >= 2e-3 => ("milliseconds", 1e-3),
+        _ => ("microseconds", 1e-6),
+    }
+}
+
+/// A tick's label, with only the digits that it needs itself, for logarithmic axes.
+pub(super) fn own_label(value: f64) -> String {
+    label(value, &[value])
+}
+
 /// Seconds in a suitable unit.
 pub(super) fn seconds_label(secs: f64) -> String {
     match secs {
@@ -177,6 +212,17 @@ mod tests {
         assert_eq!(label(28.0, &[26.0, 28.0]), "28");
         assert_eq!([950.0, 23_040.0, 131_072.0, 5_898_240.0].map(count_label), ["950", "23K", "131K", "5.9M"]);
         assert_eq!([0.022, 1.5, 600.0, 2e-5].map(seconds_label), ["22 ms", "1.5 s", "10 min", "20 µs"]);
+    }
+
+    #[test]
+    fn an_outlier_does_not_stretch_the_scale() {
+        let means = [18.0, 19.0, 20.0, 21.0, 22.0, 100.0];
+        let scale = Scale::without_outliers(means, means.into_iter().chain([17.5, 60.0]), 0.0);
+        assert_eq!([scale.low().to_bits(), scale.high().to_bits()], [17.5f64.to_bits(), 22.0f64.to_bits()]);
+        let level = Scale::without_outliers([3.0; 4], [3.0; 4], 0.1);
+        assert!(level.low() < 3.0 && level.high() > 3.0, "equal values are no outliers: {level:?}");
+        assert_eq!(time_unit([0.189, 8.9e-6]), ("milliseconds", 1e-3));
+        assert_eq!([0.01, 0.5, 20.0].map(own_label), ["0.01", "0.5", "20"]);
     }
 
     #[test]

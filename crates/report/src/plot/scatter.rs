@@ -1,28 +1,36 @@
 use super::axes::Axes;
-use super::font::shortened;
 use super::labels::Labels;
 use super::scale::Scale;
-use super::series::{Figure, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
-use super::theme::{COLOURS, GREY, MUTED};
+use super::series::{Figure, note, plain};
+use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::theme::{COLOURS, GREY, INK};
 
-/// Two methods scene by scene.
+/// A method against each of several others, scene by scene: a small panel for each.
 #[derive(Clone, Debug)]
 pub struct SceneScatter {
     /// Title.
     pub title: String,
-    /// Protocol; the paired difference and its interval.
+    /// Protocol, data, scenes.
     pub subtitle: String,
     /// The metric.
     pub quality: Figure,
-    /// Name of the method on the x axis.
-    pub x: String,
-    /// Name of the method on the y axis.
+    /// Name of the method on the y axes.
     pub y: String,
+    /// A panel for each other method.
+    pub panels: Vec<ScatterPanel>,
+    /// How many of the scenes farthest from the diagonal are labelled in each panel.
+    pub named: usize,
+}
+
+/// Another method.
+#[derive(Clone, Debug)]
+pub struct ScatterPanel {
+    /// Its name, on the x axis.
+    pub x: String,
+    /// The paired difference and its interval.
+    pub difference: String,
     /// A point per scene.
     pub points: Vec<ScatterPoint>,
-    /// How many of the scenes farthest from the diagonal are labelled.
-    pub named: usize,
 }
 
 /// A scene.
@@ -36,65 +44,84 @@ pub struct ScatterPoint {
     pub y: f64,
 }
 
+const ACROSS: usize = 3;
+const SIDE: f64 = 290.0;
+const PITCH: f64 = SIDE + 62.0;
+const LEFT: f64 = 64.0;
+/// A scene in which the method on the y axis is better, worse, or equal.
+const KINDS: [(&str, plotters::style::RGBColor); 3] = [("better", COLOURS[0]), ("worse", COLOURS[1]), ("equal", GREY)];
+
 impl SceneScatter {
-    /// Draws it, with the same scale on both axes.
+    /// Draws it, with the same scale on both axes of a panel.
     pub fn draw(&self) -> Drawing {
-        let mut drawing = Drawing::new(640, 640);
-        drawing.heading(&self.title, &self.subtitle);
-        let scale = Scale::around(self.points.iter().flat_map(|point| [point.x, point.y]), 0.05);
-        let axes = Axes { inside: Extent::new(72.0, 100.0, 552.0, 580.0), x: scale, y: scale };
-        axes.draw_y(
-            &mut drawing,
-            &plain(&shortened(&format!("{} of {}", self.quality.name, self.y), 12.0, false, 440.0)),
-        );
-        axes.draw_x(
-            &mut drawing,
-            &plain(&shortened(&format!("{} of {}", self.quality.name, self.x), 12.5, false, 440.0)),
-        );
-        let corner = |value: f64| axes.place(value, value);
-        drawing.line([corner(scale.low()), corner(scale.high())], Stroke::new(GREY, 1.5));
-        let better = |point: &ScatterPoint| self.quality.better(point.y, point.x);
-        for point in &self.points {
-            let colour = if better(point) { COLOURS[0] } else { COLOURS[1] };
-            let colour = if is_tie(point) { GREY } else { colour };
-            drawing.disc(axes.place(point.x, point.y), 3.5, Fill::faint(colour, 0.75));
+        let across = self.panels.len().clamp(1, ACROSS) as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most three panels")]
+        let width = (LEFT + PITCH * across).clamp(480.0, 2000.0) as u32;
+        let (mut drawing, head) = Drawing::titled(width, &self.title, &self.subtitle);
+        let points = || self.panels.iter().flat_map(|panel| &panel.points);
+        let names: Vec<String> = KINDS.iter().map(|(kind, _)| format!("{} {kind}", self.y)).collect();
+        let used: Vec<usize> =
+            (0..KINDS.len()).filter(|kind| points().any(|point| self.kind(point) == *kind)).collect();
+        let legend: Vec<&str> = used.iter().map(|kind| names[*kind].as_str()).collect();
+        let mut below = drawing.legend(MARGIN, head + 12.0, &legend, |drawing, at, place| {
+            drawing.disc(place, 4.0, Fill::solid(KINDS[used[at]].1));
+        });
+        for row in self.panels.chunks(ACROSS) {
+            let captions: Vec<TextLine> = row.iter().enumerate().map(|(at, panel)| caption(panel, at, below)).collect();
+            let head = captions.iter().map(|text| text.extent().bottom).fold(below, |a, b| if a > b { a } else { b });
+            captions.into_iter().for_each(|text| drawing.text(text));
+            let top =
+                head + 22.0 + TextLine::new(self.title_of(&self.y), [0.0; 2]).small().within(SIDE + 40.0).height();
+            for (at, panel) in row.iter().enumerate() {
+                let left = LEFT + PITCH * at as f64;
+                let edge =
+                    self.draw_panel(&mut drawing, panel, Extent::new(left, top, left + SIDE, top + SIDE), &names);
+                below = if edge > below { edge } else { below };
+            }
         }
-        let (wins, ties) =
-            (self.points.iter().filter(|p| better(p)).count(), self.points.iter().filter(|p| is_tie(p)).count());
-        let above = self.quality.better(1.0, 0.0);
-        let (first, second) =
-            if above { (wins, self.points.len() - wins - ties) } else { (self.points.len() - wins - ties, wins) };
-        let Extent { left, right, top, bottom } = axes.inside;
-        let name = |y: bool| if y == above { &self.y } else { &self.x };
-        let caption = |count: usize, name: &str| shortened(&format!("{name} better: {count}"), 12.5, true, 260.0);
-        let mut labels = Labels::new(Extent::new(left, top, right + 70.0, bottom - 2.0));
-        let upper = TextLine::new(caption(first, name(true)), [left + 12.0, top + 14.0]).size(12.5).bold();
-        let lower = TextLine::new(caption(second, name(false)), [right - 4.0, bottom - 16.0])
-            .size(12.5)
-            .bold()
-            .side(Side::Right);
-        for text in [upper, lower] {
-            labels.avoid_text(&text);
-            drawing.text(text);
+        let hint = "above the diagonal, the method on the y axis has the higher value";
+        let bottom = note(&mut drawing, below, hint);
+        drawing.end_at(bottom + 14.0);
+        drawing
+    }
+
+    /// The title of a method's axis.
+    fn title_of(&self, method: &str) -> String {
+        let unit = if self.quality.unit.is_empty() { String::new() } else { format!(" in {}", self.quality.unit) };
+        format!("{}{unit} of {method}", self.quality.name)
+    }
+
+    /// Position in [`KINDS`].
+    fn kind(&self, point: &ScatterPoint) -> usize {
+        if point.x.total_cmp(&point.y).is_eq() { 2 } else { usize::from(!self.quality.better(point.y, point.x)) }
+    }
+
+    fn draw_panel(&self, drawing: &mut Drawing, panel: &ScatterPanel, inside: Extent, names: &[String]) -> f64 {
+        let scale = Scale::around(panel.points.iter().flat_map(|point| [point.x, point.y]), 0.05);
+        let axes = Axes { inside, x: scale, y: scale };
+        axes.draw_y(drawing, &plain(&self.title_of(&self.y)));
+        let bottom = axes.draw_x(drawing, &plain(&self.title_of(&panel.x)));
+        let diagonal = [scale.low(), scale.high()].map(|value| axes.place(value, value));
+        drawing.with(Role::Frame, |drawing| drawing.line(diagonal, Stroke::new(GREY, 1.5)));
+        let mut labels = Labels::new(Extent { bottom: inside.bottom - 2.0, ..inside });
+        labels.avoid_line(&diagonal);
+        for point in &panel.points {
+            let (kind, place) = (self.kind(point), axes.place(point.x, point.y));
+            drawing.data(&names[kind], |drawing| drawing.disc(place, 3.5, Fill::faint(KINDS[kind].1, 0.75)));
+            labels.avoid(place, 4.0);
         }
-        labels.avoid_line(&[corner(scale.low()), corner(scale.high())]);
-        for point in &self.points {
-            labels.avoid(axes.place(point.x, point.y), 4.0);
-        }
-        let mut order: Vec<&ScatterPoint> = self.points.iter().filter(|point| !is_tie(point)).collect();
+        let mut order: Vec<&ScatterPoint> = panel.points.iter().filter(|point| self.kind(point) < 2).collect();
         order.sort_by(|a, b| (b.x - b.y).abs().total_cmp(&(a.x - a.y).abs()).then_with(|| a.scene.cmp(&b.scene)));
         for point in order.into_iter().take(self.named) {
-            let text = TextLine {
-                colour: MUTED,
-                ..TextLine::new(shortened(&point.scene, 11.5, false, 130.0), [0.0, 0.0]).size(11.5)
-            };
-            labels.place(&mut drawing, text, axes.place(point.x, point.y));
+            let text = TextLine::new(&*point.scene, [0.0, 0.0]).small().muted().within(130.0);
+            labels.place_if_free(drawing, &text, axes.place(point.x, point.y));
         }
-        drawing
+        bottom
     }
 }
 
-/// Whether both methods have exactly the same score.
-fn is_tie(point: &ScatterPoint) -> bool {
-    point.x.total_cmp(&point.y).is_eq()
+/// The difference, and how many scenes are better and worse.
+fn caption(panel: &ScatterPanel, at: usize, top: f64) -> TextLine {
+    let text = TextLine::new(&*panel.difference, [LEFT + PITCH * at as f64, 0.0]).small().side(Side::Left);
+    TextLine { colour: INK, ..text }.within(SIDE).below(top + 14.0)
 }

@@ -3,10 +3,9 @@ use plotters::style::RGBColor;
 use serde::{Deserialize, Serialize};
 
 use super::axes::{Axes, AxisText};
-use super::font::shortened;
 use super::labels::spread;
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
-use super::theme::{GREY, INK, colour};
+use super::scale::Scale;
+use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Stroke, TextLine};
 
 /// The origin of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -101,52 +100,124 @@ pub(super) struct Curve<'a> {
     pub(super) colour: RGBColor,
 }
 
-/// Draws curves with marks, the bands of their intervals, and labels on the right. Between a negative and a positive x, a
-/// curve has a gap.
-pub(super) fn draw_curves(drawing: &mut Drawing, axes: &Axes, curves: &[Curve<'_>]) {
-    for Curve { points, colour, .. } in curves {
-        for part in points.chunk_by(|(a, _), (b, _)| *a >= 0.0 || *b <= 0.0) {
-            let band: Vec<(f64, [f64; 2])> = part.iter().filter_map(|(x, mean)| Some((*x, mean.interval?))).collect();
-            if band.len() > 1 {
-                let low = band.iter().map(|(x, [low, _])| axes.place(*x, *low));
-                let high = band.iter().rev().map(|(x, [_, high])| axes.place(*x, *high));
-                drawing.area(low.chain(high).collect::<Vec<_>>(), Fill::faint(*colour, 0.16));
+/// The names at the right ends of curves: their width, and the least height of a plot that has room for them.
+pub(super) const NAMES: f64 = 196.0;
+
+pub(super) fn height_of_names<'a>(names: impl Iterator<Item = &'a str>) -> f64 {
+    names.map(|name| name_of(name).height() + BETWEEN).sum()
+}
+
+/// Pixels between two names.
+const BETWEEN: f64 = 5.0;
+
+fn name_of(name: &str) -> TextLine {
+    TextLine::new(name, [0.0; 2]).within(NAMES)
+}
+
+/// Draws curves with marks, the bands of their intervals, and names on the right. Lines and bands only join points that
+/// `joined` says are neighbours; a point's interval without a neighbour's is an error bar. Returns what lies beyond the scale,
+/// as text.
+pub(super) fn draw_curves(
+    drawing: &mut Drawing,
+    axes: &Axes,
+    curves: &[Curve<'_>],
+    joined: impl Fn(f64, f64) -> bool,
+) -> Vec<String> {
+    let Extent { right, top, bottom, .. } = axes.inside;
+    let kept = |y: f64| y.clamp(top, bottom);
+    let is_shown = |mean: f64| (top - 0.5..=bottom + 0.5).contains(&axes.y_of(mean));
+    let mut beyond = Vec::new();
+    for Curve { points, colour, label } in curves {
+        for part in points.chunk_by(|(a, _), (b, _)| joined(*a, *b)) {
+            for part in part.chunk_by(|(_, a), (_, b)| has_band(a, is_shown) && has_band(b, is_shown)) {
+                draw_intervals(drawing, axes, label, part, *colour);
             }
-            let line: Vec<_> = part.iter().map(|(x, mean)| axes.place(*x, mean.value)).collect();
+            let line: Vec<_> = part.iter().map(|(x, mean)| [axes.x_of(*x), kept(axes.y_of(mean.value))]).collect();
             if line.len() > 1 {
-                drawing.line(line, Stroke::new(*colour, 2.0));
+                drawing.data(label, |drawing| drawing.line(line, Stroke::new(*colour, 2.0)));
             }
         }
         for (x, mean) in points {
-            drawing.disc(axes.place(*x, mean.value), 3.0, Fill::solid(*colour));
+            let at = [axes.x_of(*x), kept(axes.y_of(mean.value))];
+            if is_shown(mean.value) {
+                drawing.data(label, |drawing| drawing.disc(at, 3.0, Fill::solid(*colour)));
+            } else {
+                let tip = if at[1] <= top { -7.0 } else { 7.0 };
+                let corners = [[at[0] - 5.0, at[1] - tip], [at[0], at[1]], [at[0] + 5.0, at[1] - tip]];
+                drawing.data(label, |drawing| drawing.area(corners, Fill::solid(*colour)));
+                beyond.push(format!("{label} {:.1}", mean.value));
+            }
         }
     }
-    let Extent { right, top, bottom, .. } = axes.inside;
     let ends: Vec<(&Curve<'_>, [f64; 2])> = curves
         .iter()
-        .filter_map(|curve| curve.points.last().map(|(x, mean)| (curve, axes.place(*x, mean.value))))
+        .filter_map(|curve| {
+            let (x, mean) = curve.points.last()?;
+            Some((curve, [axes.x_of(*x), kept(axes.y_of(mean.value))]))
+        })
         .collect();
-    let wanted: Vec<f64> = ends.iter().map(|(_, end)| end[1]).collect();
-    let room = f64::from(drawing.width) - right - 24.0;
-    for ((curve, end), y) in ends.into_iter().zip(spread(&wanted, 18.0, top + 8.0, bottom - 8.0)) {
-        drawing.line([end, [right + 12.0, y]], Stroke::new(curve.colour, 1.0));
-        drawing.text(TextLine::new(shortened(curve.label, 13.0, false, room), [right + 16.0, y]));
+    let wanted: Vec<(f64, f64)> =
+        ends.iter().map(|(curve, end)| (end[1], name_of(curve.label).height() + BETWEEN)).collect();
+    for ((curve, end), y) in ends.into_iter().zip(spread(&wanted, top, bottom)) {
+        drawing.key(curve.label, |drawing| {
+            drawing.line([end, [right + 12.0, y]], Stroke::new(curve.colour, 1.0));
+            drawing.text(TextLine { at: [right + 16.0, y], ..name_of(curve.label) });
+        });
+    }
+    beyond
+}
+
+/// Whether a point can be part of a band.
+fn has_band(mean: &Estimate, is_shown: impl Fn(f64) -> bool) -> bool {
+    mean.interval.is_some() && is_shown(mean.value)
+}
+
+/// The intervals of neighbouring points that all have one: a band, or the error bar of a single point.
+fn draw_intervals(drawing: &mut Drawing, axes: &Axes, label: &str, part: &[(f64, Estimate)], colour: RGBColor) {
+    let Extent { top, bottom, .. } = axes.inside;
+    let ends = |(x, mean): &(f64, Estimate)| {
+        let [low, high] = mean.interval?.map(|value| axes.y_of(value).clamp(top, bottom));
+        Some((axes.x_of(*x), [low, high]))
+    };
+    let band: Vec<(f64, [f64; 2])> = part.iter().filter_map(ends).collect();
+    match band.as_slice() {
+        [] => {}
+        [(x, ends)] => drawing.data(label, |drawing| whisker(drawing, *x, *ends, Stroke::new(colour, 1.5))),
+        several => {
+            let low = several.iter().map(|(x, [low, _])| [*x, *low]);
+            let high = several.iter().rev().map(|(x, [_, high])| [*x, *high]);
+            let corners: Vec<[f64; 2]> = low.chain(high).collect();
+            drawing.with(Role::Band(label.into()), |drawing| drawing.area(corners, Fill::faint(colour, 0.16)));
+        }
     }
 }
 
-/// The colour of a series by its position; published series are grey.
-pub(super) fn series_colour(at: usize, origin: Origin) -> RGBColor {
-    if origin == Origin::Published { GREY } else { colour(at) }
+/// A scale around curves: as wide as the means and intervals that are no outliers.
+pub(super) fn scale_of<'a>(curves: impl Iterator<Item = &'a Estimate> + Clone, margin: f64) -> Scale {
+    Scale::without_outliers(curves.clone().map(|mean| mean.value), curves.flat_map(|mean| mean.extent()), margin)
 }
 
-/// Draws the legend of filled and hollow marks, at the upper right.
-pub(super) fn origin_key(drawing: &mut Drawing) {
-    let (right, y) = (f64::from(drawing.width) - 24.0, 70.0);
-    let paper = TextLine::new("published", [right, y]).size(12.0).side(Side::Right);
-    let left = paper.extent().left;
-    drawing.ring([left - 10.0, y], 4.5, Stroke::new(GREY, 2.0));
-    let own = TextLine::new("measured", [left - 32.0, y]).size(12.0).side(Side::Right);
-    drawing.disc([own.extent().left - 10.0, y], 5.0, Fill::solid(INK));
-    drawing.text(paper);
-    drawing.text(own);
+/// Where the means are that [`draw_curves`] could only point to.
+pub(super) fn beyond_note(beyond: &[String]) -> String {
+    if beyond.is_empty() { String::new() } else { format!("▲▼ beyond the scale: {}", beyond.join(", ")) }
+}
+
+/// A note below a plot about what its scale leaves out; returns its lower edge.
+pub(super) fn note(drawing: &mut Drawing, top: f64, text: &str) -> f64 {
+    if text.is_empty() {
+        return top;
+    }
+    let room = f64::from(drawing.size().0) - 2.0 * MARGIN;
+    let text = TextLine::new(text, [MARGIN, 0.0]).small().muted().within(room).below(top + 8.0);
+    let bottom = text.extent().bottom;
+    drawing.text(text);
+    bottom
+}
+
+/// A mark in a series' colour: published hollow, measured filled.
+pub(super) fn mark(drawing: &mut Drawing, at: [f64; 2], origin: Origin, colour: RGBColor) {
+    match origin {
+        Origin::Published => drawing.ring(at, 4.5, Stroke::new(colour, 2.0)),
+        Origin::Measured => drawing.disc(at, 5.0, Fill::solid(colour)),
+    }
 }

@@ -1,21 +1,33 @@
+use std::sync::Arc;
+
 use atsplat_pixels::ImageU8;
 use plotters::style::RGBColor;
 
 use super::font;
-use super::theme::{INK, MUTED};
+use super::theme::{INK, MUTED, NAME, SMALL, TITLE};
 
 /// A drawing made of shapes, to be encoded as SVG or PNG.
 ///
-/// Units are CSS pixels, +x right, +y down, with the origin in the upper left corner.
+/// Units are CSS pixels, +x right, +y down, with the origin in the upper left corner. Each shape has a [`Role`], from which
+/// [`Drawing::faults`] knows what may cover what.
 #[derive(Clone, Debug)]
 pub struct Drawing {
     pub(super) width: u32,
     pub(super) height: u32,
-    pub(super) shapes: Vec<Shape>,
+    pub(super) items: Vec<Item>,
+    role: Role,
+    axes: u32,
 }
 
-/// An element of a drawing; later elements are above earlier ones.
-#[derive(Clone, Debug)]
+/// A shape and what it means; later items are above earlier ones.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Item {
+    pub(super) shape: Shape,
+    pub(super) role: Role,
+}
+
+/// An element of a drawing.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
     Line { points: Vec<[f64; 2]>, stroke: Stroke },
     Disc { centre: [f64; 2], radius: f64, fill: Fill },
@@ -25,22 +37,47 @@ pub(super) enum Shape {
     Picture { at: Extent, image: ImageU8 },
 }
 
+/// What a shape means.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Role {
+    /// Grid lines, tinted bins, pictures, texts without another role.
+    Plain,
+    /// Lines that no text may cross: axes, ticks, diagonals.
+    Frame,
+    /// Marks, lines and bars of the series of this name.
+    Data(Arc<str>),
+    /// The area of the intervals of a series.
+    Band(Arc<str>),
+    /// A series' sample in the legend, or its name at the end of its curve.
+    Key(Arc<str>),
+    /// A text inside a bar.
+    Inside,
+    /// The plot's title.
+    Title,
+    /// The lines below the title: protocol, data, n.
+    Subtitle,
+    /// A tick's label on the axis of this number.
+    Tick(u32),
+    /// The title of the axis of this number.
+    Axis(u32),
+}
+
 /// How a line is drawn.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stroke {
     pub(super) colour: RGBColor,
     pub(super) width: f64,
 }
 
 /// How an area is filled; opacity in [0, 1].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fill {
     pub(super) colour: RGBColor,
     pub(super) opacity: f64,
 }
 
-/// A line of text, vertically centred on `at` and horizontally aligned to it by `side`.
-#[derive(Clone, Debug)]
+/// A text, vertically centred on `at` and horizontally aligned to it by `side`; in several lines if it is wider than `room`.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct TextLine {
     pub(super) text: String,
     pub(super) at: [f64; 2],
@@ -48,6 +85,7 @@ pub(super) struct TextLine {
     pub(super) bold: bool,
     pub(super) colour: RGBColor,
     pub(super) side: Side,
+    pub(super) room: f64,
 }
 
 /// The part of a text that is aligned to its position.
@@ -78,6 +116,11 @@ impl Extent {
 
     pub(super) fn height(self) -> f64 {
         self.bottom - self.top
+    }
+
+    /// Moved inwards by `margin` on every side.
+    pub(super) fn inset(self, margin: f64) -> Self {
+        Self::new(self.left + margin, self.top + margin, self.right - margin, self.bottom - margin)
     }
 
     /// The area of the intersection, in square pixels.
@@ -112,13 +155,17 @@ impl Fill {
 }
 
 impl TextLine {
-    /// Plain text of 13 pixels, left-aligned to `at`.
+    /// The distance between the lines of a text, relative to its size.
+    const PITCH: f64 = 1.25;
+
+    /// Plain text in the size of names, left-aligned to `at`.
     pub(super) fn new(text: impl Into<String>, at: [f64; 2]) -> Self {
-        Self { text: text.into(), at, size: 13.0, bold: false, colour: INK, side: Side::Left }
+        let text = text.into();
+        Self { text, at, size: NAME, bold: false, colour: INK, side: Side::Left, room: f64::INFINITY }
     }
 
-    pub(super) fn size(self, size: f64) -> Self {
-        Self { size, ..self }
+    pub(super) fn small(self) -> Self {
+        Self { size: SMALL, ..self }
     }
 
     pub(super) fn bold(self) -> Self {
@@ -133,9 +180,44 @@ impl TextLine {
         Self { side, ..self }
     }
 
+    /// Broken into lines of at most this width.
+    pub(super) fn within(self, room: f64) -> Self {
+        Self { room, ..self }
+    }
+
+    /// Moved so that its upper edge is at `y`.
+    pub(super) fn below(mut self, y: f64) -> Self {
+        self.at[1] = y + self.height() / 2.0;
+        self
+    }
+
+    /// Each line with its own position.
+    pub(super) fn lines(&self) -> Vec<Self> {
+        let lines = font::wrapped(&self.text, self.size, self.bold, self.room);
+        let pitch = self.size * Self::PITCH;
+        let first = self.at[1] - pitch * (lines.len() as f64 - 1.0) / 2.0;
+        let line = |(at, text): (usize, String)| Self {
+            text,
+            at: [self.at[0], first + pitch * at as f64],
+            room: f64::INFINITY,
+            ..self.clone()
+        };
+        lines.into_iter().enumerate().map(line).collect()
+    }
+
+    pub(super) fn height(&self) -> f64 {
+        let lines = font::wrapped(&self.text, self.size, self.bold, self.room).len() as f64;
+        self.size * (1.0 + Self::PITCH * (lines - 1.0))
+    }
+
     /// Its bounding box.
     pub(super) fn extent(&self) -> Extent {
-        let (width, height) = (font::width_of(&self.text, self.size, self.bold), self.size);
+        let lines = font::wrapped(&self.text, self.size, self.bold, self.room);
+        let width = lines
+            .iter()
+            .map(|line| font::width_of(line, self.size, self.bold))
+            .fold(0.0, |widest, own| if own > widest { own } else { widest });
+        let height = self.size * (1.0 + Self::PITCH * (lines.len() as f64 - 1.0));
         let [x, y] = self.at;
         let left = match self.side {
             Side::Left => x,
@@ -148,7 +230,32 @@ impl TextLine {
 
 impl Drawing {
     pub(super) const fn new(width: u32, height: u32) -> Self {
-        Self { width, height, shapes: Vec::new() }
+        Self { width, height, items: Vec::new(), role: Role::Plain, axes: 0 }
+    }
+
+    /// A drawing of this width with its heading, and the lower edge of the heading. [`end_at`](Self::end_at) sets the height.
+    pub(super) fn titled(width: u32, title: &str, subtitle: &str) -> (Self, f64) {
+        let mut drawing = Self::new(width, 0);
+        let room = f64::from(width) - 2.0 * MARGIN;
+        let title = TextLine { size: TITLE, ..TextLine::new(title, [MARGIN, 0.0]) }.bold().within(room).below(16.0);
+        let mut bottom = title.extent().bottom;
+        drawing.with(Role::Title, |drawing| drawing.text(title));
+        if !subtitle.is_empty() {
+            let subtitle = TextLine::new(subtitle, [MARGIN, 0.0]).small().muted().within(room).below(bottom + 8.0);
+            bottom = subtitle.extent().bottom;
+            drawing.with(Role::Subtitle, |drawing| drawing.text(subtitle));
+        }
+        (drawing, bottom)
+    }
+
+    /// Sets the height, in whole pixels.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a page of plots is thousands of pixels high"
+    )]
+    pub(super) fn end_at(&mut self, bottom: f64) {
+        self.height = bottom.ceil() as u32;
     }
 
     /// Width and height in CSS pixels.
@@ -158,26 +265,54 @@ impl Drawing {
 
     /// Every text in the drawing, in drawing order.
     pub fn texts(&self) -> impl Iterator<Item = &str> {
-        self.shapes.iter().filter_map(|shape| match shape {
+        self.items.iter().filter_map(|item| match &item.shape {
             Shape::Text(text) => Some(text.text.as_str()),
             _ => None,
         })
     }
 
+    /// Gives everything that `draw` adds a role.
+    pub(super) fn with<T>(&mut self, role: Role, draw: impl FnOnce(&mut Self) -> T) -> T {
+        let before = std::mem::replace(&mut self.role, role);
+        let result = draw(self);
+        self.role = before;
+        result
+    }
+
+    /// Marks what `draw` adds as data of a series.
+    pub(super) fn data<T>(&mut self, series: &str, draw: impl FnOnce(&mut Self) -> T) -> T {
+        self.with(Role::Data(series.into()), draw)
+    }
+
+    /// Marks what `draw` adds as the legend of a series.
+    pub(super) fn key<T>(&mut self, series: &str, draw: impl FnOnce(&mut Self) -> T) -> T {
+        self.with(Role::Key(series.into()), draw)
+    }
+
+    /// The number of a further axis.
+    pub(super) fn next_axis(&mut self) -> u32 {
+        self.axes += 1;
+        self.axes
+    }
+
+    pub(super) fn push(&mut self, shape: Shape) {
+        self.items.push(Item { shape, role: self.role.clone() });
+    }
+
     pub(super) fn line(&mut self, points: impl Into<Vec<[f64; 2]>>, stroke: Stroke) {
-        self.shapes.push(Shape::Line { points: points.into(), stroke });
+        self.push(Shape::Line { points: points.into(), stroke });
     }
 
     pub(super) fn disc(&mut self, centre: [f64; 2], radius: f64, fill: Fill) {
-        self.shapes.push(Shape::Disc { centre, radius, fill });
+        self.push(Shape::Disc { centre, radius, fill });
     }
 
     pub(super) fn ring(&mut self, centre: [f64; 2], radius: f64, stroke: Stroke) {
-        self.shapes.push(Shape::Ring { centre, radius, stroke });
+        self.push(Shape::Ring { centre, radius, stroke });
     }
 
     pub(super) fn area(&mut self, corners: impl Into<Vec<[f64; 2]>>, fill: Fill) {
-        self.shapes.push(Shape::Area { corners: corners.into(), fill });
+        self.push(Shape::Area { corners: corners.into(), fill });
     }
 
     pub(super) fn rectangle(&mut self, extent: Extent, fill: Fill) {
@@ -186,20 +321,42 @@ impl Drawing {
     }
 
     pub(super) fn text(&mut self, text: TextLine) {
-        self.shapes.push(Shape::Text(text));
+        self.push(Shape::Text(text));
     }
 
     pub(super) fn picture(&mut self, at: Extent, image: ImageU8) {
-        self.shapes.push(Shape::Picture { at, image });
+        self.push(Shape::Picture { at, image });
     }
 
-    /// A title, and a subtitle in smaller letters below.
-    pub(super) fn heading(&mut self, title: &str, subtitle: &str) {
-        let room = f64::from(self.width) - 2.0 * MARGIN;
-        self.text(TextLine::new(font::shortened(title, 17.0, true, room), [MARGIN, 26.0]).size(17.0).bold());
-        if !subtitle.is_empty() {
-            self.text(TextLine::new(font::shortened(subtitle, 12.5, false, room), [MARGIN, 48.0]).size(12.5).muted());
+    /// A legend in rows from `top` on: a sample, drawn by `sample` around its middle, and a name for each series. Returns its
+    /// lower edge.
+    pub(super) fn legend(
+        &mut self,
+        left: f64,
+        top: f64,
+        names: &[&str],
+        sample: impl Fn(&mut Self, usize, [f64; 2]),
+    ) -> f64 {
+        const SAMPLE: f64 = 20.0;
+        let most = f64::from(self.width) - MARGIN;
+        let (mut x, mut y, mut bottom) = (left, top, top);
+        for (at, name) in names.iter().enumerate() {
+            let place =
+                |x: f64, y: f64| TextLine::new(*name, [x + SAMPLE, y]).small().within(most - left - SAMPLE).below(y);
+            let mut text = place(x, y);
+            if text.extent().right > most && x > left {
+                (x, y) = (left, bottom + 6.0);
+                text = place(x, y);
+            }
+            let extent = text.extent();
+            (bottom, x) = (if extent.bottom > bottom { extent.bottom } else { bottom }, extent.right + 20.0);
+            let middle = [extent.left - SAMPLE + 7.0, y + SMALL / 2.0];
+            self.key(name, |drawing| {
+                sample(drawing, at, middle);
+                drawing.text(text);
+            });
         }
+        bottom
     }
 }
 

@@ -1,10 +1,10 @@
 use atsplat_numeric::Extremes as _;
 
-use super::axes::{Axes, AxisText};
-use super::font::{shortened, width_of};
-use super::scale::{Scale, seconds_label};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
-use super::theme::{GRID, MUTED, ON_LIGHT, SURFACE, colour};
+use super::axes::Axes;
+use super::scale::{Scale, seconds_label, time_unit};
+use super::series::plain;
+use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::theme::{INK, SURFACE, colour, text_on};
 
 /// Where the time goes: a bar per method, divided into stages.
 #[derive(Clone, Debug)]
@@ -33,84 +33,76 @@ pub struct StageTimeRow {
 impl StageTime {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
-        const ROW: f64 = 62.0;
+        const ROW: f64 = 54.0;
+        let (mut drawing, head) = Drawing::titled(900, &self.title, &self.subtitle);
         let mut names: Vec<&str> = Vec::new();
         for (name, _) in self.rows.iter().flat_map(|row| &row.stages) {
             if !names.contains(&name.as_str()) {
                 names.push(name);
             }
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few rows")]
-        let mut drawing = Drawing::new(900, (160.0 + ROW * self.rows.len() as f64) as u32);
-        drawing.heading(&self.title, &self.subtitle);
+        let bottom = drawing.legend(MARGIN, head + 12.0, &names, |drawing, at, [x, y]| {
+            drawing.rectangle(Extent::new(x - 7.0, y - 6.0, x + 7.0, y + 6.0), Fill::solid(colour(at)));
+        });
         let total = |row: &StageTimeRow| row.stages.iter().map(|(_, secs)| secs).sum::<f64>();
-        let totals = self.rows.iter().flat_map(|row| [Some(total(row)), row.spread.map(|ends| ends[1])]).flatten();
-        let longest = self.rows.iter().map(|row| width_of(&row.label, 13.0, false)).fold(0.0, f64::maximum_of);
-        let room = longest.clamp(80.0, 300.0);
-        let inside = Extent::new(room + 34.0, 104.0, 800.0, 104.0 + ROW * self.rows.len() as f64);
-        let axes = Axes { inside, x: Scale::from_zero(totals), y: Scale::linear(0.0, 1.0) };
-        for tick in axes.x.ticks(7) {
-            drawing.line([[axes.x_of(tick), inside.top], [axes.x_of(tick), inside.bottom]], Stroke::new(GRID, 1.0));
-        }
-        let label = |secs: f64, _: &[f64]| if secs > 0.0 { seconds_label(secs) } else { "0".to_owned() };
-        axes.draw_x(&mut drawing, &AxisText { title: "seconds, one after the other", label: &label });
-        Self::key(&mut drawing, &names);
-        for (at, row) in self.rows.iter().enumerate() {
-            let middle = inside.top + ROW * (at as f64 + 0.5);
-            drawing.text(
-                TextLine::new(shortened(&row.label, 13.0, false, room), [inside.left - 12.0, middle]).side(Side::Right),
-            );
-            if let Some(reason) = &row.untimed {
-                let at = [inside.left + 8.0, middle];
-                let room = f64::from(drawing.size().0) - at[0] - 16.0;
-                let reason = shortened(&format!("not timed: {reason}"), 12.0, false, room);
-                drawing.text(TextLine::new(reason, at).size(12.0).muted());
-                continue;
-            }
-            let mut from = 0.0;
-            for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
-                #[expect(clippy::expect_used, reason = "the names were collected from the same rows")]
-                let stage = names.iter().position(|known| known == name).expect("the name of a stage");
-                let part = Extent::new(axes.x_of(from), middle - 16.0, axes.x_of(from + secs), middle + 16.0);
-                drawing.rectangle(part, Fill::solid(colour(stage)));
-                drawing.line([[part.right, part.top], [part.right, part.bottom]], Stroke::new(SURFACE, 1.0));
-                let text = seconds_label(*secs);
-                if width_of(&text, 11.5, true) + 10.0 < part.width() {
-                    let light = stage % 6 >= 3;
-                    let text = TextLine::new(text, [f64::midpoint(part.left, part.right), middle])
-                        .size(11.5)
-                        .bold()
-                        .side(Side::Middle);
-                    drawing.text(TextLine { colour: if light { ON_LIGHT } else { SURFACE }, ..text });
+        let totals = || self.rows.iter().flat_map(|row| [Some(total(row)), row.spread.map(|ends| ends[1])]).flatten();
+        let label = |row: &StageTimeRow| TextLine::new(&*row.label, [0.0; 2]).side(Side::Right).within(300.0);
+        let room = self.rows.iter().map(|row| label(row).extent().width()).fold(80.0, f64::maximum_of);
+        let heights: Vec<f64> = self.rows.iter().map(|row| (label(row).height() + 14.0).maximum_of(ROW)).collect();
+        let top = bottom + 12.0;
+        let inside = Extent::new(room + 34.0, top, 800.0, top + heights.iter().sum::<f64>());
+        let (unit, length) = time_unit(totals());
+        let axes = Axes { inside, x: Scale::from_zero(totals().map(|secs| secs / length)), y: Scale::linear(0.0, 1.0) };
+        axes.draw_x_grid(&mut drawing, &axes.x_ticks());
+        let title = format!("{unit} until the first picture, stages one after the other");
+        let bottom = axes.draw_x(&mut drawing, &plain(&title));
+        let mut upper = top;
+        for (row, height) in self.rows.iter().zip(heights) {
+            let middle = upper + height / 2.0;
+            upper += height;
+            drawing.text(TextLine { at: [inside.left - 12.0, middle], ..label(row) });
+            match &row.untimed {
+                None => bar(&mut drawing, axes, row, &names, middle, length),
+                Some(reason) => {
+                    let at = [inside.left + 8.0, middle];
+                    let reason = TextLine::new(format!("not timed: {reason}"), at).small().muted();
+                    drawing.text(reason.within(f64::from(drawing.size().0) - at[0] - MARGIN));
                 }
-                from += secs;
             }
-            let mut right = axes.x_of(from);
-            if let Some([low, high]) = row.spread {
-                let [low, high] = [axes.x_of(low), axes.x_of(high)];
-                let stroke = || Stroke::new(MUTED, 1.5);
-                drawing.line([[low, middle], [high, middle]], stroke());
-                for x in [low, high] {
-                    drawing.line([[x, middle - 5.0], [x, middle + 5.0]], stroke());
-                }
-                right = right.maximum_of(high);
-            }
-            drawing.text(TextLine::new(seconds_label(from), [right + 8.0, middle]).size(12.5).bold());
         }
+        drawing.end_at(bottom + 14.0);
         drawing
     }
+}
 
-    fn key(drawing: &mut Drawing, names: &[&str]) {
-        let mut x = 20.0;
-        for (at, name) in names.iter().enumerate() {
-            let text = TextLine::new(shortened(name, 12.0, false, 160.0), [x + 20.0, 76.0]).size(12.0);
-            let right = text.extent().right;
-            if right > f64::from(drawing.size().0) - 20.0 {
-                break;
-            }
-            drawing.rectangle(Extent::new(x, 70.0, x + 14.0, 82.0), Fill::solid(colour(at)));
-            drawing.text(text);
-            x = right + 20.0;
+/// The parts of a bar with their times where there is room, the quartiles, and the total.
+fn bar(drawing: &mut Drawing, axes: Axes, row: &StageTimeRow, names: &[&str], middle: f64, length: f64) {
+    let x_of = |secs: f64| axes.x_of(secs / length);
+    let mut from = 0.0;
+    for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
+        #[expect(clippy::expect_used, reason = "the names were collected from the same rows")]
+        let own = colour(names.iter().position(|known| known == name).expect("the name of a stage"));
+        let part = Extent::new(x_of(from), middle - 16.0, x_of(from + secs), middle + 16.0);
+        drawing.data(name, |drawing| drawing.rectangle(part, Fill::solid(own)));
+        drawing.line([[part.right, part.top], [part.right, part.bottom]], Stroke::new(SURFACE, 1.0));
+        let time = TextLine::new(seconds_label(*secs), [f64::midpoint(part.left, part.right), middle + 7.0]);
+        let time = TextLine { colour: text_on(own), ..time.small().side(Side::Middle) };
+        if time.extent().width() + 10.0 < part.width() {
+            drawing.with(Role::Inside, |drawing| drawing.text(time));
         }
+        from += secs;
     }
+    let mut right = x_of(from);
+    if let Some([low, high]) = row.spread {
+        let (y, stroke) = (middle - 8.0, Stroke::new(INK, 1.5));
+        let [low, high] = [x_of(low), x_of(high)];
+        drawing.with(Role::Frame, |drawing| {
+            drawing.line([[low, y], [high, y]], stroke);
+            for x in [low, high] {
+                drawing.line([[x, y - 4.0], [x, y + 4.0]], stroke);
+            }
+        });
+        right = right.maximum_of(high);
+    }
+    drawing.text(TextLine::new(seconds_label(from), [right + 8.0, middle]).bold());
 }

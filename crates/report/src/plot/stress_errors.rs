@@ -1,12 +1,9 @@
-use plotters::coord::Shift;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use super::axes::{Axes, AxisText};
+use super::scale::Scale;
+use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
+use super::theme::{GRID, INK, colour};
 
-use super::native::{self, DrawResult, NativePlot};
-use super::{FONT, GREY, PlotFormat, colour};
-use crate::ReportError;
-
-/// Errors of renderers on hard cases: a row per case, a dot per renderer path, its bound as a bar, failures crossed out.
+/// Errors of renderers on hard cases: a row per case, a dot per renderer path beside its bound, failures crossed out.
 #[derive(Debug)]
 pub struct StressErrors<'a> {
     /// The errors, in the order of cases and paths.
@@ -31,122 +28,87 @@ pub struct StressError<'a> {
 }
 
 const WIDTH: u32 = 1200;
-const ROW: u32 = 17;
-/// More rows would not be readable.
-const MAX_ROWS: u32 = 10_000;
-/// Height of title, legend and axis.
-const AROUND: u32 = 150;
-const NAMES: i32 = 210;
+const ROW: f64 = 19.0;
+const NAMES: f64 = 210.0;
 /// Range of powers of ten; smaller errors are drawn at the left edge, larger ones and NaN at the right edge.
 const LOWEST: f64 = -9.0;
 const HIGHEST: f64 = 0.0;
 const PANELS: [(&str, &str); 3] = [
-    ("image", "error of images"),
-    ("gradient", "error of derivatives"),
-    ("differences", "derivatives against differences"),
+    ("image", "error of images, power of ten"),
+    ("gradient", "error of derivatives, power of ten"),
+    ("differences", "derivatives against differences, power of ten"),
 ];
 
 impl StressErrors<'_> {
-    /// The bytes of the file; the same plot gives the same bytes.
-    ///
-    /// # Errors
-    /// [`ReportError::Font`], [`ReportError::Plot`], [`ReportError::Picture`].
-    pub fn encode(&self, format: PlotFormat) -> Result<Vec<u8>, ReportError> {
-        native::encode(self, format)
-    }
-}
-
-impl NativePlot for StressErrors<'_> {
-    fn size(&self) -> (u32, u32) {
-        let rows = u32::try_from(cases(self.errors).len()).unwrap_or(MAX_ROWS).min(MAX_ROWS);
-        (WIDTH, AROUND + ROW * rows)
-    }
-
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult
-    where
-        B::ErrorType: 'static,
-    {
-        area.fill(&WHITE)?;
-        let (cases, paths) = (cases(self.errors), paths(self.errors));
-        let text = |size: i32| (FONT, size).into_text_style(area);
-        area.draw(&Text::new("Hard cases: error by case", (16, 14), text(22)))?;
-        let mut left = 16;
-        for (at, path) in paths.iter().enumerate() {
-            area.draw(&Circle::new((left + 6, 58), 5, colour(at).filled()))?;
-            area.draw(&Text::new(*path, (left + 17, 50), text(15)))?;
-            left += 40 + i32::try_from(area.estimate_text_size(path, &text(15))?.0)?;
-        }
-        area.draw(&PathElement::new([(left + 6, 51), (left + 6, 65)], GREY.stroke_width(3)))?;
-        area.draw(&Text::new("bound", (left + 17, 50), text(15)))?;
-
-        let (_, below) = area.split_vertically(76);
-        let (names, charts) = below.split_horizontally(NAMES);
-        let panels = charts.split_evenly((1, PANELS.len()));
-        for (panel, (name, title)) in panels.iter().zip(PANELS) {
-            let mut chart = ChartBuilder::on(panel)
-                .margin_left(18)
-                .margin_right(18)
-                .x_label_area_size(56)
-                .build_cartesian_2d(LOWEST..HIGHEST, cases.len() as f64..0.0)?;
-            chart
-                .configure_mesh()
-                .x_desc(title)
-                .x_labels(10)
-                .x_label_formatter(&|power| format!("1e{power:.0}"))
-                .disable_y_axis()
-                .disable_y_mesh()
-                .label_style((FONT, 13))
-                .axis_desc_style((FONT, 15))
-                .light_line_style(WHITE)
-                .draw()?;
-            for case in 0..cases.len() {
-                let top = case as f64;
-                if case % 2 == 1 {
-                    let band = [(LOWEST, top), (HIGHEST, top + 1.0)];
-                    chart.draw_series([Rectangle::new(band, BLACK.mix(0.04).filled())])?;
-                }
+    /// Draws it.
+    pub fn draw(&self) -> Drawing {
+        let (cases, paths) = (unique(self.errors, |error| error.case), unique(self.errors, |error| error.path));
+        let failed = self.errors.iter().filter(|error| !error.passes).count();
+        let subtitle = format!(
+            "{} hard cases on {} renderer paths; relative errors, {failed} beyond their bounds",
+            cases.len(),
+            paths.len()
+        );
+        let (mut drawing, head) = Drawing::titled(WIDTH, "Hard cases: error by case", &subtitle);
+        let others = ["the path's bound, in its colour", "beyond the bound"];
+        let keys: Vec<&str> = paths.iter().copied().chain(others).collect();
+        let bottom =
+            drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, [x, y]| match at.checked_sub(paths.len()) {
+                None => drawing.disc([x, y], 4.0, Fill::solid(colour(at))),
+                Some(0) => drawing.line([[x, y - 6.0], [x, y + 6.0]], Stroke::new(INK, 2.0)),
+                Some(_) => cross(drawing, [x, y]),
+            });
+        let top = bottom + 14.0;
+        let height = ROW * cases.len() as f64;
+        for (at, case) in cases.iter().enumerate() {
+            let y = top + ROW * at as f64;
+            if at % 2 == 1 {
+                let band = Extent::new(NAMES, y, f64::from(WIDTH) - MARGIN, y + ROW);
+                drawing.rectangle(band, Fill::faint(GRID, 0.5));
             }
-            for error in self.errors.iter().filter(|error| error.kind == name) {
+            drawing.text(TextLine::new(*case, [NAMES - 10.0, y + ROW / 2.0]).small().side(Side::Right));
+        }
+        let pitch = (f64::from(WIDTH) - NAMES - MARGIN) / PANELS.len() as f64;
+        let mut below = top + height;
+        for (at, (kind, title)) in PANELS.into_iter().enumerate() {
+            let left = NAMES + pitch * at as f64 + 12.0;
+            let inside = Extent::new(left, top, left + pitch - 24.0, top + height);
+            let axes = Axes { inside, x: Scale::linear(LOWEST, HIGHEST), y: Scale::linear(0.0, 1.0) };
+            let powers: Vec<f64> = (-9..=0).map(f64::from).collect();
+            axes.draw_x_grid(&mut drawing, &powers);
+            let label = |power: f64, _: &[f64]| format!("{power:.0}").replace('-', "−");
+            let edge = axes.draw_x_at(&mut drawing, &AxisText { title, label: &label }, &powers);
+            below = if edge > below { edge } else { below };
+            for error in self.errors.iter().filter(|error| error.kind == kind) {
                 let place = |all: &[&str], name: &str| all.iter().position(|own| *own == name);
                 let (Some(case), Some(path)) = (place(&cases, error.case), place(&paths, error.path)) else { continue };
-                let case = case as f64;
-                let bound = power(error.bound);
-                chart.draw_series([PathElement::new(
-                    [(bound, case + 0.1), (bound, case + 0.9)],
-                    GREY.stroke_width(3),
-                )])?;
-                let spread = (path as f64 + 0.5) / paths.len() as f64;
-                let at = (power(error.relative), case + 0.15 + 0.7 * spread);
-                draw_dot(&mut chart, at, colour(path), error.passes)?;
-            }
-            if name == PANELS[0].0 {
-                let style = text(13).pos(Pos::new(HPos::Right, VPos::Center));
-                for (case, name) in cases.iter().enumerate() {
-                    let (_, row) = chart.backend_coord(&(LOWEST, case as f64 + 0.5));
-                    let (_, top) = names.get_base_pixel();
-                    names.draw(&Text::new(*name, (NAMES - 10, row - top), style.clone()))?;
+                let part = (ROW - 3.0) / paths.len() as f64;
+                let upper = top + ROW * case as f64 + 1.5 + part * path as f64;
+                let (bound, at) =
+                    (axes.x_of(power(error.bound)), [axes.x_of(power(error.relative)), upper + part / 2.0]);
+                drawing.data(error.path, |drawing| {
+                    // Without a bound, an error must only be finite.
+                    if error.bound.is_finite() {
+                        drawing.line([[bound, upper], [bound, upper + part]], Stroke::new(colour(path), 2.5));
+                    }
+                    drawing.disc(at, 2.5, Fill::solid(colour(path)));
+                });
+                if !error.passes {
+                    cross(&mut drawing, at);
                 }
             }
         }
-        area.present()?;
-        Ok(())
+        drawing.end_at(below + 14.0);
+        drawing
     }
 }
 
-type Chart<'a, B> =
-    ChartContext<'a, B, Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>>;
-
-/// A dot, crossed out if the error exceeds its bound.
-fn draw_dot<B>(chart: &mut Chart<'_, B>, at: (f64, f64), colour: RGBColor, passes: bool) -> DrawResult
-where
-    B: DrawingBackend,
-    B::ErrorType: 'static,
-{
-    chart.draw_series([Circle::new(at, 3, colour.filled())])?;
-    if !passes {
-        chart.draw_series([Cross::new(at, 7, RED.stroke_width(2))])?;
-    }
-    Ok(())
+fn cross(drawing: &mut Drawing, [x, y]: [f64; 2]) {
+    drawing.with(Role::Frame, |drawing| {
+        for slope in [-5.0, 5.0] {
+            drawing.line([[x - 5.0, y - slope], [x + 5.0, y + slope]], Stroke::new(INK, 2.0));
+        }
+    });
 }
 
 /// The power of ten, within the range of the plot.
@@ -155,17 +117,10 @@ fn power(value: f64) -> f64 {
     if power.is_nan() { HIGHEST } else { power.clamp(LOWEST, HIGHEST) }
 }
 
-fn cases<'a>(errors: &[StressError<'a>]) -> Vec<&'a str> {
-    unique(errors.iter().map(|error| error.case))
-}
-
-fn paths<'a>(errors: &[StressError<'a>]) -> Vec<&'a str> {
-    unique(errors.iter().map(|error| error.path))
-}
-
-fn unique<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+/// Each name once, in order.
+fn unique<'a>(errors: &[StressError<'a>], name: fn(&StressError<'a>) -> &'a str) -> Vec<&'a str> {
     let mut list = Vec::new();
-    for name in names {
+    for name in errors.iter().map(name) {
         if !list.contains(&name) {
             list.push(name);
         }
@@ -190,14 +145,22 @@ mod tests {
     }
 
     #[test]
-    fn shows_names_and_errors() {
-        let bytes = StressErrors { errors: &errors() }.encode(PlotFormat::Svg).unwrap();
-        let svg = String::from_utf8(bytes).unwrap();
-        for name in ["needles", "dust", "reference", "cpu", "bound", "error of derivatives"] {
-            assert!(svg.contains(name), "{name}");
+    fn shows_names_and_errors_and_each_paths_bound() {
+        let errors = errors();
+        let drawing = StressErrors { errors: &errors }.draw();
+        let texts: Vec<&str> = drawing.texts().collect();
+        for name in ["needles", "dust", "reference", "cpu", "error of derivatives, power of ten"] {
+            assert!(texts.contains(&name), "{name}");
         }
-        let dots = svg.matches("<circle").count();
-        assert_eq!(dots, 2 + 3 * 2, "a dot per path in the legend, one per error");
+        let of_path = |path: &str| {
+            let own =
+                drawing.items.iter().filter(move |item| matches!(&item.role, Role::Data(name) if &**name == path));
+            let is_dot =
+                |item: &&super::super::shape::Item| matches!(item.shape, super::super::shape::Shape::Disc { .. });
+            (own.clone().filter(is_dot).count(), own.filter(|item| !is_dot(item)).count())
+        };
+        assert_eq!((of_path("reference"), of_path("cpu")), ((4, 4), (2, 2)), "dots and bounds");
+        assert_eq!(drawing.faults(), []);
     }
 
     #[test]
@@ -205,8 +168,5 @@ mod tests {
         for (value, expected) in [(0.0, LOWEST), (1e-30, LOWEST), (1e-4, -4.0), (7.0, HIGHEST), (f64::NAN, HIGHEST)] {
             atsplat_numeric::Tolerance::absolute(1e-12).assert([power(value)], [expected], "power");
         }
-        let png = StressErrors { errors: &errors() }.encode(PlotFormat::Png).unwrap();
-        let picture = atsplat_pixels::decode(&png, &atsplat_pixels::DecodeLimits::default()).unwrap();
-        assert_eq!((picture.width(), picture.height()), (WIDTH, AROUND + 2 * ROW));
     }
 }

@@ -1,50 +1,76 @@
 //! Tests of all plots on synthetic data: nothing is cut off, no text covers another, equal data gives equal bytes, and
 //! degenerate data does not panic.
 
-use super::shape::{Drawing, Extent, Shape};
+use std::path::{Path, PathBuf};
+
 use super::*;
 use crate::gallery::{gallery, odd_gallery};
 
-fn texts(drawing: &Drawing) -> Vec<(&str, Extent)> {
-    let text = drawing.shapes.iter().filter_map(|shape| match shape {
-        Shape::Text(text) if !text.text.is_empty() => Some((text.text.as_str(), text.extent())),
-        _ => None,
-    });
-    text.collect()
-}
-
 #[test]
-fn every_text_is_inside_the_plot_and_covers_no_other() {
+fn no_plot_has_a_fault() {
     for (name, drawing) in gallery() {
-        let page = Extent::new(0.0, 0.0, f64::from(drawing.width), f64::from(drawing.height));
-        let texts = texts(&drawing);
-        assert!(texts.len() > 3, "{name} has too few texts");
-        for (at, (text, extent)) in texts.iter().enumerate() {
-            assert!(page.contains(*extent), "{name}: {text:?} is cut off: {extent:?} in {page:?}");
-            for (other, place) in &texts[at + 1..] {
-                assert!(extent.shared(*place) < 2.0, "{name}: {text:?} covers {other:?}");
-            }
-        }
+        assert!(drawing.texts().count() > 3, "{name} has too few texts");
+        assert_eq!(drawing.faults(), [], "{name}");
     }
 }
 
 #[test]
-fn every_shape_is_inside_the_plot() {
+fn neither_long_names_nor_gaps_nor_missing_data_make_a_fault() {
+    for (name, drawing) in odd_gallery() {
+        assert_eq!(drawing.faults(), [], "{name}");
+    }
+}
+
+#[test]
+fn a_written_plot_is_checked_as_the_drawing_is() {
     for (name, drawing) in gallery() {
-        let inside = |[x, y]: &[f64; 2]| {
-            (0.0..=f64::from(drawing.width)).contains(x) && (0.0..=f64::from(drawing.height)).contains(y)
-        };
-        for shape in &drawing.shapes {
-            let fits = match shape {
-                Shape::Line { points, .. } => points.iter().all(inside),
-                Shape::Area { corners, .. } => corners.iter().all(inside),
-                Shape::Disc { centre, .. } | Shape::Ring { centre, .. } => inside(centre),
-                Shape::Picture { at, .. } => inside(&[at.left, at.top]) && inside(&[at.right, at.bottom]),
-                Shape::Text(_) => true,
-            };
-            assert!(fits, "{name}: {shape:?}");
+        let mut read = Drawing::of_svg(&drawing.to_svg().unwrap()).unwrap();
+        assert_eq!(read.faults(), [], "{name}");
+        let lines =
+            |plot: &Drawing| plot.items.iter().filter(|item| !matches!(item.shape, shape::Shape::Text(_))).count();
+        assert_eq!(lines(&read), lines(&drawing), "{name}");
+        read.items.retain(|item| item.role != shape::Role::Title);
+        assert_eq!(read.faults().len(), 1, "{name}");
+    }
+    let wrong = Drawing::of_svg("<svg width=\"2\" height=\"2\">\n<path d=\"M0 0\"/>\n</svg>").unwrap_err().to_string();
+    assert!(wrong.contains("SVG, line 2") && wrong.contains("path"), "{wrong}");
+}
+
+fn svgs(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            svgs(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "svg") {
+            found.push(path);
         }
     }
+}
+
+/// The files and the page of the committed report, or of the one in the folder `ATSPLAT_CHECKED_REPORT`.
+#[test]
+fn no_plot_of_the_reference_report_has_a_fault() {
+    let committed = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/reference");
+    let folder = std::env::var_os("ATSPLAT_CHECKED_REPORT").map_or_else(committed, PathBuf::from);
+    let mut files = Vec::new();
+    svgs(&folder, &mut files);
+    let mut plots: Vec<(String, String)> =
+        files.iter().map(|path| (path.display().to_string(), std::fs::read_to_string(path).unwrap())).collect();
+    let page = std::fs::read_to_string(folder.join("index.html")).unwrap();
+    for part in page.split("<figure id=\"plot-").skip(1) {
+        let (name, rest) = part.split_once('"').unwrap();
+        let (from, to) = (rest.find("<svg ").unwrap(), rest.find("</svg>").unwrap());
+        plots.push((format!("index.html, {name}"), rest[from..to].trim_end().to_owned()));
+    }
+    assert!(plots.len() > 10, "{} plots", plots.len());
+    let faults: Vec<String> = plots
+        .iter()
+        .flat_map(|(name, svg)| match Drawing::of_svg(svg) {
+            Ok(drawing) => drawing.faults().into_iter().map(|fault| format!("{name}: {fault}")).collect(),
+            Err(error) => vec![format!("{name}: {error}")],
+        })
+        .collect();
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
 #[test]
@@ -60,7 +86,7 @@ fn equal_data_gives_equal_bytes() {
 fn an_svg_uses_real_fonts_and_escapes_names() {
     for (name, drawing) in gallery() {
         let svg = drawing.to_svg().unwrap();
-        assert!(!svg.contains("\"atsplat\""), "{name} uses the internal font name");
+        assert_eq!(svg.matches("font-family").count(), 1, "{name} uses one font");
         assert!(
             svg.starts_with(&format!("<svg width=\"{}\" height=\"{}\" viewBox", drawing.width, drawing.height)),
             "{name}"
@@ -70,9 +96,12 @@ fn an_svg_uses_real_fonts_and_escapes_names() {
         title: "<script>alert(1)</script>".to_owned(),
         subtitle: String::new(),
         quality: atsplat_metrics::definition("psnr").unwrap().into(),
-        x: "\"x\"".to_owned(),
         y: "y & z".to_owned(),
-        points: vec![ScatterPoint { scene: "<img onerror=1>".to_owned(), x: 1.0, y: 2.0 }],
+        panels: vec![ScatterPanel {
+            x: "\"x\"".to_owned(),
+            difference: String::new(),
+            points: vec![ScatterPoint { scene: "<img onerror=1>".to_owned(), x: 1.0, y: 2.0 }],
+        }],
         named: 1,
     };
     let svg = scatter.draw().to_svg().unwrap();

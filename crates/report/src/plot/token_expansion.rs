@@ -1,7 +1,6 @@
 use atsplat_pixels::ImageU8;
 
-use super::scale::bounds;
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
+use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
 use super::theme::{INK, SURFACE, colour};
 
 /// Expanded tokens as seen by a camera: children around their parents.
@@ -37,56 +36,55 @@ impl TokenExpansion {
         let [width, height] = self.size.map(|length| if length >= 1.0 { length } else { 1.0 });
         let longest = if width > height { width } else { height };
         let scale = LARGEST / longest;
-        let inside = Extent::new(20.0, 96.0, 20.0 + width * scale, 96.0 + height * scale);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "at most the largest side and its margin"
-        )]
-        let mut drawing = Drawing::new(inside.right.clamp(480.0, 2000.0) as u32 + 20, inside.bottom as u32 + 20);
-        drawing.heading(&self.title, &self.subtitle);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the largest side")]
+        let own_width = (width * scale + 2.0 * MARGIN).clamp(480.0, 2000.0) as u32;
+        let (mut drawing, head) = Drawing::titled(own_width, &self.title, &self.subtitle);
+        let is_inside = |[x, y]: [f64; 2]| (0.0..=width).contains(&x) && (0.0..=height).contains(&y);
+        let shown: Vec<&Expansion> = self.expansions.iter().filter(|expansion| is_inside(expansion.parent)).collect();
+        let top = Self::key(&mut drawing, head + 12.0, &shown) + 14.0;
+        let inside = Extent::new(MARGIN, top, MARGIN + width * scale, top + height * scale);
         if let Some(picture) = &self.picture {
             drawing.picture(inside, picture.clone());
             drawing.rectangle(inside, Fill::faint(SURFACE, 0.45));
         }
         let place = |[x, y]: [f64; 2]| [inside.left + x * scale, inside.top + y * scale];
-        let is_inside = |[x, y]: [f64; 2]| (0.0..=width).contains(&x) && (0.0..=height).contains(&y);
-        let shown: Vec<&Expansion> = self.expansions.iter().filter(|expansion| is_inside(expansion.parent)).collect();
         for expansion in &shown {
             let own = colour(expansion.block.saturating_sub(1));
-            for child in expansion.children.iter().filter(|child| is_inside(**child)) {
-                drawing.line([place(expansion.parent), place(*child)], Stroke::new(own, 1.25));
-                drawing.disc(place(*child), 2.5, Fill::solid(own));
-            }
+            drawing.data(&name(expansion.block, &shown), |drawing| {
+                for child in expansion.children.iter().filter(|child| is_inside(**child)) {
+                    drawing.line([place(expansion.parent), place(*child)], Stroke::new(own, 1.25));
+                    drawing.disc(place(*child), 2.5, Fill::solid(own));
+                }
+            });
         }
         for expansion in &shown {
-            let own = colour(expansion.block.saturating_sub(1));
-            drawing.ring(place(expansion.parent), 3.5, Stroke::new(own, 1.5));
+            let own = Stroke::new(colour(expansion.block.saturating_sub(1)), 1.5);
+            let at = place(expansion.parent);
+            drawing.data(&name(expansion.block, &shown), |drawing| drawing.ring(at, 3.5, own));
         }
-        Self::key(&mut drawing, &shown);
+        drawing.end_at(inside.bottom + 20.0);
         drawing
     }
 
-    fn key(drawing: &mut Drawing, shown: &[&Expansion]) {
-        let blocks = bounds(shown.iter().map(|expansion| expansion.block as f64));
-        let mut x = 20.0;
-        let mut entry = |drawing: &mut Drawing, text: String, mark: &dyn Fn(&mut Drawing, [f64; 2])| {
-            let text = TextLine { colour: INK, ..TextLine::new(text, [x + 16.0, 76.0]).size(12.0).side(Side::Left) };
-            mark(drawing, [x + 6.0, 76.0]);
-            x = text.extent().right + 20.0;
-            drawing.text(text);
-        };
-        entry(drawing, "parent".to_owned(), &|drawing, at| drawing.ring(at, 3.5, Stroke::new(INK, 1.5)));
-        entry(drawing, "child".to_owned(), &|drawing, at| drawing.disc(at, 2.5, Fill::solid(INK)));
-        for block in
-            (0..64usize).filter(|block| blocks.is_some_and(|(low, high)| (low..=high).contains(&(*block as f64))))
-        {
-            let count = shown.iter().filter(|expansion| expansion.block == block).count();
-            let own = colour(block.saturating_sub(1));
-            let swatch = move |drawing: &mut Drawing, [x, y]: [f64; 2]| {
+    /// The legend; returns its lower edge.
+    fn key(drawing: &mut Drawing, top: f64, shown: &[&Expansion]) -> f64 {
+        let mut blocks: Vec<usize> = shown.iter().map(|expansion| expansion.block).collect();
+        blocks.sort_unstable();
+        blocks.dedup();
+        let names: Vec<String> = blocks.iter().map(|block| name(*block, shown)).collect();
+        let all: Vec<&str> = ["parent", "child"].into_iter().chain(names.iter().map(String::as_str)).collect();
+        drawing.legend(MARGIN, top, &all, |drawing, at, [x, y]| match at {
+            0 => drawing.ring([x, y], 3.5, Stroke::new(INK, 1.5)),
+            1 => drawing.disc([x, y], 2.5, Fill::solid(INK)),
+            _ => {
+                let own = blocks.get(at - 2).map_or(INK, |block| colour(block.saturating_sub(1)));
                 drawing.rectangle(Extent::new(x - 6.0, y - 6.0, x + 6.0, y + 6.0), Fill::solid(own));
-            };
-            entry(drawing, format!("block {block}: {count}"), &swatch);
-        }
+            }
+        })
     }
+}
+
+fn name(block: usize, shown: &[&Expansion]) -> String {
+    let count = shown.iter().filter(|expansion| expansion.block == block).count();
+    format!("block {block}: {count}")
 }

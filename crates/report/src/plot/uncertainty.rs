@@ -1,7 +1,8 @@
+use atsplat_metrics::Ramp;
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::picture_grid::{GridRow, PictureGrid};
+use super::picture_grid::{GridCell, GridRow, PictureGrid};
 
 /// The method's error, its predicted error, and where it adds Gaussians.
 #[derive(Clone, Debug)]
@@ -21,11 +22,13 @@ pub struct UncertaintyRow {
     pub label: String,
     /// The render.
     pub render: ImageU8,
-    /// D-SSIM against the truth, as colours.
+    /// D-SSIM against the truth, in the colours of [`Ramp::Viridis`].
     pub error: ImageU8,
-    /// The error predicted by the network, as colours.
+    /// The error predicted by the network, in the same colours.
     pub predicted: ImageU8,
-    /// Alpha of the Gaussians of the selected tokens.
+    /// The error of the brightest colour.
+    pub brightest: f64,
+    /// Alpha of the Gaussians of the selected tokens, in the colours of [`Ramp::Grey`] up to 1.
     pub selected_alpha: ImageU8,
     /// Captions of error, prediction and alpha: mean error, correlation, share selected.
     pub captions: [String; 3],
@@ -36,11 +39,12 @@ impl UncertaintyTriplets {
     pub fn draw(&self) -> Drawing {
         let rows = self.rows.iter().map(|row| {
             let [error, predicted, alpha] = row.captions.clone();
+            let heat = Some((Ramp::Viridis, row.brightest));
             let cells = vec![
-                Some((&row.render, String::new())),
-                Some((&row.error, error)),
-                Some((&row.predicted, predicted)),
-                Some((&row.selected_alpha, alpha)),
+                Some(GridCell::new(&row.render, String::new())),
+                Some(GridCell { image: &row.error, caption: error, colours: heat }),
+                Some(GridCell { image: &row.predicted, caption: predicted, colours: heat }),
+                Some(GridCell { image: &row.selected_alpha, caption: alpha, colours: Some((Ramp::Grey, 1.0)) }),
             ];
             GridRow { label: &row.label, cells }
         });

@@ -1,0 +1,173 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_eval::statistics::{Leaked, MetricQuery, summary};
+use atsplat_eval::tradeoff::{Axis, Frontier, Point, tradeoffs};
+use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TrialKey};
+
+use super::{first_metric, plain, subject};
+use crate::ReportError;
+use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin};
+use crate::table::{BUSY, Source};
+
+/// Accuracy against time and against Gaussians, by name: a plot for each protocol under which there are at least two methods
+/// or settings, from all stores together.
+///
+/// # Errors
+/// [`ReportError::Store`] for an invalid protocol in a store.
+pub fn of_frontier(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
+    let mut seen = BTreeSet::new();
+    let mut plots = Vec::new();
+    for preset in sources.iter().flat_map(|source| &source.results.provenance.presets) {
+        if seen.insert(identity(preset)) {
+            let name = format!("frontier-{}", plain(&preset.name));
+            plots.extend(frontier(&together(sources, preset), preset)?.map(|plot| (name, plot)));
+        }
+    }
+    Ok(plots)
+}
+
+/// What two records of the same protocol on the same index share.
+fn identity(preset: &PresetRecord) -> (&str, &str, &str) {
+    (&preset.name, &preset.hash, &preset.index_sha256)
+}
+
+fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>, ReportError> {
+    let Some(metric) = first_metric(results, &preset.name) else { return Ok(None) };
+    let aggregation = preset.protocol()?.aggregation;
+    let titles: BTreeMap<&str, &str> =
+        results.provenance.methods.iter().map(|method| (method.name.as_str(), method.title.as_str())).collect();
+    let title = |name: &str| titles.get(name).map_or_else(|| name.to_owned(), |title| (*title).to_owned());
+    let point = |frontier: &Frontier, point: &Point| {
+        let query =
+            MetricQuery { preset: &preset.name, method: &point.label, metric: metric.id, leaked: Leaked::Included };
+        let busy = if point.busy && frontier.axis == Axis::Seconds { format!(" {BUSY}") } else { String::new() };
+        let spread = [point.cost - point.cost_error, point.cost + point.cost_error];
+        FrontierPoint {
+            label: format!("{}{busy}", title(&point.label)),
+            cost: point.cost,
+            spread: (point.cost_error > 0.0).then_some(spread),
+            quality: Estimate { value: point.quality, interval: summary(results, &query, aggregation).interval },
+            origin: Origin::Measured,
+            standing: Some(point.standing),
+            highlighted: frontier.knee.as_deref() == Some(&point.label),
+        }
+    };
+    let found = tradeoffs(results, &[metric.id], Leaked::Included)?;
+    let Some(tradeoff) = found.first() else { return Ok(None) };
+    let shown = || tradeoff.frontiers.iter().filter(|frontier| !frontier.points.is_empty());
+    if shown().all(|frontier| frontier.points.len() < 2) {
+        return Ok(None);
+    }
+    let machine = tradeoff.machines.first().map_or_else(String::new, |machine| format!("; timed on {machine}"));
+    let busy = shown().flat_map(|frontier| &frontier.points).any(|point| point.busy);
+    let busy = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
+    let plot = Frontiers {
+        title: format!("{} against time to the first picture and against Gaussians", metric.name),
+        subtitle: format!("{}; 95 % intervals over scenes{machine}{busy}", subject(results, preset)),
+        quality: metric.into(),
+        panels: shown()
+            .map(|frontier| (cost(frontier.axis), frontier.points.iter().map(|own| point(frontier, own)).collect()))
+            .collect(),
+        note: note(&tradeoff.frontiers, title),
+    };
+    Ok(Some(plot.draw()))
+}
+
+/// The methods on each frontier, what bold and question mark mean, and the methods without a point.
+fn note(frontiers: &[Frontier], title: impl Fn(&str) -> String) -> String {
+    let mut parts = Vec::new();
+    for frontier in frontiers {
+        let on: Vec<String> =
+            frontier.points.iter().filter(|point| point.on_frontier()).map(|point| title(&point.label)).collect();
+        if !on.is_empty() {
+            parts.push(format!("Frontier against {}: {}.", name(frontier.axis), on.join(", then ")));
+        }
+    }
+    parts.push(
+        "Bold: on the frontier, by a paired difference whose 95 % interval excludes 0; ?: the interval contains 0."
+            .to_owned(),
+    );
+    for frontier in frontiers {
+        let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for (label, why) in &frontier.left_out {
+            reasons.entry(why).or_default().push(title(label));
+        }
+        for (why, labels) in reasons {
+            parts.push(format!("No point against {}: {} ({why}).", name(frontier.axis), labels.join(", ")));
+        }
+    }
+    parts.join(" ")
+}
+
+const fn name(axis: Axis) -> &'static str {
+    match axis {
+        Axis::Seconds => "time",
+        Axis::Gaussians => "Gaussians",
+    }
+}
+
+const fn cost(axis: Axis) -> CostAxis {
+    match axis {
+        Axis::Seconds => CostAxis::Seconds,
+        Axis::Gaussians => CostAxis::Gaussians,
+    }
+}
+
+/// The rows of a protocol from all stores. A method whose name an earlier store has too gets its store's name added.
+fn together(sources: &[Source<'_>], preset: &PresetRecord) -> Results {
+    let mut all = Results::default();
+    for source in sources {
+        let Results { provenance, trials, targets, timings } = source.results;
+        if !provenance.presets.iter().any(|own| identity(own) == identity(preset)) {
+            continue;
+        }
+        if all.provenance.presets.is_empty() {
+            all.provenance = Provenance { presets: vec![preset.clone()], methods: Vec::new(), ..provenance.clone() };
+        }
+        let mut names: BTreeMap<&str, String> = BTreeMap::new();
+        for method in &provenance.methods {
+            let is_taken = all.provenance.methods.iter().any(|other| other.name == method.name);
+            let named = |text: &str| if is_taken { format!("{text}, {}", source.label) } else { text.to_owned() };
+            names.insert(&method.name, named(&method.name));
+            let (name, title) = (named(&method.name), named(&method.title));
+            all.provenance.methods.push(MethodRecord { name, title, ..method.clone() });
+        }
+        let renamed = |key: &TrialKey| {
+            let name = names.get(key.method.as_str()).filter(|_| key.preset == preset.name)?;
+            Some(TrialKey { method: name.clone(), ..key.clone() })
+        };
+        for row in trials {
+            all.trials.extend(renamed(&row.key).map(|key| atsplat_eval::TrialRow { key, ..row.clone() }));
+        }
+        for row in targets {
+            all.targets.extend(renamed(&row.key).map(|key| atsplat_eval::TargetRow { key, ..row.clone() }));
+        }
+        for row in timings {
+            all.timings.extend(renamed(&row.key).map(|key| atsplat_eval::timing::TimingRow { key, ..row.clone() }));
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{atsplat, floor, preset, results};
+
+    #[test]
+    fn settings_of_several_stores_are_on_one_frontier() {
+        let own = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        let more = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ())]);
+        let sources = [Source { label: "own", results: &own }, Source { label: "more", results: &more }];
+        let all = together(&sources, &own.provenance.presets[0]);
+        let names: Vec<&str> = all.provenance.methods.iter().map(|method| method.name.as_str()).collect();
+        assert_eq!(names, ["atsplat", "nearest-view", "atsplat, more"]);
+        assert_eq!(all.trials.len(), own.trials.len() + more.trials.len());
+        let plots = of_frontier(&sources).unwrap();
+        assert_eq!(plots.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["frontier-re10k-2v-256"]);
+        let texts: Vec<&str> = plots[0].1.texts().collect();
+        assert!(texts.iter().any(|text| text.contains("No point against Gaussians: Nearest view")), "{texts:?}");
+        assert!(texts.iter().any(|text| text.contains("Frontier against time: ")), "{texts:?}");
+        assert_eq!(plots[0].1.faults(), []);
+    }
+}

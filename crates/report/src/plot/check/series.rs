@@ -1,0 +1,116 @@
+use std::collections::BTreeMap;
+
+use plotters::style::RGBColor;
+
+use super::super::shape::{Drawing, Item, Role, Shape};
+use super::super::theme::{COLOURS, GREY, colour};
+use super::{FaultKind, PlotFault, fault};
+
+/// Distances in pixels below which two places are the same.
+const SAME: f64 = 0.75;
+/// Points farther apart than this many times the least step have a gap between them.
+const GAP: f64 = 1.6;
+
+/// Series that share a colour or have none of the palette, that the legend does not explain, or whose bands lie where there
+/// are no points.
+pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
+    let mut faults = Vec::new();
+    let (mut data, mut keys): (BTreeMap<&str, Vec<&Item>>, BTreeMap<&str, Vec<&Item>>) = Default::default();
+    for item in &drawing.items {
+        match &item.role {
+            Role::Data(name) => data.entry(name).or_default().push(item),
+            Role::Key(name) => keys.entry(name).or_default().push(item),
+            _ => {}
+        }
+    }
+    let mut owners: BTreeMap<[u8; 3], &str> = BTreeMap::new();
+    for (name, items) in &data {
+        let mut own: Vec<RGBColor> = items.iter().filter_map(|item| colour_of(item)).collect();
+        own.sort_by_key(rgb);
+        own.dedup();
+        for colour in &own {
+            if let Some(other) = owners.insert(rgb(colour), name) {
+                faults.push(fault(FaultKind::Colour, format!("“{other}” and “{name}” are both {colour:?}")));
+            }
+            if !in_palette(*colour) {
+                faults.push(fault(FaultKind::Colour, format!("“{name}” is {colour:?}, which is not in the palette")));
+            }
+        }
+        match keys.get(name) {
+            None => faults.push(fault(FaultKind::Unexplained, format!("“{name}”"))),
+            Some(key) => {
+                let wrong = key.iter().filter_map(|item| colour_of(item)).find(|colour| !own.contains(colour));
+                faults.extend(wrong.map(|colour| {
+                    fault(FaultKind::Colour, format!("the legend shows “{name}” as {colour:?}, the plot as {own:?}"))
+                }));
+            }
+        }
+    }
+    let steps = drawing.items.iter().filter(|item| matches!(item.role, Role::Band(_))).flat_map(|item| {
+        let edges = edges(item);
+        edges.windows(2).map(|pair| pair[1] - pair[0]).collect::<Vec<_>>()
+    });
+    let least = steps.fold(f64::INFINITY, |least, own| if own < least { own } else { least });
+    faults.extend(drawing.items.iter().filter_map(|item| band(item, &data, least)));
+    faults
+}
+
+/// An interval's area that is not between neighbouring points of its series; `least` is the plot's least step between them.
+fn band(item: &Item, data: &BTreeMap<&str, Vec<&Item>>, least: f64) -> Option<PlotFault> {
+    let Role::Band(name) = &item.role else { return None };
+    let found = |what: String| Some(fault(FaultKind::Band, format!("“{name}” {what}")));
+    let points = data.get(&**name).map_or_else(Vec::new, |items| places(items.iter().filter_map(|item| mark(item))));
+    let edges = edges(item);
+    if let Some(edge) = edges.iter().find(|edge| !points.iter().any(|point| (*point - **edge).abs() < SAME)) {
+        return found(format!("has an interval at x = {edge:.1} px, but no point"));
+    }
+    let inside =
+        |point: &&f64| edges.first().is_some_and(|low| low < point) && edges.last().is_some_and(|high| *point < high);
+    if let Some(point) =
+        points.iter().filter(inside).find(|point| !edges.iter().any(|edge| (*edge - **point).abs() < SAME))
+    {
+        return found(format!("has an interval across x = {point:.1} px, whose point has none"));
+    }
+    let wide = edges.windows(2).find(|pair| pair[1] - pair[0] > GAP * least)?;
+    found(format!("has an interval across a gap from x = {:.1} to {:.1} px", wide[0], wide[1]))
+}
+
+/// Where a band has corners.
+fn edges(item: &Item) -> Vec<f64> {
+    match &item.shape {
+        Shape::Area { corners, .. } => places(corners.iter().map(|[x, _]| *x)),
+        _ => Vec::new(),
+    }
+}
+
+/// Ascending, each once.
+fn places(all: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut places: Vec<f64> = all.collect();
+    places.sort_by(f64::total_cmp);
+    places.dedup_by(|a, b| (*a - *b).abs() < SAME);
+    places
+}
+
+/// Where a mark lies.
+fn mark(item: &Item) -> Option<f64> {
+    match &item.shape {
+        Shape::Disc { centre, .. } | Shape::Ring { centre, .. } => Some(centre[0]),
+        _ => None,
+    }
+}
+
+fn colour_of(item: &Item) -> Option<RGBColor> {
+    match &item.shape {
+        Shape::Line { stroke, .. } | Shape::Ring { stroke, .. } => Some(stroke.colour),
+        Shape::Disc { fill, .. } | Shape::Area { fill, .. } => Some(fill.colour),
+        Shape::Text(_) | Shape::Picture { .. } => None,
+    }
+}
+
+fn in_palette(own: RGBColor) -> bool {
+    own == GREY || (0..3 * COLOURS.len()).any(|at| colour(at) == own)
+}
+
+fn rgb(RGBColor(r, g, b): &RGBColor) -> [u8; 3] {
+    [*r, *g, *b]
+}
