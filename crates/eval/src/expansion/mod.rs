@@ -10,7 +10,7 @@ mod families;
 mod stages;
 mod subject;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod uncertainty;
 
 use atsplat_metrics::Pair;

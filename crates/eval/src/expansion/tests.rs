@@ -17,7 +17,7 @@ use super::*;
 use crate::sources::simulated;
 
 /// A trial of a simulated room, 128×128 pixels.
-fn trial() -> (Trial, TargetPictures) {
+pub(crate) fn trial() -> (Trial, TargetPictures) {
     let preset = Preset::named("rooms-2v-128").unwrap();
     let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
     index.scenes.truncate(1);
@@ -27,16 +27,16 @@ fn trial() -> (Trial, TargetPictures) {
     Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), nothing_ahead).next().unwrap().unwrap()
 }
 
-fn subject(positions: &[usize]) -> Subject {
+pub(crate) fn subject(positions: &[usize]) -> Subject {
     let (trial, truths) = trial();
     Subject::of(&trial, &truths, positions, RenderOptions::default(), 0).unwrap()
 }
 
-fn nano() -> ModelConfig {
+pub(crate) fn nano() -> ModelConfig {
     ModelConfig::named("nano").unwrap()
 }
 
-fn network(config: &ModelConfig) -> Network {
+pub(crate) fn network(config: &ModelConfig) -> Network {
     let weights = generated(&parameters(config), 5);
     Network::new(config, &Device::flex()).unwrap().with_weights(&weights).unwrap()
 }
