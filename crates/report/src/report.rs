@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
 use crate::figures::{of_store, of_table};
-use crate::page::{Page, PageStore, PictureBudget, PlotSection};
+use crate::page::{LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFormat};
 use crate::table::{Mixing, Source, Table, tables};
 use crate::{ReportError, page};
@@ -19,10 +19,12 @@ pub struct Request {
     pub formats: Vec<TableFormat>,
     /// Whether a table may mix protocols.
     pub mixing: Mixing,
-    /// Limit on the bytes of pictures in the page.
-    pub budget: PictureBudget,
+    /// Limit on the bytes of the page.
+    pub max_bytes: usize,
     /// Plots from sources other than stores.
     pub sections: Vec<PlotSection>,
+    /// Trials of the page's live view.
+    pub live: Vec<LiveTrial>,
 }
 
 /// A report, ready to be written.
@@ -61,10 +63,16 @@ impl Report {
             plots.extend(of_store(source)?);
         }
         let (title, sections) = (request.title.clone(), request.sections.as_slice());
-        let page = Page { title, tables: &measured, plots: &plots, sections, stores, budget: request.budget };
+        let (live, max_bytes) = (request.live.as_slice(), request.max_bytes);
+        let page = Page { title, tables: &measured, plots: &plots, sections, live, stores, max_bytes };
         let html = page.write()?;
         plots.extend(sections.iter().flat_map(|section| section.plots.iter().cloned()));
         Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
+    }
+
+    /// Bytes of the page.
+    pub const fn page_bytes(&self) -> usize {
+        self.html.len()
     }
 
     /// Writes `tables/`, `plots/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.

@@ -150,7 +150,9 @@ fn labels(origins: &[u8], scores: &[f32], range: [f32; 2]) -> Vec<(u8, u8)> {
 }
 
 impl LiveStage {
-    fn of(blocks: usize, gaussians: &Gaussians, per_token: usize, labels: &[(u8, u8)], min_alpha: f64) -> Self {
+    /// Gaussians of tokens that have left `blocks` blocks, `per_token` each, with the block that made each token and its
+    /// uncertainty. Finite and without a 3D filter, as a network predicts them.
+    pub fn of(blocks: usize, gaussians: &Gaussians, per_token: usize, labels: &[(u8, u8)], min_alpha: f64) -> Self {
         let (packed, kept) = pack::pack(gaussians, min_alpha);
         let mut counts = vec![0u16; labels.len()];
         for at in kept {

@@ -8,21 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
 
-/// A limit on the size of pictures in a page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PictureBudget {
-    /// Bytes of all pictures as written into the page, in base64.
-    pub bytes: usize,
-}
-
-impl Default for PictureBudget {
-    /// 16 MB.
-    fn default() -> Self {
-        Self { bytes: 16_000_000 }
-    }
-}
-
-/// The pictures of a page: pairs of truth and render, from the worst scenes on, up to the budget.
+/// The pictures of a page: pairs of truth and render, up to a budget of bytes in base64.
 #[derive(Debug, Default)]
 pub(super) struct Album {
     uris: Vec<String>,
@@ -36,10 +22,10 @@ pub(super) struct Album {
 const TRUTH: &str = "truth";
 
 impl Album {
-    pub(super) fn fill(stores: &[PageStore<'_>], budget: PictureBudget) -> Self {
+    pub(super) fn fill(stores: &[PageStore<'_>], budget: usize) -> Self {
         let mut album = Self::default();
         let mut truths: BTreeMap<(usize, TrialKey, u64), usize> = BTreeMap::new();
-        let mut left = budget.bytes;
+        let mut left = budget;
         for (at, store) in stores.iter().enumerate() {
             let Some(folder) = store.folder.filter(|folder| folder.join("pictures").is_dir()) else { continue };
             for row in worst_first(store.source.results) {

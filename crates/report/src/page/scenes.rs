@@ -47,7 +47,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
                 .find(|record| record.name == method)
                 .map_or(method, |record| &record.title);
             let store = if stores.len() > 1 { format!(" · {}", store.source.label) } else { String::new() };
-            runs.push(json!({ "label": format!("{preset} · {title}{store}"), "trials": trials }));
+            runs.push(json!({ "label": format!("{preset} · {title}{store}"), "protocol": preset, "title": format!("{title}{store}"), "trials": trials }));
         }
     }
     runs

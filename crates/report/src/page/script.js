@@ -32,6 +32,14 @@
   theme.addEventListener('click', () => { root.dataset.theme = dark() ? 'light' : 'dark'; showTheme(); });
   showTheme();
 
+  // Wide tables and plots say that they scroll; notes are printed.
+  const hint = () => {
+    for (const box of document.querySelectorAll('.scroll, .list, .plots figure')) box.classList.toggle('overflowing', box.scrollWidth > box.clientWidth + 1);
+  };
+  hint();
+  addEventListener('resize', hint);
+  addEventListener('beforeprint', () => { for (const notes of document.querySelectorAll('details')) notes.open = true; });
+
   // Tables: copy as text, cite a number.
   for (const button of document.querySelectorAll('[data-copy]')) {
     button.addEventListener('click', () => {
@@ -46,6 +54,16 @@
     });
   }
   at('cite-copy').addEventListener('click', event => flash(event.target, copy(at('cite-text').textContent) ? 'Copied' : 'Not copied'));
+
+  // Protocols lead to their scenes.
+  for (const link of document.querySelectorAll('[data-protocol]')) {
+    link.addEventListener('click', () => {
+      const first = data.runs.findIndex(run => run.protocol === link.dataset.protocol);
+      if (first < 0) return;
+      at('run').value = first;
+      at('run').dispatchEvent(new Event('change'));
+    });
+  }
 
   // Scenes.
   if (!at('list')) return;
