@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
 use crate::figures::{of_store, of_table};
-use crate::page::{LiveTrial, Page, PageStore, PlotSection};
+use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFormat};
 use crate::table::{Mixing, Source, Table, tables};
 use crate::{ReportError, page};
@@ -36,6 +36,7 @@ pub struct Report {
     pub unmeasured: Vec<String>,
     /// Plots by name, with those of sections last.
     pub plots: Vec<(String, Drawing)>,
+    films: Vec<Film>,
     html: String,
     formats: Vec<TableFormat>,
 }
@@ -67,7 +68,8 @@ impl Report {
         let page = Page { title, tables: &measured, plots: &plots, sections, live, stores, max_bytes };
         let html = page.write()?;
         plots.extend(sections.iter().flat_map(|section| section.plots.iter().cloned()));
-        Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
+        let films = request.live.iter().filter_map(|trial| trial.film.clone()).collect();
+        Ok(Self { films, tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
     }
 
     /// Bytes of the page.
@@ -75,7 +77,7 @@ impl Report {
         self.html.len()
     }
 
-    /// Writes `tables/`, `plots/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
+    /// Writes `tables/`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
     ///
     /// # Errors
     /// [`ReportError::File`], and the errors of tables and plots.
@@ -92,6 +94,10 @@ impl Report {
                 let path = folder.join("plots").join(format!("{name}.{}", format.extension()));
                 files.push(write_file(path, &drawing.encode(format)?)?);
             }
+        }
+        for film in &self.films {
+            let path = folder.join("films").join(format!("{}.png", film.name));
+            files.push(write_file(path, &film.animated_png()?)?);
         }
         files.push(write_file(folder.join(page::FILE), self.html.as_bytes())?);
         Ok(files)

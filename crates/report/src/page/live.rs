@@ -6,7 +6,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
-use super::escaped;
+use super::{Film, escaped};
 use crate::ReportError;
 
 /// A trial in the live view.
@@ -18,6 +18,8 @@ pub struct LiveTrial {
     pub scene: LiveScene,
     /// Context, target, render, error, uncertainty, depth: shown in a row.
     pub pictures: Vec<LivePicture>,
+    /// A path between its context cameras, methods side by side.
+    pub film: Option<Film>,
 }
 
 /// A picture of a trial.
@@ -66,6 +68,9 @@ fn row(trial: &LiveTrial) -> Result<String, ReportError> {
         ));
     }
     text.push_str("</div>\n");
+    if let Some(film) = &trial.film {
+        text.push_str(&film.player()?);
+    }
     Ok(text)
 }
 

@@ -102,7 +102,7 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
         note: "<i>".to_owned(),
         image: ImageU8::new(2, 1, vec![9; 6]).unwrap(),
     };
-    let live = [LiveTrial { title: "room".to_owned(), scene, pictures: vec![picture] }];
+    let live = [LiveTrial { title: "room".to_owned(), scene, pictures: vec![picture], film: None }];
     let page = Page {
         title: "Live".to_owned(),
         tables: &[],

@@ -4,6 +4,7 @@
 mod browser;
 mod cite;
 mod facts;
+mod film;
 mod live;
 #[cfg(test)]
 mod live_tests;
@@ -19,6 +20,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
+pub use film::Film;
 pub use live::{LivePicture, LiveTrial};
 
 use crate::ReportError;
@@ -70,7 +72,7 @@ pub const FILE: &str = "index.html";
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
-const LIVE: [&str; 2] = [include_str!("splatter.js"), include_str!("live.js")];
+const LIVE: [&str; 3] = [include_str!("splatter.js"), include_str!("live.js"), include_str!("film.js")];
 
 impl Page<'_> {
     /// The page as HTML.
