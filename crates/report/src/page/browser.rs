@@ -23,16 +23,28 @@ pub(super) fn chromium(test: &'static str) -> Option<PathBuf> {
 
 /// What a page's own test writes into its element `selftest`. WebGL is drawn in software.
 pub(super) fn report_of(chromium: &Path, page: &str, window: &str) -> Map<String, Value> {
+    run(chromium, &[("page.html", page)], window)
+}
+
+/// What a page's own test sends to the window around it, in a frame of this width: windows cannot be as narrow as a phone.
+pub(super) fn report_in_frame(chromium: &Path, page: &str, width: u32) -> Map<String, Value> {
+    let frame = include_str!("frame.html").replace("{width}", &width.to_string());
+    run(chromium, &[("frame.html", &frame), ("page.html", page)], "1600,900")
+}
+
+/// Opens the first file of a folder.
+fn run(chromium: &Path, files: &[(&str, &str)], window: &str) -> Map<String, Value> {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("page.html");
-    std::fs::write(&path, page).unwrap();
+    for (name, text) in files {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
     let run = Command::new(chromium)
         .args(["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run"])
         .args(["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-device-scale-factor=1"])
         .args(["--virtual-time-budget=20000", "--timeout=120000", "--dump-dom"])
         .arg(format!("--window-size={window}"))
         .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
-        .arg(format!("file://{}", path.display()))
+        .arg(format!("file://{}", folder.path().join(files[0].0).display()))
         .output()
         .unwrap();
     let dom = String::from_utf8_lossy(&run.stdout);
@@ -40,5 +52,5 @@ pub(super) fn report_of(chromium: &Path, page: &str, window: &str) -> Map<String
         panic!("the page's test did not finish: {}\n{}", String::from_utf8_lossy(&run.stderr), dom.len())
     });
     let (report, _) = report.split_once("</pre>").unwrap();
-    serde_json::from_str(&report.replace("&amp;", "&")).unwrap()
+    serde_json::from_str(&report.replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")).unwrap()
 }

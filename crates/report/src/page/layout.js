@@ -1,9 +1,9 @@
 'use strict';
-// Finds clipped text, columns outside, and small print; writes the findings into the page. In a window of 750 px, the
-// rules for print are applied to the screen.
+// Finds clipped text, columns outside and small print, and sends the findings to the window around this one. At a width of
+// 750 px the rules for print apply, on A4.
 (async () => {
   await new Promise(done => setTimeout(done, 300));
-  const print = window.innerWidth > 690 && window.innerWidth < 800;
+  const print = innerWidth === 750;
   if (print) {
     dispatchEvent(new Event('beforeprint'));
     for (const rule of [...document.styleSheets].flatMap(sheet => [...sheet.cssRules])) {

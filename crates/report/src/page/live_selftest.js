@@ -42,6 +42,14 @@
     change(at('live-tint'), 0, 'input');
     change(at('live-block'), 0, 'input');
     take('before');
+    const film = document.querySelector('figure.film');
+    const [frame, pixel] = [film.querySelector('input'), film.querySelector('canvas').getContext('2d')];
+    for (let tries = 0; tries < 100 && !film.querySelector('img').complete; tries += 1) await new Promise(done => setTimeout(done, 50));
+    results.film = [0, 1, 2].map(value => { change(frame, value, 'input'); return [...pixel.getImageData(12, 4, 1, 1).data]; });
+    film.querySelector('button').click();
+    await new Promise(done => setTimeout(done, 150));
+    results.played = film.querySelector('button').textContent + ' ' + frame.value;
+    film.querySelector('button').click();
     results.note = at('live-note').textContent;
   } catch (error) {
     results.error = error.stack;

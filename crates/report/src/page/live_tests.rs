@@ -54,6 +54,14 @@ fn coloured(gaussians: &Gaussians, block: impl Fn(usize) -> usize) -> Gaussians 
     Gaussians::new(parts).unwrap()
 }
 
+/// Two grey and coloured columns: red, green, then blue.
+fn film() -> Film {
+    let plain = |colour: [u8; 3]| ImageU8::new(8, 8, colour.repeat(64)).unwrap();
+    let frame = |at| vec![plain([90; 3]), plain([0, 1, 2].map(|channel| if channel == at { 200 } else { 40 }))];
+    let columns = ["grey", "coloured"].map(str::to_owned).to_vec();
+    Film { name: "film".to_owned(), columns, note: "path".to_owned(), frames: (0..3).map(frame).collect() }
+}
+
 /// Compares the page's pixels with the reference renderer's from the pose that the page reports; returns the pose.
 fn compared(name: &str, report: &Value, gaussians: &Gaussians, base: &View) -> CameraFromWorld {
     let numbers =
@@ -102,7 +110,7 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
         note: "<i>".to_owned(),
         image: ImageU8::new(2, 1, vec![9; 6]).unwrap(),
     };
-    let live = [LiveTrial { title: "room".to_owned(), scene, pictures: vec![picture], film: None }];
+    let live = [LiveTrial { title: "room".to_owned(), scene, pictures: vec![picture], film: Some(film()) }];
     let page = Page {
         title: "Live".to_owned(),
         tables: &[],
@@ -118,6 +126,14 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
     assert!(report.get("error").is_none(), "{:?}", report["error"]);
     assert_eq!(report["segments"], true, "cameras are drawn");
     assert!(report["note"].as_str().unwrap().starts_with("before block 1: 2"), "{}", report["note"]);
+
+    // The film's second column, frame by frame.
+    for (at, pixel) in report["film"].as_array().unwrap().iter().enumerate() {
+        let expected = [0, 1, 2].map(|channel| if channel == at { 200.0 } else { 40.0 });
+        let found = [0, 1, 2].map(|channel| pixel[channel].as_f64().unwrap());
+        Tolerance::absolute(8.0).assert(found, expected, "a frame of the film");
+    }
+    assert_eq!(report["played"], "Pause 0", "from the last frame to the first");
 
     let by_name = |name: &str, gaussians: &Gaussians| compared(name, &report[name], gaussians, &views[0]);
     let first = by_name("first", &all);

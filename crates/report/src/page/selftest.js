@@ -17,6 +17,9 @@
     const number = document.querySelector('[data-cite]');
     number.click();
     check('cite', at('cite').open && at('cite-text').textContent.includes('protocol'));
+    const dialog = at('cite').getBoundingClientRect();
+    check('cite-whole', dialog.left >= 0 && dialog.right <= innerWidth && dialog.top >= 0 && dialog.bottom <= innerHeight && at('cite').scrollHeight <= at('cite').clientHeight + 1);
+    check('cite-data', at('cite-text').textContent.includes(', data '));
     at('cite').close();
     const notes = document.querySelector('details.notes');
     notes.querySelector('summary').click();

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
+use atsplat_eval::Results;
 use atsplat_eval::runner::picture_path;
-use atsplat_eval::{Results, TrialKey};
 use atsplat_pixels::{ImageU8, encode_png};
 
-use super::browser::{chromium, report_of};
+use super::browser::{chromium, report_in_frame, report_of};
 use super::*;
 use crate::definition::TableDefinition;
 use crate::figures::{of_store, of_table};
@@ -28,9 +28,11 @@ impl Sample {
         results.provenance.methods[1].untrained = true;
         let folder = tempfile::tempdir().unwrap();
         for row in results.targets.iter().filter(|row| !row.scores.is_empty()) {
-            for method in [TRUTH, row.key.method.as_str()] {
-                let key = TrialKey { method: method.to_owned(), ..row.key.clone() };
-                write_picture(&picture_path(folder.path(), &key, row.frame), row.target + u32::from(method != TRUTH));
+            let place = results.provenance.methods.iter().position(|method| method.name == row.key.method).unwrap();
+            for (method, offset) in [(TRUTH, 0), (row.key.method.as_str(), u32::try_from(place).unwrap() + 1)] {
+                let key = row.key.of_method(method);
+                let scene = row.key.preset.bytes().chain(row.key.scene.bytes()).map(u32::from).sum();
+                write_picture(&picture_path(folder.path(), &key, row.frame), row.target + offset, scene);
             }
         }
         let source = Source { label: LABEL, results: &results };
@@ -65,9 +67,9 @@ impl Sample {
 const TRUTH: &str = "truth";
 const LABEL: &str = "run <b>1</b>";
 
-fn write_picture(path: &Path, seed: u32) {
+fn write_picture(path: &Path, seed: u32, scene: u32) {
     // Consecutive seeds differ by five levels everywhere, so that an error map is not saturated.
-    let sample = |at: u32| u8::try_from((at * 37 + at * at % 251) % 200 + seed * 5).unwrap();
+    let sample = |at: u32| u8::try_from((at * 37 + at * at % 251 + at * scene % 53) % 200 + seed * 5).unwrap();
     let picture = ImageU8::new(16, 16, (0..768).map(sample).collect()).unwrap();
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
@@ -123,6 +125,24 @@ fn the_page_is_no_larger_than_allowed_and_omitted_pictures_are_counted() {
 }
 
 #[test]
+fn the_worst_and_the_best_trials_have_pictures_before_others() {
+    let sample = Sample::new();
+    let whole = sample.write(usize::MAX, None);
+    let page = sample.write(whole.len() - 50_000, None);
+    let (_, data) = page.split_once("id=\"data\">").unwrap();
+    let data: Value = serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap();
+    let runs = data["runs"].as_array().unwrap();
+    // By rising quality; all methods are best on the first scene.
+    let counts = crate::sample::SCENES.iter().rev().map(|scene| {
+        let trials = runs.iter().flat_map(|run| run["trials"].as_array().unwrap());
+        trials.filter(|trial| trial["scene"] == *scene).map(|trial| trial["pictures"].as_array().unwrap().len()).sum()
+    });
+    let counts: Vec<usize> = counts.collect();
+    assert_eq!(counts[0], 18, "the worst: {counts:?}");
+    assert!(counts[3] > counts[1] && counts[1] < 12, "the best before the second worst: {counts:?}");
+}
+
+#[test]
 fn files_that_are_not_pictures_are_not_embedded() {
     let sample = Sample::new();
     let row = &sample.results.targets[0];
@@ -145,5 +165,36 @@ fn a_browser_clicks_through_the_page() {
         let failed: Vec<&String> =
             checks.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
         assert!(failed.is_empty() && checks.len() >= 15, "{size}: failed {failed:?} of {checks:?}");
+    }
+}
+
+#[test]
+fn nothing_is_clipped_on_phones_desks_and_paper() {
+    let Some(chromium) = chromium("nothing_is_clipped_on_phones_desks_and_paper") else { return };
+    let sample = Sample::new();
+    let layout = include_str!("layout.js");
+    let findings = |width, script: &str| {
+        let report = report_in_frame(&chromium, &sample.write(usize::MAX, Some(script)), width);
+        assert_eq!(report["print"], Value::Bool(width == 750));
+        report["findings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    for width in [390, 750, 1400] {
+        assert_eq!(findings(width, layout), Vec::<String>::new(), "at {width} px");
+    }
+    let with = |style: &str| {
+        format!(
+            "document.body.append(Object.assign(document.createElement('style'), {{ textContent: '{style}' }}));{layout}"
+        )
+    };
+    let broken = [
+        (390, "h3 { white-space: nowrap; overflow: hidden; width: 3rem }", "clipped: h3"),
+        (390, "td.number { font-size: 10px }", "text of 10.0 px: td"),
+        (390, ".plots figure > svg { width: 100% }", "px: text"),
+        (750, "table.numbers td { padding: 0 2rem }", "columns are outside"),
+        (1400, "#tables { width: 1500px }", "the page is 15"),
+    ];
+    for (width, style, expected) in broken {
+        let found = findings(width, &with(style));
+        assert!(found.iter().any(|text| text.contains(expected)), "{style}: {found:?}");
     }
 }
