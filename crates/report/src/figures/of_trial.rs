@@ -66,7 +66,7 @@ mod tests {
         let shown = map("error", "of a test", [20, 10], &values).unwrap();
         assert_eq!(shown.image.pixel(0, 0), Some([68, 1, 84]));
         assert_eq!(shown.image.pixel(19, 9), Some([253, 231, 37]), "brighter than one per cent");
-        assert!(shown.note.starts_with("of a test; yellow from 2.0"), "{}", shown.note);
+        assert!(shown.note.starts_with("of a test; yellow from 1.99"), "{}", shown.note);
         assert!(map("error", "of a wrong size", [20, 11], &values).is_err());
         let same = map("error", "none", [2, 1], &[0.0, 0.0]).unwrap();
         assert_eq!(same.image.pixel(1, 0), Some([68, 1, 84]));
