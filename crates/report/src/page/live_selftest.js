@@ -45,7 +45,7 @@
     const film = document.querySelector('figure.film');
     const [frame, pixel] = [film.querySelector('input'), film.querySelector('canvas').getContext('2d')];
     for (let tries = 0; tries < 100 && !film.querySelector('img').complete; tries += 1) await new Promise(done => setTimeout(done, 50));
-    results.film = [0, 1, 2].map(value => { change(frame, value, 'input'); return [...pixel.getImageData(12, 4, 1, 1).data]; });
+    results.film = [0, 1, 2].map(value => { change(frame, value, 'input'); return [...pixel.getImageData(24, 8, 1, 1).data]; });
     film.querySelector('button').click();
     await new Promise(done => setTimeout(done, 150));
     results.played = film.querySelector('button').textContent + ' ' + frame.value;

@@ -56,7 +56,7 @@ fn coloured(gaussians: &Gaussians, block: impl Fn(usize) -> usize) -> Gaussians 
 
 /// Two grey and coloured columns: red, green, then blue.
 fn film() -> Film {
-    let plain = |colour: [u8; 3]| ImageU8::new(8, 8, colour.repeat(64)).unwrap();
+    let plain = |colour: [u8; 3]| ImageU8::new(16, 16, colour.repeat(256)).unwrap();
     let frame = |at| vec![plain([90; 3]), plain([0, 1, 2].map(|channel| if channel == at { 200 } else { 40 }))];
     let columns = ["grey", "coloured"].map(str::to_owned).to_vec();
     Film { name: "film".to_owned(), columns, note: "path".to_owned(), frames: (0..3).map(frame).collect() }
