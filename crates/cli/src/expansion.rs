@@ -2,6 +2,7 @@
 
 use anyhow::Context as _;
 use atsplat_eval::expansion::{Subject, seen_by, study};
+use atsplat_eval::live::LiveScene;
 use atsplat_model::network::Network;
 use atsplat_protocol::trial::{TargetPictures, Trial};
 use atsplat_report::figures::{ExpansionScene, ExpansionTarget};
@@ -10,29 +11,32 @@ use atsplat_splat::{RenderOptions, View};
 /// Label of random weights in every plot of their expansion.
 pub(crate) const UNTRAINED: &str = "UNTRAINED, random weights";
 
-/// Studies a trial under a network: the token families seen in the first context view, and at most `max_targets` targets.
+/// Studies a trial under a network: the token families seen in the first context view, and at most `max_targets` targets; and its
+/// Gaussians for a live view.
 pub(crate) fn study_trial(
     network: &Network,
     (trial, truths): (&Trial, &TargetPictures),
     options: RenderOptions,
     call_seed: u64,
     max_targets: usize,
-) -> anyhow::Result<ExpansionScene> {
+) -> anyhow::Result<(ExpansionScene, LiveScene)> {
     let positions = spread_inside(trial.targets().len(), max_targets);
     let subject = Subject::of(trial, truths, &positions, options, call_seed)?;
     let studied = study(network, &subject)?;
+    let live = LiveScene::of(&studied.trace, trial, &subject.options);
     let first = trial.context().first().context("the trial has no context view")?;
     let view = View { camera: first.camera, size: first.size };
     let targets = subject.targets.into_iter().zip(studied.targets);
     let targets = targets.map(|(target, study)| ExpansionTarget { frame: target.frame, truth: target.truth, study });
-    Ok(ExpansionScene {
+    let scene = ExpansionScene {
         label: trial.scene().to_owned(),
         frame: first.frame,
         picture: first.picture()?,
         families: seen_by(&studied.families, &view)?,
         expanded: studied.families.len(),
         targets: targets.collect(),
-    })
+    };
+    Ok((scene, live))
 }
 
 /// At most `max` positions, spread evenly with a margin at both ends: a single position is the middle one.

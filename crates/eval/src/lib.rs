@@ -14,6 +14,7 @@ pub mod expansion;
 mod file_name;
 pub mod frame_timings;
 pub mod images;
+pub mod live;
 pub mod method;
 pub mod overlap_estimators;
 pub mod reconstruct;

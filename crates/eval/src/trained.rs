@@ -65,7 +65,7 @@ impl TrainedNetwork {
     /// [`EvalError::Model`] if the weights do not fit a variant; [`EvalError::Settings`] if `dataset` has no trial.
     pub fn variants(&self, dataset: &Dataset) -> Result<Vec<Arc<dyn Method>>, EvalError> {
         let mut variants = vec![
-            self.variant("no expansion", &self.config.with_expansion_in_first(0))?,
+            self.without_expansion()?,
             self.variant("random", &self.selecting(Selection::Random { seed: 0 }))?,
             self.variant("farthest point", &self.selecting(Selection::FarthestPoint {}))?,
         ];
@@ -86,6 +86,14 @@ impl TrainedNetwork {
             variants.push(Arc::new(method.with_thresholds_at(&quantiles, &published)));
         }
         Ok(variants)
+    }
+
+    /// The same weights without token expansion.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    pub fn without_expansion(&self) -> Result<Arc<dyn Method>, EvalError> {
+        self.variant("no expansion", &self.config.with_expansion_in_first(0))
     }
 
     fn selecting(&self, selection: Selection) -> ModelConfig {

@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
 use crate::figures::{of_frontier, of_store, of_table};
-use crate::page::{Page, PageStore, PictureBudget, PlotSection};
+use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
 use crate::{ReportError, page};
@@ -21,10 +21,12 @@ pub struct Request {
     pub formats: Vec<TableFormat>,
     /// Whether a table may mix protocols.
     pub mixing: Mixing,
-    /// Limit on the bytes of pictures in the page.
-    pub budget: PictureBudget,
+    /// Limit on the bytes of the page.
+    pub max_bytes: usize,
     /// Plots from sources other than stores.
     pub sections: Vec<PlotSection>,
+    /// Trials of the page's live view.
+    pub live: Vec<LiveTrial>,
 }
 
 /// A report, ready to be written.
@@ -36,6 +38,7 @@ pub struct Report {
     pub unmeasured: Vec<String>,
     /// Plots by name, with those of sections last.
     pub plots: Vec<(String, Drawing)>,
+    films: Vec<Film>,
     html: String,
     formats: Vec<TableFormat>,
 }
@@ -66,10 +69,12 @@ impl Report {
             plots.extend(of_store(source)?);
         }
         let (title, sections) = (request.title.clone(), request.sections.as_slice());
-        let page = Page { title, tables: &measured, plots: &plots, sections, stores, budget: request.budget };
+        let (live, max_bytes) = (request.live.as_slice(), request.max_bytes);
+        let page = Page { title, tables: &measured, plots: &plots, sections, live, stores, max_bytes };
         let html = page.write()?;
         plots.extend(sections.iter().flat_map(|section| section.plots.iter().cloned()));
-        Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
+        let films = request.live.iter().filter_map(|trial| trial.film.clone()).collect();
+        Ok(Self { films, tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
     }
 
     /// What is wrong with the plots, each with its plot's name; empty for a good report.
@@ -80,7 +85,12 @@ impl Report {
             .collect()
     }
 
-    /// Writes `tables/`, `plots/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
+    /// Bytes of the page.
+    pub const fn page_bytes(&self) -> usize {
+        self.html.len()
+    }
+
+    /// Writes `tables/`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
     ///
     /// # Errors
     /// [`ReportError::File`], and the errors of tables and plots.
@@ -97,6 +107,10 @@ impl Report {
                 let path = folder.join("plots").join(format!("{name}.{}", format.extension()));
                 files.push(write_file(path, &drawing.encode(format)?)?);
             }
+        }
+        for film in &self.films {
+            let path = folder.join("films").join(format!("{}.png", film.name));
+            files.push(write_file(path, &film.animated_png()?)?);
         }
         files.push(write_file(folder.join(page::FILE), self.html.as_bytes())?);
         Ok(files)

@@ -179,7 +179,7 @@ impl PlotArgs {
         subject: &str,
     ) -> anyhow::Result<Option<PlotsRecord>> {
         let Some(folder) = &self.plots else { return Ok(None) };
-        let scene = study_trial(network, (photos.trial(), photos.ground_truth()), options, seed, MAX_TARGETS)?;
+        let (scene, _) = study_trial(network, (photos.trial(), photos.ground_truth()), options, seed, MAX_TARGETS)?;
         let mut files = Vec::new();
         for (name, drawing) in of_expansion(subject, &[scene])? {
             for format in [PlotFormat::Svg, PlotFormat::Png] {

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use atsplat_eval::Results;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
-use atsplat_report::page::{PageStore, PictureBudget};
+use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 use clap::ValueEnum;
@@ -42,9 +42,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TEXT", default_value = "Results beside the paper")]
     title: String,
 
-    /// Maximum size of the images in the page, in megabytes.
-    #[arg(long, value_name = "MB", default_value_t = 16)]
-    pictures: u16,
+    /// Maximum size of the page in megabytes; pictures of trials, the worst, typical and best first, fill what the rest leaves.
+    #[arg(long, value_name = "MB", default_value_t = 8)]
+    page_size: u16,
 
     /// Check every plot: texts that are cut off or cover something, colours, legends, axes, intervals, headings. Faults are
     /// printed and fail the command.
@@ -108,11 +108,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         protocols: args.tables.is_empty(),
         formats: args.format.iter().map(|format| (*format).into()).collect(),
         mixing: if args.force { Mixing::Forced } else { Mixing::Apart },
-        budget: PictureBudget { bytes: usize::from(args.pictures) * 1_000_000 },
+        max_bytes: usize::from(args.page_size) * 1_000_000,
         sections: Vec::new(),
+        live: Vec::new(),
     };
     let report = Report::new(&request, &stores)?;
     let files = report.write(&args.out)?;
+    warn_of_size(&report, args.page_size);
     if args.json {
         let tables: Vec<_> = report.tables.iter().map(json_of).collect();
         let written = json!({ "tables": tables, "unmeasured": report.unmeasured, "files": files });
@@ -138,6 +140,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(&format!("{} plots checked, {} faults", report.plots.len(), faults.len()));
     }
     Ok(missing.is_empty() && faults.is_empty())
+}
+
+/// Warns of a page that is larger than allowed even without pictures.
+pub(crate) fn warn_of_size(report: &Report, megabytes: u16) {
+    let (found, allowed) = (report.page_bytes(), usize::from(megabytes) * 1_000_000);
+    if found > allowed {
+        let found = found as f64 / 1e6;
+        warn(&format!(
+            "warning: the page has {found:.1} MB without any picture of a trial, more than --page-size {megabytes}"
+        ));
+    }
 }
 
 fn print_tables(report: &Report) -> anyhow::Result<()> {

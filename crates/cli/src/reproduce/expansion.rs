@@ -1,16 +1,18 @@
-//! The report's section on token expansion: two scenes, block by block.
+//! The report's section on token expansion and its live view: two scenes, block by block.
 
 use std::sync::Arc;
 
+use atsplat_eval::discovery::NotRun;
 use atsplat_eval::method::constants_of;
 use atsplat_eval::runner::Dataset;
 use atsplat_eval::trained::TrainedNetwork;
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
-use atsplat_report::figures::{ExpansionScene, of_expansion};
-use atsplat_report::page::PlotSection;
+use atsplat_report::figures::{ExpansionScene, of_expansion, of_trial};
+use atsplat_report::page::{LiveTrial, PlotSection};
 use atsplat_splat::RenderOptions;
 
+use super::film::film;
 use crate::expansion::study_trial;
 
 /// The protocol of the paper's figures on expansion.
@@ -20,8 +22,17 @@ const SCENES: usize = 2;
 /// Number of scenes tried if images of the first are missing.
 const CANDIDATES: usize = 8;
 
+/// Plots, and trials of the live view.
+#[derive(Debug)]
+pub(super) struct Shown {
+    pub(super) section: PlotSection,
+    pub(super) live: Vec<LiveTrial>,
+    /// Films that could not be made.
+    pub(super) not_run: Vec<NotRun>,
+}
+
 /// Shows the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
-pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<PlotSection> {
+pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<Shown> {
     let published =
         |dataset: &&Dataset| dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name) == PROTOCOL;
     let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
@@ -30,7 +41,8 @@ pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow:
     let network = trained.bare(&trained.config)?;
     let mut first_skipped = None;
     let mut scenes: Vec<ExpansionScene> = Vec::new();
-    for outcome in trials(dataset) {
+    let (mut live, mut not_run) = (Vec::new(), Vec::new());
+    for outcome in trials(dataset, &first_trials(dataset)) {
         match outcome {
             Ok((trial, truths)) => {
                 let options = RenderOptions {
@@ -38,7 +50,20 @@ pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow:
                     background: dataset.preset.renderer.background,
                     ..RenderOptions::default()
                 };
-                scenes.push(study_trial(&network, (&trial, &truths), options, 0, 1)?);
+                let (studied, scene) = study_trial(&network, (&trial, &truths), options, 0, 1)?;
+                let context = trial.context().iter().map(|view| Ok((view.frame, view.picture()?)));
+                let context = context.collect::<anyhow::Result<Vec<_>>>()?;
+                let pictures = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
+                let film = film(dataset, trained, &trial).map_err(|error| {
+                    not_run.push(NotRun { what: format!("film of {}", trial.scene()), why: format!("{error:#}") });
+                });
+                live.push(LiveTrial {
+                    title: format!("{} of {}, {}", trial.scene(), dataset.name, trained.config.name),
+                    scene,
+                    pictures: pictures.unwrap_or_default(),
+                    film: film.ok(),
+                });
+                scenes.push(studied);
             }
             Err(skipped) => first_skipped = first_skipped.or(Some(skipped)),
         }
@@ -50,7 +75,7 @@ pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow:
         anyhow::bail!("{skipped}");
     }
     let subject = format!("{} on {}", trained.config.name, dataset.name);
-    Ok(PlotSection {
+    let section = PlotSection {
         title: "Expansion".to_owned(),
         hint: format!(
             "Where tokens expand, what each expansion adds, and whether the predicted uncertainty matches the error; \
@@ -58,16 +83,21 @@ pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow:
             dataset.name, dataset.description
         ),
         plots: of_expansion(&subject, &scenes)?,
-    })
+    };
+    Ok(Shown { section, live, not_run })
 }
 
 /// The first trial of each of the first scenes.
-fn trials(dataset: &Dataset) -> Trials {
+fn first_trials(dataset: &Dataset) -> EvaluationIndex {
     let present = dataset.index.index.scenes.iter().filter(|(key, _)| dataset.source.keys().contains(key));
     let first = present.filter_map(|(key, entries)| Some((key.clone(), vec![entries.first()?.clone()])));
-    let index = EvaluationIndex { scenes: first.take(CANDIDATES).collect() };
+    EvaluationIndex { scenes: first.take(CANDIDATES).collect() }
+}
+
+/// The trials of an index, decoded when needed.
+pub(super) fn trials(dataset: &Dataset, index: &EvaluationIndex) -> Trials {
     let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    Trials::new(Arc::clone(&dataset.source), &index, TrialRecipe::of(&dataset.preset, "ATSplat"), no_prefetch)
+    Trials::new(Arc::clone(&dataset.source), index, TrialRecipe::of(&dataset.preset, "ATSplat"), no_prefetch)
 }
 
 #[cfg(test)]
@@ -79,7 +109,8 @@ mod tests {
     fn shows_the_stand_in_of_the_papers_protocol() {
         let datasets = simulated_datasets(|_, _| 8).unwrap();
         let trained = crate::embedded::trained(None).unwrap();
-        let section = section(&datasets, &trained).unwrap();
+        let Shown { section, live, not_run } = shown(&datasets, &trained).unwrap();
+        assert!(not_run.is_empty(), "{}", not_run.len());
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);
         let stand_in = datasets.iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();
@@ -87,6 +118,20 @@ mod tests {
             let subtitle = drawing.texts().nth(1).unwrap();
             assert!(subtitle.contains(&stand_in.name), "{name}: {subtitle}");
         }
-        assert!(super::section(&[], &trained).is_err());
+        assert!(shown(&[], &trained).is_err());
+        assert_eq!(live.len(), 2);
+        for trial in &live {
+            let titles: Vec<&str> = trial.pictures.iter().map(|picture| picture.title.as_str()).collect();
+            assert_eq!(titles, ["context", "context", "target", "render", "error", "uncertainty", "depth"]);
+            let film = trial.film.as_ref().unwrap();
+            assert_eq!((film.columns.len(), film.frames.len()), (5, 16));
+            assert!(film.frames.iter().all(|frame| frame.len() == 5));
+            // The first frame is a context view, which the nearest view repeats.
+            assert_eq!(film.columns[2], "nearest view");
+            assert_eq!(film.frames[0][0], film.frames[0][2]);
+            assert_ne!(film.frames[7][0], film.frames[7][2]);
+            let sizes = trial.scene.stages.iter().map(|stage| stage.all).collect::<Vec<_>>();
+            assert!(sizes.len() == 5 && sizes.is_sorted() && sizes[0] < sizes[4], "{sizes:?}");
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! `atsplat reproduce`: runs everything that can run here and writes the full report.
 
 mod expansion;
+mod film;
 mod summary;
 mod weights;
 
@@ -46,9 +47,9 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
     out: PathBuf,
 
-    /// Maximum size of the images in the page, in megabytes.
-    #[arg(long, value_name = "MB", default_value_t = 12)]
-    pictures: u16,
+    /// Maximum size of the page in megabytes; pictures of trials, the worst, typical and best first, fill what the rest leaves.
+    #[arg(long, value_name = "MB", default_value_t = 8)]
+    page_size: u16,
 
     /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
     #[arg(long, value_name = "DIR")]
@@ -117,10 +118,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if empty.len() == groups.len() {
         bail!("nothing was evaluated: {}", empty.join("; "));
     }
-    let mut sections = Vec::new();
+    let (mut sections, mut live) = (Vec::new(), Vec::new());
     for Group { trained, datasets } in groups.iter().take(1) {
-        match expansion::section(datasets, trained) {
-            Ok(section) => sections.push(section),
+        match expansion::shown(datasets, trained) {
+            Ok(shown) => {
+                not_run.extend(shown.not_run);
+                sections.push(shown.section);
+                live = shown.live;
+            }
             Err(error) => {
                 not_run.push(NotRun { what: "plots of expansion".to_owned(), why: format!("{error:#}") });
             }
@@ -134,7 +139,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         complete &= summary.is_complete();
         stores.push((name, results));
     }
-    let report = summary::write(&args.out, &stores, sections, args.pictures)?;
+    let report = summary::write(&args.out, &stores, sections, live, args.page_size)?;
     print_warnings(&warnings);
     for (_, results) in &stores {
         print_findings(results, &warnings);

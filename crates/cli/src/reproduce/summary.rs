@@ -7,19 +7,21 @@ use atsplat_eval::Results;
 use atsplat_eval::discovery::NotRun;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
-use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
+use atsplat_report::page::{LiveTrial, PageStore, PlotSection};
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 use indexmap::IndexSet;
 
 use crate::output::print_text;
+use crate::report::warn_of_size;
 
-/// Writes tables, plots and a page of all stores, with at most `pictures` megabytes of images.
+/// Writes tables, plots and a page of all stores, of at most `megabytes`.
 pub(super) fn write(
     folder: &Path,
     stores: &[(String, Results)],
     sections: Vec<PlotSection>,
-    pictures: u16,
+    live: Vec<LiveTrial>,
+    megabytes: u16,
 ) -> anyhow::Result<Report> {
     let folders: Vec<_> = stores.iter().map(|(name, _)| folder.join(name)).collect();
     let pages: Vec<PageStore<'_>> = stores
@@ -39,11 +41,13 @@ pub(super) fn write(
             TableFormat::Json,
         ],
         mixing: Mixing::Apart,
-        budget: PictureBudget { bytes: usize::from(pictures) * 1_000_000 },
+        max_bytes: usize::from(megabytes) * 1_000_000,
         sections,
+        live,
     };
     let report = Report::new(&request, &pages)?;
     report.write(folder)?;
+    warn_of_size(&report, megabytes);
     Ok(report)
 }
 

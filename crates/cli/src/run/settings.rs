@@ -37,7 +37,7 @@ pub(crate) struct SettingArgs {
     #[arg(long, value_name = "DIR")]
     metric_weights: Option<PathBuf>,
 
-    /// Images kept with the results: none, those of each method's ten trials of lowest PSNR, or all.
+    /// Images kept with the results: none, those of each method's worst, typical and best trials by PSNR (6, 2, 2), or all.
     #[arg(long, value_name = "WHICH", default_value = "none", value_parser = named(KEPT))]
     pub(crate) keep_pictures: KeepPictures,
 

@@ -10,14 +10,14 @@ mod families;
 mod stages;
 mod subject;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod uncertainty;
 
 use atsplat_metrics::Pair;
-use atsplat_model::network::Network;
+use atsplat_model::network::{Network, Trace};
 use atsplat_pixels::Image;
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::{Gaussians, RenderOptions, Rendering, View};
+use atsplat_splat::{Channels, Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
 pub use families::{Family, ProjectedFamily, seen_by};
@@ -33,6 +33,8 @@ pub struct Study {
     pub families: Vec<Family>,
     /// One per target of the subject.
     pub targets: Vec<TargetStudy>,
+    /// The forward pass.
+    pub trace: Trace,
 }
 
 /// Analysis of one target.
@@ -40,6 +42,8 @@ pub struct Study {
 pub struct TargetStudy {
     /// Renders with expansion in none of the blocks that expand, the first, the first two, …, all.
     pub stages: Vec<Stage>,
+    /// Depth of the final Gaussians, composited and divided by their opacity; row-major, 0 where nothing is drawn.
+    pub depth: Vec<f64>,
     /// Of the last block that scores its tokens; `None` if no block does.
     pub uncertainty: Option<Uncertainty>,
 }
@@ -86,18 +90,27 @@ pub fn study(network: &Network, subject: &Subject) -> Result<Study, ExpansionErr
     let trace = network.trace(&subject.views, subject.call_seed)?;
     let families = families::families(&trace);
     if subject.targets.is_empty() {
-        return Ok(Study { families, targets: Vec::new() });
+        return Ok(Study { families, targets: Vec::new(), trace });
     }
     let stages = stages::stages(network, &trace, subject)?;
     let targets = subject.targets.iter().zip(stages).map(|(target, stages)| {
         let uncertainty = uncertainty::uncertainty(&trace, target, &subject.options)?;
-        Ok(TargetStudy { stages, uncertainty })
+        let depth = depth(&trace.made.gaussians, &target.view, &subject.options)?;
+        Ok(TargetStudy { stages, depth, uncertainty })
     });
-    Ok(Study { families, targets: targets.collect::<Result<_, ExpansionError>>()? })
+    let targets = targets.collect::<Result<_, ExpansionError>>()?;
+    Ok(Study { families, targets, trace })
 }
 
 fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f32>, ExpansionError> {
     Ok(CpuRenderer::default().render(gaussians, view, options)?)
+}
+
+fn depth(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Vec<f64>, ExpansionError> {
+    let channels = Channels { depth: true, ..Channels::default() };
+    let rendering = render(gaussians, view, &RenderOptions { channels, ..options.clone() })?;
+    let pixels = rendering.depth.iter().flatten().zip(&rendering.alpha);
+    Ok(pixels.map(|(depth, alpha)| if *alpha > 0.0 { f64::from(*depth / *alpha) } else { 0.0 }).collect())
 }
 
 fn image(rendering: &Rendering<f32>) -> Result<Image, ExpansionError> {

@@ -17,7 +17,7 @@ use super::*;
 use crate::sources::simulated;
 
 /// A trial of a simulated room, 128×128 pixels.
-fn trial() -> (Trial, TargetPictures) {
+pub(crate) fn trial() -> (Trial, TargetPictures) {
     let preset = Preset::named("rooms-2v-128").unwrap();
     let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
     index.scenes.truncate(1);
@@ -27,16 +27,16 @@ fn trial() -> (Trial, TargetPictures) {
     Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), nothing_ahead).next().unwrap().unwrap()
 }
 
-fn subject(positions: &[usize]) -> Subject {
+pub(crate) fn subject(positions: &[usize]) -> Subject {
     let (trial, truths) = trial();
     Subject::of(&trial, &truths, positions, RenderOptions::default(), 0).unwrap()
 }
 
-fn nano() -> ModelConfig {
+pub(crate) fn nano() -> ModelConfig {
     ModelConfig::named("nano").unwrap()
 }
 
-fn network(config: &ModelConfig) -> Network {
+pub(crate) fn network(config: &ModelConfig) -> Network {
     let weights = generated(&parameters(config), 5);
     Network::new(config, &Device::flex()).unwrap().with_weights(&weights).unwrap()
 }
@@ -113,6 +113,16 @@ fn the_last_stage_is_the_full_render() {
         let whole = CpuRenderer::default().render(&reconstruction.gaussians, &target.view, &subject.options).unwrap();
         assert_eq!(own.stages[3].image.samples(), whole.rgb.as_flattened());
         assert_ne!(own.stages[0].image.samples(), whole.rgb.as_flattened());
+        // Depth is a mean over what is drawn, so it lies between the nearest and the farthest Gaussian.
+        let pose = target.view.camera.camera_from_world;
+        let means = reconstruction.gaussians.parts().means.iter();
+        let depths: Vec<f64> =
+            means.map(|mean| pose.transform_point(DVec3::from(mean.map(f64::from))).z).filter(|z| *z > 0.0).collect();
+        let [nearest, farthest] =
+            [f64::minimum_of, f64::maximum_of].map(|better| depths.iter().copied().reduce(better).unwrap());
+        let (seen, unseen): (Vec<f64>, Vec<f64>) = own.depth.iter().partition(|depth| **depth > 0.0);
+        assert_eq!(seen.len() + unseen.len(), 128 * 128);
+        assert!(seen.len() > unseen.len() && seen.iter().all(|z| (nearest * 0.999..farthest * 1.001).contains(z)));
     }
 }
 

@@ -19,7 +19,8 @@ pub enum KeepPictures {
     /// None.
     #[default]
     Nothing,
-    /// Those of each method's ten trials with the lowest mean PSNR.
+    /// Those of each method's six trials with the lowest and two with the highest mean PSNR, and of the two nearest to the median
+    /// among eight at random; the other methods' pictures of these trials too, where they were rendered.
     Worst,
     /// All.
     All,

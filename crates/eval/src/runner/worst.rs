@@ -3,36 +3,52 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
+use atsplat_numeric::{SplitMix64, median};
+
 use super::pictures::{self, CONTEXT, TRUTH};
 use crate::{EvalError, Results, TargetRow, TrialKey};
 
-/// Number of trials whose pictures are kept with [`super::KeepPictures::Worst`].
-const WORST: usize = 10;
+// Numbers of trials whose pictures are kept with `KeepPictures::Worst`: of the lowest and of the highest mean PSNR, and of those
+// nearest to the median among a random sample.
+const WORST: usize = 6;
+const BEST: usize = 2;
+const TYPICAL: usize = 2;
+const SAMPLE: usize = 8;
 
-/// The lowest mean PSNRs of each method under each preset so far.
+/// The worst, the best and a random sample of the trials of each method under each preset so far.
 ///
-/// A trial that is among the worst at the end was among the worst when it was evaluated, so its pictures were stored; the
+/// A trial that is among them at the end was among them when it was evaluated, whatever the order, so its pictures were stored; the
 /// others' pictures are removed by [`prune`].
 #[derive(Debug, Default)]
-pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), Vec<f64>>>);
+pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), [Vec<f64>; 3]>>);
 
 impl WorstSoFar {
-    /// Whether a trial is among the worst so far; if so, it is recorded.
+    /// Whether a trial is among them so far; if so, it is recorded.
     pub(super) fn admits(&self, key: &TrialKey, rows: &[TargetRow]) -> bool {
         let Some(mean) = mean_psnr(rows) else { return false };
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let lowest = all.entry((key.preset.clone(), key.method.clone())).or_default();
-        let position = lowest.partition_point(|known| known.total_cmp(&mean).is_lt());
-        if position >= WORST {
-            return false;
-        }
-        lowest.insert(position, mean);
-        lowest.truncate(WORST);
-        true
+        let [worst, best, sample] = all.entry((key.preset.clone(), key.method.clone())).or_default();
+        let among = [(worst, mean, WORST), (best, -mean, BEST), (sample, draw(key), SAMPLE)];
+        among.into_iter().fold(false, |admitted, (lowest, value, limit)| is_among(lowest, value, limit) || admitted)
     }
 }
 
-/// Removes pictures of trials that are not among the worst at the end of a run.
+/// Whether a value is among the lowest so far; if so, it is recorded.
+fn is_among(lowest: &mut Vec<f64>, value: f64, limit: usize) -> bool {
+    let position = lowest.partition_point(|known| known.total_cmp(&value).is_lt());
+    if position < limit {
+        lowest.insert(position, value);
+        lowest.truncate(limit);
+    }
+    position < limit
+}
+
+/// A random number that is the same for every method.
+fn draw(key: &TrialKey) -> f64 {
+    (SplitMix64::for_scene(u64::from(key.entry), &key.scene).next_u64() >> 11) as f64
+}
+
+/// Removes pictures of trials that are kept for no method at the end of a run.
 pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(), EvalError> {
     let methods: BTreeSet<&str> = results
         .trials
@@ -40,15 +56,10 @@ pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(),
         .filter(|trial| trial.key.preset == preset)
         .map(|trial| trial.key.method.as_str())
         .collect();
-    let folder = |key: &TrialKey| pictures::folder(store, key);
-    let mut common = BTreeSet::new();
-    for method in methods {
-        let worst = worst(results, preset, method);
-        common.extend(worst.iter().flat_map(|key| [TRUTH, CONTEXT].map(|name| folder(&key.of_method(name)))));
-        retain(&pictures::folder_of_method(store, preset, method), &worst.iter().map(folder).collect())?;
-    }
-    for name in [TRUTH, CONTEXT] {
-        retain(&pictures::folder_of_method(store, preset, name), &common)?;
+    let kept: Vec<TrialKey> = methods.iter().flat_map(|method| kept(results, preset, method)).collect();
+    for name in methods.into_iter().chain([TRUTH, CONTEXT]) {
+        let folders = kept.iter().map(|key| pictures::folder(store, &key.of_method(name))).collect();
+        retain(&pictures::folder_of_method(store, preset, name), &folders)?;
     }
     Ok(())
 }
@@ -61,8 +72,8 @@ fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
     Ok(())
 }
 
-/// Keys of the trials with the lowest mean PSNR, the worst first.
-fn worst(results: &Results, preset: &str, method: &str) -> Vec<TrialKey> {
+/// Keys of a method's worst, best and typical trials.
+fn kept(results: &Results, preset: &str, method: &str) -> BTreeSet<TrialKey> {
     let mut rows: BTreeMap<&TrialKey, Vec<TargetRow>> = BTreeMap::new();
     for row in results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method) {
         rows.entry(&row.key).or_default().push(row.clone());
@@ -70,7 +81,13 @@ fn worst(results: &Results, preset: &str, method: &str) -> Vec<TrialKey> {
     let mut means: Vec<(f64, &TrialKey)> =
         rows.into_iter().filter_map(|(key, rows)| Some((mean_psnr(&rows)?, key))).collect();
     means.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    means.into_iter().take(WORST).map(|(_, key)| key.clone()).collect()
+    let middle = median(means.iter().map(|(mean, _)| *mean)).unwrap_or(0.0);
+    let mut sample = means.clone();
+    sample.sort_by(|(_, a), (_, b)| draw(a).total_cmp(&draw(b)));
+    sample.truncate(SAMPLE);
+    sample.sort_by(|(a, _), (b, _)| (a - middle).abs().total_cmp(&(b - middle).abs()));
+    let extremes = means.iter().take(WORST).chain(means.iter().rev().take(BEST));
+    extremes.chain(sample.iter().take(TYPICAL)).map(|(_, key)| (*key).clone()).collect()
 }
 
 /// Mean of the protocol's PSNR variant over the targets that have one.

@@ -5,12 +5,14 @@ mod of_expansion;
 mod of_frontier;
 mod of_store;
 mod of_table;
+mod of_trial;
 
 pub use of_drift::of_drift;
 pub use of_expansion::{ExpansionScene, ExpansionTarget, of_expansion};
 pub use of_frontier::of_frontier;
 pub use of_store::of_store;
 pub use of_table::of_table;
+pub use of_trial::of_trial;
 
 use std::collections::BTreeSet;
 

@@ -1,6 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{Leaked, MetricQuery, summary};
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
 use atsplat_eval::tradeoff::{Axis, Frontier, Point, tradeoffs};
 use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TrialKey};
 
@@ -38,8 +38,13 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
         results.provenance.methods.iter().map(|method| (method.name.as_str(), method.title.as_str())).collect();
     let title = |name: &str| titles.get(name).map_or_else(|| name.to_owned(), |title| (*title).to_owned());
     let point = |frontier: &Frontier, point: &Point| {
-        let query =
-            MetricQuery { preset: &preset.name, method: &point.label, metric: metric.id, leaked: Leaked::Included };
+        let query = MetricQuery {
+            preset: &preset.name,
+            method: &point.label,
+            metric: metric.id,
+            leaked: Leaked::Included,
+            identical: Identical::Excluded,
+        };
         let busy = if point.busy && frontier.axis == Axis::Seconds { format!(" {BUSY}") } else { String::new() };
         let spread = [point.cost - point.cost_error, point.cost + point.cost_error];
         FrontierPoint {

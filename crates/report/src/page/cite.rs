@@ -46,9 +46,12 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
             let index = preset.index_name.as_deref().unwrap_or("unpublished");
             let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
             text.push_str(&format!(
-                "; protocol {}@{hash}, index {index}@{digest}, {} of {} entries",
-                preset.name, preset.entries, preset.entries_of_index
+                "; protocol {}@{hash}, index {index}@{digest}, {} of {} entries, data {}",
+                preset.name, preset.entries, preset.entries_of_index, preset.dataset
             ));
+            if let Some(published) = &preset.stands_for {
+                text.push_str(&format!(" (in place of {published}: not the published setting)"));
+            }
         }
     }
     if let Quantity::Metric(metric) = column.quantity {

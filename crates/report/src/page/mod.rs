@@ -1,8 +1,15 @@
 //! One self-contained HTML page: no network, no server, no other files.
 
+#[cfg(test)]
+mod browser;
 mod cite;
 mod facts;
+mod film;
+mod live;
+#[cfg(test)]
+mod live_tests;
 mod pictures;
+mod protocols;
 mod scenes;
 mod tables;
 #[cfg(test)]
@@ -13,7 +20,8 @@ use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
-pub use pictures::PictureBudget;
+pub use film::Film;
+pub use live::{LivePicture, LiveTrial};
 
 use crate::ReportError;
 use crate::emit::{TableFormat, json_of};
@@ -31,10 +39,12 @@ pub struct Page<'a> {
     pub plots: &'a [(String, Drawing)],
     /// Further plots, each group under its own heading.
     pub sections: &'a [PlotSection],
+    /// Trials of the live view.
+    pub live: &'a [LiveTrial],
     /// The stores, each with its folder.
     pub stores: &'a [PageStore<'a>],
-    /// Limit on the bytes of pictures in the page.
-    pub budget: PictureBudget,
+    /// Limit on the bytes of the page. Pictures of trials fill what the rest leaves; without any, the page may still be larger.
+    pub max_bytes: usize,
 }
 
 /// Plots under their own heading.
@@ -62,6 +72,7 @@ pub const FILE: &str = "index.html";
 const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
+const LIVE: [&str; 3] = [include_str!("splatter.js"), include_str!("live.js"), include_str!("film.js")];
 
 impl Page<'_> {
     /// The page as HTML.
@@ -74,7 +85,26 @@ impl Page<'_> {
 
     /// As [`write`](Self::write), with an extra script at the end, for tests.
     pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
-        let pictures = pictures::Album::fill(self.stores, self.budget);
+        let plots = [figures(self.plots)?, self.sections()?, live::section(self.live)?];
+        let mut budget = self.max_bytes;
+        loop {
+            let page = self.with_pictures(budget, &plots, extra)?;
+            let excess = page.len().saturating_sub(self.max_bytes);
+            if excess == 0 || budget == 0 {
+                return Ok(page);
+            }
+            budget = budget.saturating_sub(excess);
+        }
+    }
+
+    /// The page with at most `budget` bytes of trials' pictures.
+    fn with_pictures(
+        &self,
+        budget: usize,
+        [plots, sections, live]: &[String; 3],
+        extra: Option<&str>,
+    ) -> Result<String, ReportError> {
+        let pictures = pictures::Album::fill(self.stores, budget);
         let mut texts = serde_json::Map::new();
         for table in self.tables {
             let formats =
@@ -83,34 +113,37 @@ impl Page<'_> {
                 formats.map(|(name, format)| format.write(table).map(|text| (name.to_owned(), Value::String(text))));
             texts.insert(table.name.clone(), Value::Object(written.into_iter().collect::<Result<_, _>>()?));
         }
-        let runs = scenes::runs(self.stores, &pictures);
         let data = json!({
             "texts": texts,
             "tables": self.tables.iter().map(json_of).collect::<Vec<_>>(),
             "metrics": scenes::metrics(self.stores),
-            "runs": runs,
+            "runs": scenes::runs(self.stores, &pictures),
             "pictures": pictures.uris(),
+            "live": live::data(self.live),
             "provenance": self.stores.iter().map(|store| json!({
                 "store": store.source.label,
                 "provenance": store.source.results.provenance,
             })).collect::<Vec<_>>(),
         });
-        let scripts: Vec<String> = [Some(SCRIPT), extra].into_iter().flatten().map(hash_of).collect();
-        let extra = extra.map_or_else(String::new, |script| format!("<script>{script}</script>"));
+        let of_live: &[&str] = if self.live.is_empty() { &[] } else { &LIVE };
+        let scripts: Vec<&str> = std::iter::once(SCRIPT).chain(of_live.iter().copied()).chain(extra).collect();
+        let hashes: Vec<String> = scripts.iter().copied().map(hash_of).collect();
         let slots = [
-            ("scripts", scripts.join(" ")),
+            ("hashes", hashes.join(" ")),
             ("style", STYLE.to_owned()),
             ("title", escaped(&self.title)),
             ("summary", facts::summary(self.tables, self.stores)),
+            ("protocols", protocols::write(self.tables, self.stores)),
             ("tables", tables::write(self.tables, self.stores)),
-            ("plots", figures(self.plots)?),
-            ("sections", self.sections()?),
+            ("plots", plots.clone()),
+            ("sections", sections.clone()),
+            ("live", live.clone()),
             ("links", self.links()),
+            ("contents", self.contents()),
             ("scenes", scenes::section(self.stores, &pictures)),
             ("origin", facts::origin(self.stores)),
             ("data", safe_json(&data)?),
-            ("script", SCRIPT.to_owned()),
-            ("extra", extra),
+            ("scripts", scripts.iter().map(|script| format!("<script>{script}</script>\n")).collect()),
         ];
         Ok(filled(PAGE, &slots))
     }
@@ -130,10 +163,25 @@ impl Page<'_> {
         self.shown().map(section).collect()
     }
 
+    /// Contents of the printed page.
+    fn contents(&self) -> String {
+        let item = |name: &str, title: &str| format!("<li><a href=\"#{name}\">{}</a></li>", escaped(title));
+        let tables = self.tables.iter().map(|table| item(&format!("table-{}", table.name), &table.title));
+        let plots = self.plots.iter().map(|(name, drawing)| {
+            let heading: Vec<&str> = drawing.texts().take(2).collect();
+            item(&format!("plot-{name}"), &heading.join(": "))
+        });
+        let sections = self.shown().map(|(at, section)| item(&format!("section-{at}"), &section.title));
+        let live = (!self.live.is_empty()).then(|| item("live", "Trials in pictures"));
+        let items: String =
+            tables.chain(plots).chain(sections).chain(live).chain([item("origin", "Provenance")]).collect();
+        format!("<nav class=\"contents\" aria-label=\"Contents\"><h2>Contents</h2><ol>{items}</ol></nav>")
+    }
+
     fn links(&self) -> String {
-        self.shown()
-            .map(|(at, section)| format!("<a href=\"#section-{at}\">{}</a>\n      ", escaped(&section.title)))
-            .collect()
+        let link = |name: &str, title: &str| format!("<a href=\"#{name}\">{title}</a>\n      ");
+        let sections = self.shown().map(|(at, section)| link(&format!("section-{at}"), &escaped(&section.title)));
+        sections.chain((!self.live.is_empty()).then(|| link("live", "Live view"))).collect()
     }
 }
 

@@ -1,79 +1,62 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use atsplat_eval::{Results, TargetRow, TrialKey};
+use atsplat_eval::runner::picture_path;
+use atsplat_eval::{TargetRow, TrialKey};
 use atsplat_pixels::{DecodeLimits, decode};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
 
-/// A limit on the size of pictures in a page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PictureBudget {
-    /// Bytes of all pictures as written into the page, in base64.
-    pub bytes: usize,
-}
-
-impl Default for PictureBudget {
-    /// 16 MB.
-    fn default() -> Self {
-        Self { bytes: 16_000_000 }
-    }
-}
-
-/// The pictures of a page: pairs of truth and render, from the worst scenes on, up to the budget.
+/// The pictures of a page, up to a budget of bytes in base64. Trials come in turns of their protocols, the worst, the best and the
+/// median first; a trial brings its context, its truths and the renders of all methods.
 #[derive(Debug, Default)]
 pub(super) struct Album {
     uris: Vec<String>,
+    known: BTreeMap<String, usize>,
+    left: usize,
     places: BTreeMap<(usize, TrialKey, u64), [usize; 2]>,
+    context: BTreeMap<(usize, TrialKey), Vec<(u64, usize)>>,
     found: u64,
     unreadable: u64,
     over_budget: u64,
 }
 
-/// The method name under which a store keeps ground-truth pictures.
+/// The method names under which a store keeps ground-truth and context pictures.
 const TRUTH: &str = "truth";
+const CONTEXT: &str = "context";
 
 impl Album {
-    pub(super) fn fill(stores: &[PageStore<'_>], budget: PictureBudget) -> Self {
-        let mut album = Self::default();
-        let mut truths: BTreeMap<(usize, TrialKey, u64), usize> = BTreeMap::new();
-        let mut left = budget.bytes;
-        for (at, store) in stores.iter().enumerate() {
-            let Some(folder) = store.folder.filter(|folder| folder.join("pictures").is_dir()) else { continue };
-            for row in worst_first(store.source.results) {
-                let own = |method: &str| TrialKey { method: method.to_owned(), ..row.key.clone() };
-                let truth_key = (at, own(TRUTH), row.frame);
-                let render = atsplat_eval::runner::picture_path(folder, &row.key, row.frame);
-                if !render.is_file() {
-                    continue;
-                }
-                album.found += 1;
-                let Some(render) = uri(&render) else {
-                    album.unreadable += 1;
-                    continue;
-                };
-                let known = truths.get(&truth_key).copied();
-                let truth = if known.is_some() {
-                    String::new()
-                } else {
-                    let path = &atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame);
-                    let Some(truth) = uri(path) else {
-                        album.unreadable += 1;
-                        continue;
-                    };
-                    truth
-                };
-                let Some(rest) = left.checked_sub(render.len() + truth.len()) else {
-                    album.over_budget += 1;
-                    continue;
-                };
-                left = rest;
-                let truth = known.unwrap_or_else(|| album.add(truth));
-                truths.insert(truth_key, truth);
-                let render = album.add(render);
-                album.places.insert((at, row.key.clone(), row.frame), [truth, render]);
+    pub(super) fn fill(stores: &[PageStore<'_>], budget: usize) -> Self {
+        let mut album = Self { left: budget, ..Self::default() };
+        for (at, row) in in_turns(stores) {
+            let Some(store) = stores.get(at) else { continue };
+            let Some(folder) = store.folder else { continue };
+            let path = |method: &str, frame| picture_path(folder, &row.key.of_method(method), frame);
+            let render = path(&row.key.method, row.frame);
+            if !render.is_file() {
+                continue;
+            }
+            album.found += 1;
+            let uris = [path(TRUTH, row.frame), render].map(|path| uri(&path));
+            let [Some(truth), Some(render)] = uris else {
+                album.unreadable += 1;
+                continue;
+            };
+            let Some(places) = album.add([truth, render]) else {
+                album.over_budget += 1;
+                continue;
+            };
+            album.places.insert((at, row.key.clone(), row.frame), places);
+            let place = (at, row.key.clone());
+            if !album.context.contains_key(&place) {
+                let trial = store.source.results.trials.iter().find(|trial| trial.key == row.key);
+                let frames = trial.map_or(&[][..], |trial| &trial.context);
+                let ends = frames.first().into_iter().chain(frames.last().filter(|_| frames.len() > 1));
+                let seen = ends.filter_map(|&frame| Some((frame, album.add([uri(&path(CONTEXT, frame))?])?[0])));
+                let seen = seen.collect();
+                album.context.insert(place, seen);
             }
         }
         album
@@ -89,13 +72,18 @@ impl Album {
         self.places.get(&(store, row.key.clone(), row.frame)).copied()
     }
 
+    /// Frame and position of the first and the last context picture of a trial.
+    pub(super) fn context(&self, store: usize, key: &TrialKey) -> &[(u64, usize)] {
+        self.context.get(&(store, key.clone())).map_or(&[], Vec::as_slice)
+    }
+
     /// How many pictures the page contains, and why it contains no more.
     pub(super) fn summary(&self) -> String {
         if self.found == 0 {
             return "The stores contain no pictures: run with --keep-pictures to compare renders with the ground truth.".to_owned();
         }
         let mut text = format!(
-            "{} of {} pictures are in this page, those of the worst scenes first.",
+            "{} of {} pictures are in this page, those of the worst, typical and best scenes first.",
             self.places.len(),
             self.found
         );
@@ -107,33 +95,57 @@ impl Album {
         text
     }
 
-    fn add(&mut self, uri: String) -> usize {
-        self.uris.push(uri);
-        self.uris.len() - 1
+    /// Positions of pictures, each stored once; `None` if they do not fit.
+    fn add<const N: usize>(&mut self, pictures: [String; N]) -> Option<[usize; N]> {
+        let new: usize = pictures.iter().filter(|uri| !self.known.contains_key(*uri)).map(String::len).sum();
+        self.left = self.left.checked_sub(new)?;
+        Some(pictures.map(|uri| {
+            let next = self.uris.len();
+            *self.known.entry(uri).or_insert_with_key(|uri| {
+                self.uris.push(uri.clone());
+                next
+            })
+        }))
     }
 }
 
-/// The targets of all runs, from the scene with the lowest mean PSNR on; runs take turns, so that none uses up the budget.
-fn worst_first(results: &Results) -> Vec<&TargetRow> {
-    let mut trials: BTreeMap<&TrialKey, Vec<&TargetRow>> = BTreeMap::new();
-    for row in &results.targets {
-        trials.entry(&row.key).or_default().push(row);
+/// The targets of all stores with pictures, trial by trial under all methods.
+fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
+    let mut trials: BTreeMap<(&str, &str, u32), Vec<(usize, &TargetRow)>> = BTreeMap::new();
+    for (at, store) in stores.iter().enumerate() {
+        if store.folder.is_some_and(|folder| folder.join("pictures").is_dir()) {
+            for row in &store.source.results.targets {
+                trials.entry((&row.key.preset, &row.key.scene, row.key.entry)).or_default().push((at, row));
+            }
+        }
     }
-    let mean = |rows: &[&TargetRow]| {
-        let scores: Vec<f64> = rows.iter().filter_map(|row| row.scores.get("psnr").copied()).collect();
+    let mean = |rows: &[(usize, &TargetRow)]| {
+        let scores: Vec<f64> = rows.iter().filter_map(|(_, row)| row.scores.get("psnr").copied()).collect();
         if scores.is_empty() { f64::INFINITY } else { scores.iter().sum::<f64>() / scores.len() as f64 }
     };
-    let mut runs: BTreeMap<(&str, &str), Vec<(f64, &TrialKey)>> = BTreeMap::new();
-    for (key, rows) in &trials {
-        runs.entry((&key.preset, &key.method)).or_default().push((mean(rows), key));
+    let mut by_preset: BTreeMap<&str, Vec<(f64, Vec<(usize, &TargetRow)>)>> = BTreeMap::new();
+    for ((preset, ..), rows) in trials {
+        by_preset.entry(preset).or_default().push((mean(&rows), rows));
     }
-    let mut turns: Vec<(usize, &TrialKey)> = Vec::new();
-    for run in runs.values_mut() {
-        run.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.cmp(b.1)));
-        turns.extend(run.iter().enumerate().map(|(turn, (_, key))| (turn, *key)));
+    let mut turns = Vec::new();
+    for trials in by_preset.values_mut() {
+        trials.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (last, middle) = (trials.len().saturating_sub(1), trials.len() / 2);
+        for (rank, (_, rows)) in trials.drain(..).enumerate() {
+            let turn = if rank == 0 {
+                0
+            } else if rank == last {
+                1
+            } else if rank == middle {
+                2
+            } else {
+                rank + 2
+            };
+            turns.push((turn, rows));
+        }
     }
-    turns.sort();
-    turns.iter().filter_map(|(_, key)| trials.get(key)).flatten().copied().collect()
+    turns.sort_by_key(|(turn, _)| *turn);
+    turns.into_iter().flat_map(|(_, rows)| rows).collect()
 }
 
 /// A picture file as a data URI. The file must decode within limits, so that nothing but pictures is embedded.

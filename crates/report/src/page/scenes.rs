@@ -36,7 +36,13 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
         let mut by_run: BTreeMap<(&str, &str), Vec<Value>> = BTreeMap::new();
         for trial in &results.trials {
             let own = targets.get(&trial.key).map_or(&[][..], Vec::as_slice);
-            let trial_json = trial_to_json(trial, own, encoding(results, trial), &|row| album.places(at, row));
+            let trial_json = trial_to_json(
+                trial,
+                own,
+                encoding(results, trial),
+                &|row| album.places(at, row),
+                album.context(at, &trial.key),
+            );
             by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(trial_json);
         }
         for ((preset, method), trials) in by_run {
@@ -47,7 +53,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
                 .find(|record| record.name == method)
                 .map_or(method, |record| &record.title);
             let store = if stores.len() > 1 { format!(" · {}", store.source.label) } else { String::new() };
-            runs.push(json!({ "label": format!("{preset} · {title}{store}"), "trials": trials }));
+            runs.push(json!({ "label": format!("{preset} · {title}{store}"), "protocol": preset, "title": format!("{title}{store}"), "trials": trials }));
         }
     }
     runs
@@ -67,6 +73,7 @@ fn trial_to_json(
     targets: &[&TargetRow],
     encode: Option<f64>,
     places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
+    seen: &[(u64, usize)],
 ) -> Value {
     let mut sums: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
     for (metric, score) in targets.iter().flat_map(|row| scores(row)) {
@@ -91,6 +98,7 @@ fn trial_to_json(
         "gaussians": trial.gaussians,
         "encode": encode,
         "pictures": pictures.collect::<Vec<_>>(),
+        "seen": seen,
     })
 }
 
@@ -112,10 +120,13 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
         .map(|name| format!("<th>{name}</th>"))
         .collect();
     format!(
-        "<p class=\"hint\">{}</p>\n<div class=\"choose\"><label>Run <select id=\"run\"></select></label>\
-         <label>Worst by <select id=\"metric\"></select></label></div>\n\
+        "<p class=\"hint\">{}</p>\n<div class=\"choose\"><label>Run <select id=\"run\"></select></label> \
+         <label>Beside <select id=\"beside\"></select></label> <label>Order <select id=\"order\">\
+         <option value=\"worst\">worst first</option><option value=\"typical\">typical first</option><option value=\"best\">best \
+         first</option><option value=\"difference\">by difference</option></select></label> \
+         <label>by <select id=\"metric\"></select></label></div>\n<div class=\"strip\" id=\"extremes\"></div>\n\
          <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"Scenes\"><table><thead><tr>\
-         <th class=\"label\">Scene</th>{heads}<th></th></tr></thead><tbody id=\"list\"></tbody></table></div>\
+         <th class=\"label\">Scene</th>{heads}<th id=\"lead\" hidden>Lead</th><th></th></tr></thead><tbody id=\"list\"></tbody></table></div>\
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
         super::escaped(&album.summary()),
     )

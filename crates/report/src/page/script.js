@@ -32,6 +32,14 @@
   theme.addEventListener('click', () => { root.dataset.theme = dark() ? 'light' : 'dark'; showTheme(); });
   showTheme();
 
+  // Wide tables and plots say that they scroll; notes are printed.
+  const hint = () => {
+    for (const box of document.querySelectorAll('.scroll, .list, .plots figure')) box.classList.toggle('overflowing', box.scrollWidth > box.clientWidth + 1);
+  };
+  hint();
+  addEventListener('resize', hint);
+  addEventListener('beforeprint', () => { for (const notes of document.querySelectorAll('details')) notes.open = true; });
+
   // Tables: copy as text, cite a number.
   for (const button of document.querySelectorAll('[data-copy]')) {
     button.addEventListener('click', () => {
@@ -47,39 +55,102 @@
   }
   at('cite-copy').addEventListener('click', event => flash(event.target, copy(at('cite-text').textContent) ? 'Copied' : 'Not copied'));
 
+  // Protocols lead to their scenes.
+  for (const link of document.querySelectorAll('[data-protocol]')) {
+    link.addEventListener('click', () => {
+      const first = data.runs.findIndex(run => run.protocol === link.dataset.protocol);
+      if (first < 0) return;
+      at('run').value = first;
+      at('run').dispatchEvent(new Event('change'));
+    });
+  }
+
   // Scenes.
   if (!at('list')) return;
   const metrics = data.metrics;
-  const fill = (select, texts) => select.replaceChildren(...texts.map((text, value) => make('option', { value, textContent: text })));
-  const [runs, metric] = [at('run'), at('metric')];
-  fill(runs, data.runs.map(run => run.label));
-  fill(metric, metrics.map(each => each.name));
+  const fill = (select, options) => select.replaceChildren(...options.map(([value, textContent]) => make('option', { value, textContent })));
+  const [runs, beside, metric, order] = ['run', 'beside', 'metric', 'order'].map(at);
+  fill(runs, data.runs.map((run, place) => [place, run.label]));
+  fill(metric, metrics.map((each, place) => [place, each.name]));
   const print = (each, value) => value === null || value === undefined ? '–' : value.toFixed(each.decimals);
   let selected = null;
+
+  // Methods of the same protocol.
+  const others = () => {
+    const before = beside.selectedOptions[0] && beside.selectedOptions[0].textContent;
+    const own = data.runs[runs.value];
+    const same = data.runs.map((run, place) => [place, run]).filter(([, run]) => run !== own && run.protocol === own.protocol);
+    fill(beside, [[-1, 'the truth alone'], ...same.map(([place, run]) => [place, run.title])]);
+    const again = [...beside.options].find(option => option.textContent === before);
+    if (again) beside.value = again.value;
+  };
+  const partner = trial => {
+    const run = data.runs[beside.value];
+    return run && run.trials.find(other => other.scene === trial.scene && other.entry === trial.entry);
+  };
+  const numbers = value => value !== undefined && value !== null;
+  // How much better a trial is than under the other method.
+  const lead = (trial, by) => {
+    const other = partner(trial);
+    if (!other || !numbers(trial.scores[by.id]) || !numbers(other.scores[by.id])) return undefined;
+    return trial.scores[by.id] - other.scores[by.id];
+  };
 
   const list = () => {
     const run = data.runs[runs.value];
     const by = metrics[metric.value];
-    const worse = each => {
-      const value = each.scores[by.id];
-      return value === undefined ? Infinity : by.higher ? value : -value;
+    const sign = by.higher ? 1 : -1;
+    const goodness = trial => numbers(trial.scores[by.id]) ? sign * trial.scores[by.id] : Infinity;
+    const ascending = run.trials.map((trial, place) => ({ trial, place })).sort((a, b) => goodness(a.trial) - goodness(b.trial) || a.place - b.place);
+    const scored = ascending.filter(({ trial }) => numbers(trial.scores[by.id]));
+    const middle = scored.length ? goodness(scored[Math.floor(scored.length / 2)].trial) : 0;
+    const keys = {
+      worst: goodness,
+      best: trial => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
+      typical: trial => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
+      difference: trial => { const value = lead(trial, by); return value === undefined ? Infinity : sign * value; },
     };
-    const trials = run.trials.map((trial, place) => ({ trial, place })).sort((a, b) => worse(a.trial) - worse(b.trial) || a.place - b.place);
+    const key = keys[order.value];
+    const trials = [...ascending].sort((a, b) => key(a.trial) - key(b.trial));
+    const compared = Number(beside.value) >= 0;
+    at('lead').hidden = !compared;
     const rows = trials.map(({ trial, place }) => {
       const button = make('button', { type: 'button', textContent: trial.scene + (trial.entry ? ' · ' + trial.entry : ''), title: trial.scene });
       const mark = trial.status === 'done' ? '' : trial.status;
+      const difference = lead(trial, by);
       const row = make('tr', { tabIndex: -1 },
         make('td', { className: 'label' }, button),
         ...metrics.map(each => make('td', { textContent: print(each, trial.scores[each.id]) })),
+        make('td', { textContent: (difference > 0 ? '+' : '') + print(by, difference), hidden: !compared }),
         make('td', { textContent: mark || (trial.pictures.length ? '▣' : ''), title: mark ? trial.detail || '' : trial.pictures.length ? 'with pictures' : '' }));
       row.addEventListener('click', () => show(run, place, row));
       return row;
     });
     at('list').replaceChildren(...rows);
-    at('detail').replaceChildren(make('p', { className: 'hint', textContent: 'Select a scene. The worst are listed first; ▣ marks scenes with pictures in this page.' }));
+    at('detail').replaceChildren(make('p', { className: 'hint', textContent: 'Select a scene; ▣ marks scenes with pictures in this page.' }));
     selected = null;
+    const rowOf = place => rows[trials.findIndex(each => each.place === place)];
+    extremes(scored, by, rowOf);
     const first = trials.findIndex(({ trial }) => trial.pictures.length);
     if (first >= 0) rows[first].click();
+    hint();
+  };
+
+  // The worst, the median and the best trial of those with pictures.
+  const extremes = (scored, by, rowOf) => {
+    const pictured = scored.filter(({ trial }) => trial.pictures.length);
+    const middle = scored.findIndex(({ trial }) => trial === (scored[Math.floor(scored.length / 2)] || {}).trial);
+    const nearest = [...pictured].sort((a, b) => Math.abs(scored.indexOf(a) - middle) - Math.abs(scored.indexOf(b) - middle))[0];
+    const chosen = [['worst', pictured[0]], ['typical', nearest], ['best', pictured[pictured.length - 1]]].filter(([, one]) => one);
+    at('extremes').replaceChildren(...chosen.map(([name, { trial, place }]) => {
+      const picture = trial.pictures[0];
+      const images = ['truth', 'render'].map(kind => make('img', { src: data.pictures[picture[kind]], alt: kind }));
+      const rank = scored.findIndex(one => one.place === place) + 1;
+      const button = make('button', { type: 'button', textContent: name });
+      button.addEventListener('click', () => rowOf(place).click());
+      return make('figure', {}, make('div', { className: 'pair' }, ...images),
+        make('figcaption', {}, button, ' ' + by.name + ' ' + print(by, trial.scores[by.id]) + ', rank ' + rank + ' of ' + scored.length + '; truth, render'));
+    }));
   };
 
   const show = (run, place, row) => {
@@ -87,9 +158,11 @@
     selected = row;
     row.setAttribute('aria-selected', 'true');
     const trial = run.trials[place];
+    const other = partner(trial);
     const facts = make('dl', {});
     const fact = (name, value) => { if (value !== null && value !== undefined && value !== '') facts.append(make('dt', { textContent: name }), make('dd', { textContent: value })); };
-    for (const each of metrics) fact(each.name, print(each, trial.scores[each.id]));
+    const besides = each => other ? ' (' + print(each, other.scores[each.id]) + ' by ' + data.runs[beside.value].title + ')' : '';
+    for (const each of metrics) fact(each.name, print(each, trial.scores[each.id]) + besides(each));
     fact('Context frames', trial.context.join(', '));
     fact('Gaussians', trial.gaussians);
     fact('Encoding', trial.encode === null ? null : (trial.encode * 1e3).toFixed(1) + ' ms');
@@ -101,9 +174,10 @@
       trial.pictures.forEach((picture, number) => {
         const scores = metrics.map(each => each.name + ' ' + print(each, picture.scores[each.id])).join(', ');
         const button = make('button', { type: 'button', textContent: 'frame ' + picture.frame + (picture.leaked ? ' (context)' : ''), title: scores });
+        const second = other && other.pictures.find(each => each.frame === picture.frame);
         button.addEventListener('click', () => {
-          for (const other of frames.children) other.setAttribute('aria-pressed', String(other === button));
-          view.replaceChildren(...compare(picture, scores));
+          for (const each of frames.children) each.setAttribute('aria-pressed', String(each === button));
+          view.replaceChildren(...compare(run, trial, picture, second, scores));
         });
         frames.append(button);
         if (number === 0) button.click();
@@ -115,26 +189,38 @@
     at('detail').replaceChildren(...parts, facts);
   };
 
-  // Render over truth, divided by the slider; below, their difference.
-  const compare = (picture, scores) => {
-    const truth = make('img', { src: data.pictures[picture.truth], alt: 'truth' });
-    const render = make('img', { src: data.pictures[picture.render], alt: 'render', className: 'over' });
+  // Two pictures divided by a slider; below, everything in a row: context, truth, renders and their errors.
+  const compare = (run, trial, picture, second, scores) => {
+    const image = (place, alt) => make('img', { src: data.pictures[place], alt });
+    const title = data.runs[beside.value] ? data.runs[beside.value].title : '';
+    const [left, right] = [image(picture.render, run.title), second ? image(second.render, title) : image(picture.truth, 'truth')];
+    left.className = 'over';
     const range = make('input', { type: 'range', min: 0, max: 100, step: 0.5, value: 50 });
-    range.setAttribute('aria-label', 'Render on the left, truth on the right');
-    const slider = make('div', { className: 'slider' }, truth, render, make('div', { className: 'handle' }),
-      make('span', { className: 'tag left', textContent: 'render' }), make('span', { className: 'tag right', textContent: 'truth' }), range);
+    range.setAttribute('aria-label', left.alt + ' on the left, ' + right.alt + ' on the right');
+    const slider = make('div', { className: 'slider' }, right, left, make('div', { className: 'handle' }),
+      make('span', { className: 'tag left', textContent: second ? run.title : 'render' }), make('span', { className: 'tag right', textContent: right.alt }), range);
     range.addEventListener('input', () => slider.style.setProperty('--cut', range.value + '%'));
-    const canvas = make('canvas', {});
-    canvas.setAttribute('role', 'img');
-    canvas.setAttribute('aria-label', 'Error map');
     const gain = make('input', { type: 'range', min: 1, max: 20, value: 5 });
-    const label = make('span', { textContent: '× 5' });
-    const draw = () => { label.textContent = '× ' + gain.value; errorMap(canvas, truth, render, Number(gain.value)); };
+    const label = make('span', {});
+    const figure = (element, name, note) => make('figure', {}, element, make('figcaption', {}, make('b', { textContent: name }), ' ' + note));
+    const maps = [];
+    const errorOf = (place, name) => {
+      const canvas = make('canvas', {});
+      canvas.setAttribute('role', 'img');
+      canvas.setAttribute('aria-label', 'Error map of ' + name);
+      maps.push([canvas, image(picture.truth, 'truth'), image(place, 'render')]);
+      return figure(canvas, 'error', 'of ' + name);
+    };
+    const row = trial.seen.map(([frame, place]) => figure(image(place, 'context'), 'context', 'frame ' + frame));
+    row.push(figure(image(picture.truth, 'truth'), 'target', 'frame ' + picture.frame));
+    row.push(figure(image(picture.render, 'render'), 'render', run.title), errorOf(picture.render, run.title));
+    if (second) row.push(figure(image(second.render, 'render'), 'render', title), errorOf(second.render, title));
+    const draw = () => { label.textContent = '× ' + gain.value; for (const [canvas, truth, render] of maps) errorMap(canvas, truth, render, Number(gain.value)); };
     gain.addEventListener('input', draw);
-    Promise.all([truth.decode(), render.decode()]).then(draw, () => { label.textContent = 'the pictures cannot be decoded'; });
+    Promise.all(maps.flatMap(([, truth, render]) => [truth.decode(), render.decode()])).then(draw, () => { label.textContent = 'the pictures cannot be decoded'; });
     return [make('p', { className: 'hint', textContent: scores }), slider,
-      make('div', { className: 'maps' }, canvas, make('div', {},
-        make('label', {}, 'Error map, mean absolute difference of the 8-bit pictures ', gain, ' ', label)))];
+      make('div', { className: 'maps' }, make('div', { className: 'strip' }, ...row),
+        make('label', {}, 'Errors: mean absolute difference of the 8-bit pictures ', gain, ' ', label))];
   };
 
   // Black, purple, orange, white: brighter is worse, even without colours.
@@ -158,7 +244,9 @@
     canvas.getContext('2d').putImageData(a, 0, 0);
   };
 
-  runs.addEventListener('change', list);
-  metric.addEventListener('change', list);
+  runs.addEventListener('change', () => { others(); list(); });
+  beside.addEventListener('change', () => { if (beside.value < 0 && order.value === 'difference') order.value = 'worst'; list(); });
+  for (const select of [metric, order]) select.addEventListener('change', list);
+  others();
   list();
 })();

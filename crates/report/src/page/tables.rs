@@ -3,6 +3,9 @@ use super::{PageStore, escaped};
 use crate::plot::Origin;
 use crate::table::{Mark, NoteKind, Row, Table, verdict};
 
+/// Tables with more columns are set more tightly.
+const WIDE: usize = 11;
+
 /// Every table as a card.
 pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     tables.iter().map(|table| card(table, stores)).collect()
@@ -38,7 +41,8 @@ fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
 fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
     let measured = table.is_measured();
     let labels = table.labels.len() + usize::from(measured);
-    let mut text = String::from("<table class=\"numbers\"><thead>");
+    let wide = if labels + table.columns().count() > WIDE { " wide" } else { "" };
+    let mut text = format!("<table class=\"numbers{wide}\"><thead>");
     if table.groups.iter().any(|group| !group.title.is_empty()) {
         let groups = table.groups.iter().map(|group| {
             let class = if group.title.is_empty() { "" } else { " class=\"group\"" };
@@ -60,7 +64,7 @@ fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
         let rule = if row.rule_above && at > 0 { "rule" } else { "" };
         text.push_str(&format!("<tr class=\"{origin} {own} {rule}\">"));
         for label in &row.printed_labels() {
-            text.push_str(&format!("<td class=\"label\" title=\"{0}\">{0}</td>", escaped(label)));
+            text.push_str(&format!("<td class=\"label\">{}</td>", escaped(label)));
         }
         if measured {
             text.push_str(&format!("<td class=\"label\">{}</td>", escaped(row.origin_text())));

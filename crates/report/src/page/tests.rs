@@ -1,13 +1,12 @@
 //! Tests of the page as text, and in a browser.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
+use atsplat_eval::Results;
 use atsplat_eval::runner::picture_path;
-use atsplat_eval::{Results, TrialKey};
 use atsplat_pixels::{ImageU8, encode_png};
-use atsplat_tests::skip;
 
+use super::browser::{chromium, report_in_frame, report_of};
 use super::*;
 use crate::definition::TableDefinition;
 use crate::figures::{of_store, of_table};
@@ -29,9 +28,11 @@ impl Sample {
         results.provenance.methods[1].untrained = true;
         let folder = tempfile::tempdir().unwrap();
         for row in results.targets.iter().filter(|row| !row.scores.is_empty()) {
-            for method in [TRUTH, row.key.method.as_str()] {
-                let key = TrialKey { method: method.to_owned(), ..row.key.clone() };
-                write_picture(&picture_path(folder.path(), &key, row.frame), row.target + u32::from(method != TRUTH));
+            let place = results.provenance.methods.iter().position(|method| method.name == row.key.method).unwrap();
+            for (method, offset) in [(TRUTH, 0), (row.key.method.as_str(), u32::try_from(place).unwrap() + 1)] {
+                let key = row.key.of_method(method);
+                let scene = row.key.preset.bytes().chain(row.key.scene.bytes()).map(u32::from).sum();
+                write_picture(&picture_path(folder.path(), &key, row.frame), row.target + offset, scene);
             }
         }
         let source = Source { label: LABEL, results: &results };
@@ -47,7 +48,7 @@ impl Sample {
         Self { tables: all, plots, results, folder }
     }
 
-    fn write(&self, budget: PictureBudget, extra: Option<&str>) -> String {
+    fn write(&self, max_bytes: usize, extra: Option<&str>) -> String {
         let source = Source { label: LABEL, results: &self.results };
         let stores = [PageStore { source, folder: Some(self.folder.path()) }];
         let page = Page {
@@ -55,8 +56,9 @@ impl Sample {
             tables: &self.tables,
             plots: &self.plots,
             sections: &[],
+            live: &[],
             stores: &stores,
-            budget,
+            max_bytes,
         };
         page.write_with(extra).unwrap()
     }
@@ -65,9 +67,9 @@ impl Sample {
 const TRUTH: &str = "truth";
 const LABEL: &str = "run <b>1</b>";
 
-fn write_picture(path: &Path, seed: u32) {
+fn write_picture(path: &Path, seed: u32, scene: u32) {
     // Consecutive seeds differ by five levels everywhere, so that an error map is not saturated.
-    let sample = |at: u32| u8::try_from((at * 37 + at * at % 251) % 200 + seed * 5).unwrap();
+    let sample = |at: u32| u8::try_from((at * 37 + at * at % 251 + at * scene % 53) % 200 + seed * 5).unwrap();
     let picture = ImageU8::new(16, 16, (0..768).map(sample).collect()).unwrap();
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
@@ -75,7 +77,7 @@ fn write_picture(path: &Path, seed: u32) {
 
 #[test]
 fn data_is_escaped() {
-    let page = Sample::new().write(PictureBudget::default(), None);
+    let page = Sample::new().write(usize::MAX, None);
     assert_eq!(page.matches("<script").count(), 2, "the data and the page's script");
     assert_eq!(page.matches("</script").count(), 2);
     assert!(!page.contains("<b>1</b>") && page.contains("run &lt;b&gt;1&lt;/b&gt;"));
@@ -89,7 +91,7 @@ fn data_is_escaped() {
 
 #[test]
 fn the_page_loads_no_other_resources() {
-    let page = Sample::new().write(PictureBudget::default(), None);
+    let page = Sample::new().write(usize::MAX, None);
     assert!(page.contains("default-src 'none'") && page.contains(&hash_of(SCRIPT)));
     for part in page.split(['<', ';']) {
         for loading in ["src=\"", "href=\"", "url(", "@import"] {
@@ -105,19 +107,40 @@ fn the_page_loads_no_other_resources() {
 }
 
 #[test]
-fn pictures_respect_their_budget_and_omitted_ones_are_counted() {
+fn the_page_is_no_larger_than_allowed_and_omitted_pictures_are_counted() {
     let sample = Sample::new();
-    let uris = |bytes| {
-        let page = sample.write(PictureBudget { bytes }, None);
-        let total: usize = page.match_indices("data:image/png").map(|(at, _)| page[at..].find('"').unwrap()).sum();
-        (page, total)
+    let pictures = |page: &str| -> usize {
+        page.match_indices("data:image/png").map(|(at, _)| page[at..].find('"').unwrap()).sum()
     };
-    let (page, all) = uris(usize::MAX);
+    let page = sample.write(usize::MAX, None);
+    let all = pictures(&page);
     assert!(all > 10_000 && page.contains("66 of 66 pictures"), "{all}");
-    let (page, some) = uris(all / 3);
-    assert!(some <= all / 3 && some > all / 6 && page.contains("would make it too large"), "{some} of {all}");
-    let (page, none) = uris(0);
-    assert!(none == 0 && page.contains("0 of 66 pictures"));
+    let size = page.len() - all / 2;
+    let page = sample.write(size, None);
+    let some = pictures(&page);
+    assert!(page.len() <= size && some < all * 2 / 3 && some > all / 3, "{some} of {all}, {} of {size}", page.len());
+    assert!(page.contains("would make it too large"));
+    let page = sample.write(0, None);
+    assert!(pictures(&page) == 0 && page.contains("0 of 66 pictures"));
+}
+
+#[test]
+fn the_worst_and_the_best_trials_have_pictures_before_others() {
+    let sample = Sample::new();
+    let whole = sample.write(usize::MAX, None);
+    let all: usize = whole.match_indices("data:image/png").map(|(at, _)| whole[at..].find('"').unwrap()).sum();
+    let page = sample.write(whole.len() - all / 2, None);
+    let (_, data) = page.split_once("id=\"data\">").unwrap();
+    let data: Value = serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap();
+    let runs = data["runs"].as_array().unwrap();
+    // By rising quality; all methods are best on the first scene.
+    let counts = crate::sample::SCENES.iter().rev().map(|scene| {
+        let trials = runs.iter().flat_map(|run| run["trials"].as_array().unwrap());
+        trials.filter(|trial| trial["scene"] == *scene).map(|trial| trial["pictures"].as_array().unwrap().len()).sum()
+    });
+    let counts: Vec<usize> = counts.collect();
+    assert_eq!(counts[0], 18, "the worst: {counts:?}");
+    assert!(counts[3] > counts[1] && counts[1] < 12, "the best before the second worst: {counts:?}");
 }
 
 #[test]
@@ -125,7 +148,7 @@ fn files_that_are_not_pictures_are_not_embedded() {
     let sample = Sample::new();
     let row = &sample.results.targets[0];
     std::fs::write(picture_path(sample.folder.path(), &row.key, row.frame), "\u{89}PNG\r\n<script>").unwrap();
-    assert!(sample.write(PictureBudget::default(), None).contains("1 cannot be read"));
+    assert!(sample.write(usize::MAX, None).contains("1 cannot be read"));
 }
 
 #[test]
@@ -134,45 +157,45 @@ fn slots_are_filled_in_one_pass() {
     assert_eq!(filled("open {{x", &[]), "open {{x");
 }
 
-/// Chromium, which is required if `CI` is set.
-fn chromium() -> Option<PathBuf> {
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    let folders: Vec<PathBuf> =
-        std::env::var_os("PATH").map(|path| std::env::split_paths(&path).collect()).unwrap_or_default();
-    let found =
-        names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file());
-    let required = std::env::var("CI").is_ok_and(|value| value == "true" || value == "1");
-    assert!(found.is_some() || !required, "this test needs chromium (Debian package `chromium`), and CI is set");
-    if found.is_none() {
-        skip("a_browser_clicks_through_the_page", "no chromium on the path");
-    }
-    found
-}
-
 #[test]
 fn a_browser_clicks_through_the_page() {
-    let Some(chromium) = chromium() else { return };
-    let sample = Sample::new();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("page.html");
-    std::fs::write(&path, sample.write(PictureBudget::default(), Some(include_str!("selftest.js")))).unwrap();
+    let Some(chromium) = chromium("a_browser_clicks_through_the_page") else { return };
+    let page = Sample::new().write(usize::MAX, Some(include_str!("selftest.js")));
     for size in ["1280,900", "500,900"] {
-        let run = Command::new(&chromium)
-            .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"])
-            .args(["--virtual-time-budget=20000", "--timeout=120000", "--dump-dom"])
-            .arg(format!("--window-size={size}"))
-            .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
-            .arg(format!("file://{}", path.display()))
-            .output()
-            .unwrap();
-        let dom = String::from_utf8_lossy(&run.stdout);
-        let (_, report) = dom.split_once("<pre id=\"selftest\" hidden=\"\">").unwrap_or_else(|| {
-            panic!("the page's test did not finish: {}\n{}", String::from_utf8_lossy(&run.stderr), dom.len())
-        });
-        let (report, _) = report.split_once("</pre>").unwrap();
-        let checks: serde_json::Map<String, Value> = serde_json::from_str(&report.replace("&amp;", "&")).unwrap();
+        let checks = report_of(&chromium, &page, size);
         let failed: Vec<&String> =
             checks.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
         assert!(failed.is_empty() && checks.len() >= 15, "{size}: failed {failed:?} of {checks:?}");
+    }
+}
+
+#[test]
+fn nothing_is_clipped_on_phones_desks_and_paper() {
+    let Some(chromium) = chromium("nothing_is_clipped_on_phones_desks_and_paper") else { return };
+    let sample = Sample::new();
+    let layout = include_str!("layout.js");
+    let findings = |width, script: &str| {
+        let report = report_in_frame(&chromium, &sample.write(usize::MAX, Some(script)), width);
+        assert_eq!(report["print"], Value::Bool(width == 750));
+        report["findings"].as_array().unwrap().iter().map(|text| text.as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    for width in [390, 750, 1400] {
+        assert_eq!(findings(width, layout), Vec::<String>::new(), "at {width} px");
+    }
+    let with = |style: &str| {
+        format!(
+            "document.body.append(Object.assign(document.createElement('style'), {{ textContent: '{style}' }}));{layout}"
+        )
+    };
+    let broken = [
+        (390, "h3 { white-space: nowrap; overflow: hidden; width: 3rem }", "clipped: h3"),
+        (390, "td.number { font-size: 10px }", "text of 10.0 px: td"),
+        (390, ".plots figure > svg { width: 100% }", "px: text"),
+        (750, "table.numbers td { padding: 0 2rem }", "columns are outside"),
+        (1400, "#tables { width: 1500px }", "the page is 15"),
+    ];
+    for (width, style, expected) in broken {
+        let found = findings(width, &with(style));
+        assert!(found.iter().any(|text| text.contains(expected)), "{style}: {found:?}");
     }
 }

@@ -1,0 +1,170 @@
+//! A trial's Gaussians for the page's live view: after every block of the decoder, in 16 bytes each, with the cameras.
+
+mod pack;
+
+use atsplat_camera::ImageSize;
+use atsplat_model::network::Trace;
+use atsplat_numeric::{Extremes as _, median};
+use atsplat_protocol::trial::Trial;
+use atsplat_splat::{Gaussians, PrincipalPoint, RenderOptions, View};
+use glam::DVec3;
+use serde::Serialize;
+
+pub use pack::{BYTES, Packed};
+
+/// Gaussians and cameras of one trial.
+#[derive(Clone, Debug)]
+pub struct LiveScene {
+    /// Context cameras, then targets.
+    pub cameras: Vec<LiveCamera>,
+    /// The point about which the view turns: on the first camera's optical axis, at the Gaussians' median depth.
+    pub focus: [f64; 3],
+    /// How the Gaussians are rendered, without its spherical harmonics.
+    pub options: RenderOptions,
+    /// Gaussians of the tokens that enter each block, and of the final ones.
+    pub stages: Vec<LiveStage>,
+    /// Smallest and largest predicted uncertainty; `None` if no block scores tokens.
+    pub uncertainty: Option<[f32; 2]>,
+}
+
+/// A camera, without lens distortion.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LiveCamera {
+    /// Position of the frame in the scene.
+    pub frame: usize,
+    /// Whether it is a context camera.
+    pub context: bool,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// In pixels.
+    pub focal: [f64; 2],
+    /// The principal point that the renderer uses, in pixels.
+    pub principal: [f64; 2],
+    /// Rows of `[R | t]`.
+    pub camera_from_world: [f64; 12],
+}
+
+/// Gaussians of the tokens between two blocks.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LiveStage {
+    /// How many blocks the tokens have left.
+    pub blocks: usize,
+    /// Number of Gaussians, with those that are dropped because no pixel shows them.
+    pub all: usize,
+    /// The others.
+    pub gaussians: Packed,
+    /// In the order of their Gaussians; tokens without any are left out.
+    pub tokens: Vec<LiveToken>,
+}
+
+/// A token with its Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LiveToken {
+    /// The block that made it by expansion, from 1; 0 for an initial token.
+    pub block: u8,
+    /// Predicted uncertainty in 255 steps of [`LiveScene::uncertainty`]: of the token itself if the next block scores it, else
+    /// of its ancestor in the last block that did.
+    pub uncertainty: u8,
+    /// Number of consecutive Gaussians.
+    pub count: u16,
+}
+
+impl LiveScene {
+    /// The Gaussians of a forward pass with the cameras of its trial, as rendered by `options`.
+    pub fn of(trace: &Trace, trial: &Trial, options: &RenderOptions) -> Self {
+        let context =
+            trial.context().iter().map(|view| (true, view.frame, View { camera: view.camera, size: view.size }));
+        let targets =
+            trial.targets().iter().map(|view| (false, view.frame, View { camera: view.camera, size: view.size }));
+        let views: Vec<(bool, usize, View)> = context.chain(targets).collect();
+        let scores = || trace.made.blocks.iter().flat_map(|block| &block.scores).flatten().copied();
+        let range = scores().reduce(f32::minimum_of).zip(scores().reduce(f32::maximum_of));
+        let uncertainty = range.map(|(least, most)| [least, most]);
+        Self {
+            focus: views.first().map_or([0.0; 3], |(.., view)| focus(view, &trace.made.gaussians)),
+            cameras: views
+                .iter()
+                .map(|(context, frame, view)| LiveCamera::of(*context, *frame, view, options))
+                .collect(),
+            options: options.clone(),
+            stages: stages(trace, uncertainty.unwrap_or_default(), options.constants.min_alpha),
+            uncertainty,
+        }
+    }
+}
+
+impl LiveCamera {
+    /// A camera as a renderer with these options uses it.
+    pub fn of(context: bool, frame: usize, view: &View, options: &RenderOptions) -> Self {
+        let ImageSize { width, height } = view.size;
+        let k = view.camera.intrinsics.pixel_from_normalized(view.size);
+        let principal = match options.constants.principal_point {
+            PrincipalPoint::Full => [k.cx, k.cy],
+            PrincipalPoint::Centre => [f64::from(width) / 2.0, f64::from(height) / 2.0],
+        };
+        let camera_from_world = view.camera.camera_from_world.to_rows();
+        Self { frame, context, size: [width, height], focal: [k.fx, k.fy], principal, camera_from_world }
+    }
+}
+
+/// The point on a camera's optical axis at the median depth of the Gaussians in front of it; at depth 1 without any.
+fn focus(view: &View, gaussians: &Gaussians) -> [f64; 3] {
+    let pose = view.camera.camera_from_world;
+    let depth = |mean: &[f32; 3]| pose.transform_point(DVec3::from(mean.map(f64::from))).z;
+    let depth = median(gaussians.parts().means.iter().map(depth).filter(|depth| *depth > 0.0)).unwrap_or(1.0);
+    pose.inverse().transform_point(DVec3::new(0.0, 0.0, depth)).to_array()
+}
+
+fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Vec<LiveStage> {
+    let made = &trace.made;
+    let first = trace.entering.first().unwrap_or(&made.gaussians);
+    let per_token = made.budget.gaussians.checked_div(made.budget.final_tokens).unwrap_or(1).max(1);
+    let mut origins = vec![0; first.len() / per_token];
+    let mut scores: Vec<f32> = vec![uncertainty[0]; origins.len()];
+    let mut stages = Vec::with_capacity(made.blocks.len() + 1);
+    for (at, block) in made.blocks.iter().enumerate() {
+        if let Some(own) = &block.scores {
+            scores.clone_from(own);
+        }
+        let entering = trace.entering.get(at).unwrap_or(first);
+        stages.push(LiveStage::of(at, entering, per_token, &labels(&origins, &scores, uncertainty), min_alpha));
+        let of_parents =
+            |values: &[f32]| block.parents.iter().filter_map(|&parent| values.get(parent).copied()).collect();
+        scores = of_parents(&scores);
+        let number = u8::try_from(at + 1).unwrap_or(u8::MAX);
+        let origin = |parent: &usize| match block.selected.binary_search(parent) {
+            Ok(_) => number,
+            Err(_) => origins.get(*parent).copied().unwrap_or(0),
+        };
+        origins = block.parents.iter().map(origin).collect();
+    }
+    let last = labels(&origins, &scores, uncertainty);
+    stages.push(LiveStage::of(made.blocks.len(), &made.gaussians, per_token, &last, min_alpha));
+    stages
+}
+
+/// Block and uncertainty of each token.
+fn labels(origins: &[u8], scores: &[f32], range: [f32; 2]) -> Vec<(u8, u8)> {
+    let share = |score: &f32| pack::level(*score, range, 255.0).to_le_bytes()[0];
+    origins.iter().copied().zip(scores.iter().map(share)).collect()
+}
+
+impl LiveStage {
+    /// Gaussians of tokens that have left `blocks` blocks, `per_token` each, with the block that made each token and its
+    /// uncertainty. Finite and without a 3D filter, as a network predicts them.
+    pub fn of(blocks: usize, gaussians: &Gaussians, per_token: usize, labels: &[(u8, u8)], min_alpha: f64) -> Self {
+        let (packed, kept) = pack::pack(gaussians, min_alpha);
+        let mut counts = vec![0u16; labels.len()];
+        for at in kept {
+            if let Some(count) = counts.get_mut(at / per_token) {
+                *count += 1;
+            }
+        }
+        let tokens = labels.iter().zip(counts).filter(|(_, count)| *count > 0);
+        let tokens = tokens.map(|(&(block, uncertainty), count)| LiveToken { block, uncertainty, count });
+        Self { blocks, all: gaussians.len(), gaussians: packed, tokens: tokens.collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests;

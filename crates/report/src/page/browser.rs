@@ -1,0 +1,56 @@
+//! Runs pages in a real browser.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use atsplat_tests::skip;
+use serde_json::{Map, Value};
+
+/// Chromium, which is required if `CI` is set.
+pub(super) fn chromium(test: &'static str) -> Option<PathBuf> {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let folders: Vec<PathBuf> =
+        std::env::var_os("PATH").map(|path| std::env::split_paths(&path).collect()).unwrap_or_default();
+    let found =
+        names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file());
+    let required = std::env::var("CI").is_ok_and(|value| value == "true" || value == "1");
+    assert!(found.is_some() || !required, "this test needs chromium (Debian package `chromium`), and CI is set");
+    if found.is_none() {
+        skip(test, "no chromium on the path");
+    }
+    found
+}
+
+/// What a page's own test writes into its element `selftest`. WebGL is drawn in software.
+pub(super) fn report_of(chromium: &Path, page: &str, window: &str) -> Map<String, Value> {
+    run(chromium, &[("page.html", page)], window)
+}
+
+/// What a page's own test sends to the window around it, in a frame of this width: windows cannot be as narrow as a phone.
+pub(super) fn report_in_frame(chromium: &Path, page: &str, width: u32) -> Map<String, Value> {
+    let frame = include_str!("frame.html").replace("{width}", &width.to_string());
+    run(chromium, &[("frame.html", &frame), ("page.html", page)], "1600,900")
+}
+
+/// Opens the first file of a folder.
+fn run(chromium: &Path, files: &[(&str, &str)], window: &str) -> Map<String, Value> {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text) in files {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    }
+    let run = Command::new(chromium)
+        .args(["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run"])
+        .args(["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-device-scale-factor=1"])
+        .args(["--virtual-time-budget=20000", "--timeout=120000", "--dump-dom"])
+        .arg(format!("--window-size={window}"))
+        .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
+        .arg(format!("file://{}", folder.path().join(files[0].0).display()))
+        .output()
+        .unwrap();
+    let dom = String::from_utf8_lossy(&run.stdout);
+    let (_, report) = dom.split_once("<pre id=\"selftest\" hidden=\"\">").unwrap_or_else(|| {
+        panic!("the page's test did not finish: {}\n{}", String::from_utf8_lossy(&run.stderr), dom.len())
+    });
+    let (report, _) = report.split_once("</pre>").unwrap();
+    serde_json::from_str(&report.replace("&amp;", "&").replace("&lt;", "<").replace("&gt;", ">")).unwrap()
+}
