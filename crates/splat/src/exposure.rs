@@ -94,9 +94,6 @@ impl RenderOptions {
     pub(crate) fn check(&self) -> Result<(), SplatError> {
         self.constants.check()?;
         let exposure = self.exposure.iter().flat_map(|exposure| exposure.entries().map(|entry| ("exposure", entry)));
-        if !(self.hidden >= 0.0) {
-            return Err(SplatError::Options { what: "hidden", found: self.hidden });
-        }
         let mut numbers = self.background.into_iter().map(|channel| ("background", channel)).chain(exposure);
         match numbers.find(|(_, number)| !(number.abs() <= LARGEST_CHANNEL)) {
             Some((what, found)) => Err(SplatError::Options { what, found }),

@@ -19,10 +19,6 @@ pub struct RenderOptions {
     /// Packed coefficients to evaluate instead of the Gaussians' own. Gradients are always with respect to their own; a
     /// graphics processor takes only the highest degree from it.
     pub harmonics: Option<Arc<Harmonics>>,
-    /// How much a pixel's colour may change, before exposure, by leaving out what lies behind almost opaque Gaussians; at
-    /// least 0. Alpha loses at most as much. Only the CPU renderer uses it, not for gradients, and not where depths or
-    /// scalars are composited too; which pixels change depends on its tile size.
-    pub hidden: f64,
     /// Colour transform after compositing, if any.
     pub exposure: Option<Exposure>,
     /// Images rendered in addition to colour and alpha.
@@ -40,7 +36,6 @@ impl Default for RenderOptions {
             mode: RasterMode::Classic,
             max_sh_degree: crate::MAX_SH_DEGREE,
             harmonics: None,
-            hidden: 0.0,
             exposure: None,
             channels: Channels::default(),
             gradients: GradientReach::default(),
@@ -51,10 +46,10 @@ impl Default for RenderOptions {
 impl RenderOptions {
     /// Without approximations: what gradients are computed from.
     pub(crate) fn in_full(&self) -> Cow<'_, Self> {
-        if self.harmonics.is_none() && self.hidden == 0.0 {
+        if self.harmonics.is_none() {
             return Cow::Borrowed(self);
         }
-        Cow::Owned(Self { harmonics: None, hidden: 0.0, ..self.clone() })
+        Cow::Owned(Self { harmonics: None, ..self.clone() })
     }
 
     /// # Errors

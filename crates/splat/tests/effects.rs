@@ -257,38 +257,6 @@ fn the_bound_is_reached() {
     }
 }
 
-/// As many layers as the CPU composites at a time, which leave `left` of the light, before a white one.
-fn layers(left: f64) -> Gaussians {
-    let alpha = 1.0 - left.powf(1.0 / 240.0);
-    #[expect(clippy::cast_possible_truncation, reason = "a logit")]
-    let logit = (alpha / (1.0 - alpha)).ln() as f32;
-    let black = -0.5 / 0.282_094_8;
-    let mut list = vec![(logit, black, 0.0); 240];
-    // Of opacity 0.8: a more opaque one would end the pixel before it is drawn.
-    list.push((4f32.ln(), -black, 0.0));
-    giants(&list)
-}
-
-/// What is behind is left out from the tolerance on, and not at one and a half times as much: twice the bound would not do.
-#[test]
-fn what_follows_is_left_out_where_it_cannot_be_seen() {
-    let at = view(Distortion::None);
-    for (share, is_seen) in [(0.7, false), (1.5, true)] {
-        let gaussians = layers(share * EffectPlan::TOLERANCE);
-        let options = RenderOptions::default();
-        let [colour, alpha] = largest_change(EffectPlan::TOLERANCE, &gaussians, &at, &options);
-        let expected = if is_seen { 0.0 } else { 0.8 * share * EffectPlan::TOLERANCE };
-        Tolerance::absolute(0.1 * EffectPlan::TOLERANCE).assert([colour, alpha], [expected; 2], "left out");
-        // Depths are composited in full.
-        let plan = plan(&gaussians, &at, &everything(), "auto");
-        assert_eq!(decision(&plan, "hidden").verdict, Verdict::Runs);
-        let direct = RenderOptions { hidden: 0.5, ..everything() };
-        let [cut, full] =
-            [direct, everything()].map(|options| CpuRenderer::default().render(&gaussians, &at, &options).unwrap());
-        assert_eq!(cut, full);
-    }
-}
-
 /// Gradients are those of everything, whatever rendering leaves out.
 #[test]
 fn gradients_leave_nothing_out() {
@@ -296,8 +264,7 @@ fn gradients_leave_nothing_out() {
     let at = view(Distortion::None);
     let packed = Harmonics::pack(&gaussians, 4, 10.0).unwrap();
     assert_eq!(packed.degree(), 0);
-    let reduced =
-        RenderOptions { harmonics: Some(std::sync::Arc::new(packed)), hidden: 0.3, ..RenderOptions::default() };
+    let reduced = RenderOptions { harmonics: Some(std::sync::Arc::new(packed)), ..RenderOptions::default() };
     let images = ImageGradients { rgb: vec![[1.0, -0.5, 0.3]; at.pixels()], alpha: None, depth: None, scalar: None };
     let renderers: [Box<dyn Renderer>; 2] = [Box::new(CpuRenderer::default()), Box::new(ReferenceRenderer)];
     for mut renderer in renderers {
@@ -348,15 +315,14 @@ fn a_scene_that_needs_no_effect_gets_none() {
     options.constants.blur = 0.0;
     let plan = plan(&gaussians, &view(zero), &options, "auto");
     assert_eq!(plan.reduced().view, view(Distortion::None));
-    let RenderOptions { harmonics, hidden, .. } = plan.reduced().options.clone();
-    assert!(harmonics.as_ref().is_some_and(|packed| packed.kept() == [9, 0, 0, 0, 0]) && hidden > 0.0);
+    let RenderOptions { harmonics, .. } = plan.reduced().options.clone();
+    assert!(harmonics.as_ref().is_some_and(|packed| packed.kept() == [9, 0, 0, 0, 0]));
     let constants = options.constants.clone();
-    let bare = RenderOptions { max_sh_degree: 0, constants, harmonics, hidden, ..RenderOptions::default() };
+    let bare = RenderOptions { max_sh_degree: 0, constants, harmonics, ..RenderOptions::default() };
     assert_eq!(plan.reduced().options, bare);
     for decision in plan.decisions() {
         assert!(matches!(decision.verdict, Verdict::LeftOut | Verdict::NotAsked), "{decision:?}");
-        let bound = if decision.effect == "hidden" { EffectPlan::TOLERANCE } else { 0.0 };
-        assert_eq!(decision.bound, Some(bound), "{decision:?}");
+        assert_eq!(decision.bound, Some(0.0), "{decision:?}");
     }
 }
 
@@ -500,8 +466,7 @@ fn explicit_selections_are_followed() {
     assert_eq!((&all.reduced().view, &all.reduced().options), (&here, &options));
     let none = plan(&gaussians, &here, &options, "none");
     assert_eq!(none.reduced().view, view(Distortion::None));
-    let hidden = EffectPlan::TOLERANCE;
-    assert_eq!(none.reduced().options, RenderOptions { max_sh_degree: 0, hidden, ..RenderOptions::default() });
+    assert_eq!(none.reduced().options, RenderOptions { max_sh_degree: 0, ..RenderOptions::default() });
     let rendering = none.render(&mut ReferenceRenderer, &gaussians).unwrap();
     assert_eq!((rendering.depth, rendering.scalar), (None, None), "no image is invented");
     let list = plan(&gaussians, &here, &options, "background,depth");

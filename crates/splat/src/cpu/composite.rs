@@ -67,7 +67,7 @@ fn composite<S: Simd, const EXTRA: bool, const PLANES: usize>(simd: S, task: Com
                 list,
                 cell.at(block),
                 pixels,
-            ) <= params.hidden;
+            );
             if done {
                 open &= !(1 << block);
             }
@@ -86,7 +86,7 @@ impl Cell {
     }
 }
 
-/// Returns the largest transmittance of the block; 0 or less if every pixel is finished.
+/// Returns whether every pixel of the block is finished.
 #[inline(always)]
 fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
     simd: S,
@@ -95,7 +95,7 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
     list: &[u8],
     at: [usize; 2],
     pixels: &mut [f32],
-) -> f32 {
+) -> bool {
     let vectors = vectors::<S>();
     let (zero, half) = (simd.splat_f32s(0.0), simd.splat_f32s(0.5));
     let (stored, _) = S::as_mut_simd_f32s(pixels);
@@ -140,7 +140,7 @@ fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
     for value in planes[0].iter().take(vectors).skip(1) {
         max_transmittance = simd.max_f32s(max_transmittance, *value);
     }
-    simd.reduce_max_f32s(max_transmittance)
+    simd.reduce_max_f32s(max_transmittance) <= 0.0
 }
 
 /// Number of vectors per block.

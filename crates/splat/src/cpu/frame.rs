@@ -97,11 +97,6 @@ impl Frame {
         Ok(())
     }
 
-    /// Largest channel of any splat's colour.
-    pub(super) fn brightest(&self) -> f32 {
-        self.runs.iter().map(|run| run.brightest).fold(0.0, |most, run| if run > most { run } else { most })
-    }
-
     /// Composites every tile.
     pub(super) fn composite(&mut self, simd: SimdLevel, params: &RasterParams<'_>) {
         let Self { splats, bins, layout, pixels, .. } = self;

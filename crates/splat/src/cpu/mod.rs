@@ -25,8 +25,6 @@ mod wide;
 
 use std::time::Instant;
 
-use atsplat_numeric::Extremes as _;
-
 use frame::Frame;
 use images::Layout;
 use memory::MemoryBudget;
@@ -265,7 +263,7 @@ impl CpuRenderer {
         frame::project(gaussians, options, simd, &view_optics, &mut frames);
         self.timings = Timings { project_secs: clock.lap(), ..Timings::default() };
         for ((frame, view), rendering) in frames.iter_mut().zip(views).zip(renderings) {
-            let params = RasterParams::new(view, options).with_hidden(frame.brightest());
+            let params = RasterParams::new(view, options);
             frame.bin(&mut budget)?;
             self.timings.bin_secs += clock.lap();
             frame.composite(simd, &params);
@@ -312,32 +310,12 @@ pub(crate) struct RasterParams<'a> {
     size: atsplat_camera::ImageSize,
     /// Whether depth and scalar are composited too.
     extra: bool,
-    /// Transmittance below which nothing more needs to be composited.
-    hidden: f32,
 }
 
 impl<'a> RasterParams<'a> {
     fn new(view: &View, options: &'a RenderOptions) -> Self {
         let background = options.background.map(to_f32);
-        Self { options, background, size: view.size, extra: has_extra_channels(options), hidden: 0.0 }
-    }
-
-    /// Leaves out what [`RenderOptions::hidden`] allows, given the largest channel of any splat.
-    ///
-    /// At a pixel with transmittance T, the splats that follow and the background have weights that sum to T. Showing
-    /// the background alone instead moves a channel by at most T times the largest distance of a colour, which is at
-    /// least 0, from the background's. With a distance of at least 1, alpha loses no more than colour may.
-    fn with_hidden(mut self, brightest: f32) -> Self {
-        let channels = self.options.channels;
-        if self.options.hidden == 0.0 || channels.depth || channels.scalar {
-            return self;
-        }
-        let behind = self.options.background;
-        let most = behind.into_iter().fold(f64::from(brightest), f64::maximum_of).maximum_of(1.0);
-        let distance = most - behind.into_iter().fold(0.0, f64::minimum_of);
-        // Rounding must not raise it.
-        self.hidden = to_f32(self.options.hidden / distance * (1.0 - 1e-6));
-        self
+        Self { options, background, size: view.size, extra: has_extra_channels(options) }
     }
 }
 

@@ -47,8 +47,6 @@ pub(super) struct Run {
     pub(super) census: Census,
     /// Index of each splat's Gaussian.
     pub(super) positions: Vec<u32>,
-    /// Largest channel of any splat's colour.
-    pub(super) brightest: f32,
 }
 
 /// A view to project to, and its output.
@@ -81,7 +79,6 @@ impl WithSimd for Project<'_, '_> {
         let mut footprints = Footprints::zeroed();
         for target in &mut *targets {
             target.run.positions.clear();
-            target.run.brightest = 0.0;
             target.run.census = Census::default();
         }
         for first in (first..end).step_by(CHUNK) {
@@ -296,7 +293,7 @@ impl Screen {
     ) {
         let parts = gaussians.parts();
         let packed = options.harmonics.as_deref();
-        let Run { census, positions, brightest } = &mut *target.run;
+        let Run { census, positions } = &mut *target.run;
         for lane in 0..shapes.count {
             let position = shapes.first + lane;
             let lane = lane % CHUNK;
@@ -313,9 +310,6 @@ impl Screen {
                 census.invalid += 1;
                 continue;
             };
-            for channel in rgb {
-                *brightest = if channel > *brightest { channel } else { *brightest };
-            }
             target.splats[positions.len()] = Splat {
                 whitener: [0, 1, 2].map(|row: usize| to_f32(self.whitener[row][lane])),
                 shift: [0, 1].map(|axis: usize| to_f32(footprints.shift[axis][lane])),

@@ -166,7 +166,6 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             background: self.options.background.map(super::to_f32),
             size: self.view.size,
             extra: images.depth.is_some() || images.scalar.is_some(),
-            hidden: 0.0,
         };
         let background = backward_over_tiles(frame, simd, &params, images, &tile_offsets, &mut sums);
         gradients.background = background.map(|sum| saturated(sum * unit));

@@ -15,7 +15,6 @@ mod channels;
 mod explain;
 mod exposure;
 mod geometry;
-mod hidden;
 mod lens;
 mod plan;
 mod scene;
@@ -83,9 +82,8 @@ impl Assessment {
     }
 }
 
-/// Every effect, in order of assessment: exposure first, because it scales the changes of the others; `hidden` last,
-/// because it can use whatever tolerance is left.
-pub const EFFECTS: [&dyn Effect; 9] = [
+/// Every effect, in order of assessment: exposure first, because it scales the changes of the others.
+pub const EFFECTS: [&dyn Effect; 8] = [
     &exposure::ExposureEffect,
     &view_dependence::ViewDependence,
     &lens::LensEffect,
@@ -94,7 +92,6 @@ pub const EFFECTS: [&dyn Effect; 9] = [
     &channels::DEPTH,
     &channels::SCALAR,
     &channels::MEDIAN_DEPTH,
-    &hidden::Hidden,
 ];
 
 impl Request {
