@@ -15,6 +15,7 @@
 )]
 
 mod adam;
+mod budget;
 mod checkpoint;
 mod config;
 pub mod density;
@@ -30,6 +31,7 @@ pub mod start;
 mod view;
 
 pub use adam::Adam;
+pub use budget::Budget;
 pub use config::{Background, FitConfig, Rates, Strategy};
 pub use error::{Diagnosis, Fault, FitError};
 pub use fit::{Fit, Score, StepRecord};

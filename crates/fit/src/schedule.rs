@@ -17,7 +17,7 @@ pub struct Schedule {
     pub relocation_until: u64,
     /// Steps between two changes of density: 100 of 30 000.
     pub density_every: u64,
-    /// Steps between two resets of the opacities: 3000 of 30 000.
+    /// Steps between two resets of the opacities: 3000 of 30 000, but at least [`Schedule::SHORTEST_RESET`].
     pub reset_every: u64,
 }
 
@@ -26,6 +26,9 @@ impl Schedule {
     pub const PUBLISHED: u64 = 30_000;
     /// Fewest steps between two changes of density.
     pub const SHORTEST_INTERVAL: u64 = 25;
+
+    /// Fewest steps between two resets: opacities need more than a hundred steps to rise again.
+    pub const SHORTEST_RESET: u64 = 300;
 
     /// The schedule of a run of this many steps.
     pub fn of(steps: u64) -> Self {
@@ -40,7 +43,7 @@ impl Schedule {
             density_until: scaled(15_000),
             relocation_until: scaled(25_000),
             density_every: scaled(100).max(Self::SHORTEST_INTERVAL),
-            reset_every: scaled(3000),
+            reset_every: scaled(3000).max(Self::SHORTEST_RESET),
         }
     }
 
@@ -71,7 +74,7 @@ mod tests {
         assert_eq!((published.density_every, published.reset_every, published.relocation_until), (100, 3000, 25_000));
         let short = Schedule::of(3000);
         assert_eq!((short.degree_every, short.density_every, short.reset_every), (100, 25, 300));
-        assert_eq!(Schedule::of(60_000).density_every, 200);
+        assert_eq!((Schedule::of(60_000).density_every, Schedule::of(300).reset_every), (200, 300));
     }
 
     #[test]
