@@ -1,8 +1,8 @@
 use crate::Rates;
 
 /// When things happen, in steps counted from 1. The published schedule is for 30 000 steps; it scales with their number,
-/// except that density control keeps at least [`Schedule::SHORTEST_INTERVAL`] steps between two changes, because it needs
-/// gradients of several views.
+/// but density changes at most every [`Schedule::SHORTEST_INTERVAL`] steps, because it needs gradients of many views, and
+/// new Gaussians need time to settle before theirs count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Schedule {
     /// Number of steps.
@@ -25,7 +25,7 @@ impl Schedule {
     /// Number of steps of the published schedule.
     pub const PUBLISHED: u64 = 30_000;
     /// Fewest steps between two changes of density.
-    pub const SHORTEST_INTERVAL: u64 = 25;
+    pub const SHORTEST_INTERVAL: u64 = 100;
 
     /// Fewest steps between two resets: opacities need more than a hundred steps to rise again.
     pub const SHORTEST_RESET: u64 = 300;
@@ -73,7 +73,7 @@ mod tests {
         assert_eq!((published.degree_every, published.density_from, published.density_until), (1000, 500, 15_000));
         assert_eq!((published.density_every, published.reset_every, published.relocation_until), (100, 3000, 25_000));
         let short = Schedule::of(3000);
-        assert_eq!((short.degree_every, short.density_every, short.reset_every), (100, 25, 300));
+        assert_eq!((short.degree_every, short.density_every, short.reset_every), (100, 100, 300));
         assert_eq!((Schedule::of(60_000).density_every, Schedule::of(300).reset_every), (200, 300));
     }
 

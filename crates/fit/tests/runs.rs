@@ -48,12 +48,12 @@ fn view(angle: f64, side: u32) -> View {
 fn views() -> (Vec<TrainingView>, Vec<TrainingView>) {
     let mut renderer = CpuRenderer::default();
     let picture = |number: u32| {
-        let view = view(f64::from(number) * 0.35 - 1.2, 40);
+        let view = view(f64::from(number) * 0.4, 40);
         let rgb = renderer.render(&truth(), &view, &RenderOptions::default()).unwrap().rgb;
         let rgb = rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
         TrainingView { name: format!("view {number}"), view, rgb }
     };
-    (0..8).map(picture).partition(|view| !["view 3", "view 5"].contains(&view.name.as_str()))
+    (0..16).map(picture).partition(|view| !["view 3", "view 9"].contains(&view.name.as_str()))
 }
 
 fn config(strategy: Strategy, steps: u64) -> FitConfig {
@@ -78,11 +78,11 @@ fn held_out(fit: &mut Fit) -> f64 {
 #[test]
 fn every_strategy_learns_views_that_it_does_not_see() {
     for strategy in STRATEGIES {
-        let mut fit = Fit::new(config(strategy, 300), views().0, &start(strategy, 300)).unwrap();
+        let mut fit = Fit::new(config(strategy, 400), views().0, &start(strategy, 300)).unwrap();
         let before = held_out(&mut fit);
-        run(&mut fit, 300);
+        run(&mut fit, 400);
         let after = held_out(&mut fit);
-        assert!(fit.is_complete() && after > before + 4.0, "{}: {before} dB, then {after} dB", strategy.name());
+        assert!(fit.is_complete() && after > before + 5.0, "{}: {before} dB, then {after} dB", strategy.name());
         let changed = fit.len() != 300;
         assert_eq!(changed, strategy != Strategy::Fixed, "{}: {} Gaussians", strategy.name(), fit.len());
         assert_eq!(fit.gaussians().parts().filter_3d.is_some(), strategy == Strategy::MipSplatting);
@@ -103,12 +103,13 @@ fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
     let path = folder.path().join("checkpoint");
     for strategy in STRATEGIES {
         let (views, start) = (views().0, start(strategy, 120));
-        let config = FitConfig { background: Background::Random, ..config(strategy, 120) };
+        let config = FitConfig { background: Background::Random, ..config(strategy, 250) };
         let mut whole = Fit::new(config.clone(), views.clone(), &start).unwrap();
-        run(&mut whole, 120);
+        run(&mut whole, 250);
         let mut killed = Fit::new(config.clone(), views.clone(), &start).unwrap();
-        // Before and after the changes of density at steps 25 and 50, the reset at 12, and next to the end.
-        for (at, threads) in [(1, 1), (11, 2), (12, 3), (24, 1), (25, 2), (26, 1), (49, 3), (50, 2), (77, 1), (119, 2)]
+        // Around the changes of density at steps 100 and 200 (MCMC), and next to both ends.
+        for (at, threads) in
+            [(1, 1), (16, 2), (50, 3), (99, 1), (100, 2), (101, 1), (199, 3), (200, 2), (201, 1), (249, 2)]
         {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
@@ -179,14 +180,14 @@ fn a_runaway_count_stops_with_the_last_good_state() {
 fn memory_is_bounded() {
     let with = |memory_limit| {
         let config = FitConfig { memory_limit, max_gaussians: 600, ..config(Strategy::Mcmc, 300) };
-        Fit::new(config, views().0, &start(Strategy::Mcmc, 300))
+        Fit::new(config, views().0, &start(Strategy::Mcmc, 400))
     };
-    let error = with(700_000).unwrap_err().to_string();
+    let error = with(1_000_000).unwrap_err().to_string();
     assert!(error.contains("memory-limit: expected at least"), "{error}");
-    // MCMC grows up to what fits.
-    let mut fit = with(1_000_000).unwrap();
-    let outcome = (0..300).try_for_each(|_| fit.step().map(drop));
-    assert!(fit.len() < 600, "{} Gaussians, {outcome:?}", fit.len());
+    // Growth by a twentieth would give 420 Gaussians.
+    let mut fit = with(1_150_000).unwrap();
+    run(&mut fit, 110);
+    assert!(fit.len() > 400 && fit.len() < 420, "{} Gaussians", fit.len());
 }
 
 #[test]
@@ -251,7 +252,7 @@ fn pruning_has_no_visible_effect() {
     let mut scene = atsplat_fit::Scene::new(start.clone());
     let schedule = atsplat_fit::Schedule::of(config.steps);
     let at = atsplat_fit::density::At {
-        step: 75,
+        step: 100,
         schedule,
         extent: 4.0,
         means_rate: 0.0,

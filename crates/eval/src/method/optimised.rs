@@ -1,0 +1,201 @@
+use std::time::Instant;
+
+use atsplat_fit::start::in_frustums;
+use atsplat_fit::{Budget, Fit, FitConfig, FitError, Strategy, TrainingView, camera_extent};
+use atsplat_model::network::Network;
+use atsplat_splat::Gaussians;
+
+use super::splatting::{Splatting, parameters};
+use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource};
+use crate::context::trial_seed;
+use crate::fitting::training_view;
+use crate::{EvalError, MethodRecord, network_views};
+
+/// Points of a random start.
+pub const START_POINTS: usize = 5000;
+
+/// Gaussians optimised for each trial on its context views: 3DGS, Mip-Splatting and MCMC from a random start, or the
+/// refinement of what a network made.
+///
+/// The papers start 3DGS and Mip-Splatting from COLMAP's points of the context views; trials have none, so random points
+/// seen by the context cameras stand in for them, and each row says so.
+#[derive(Debug)]
+pub struct Optimised {
+    strategy: Strategy,
+    budget: Budget,
+    seed: u64,
+    /// Most Gaussians.
+    limit: usize,
+    /// Makes the Gaussians to start from.
+    network: Option<Network>,
+    splatting: Splatting,
+    record: MethodRecord,
+}
+
+impl Optimised {
+    /// Optimisation from a random start.
+    pub fn from_scratch(
+        name: Option<&str>,
+        strategy: Strategy,
+        budget: Budget,
+        limit: usize,
+        seed: u64,
+        splatting: Splatting,
+    ) -> Self {
+        let title = match strategy {
+            Strategy::Gaussians3d => "3DGS",
+            Strategy::MipSplatting => "Mip-Splatting",
+            Strategy::Mcmc => "3DGS-MCMC",
+            Strategy::Fixed => "fixed number of Gaussians",
+        };
+        let record = MethodRecord {
+            name: name.map_or_else(|| format!("{}:{}", strategy.name(), text(budget)), str::to_owned),
+            kind: strategy.name().to_owned(),
+            title: format!("{title} ({})", text(budget)),
+            ..MethodRecord::default()
+        };
+        Self { strategy, budget, seed, limit, network: None, splatting, record }.described()
+    }
+
+    /// Refinement of a network's Gaussians, without changing their number.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] for a configuration that cannot be hashed.
+    pub fn refined(
+        name: Option<&str>,
+        network: Network,
+        weights: &WeightsSource,
+        budget: Budget,
+        seed: u64,
+        splatting: Splatting,
+    ) -> Result<Self, EvalError> {
+        let config = network.config();
+        let untrained = matches!(weights, WeightsSource::Random { .. });
+        let suffix = if untrained { ", untrained" } else { "" };
+        let mut record = MethodRecord {
+            name: name.map_or_else(|| format!("atsplat+refine:{}", text(budget)), str::to_owned),
+            kind: "atsplat+refine".to_owned(),
+            title: format!("ATSplat + refinement ({}, {}{suffix})", config.name, text(budget)),
+            parameters: parameters([("model", config.name.clone().into()), ("model-hash", config.hash()?.into())]),
+            untrained,
+            ..MethodRecord::default()
+        };
+        if let WeightsSource::File { sha256 } = weights {
+            record.weights_sha256 = Some(sha256.clone());
+        }
+        let limit = usize::MAX;
+        let network = Some(network);
+        Ok(Self { strategy: Strategy::Fixed, budget, seed, limit, network, splatting, record }.described())
+    }
+
+    /// Completes the record.
+    fn described(mut self) -> Self {
+        let budget = match self.budget {
+            Budget::Steps(steps) => ("steps", steps.into()),
+            Budget::Seconds(seconds) => ("seconds", seconds.into()),
+        };
+        let start = if self.network.is_some() { "the network's Gaussians" } else { "random points in the frustums" };
+        self.record.parameters.extend(parameters([
+            budget,
+            ("strategy", self.strategy.name().into()),
+            ("start", start.into()),
+            ("max-gaussians", self.limit.into()),
+            ("seed", self.seed.into()),
+        ]));
+        self.splatting.describe(&mut self.record);
+        // How many steps fit into a time differs from run to run.
+        self.record.deterministic &= matches!(self.budget, Budget::Steps(_));
+        self
+    }
+
+    fn config(&self, input: &TrialInput<'_>) -> FitConfig {
+        let convention = &input.preset.renderer;
+        FitConfig {
+            seed: trial_seed(self.seed, input.trial),
+            max_gaussians: self.limit,
+            constants: self.splatting.constants.of(convention, input.trial.near_far()),
+            ..FitConfig::new(self.strategy, 1)
+        }
+    }
+
+    fn start(
+        &self,
+        input: &TrialInput<'_>,
+        views: &[TrainingView],
+        config: &mut FitConfig,
+        cost: &mut Cost,
+    ) -> Result<Gaussians, MethodError> {
+        let Some(network) = &self.network else {
+            cost.notes.push("random points stand in for COLMAP's: a trial has none".to_owned());
+            let planes = input.trial.near_far();
+            // A preset's planes are generous; points at the far one would be wasted.
+            let depths = [planes.near.max(0.3), planes.far.min(30.0)];
+            let depths = (depths[0] < depths[1]).then_some(depths);
+            let start = in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy);
+            return start.or_else(|_| in_frustums(views, START_POINTS, depths, config.seed, self.strategy)).map_err(failed);
+        };
+        let cameras = input.trial.context().iter().map(|view| view.camera).collect();
+        let context = network_views(input.pictures.iter().map(AsRef::as_ref), cameras);
+        let network_failed = |error: atsplat_model::ModelError| MethodError::Failed(error.to_string());
+        let made = network.reconstruct(&context.map_err(network_failed)?, config.seed).map_err(network_failed)?;
+        cost.initial_tokens = Some(made.budget.initial_tokens as u64);
+        cost.final_tokens = Some(made.budget.final_tokens as u64);
+        cost.stages.extend(made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs)));
+        config.max_gaussians = made.gaussians.len();
+        config.sh_degree = made.gaussians.sh_degree();
+        Ok(made.gaussians)
+    }
+}
+
+impl Method for Optimised {
+    fn record(&self) -> MethodRecord {
+        self.record.clone()
+    }
+
+    fn is_heavy(&self) -> bool {
+        true
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let context = input.trial.context().iter().zip(input.pictures);
+        let views: Vec<TrainingView> = context
+            .map(|(view, picture)| training_view(format!("frame {}", view.frame), view.camera, view.size, picture))
+            .collect();
+        if !(camera_extent(views.iter().map(|view| &view.view)) > 0.0) {
+            return Err(MethodError::NotApplicable("the context cameras are in one place".to_owned()));
+        }
+        let mut cost = Cost::default();
+        let mut config = self.config(&input);
+        let start = self.start(&input, &views, &mut config, &mut cost)?;
+        let begin = Instant::now();
+        let (steps, deadline) = self.budget.plan(&config, &views, &start).map_err(failed)?;
+        config.steps = steps;
+        let mut fit = Fit::new(config, views, &start).map_err(failed)?;
+        let mut training = Vec::new();
+        fit.run(deadline, |_, step| {
+            training.push(step.psnr());
+            Ok::<_, FitError>(())
+        })
+        .map_err(failed)?;
+        cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
+        // The last pass over the context, so that overfitting shows next to the held-out PSNR.
+        let last = training.len().saturating_sub(input.pictures.len());
+        let last = training.get(last..).unwrap_or(&[]);
+        let mean = last.iter().sum::<f64>() / last.len().max(1) as f64;
+        cost.notes.push(format!("optimisation: {} steps, {mean:.2} dB on the context views", fit.step_count()));
+        Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
+    }
+}
+
+/// `3000` or `10s`.
+fn text(budget: Budget) -> String {
+    match budget {
+        Budget::Steps(steps) => steps.to_string(),
+        Budget::Seconds(seconds) => format!("{seconds}s"),
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "an error to convert")]
+fn failed(error: FitError) -> MethodError {
+    MethodError::Failed(error.to_string())
+}
