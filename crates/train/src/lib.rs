@@ -31,5 +31,5 @@ pub use fault::{Diagnosis, Fault, FaultKind};
 pub use features::FeatureCache;
 pub use objective::{Objective, PartSeconds, SampleGradients, Terms};
 pub use parameters::Parameters;
-pub use sheet::contact_sheet;
+pub use sheet::{contact_sheet, lay_out};
 pub use trainer::{Event, Limits, Start, Trainer};

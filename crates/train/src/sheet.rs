@@ -36,7 +36,11 @@ pub fn contact_sheet(
     Ok(lay_out(&sheet)?.to_u8(Rounding::Nearest)?)
 }
 
-fn lay_out(rows: &[Vec<Image>]) -> Result<Image, TrainError> {
+/// Rows of pictures with white gaps; shorter rows end in white.
+///
+/// # Errors
+/// [`TrainError::Pixels`] for a sheet without pictures.
+pub fn lay_out(rows: &[Vec<Image>]) -> Result<Image, TrainError> {
     let side = |of: fn(&Image) -> u32| rows.iter().flatten().map(of).max().unwrap_or(0) as usize + GAP;
     let (cell_width, cell_height) = (side(Image::width), side(Image::height));
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);

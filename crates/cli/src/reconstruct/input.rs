@@ -59,7 +59,7 @@ impl InputArgs {
 
     /// Finds the scene and prepares cameras; no image is decoded.
     pub(super) fn read(&self, config: &ModelConfig, warnings: &mut Warnings) -> anyhow::Result<Photos> {
-        let mut scene = self.scene(warnings)?;
+        let mut scene = scene(&self.data, &self.pictures, self.key.as_deref(), warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
@@ -68,14 +68,6 @@ impl InputArgs {
         let targets = self.targets.as_ref().map(|targets| targets.of("--targets", count)).transpose()?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         Ok(Photos::new(scene, selection, self.recipe(config)?, warnings)?)
-    }
-
-    fn scene(&self, warnings: &mut Warnings) -> anyhow::Result<Scene> {
-        if let Some(scene) = rendered_scene(&self.data)? {
-            return Ok(scene);
-        }
-        let dataset = self.pictures.open(&self.data, warnings)?;
-        Ok(dataset.load(scene_key(&dataset, self.key.as_deref())?, warnings)?)
     }
 
     /// The recipe of the protocol, or one that suits any photos.
@@ -89,6 +81,20 @@ impl InputArgs {
     pub(super) fn record(&self, photos: &Photos) -> InputRecord {
         InputRecord::new(photos, self.data.clone(), self.protocol.clone())
     }
+}
+
+/// The scene of a dataset, or the output of `atsplat render`.
+pub(crate) fn scene(
+    data: &Path,
+    pictures: &PictureArgs,
+    key: Option<&str>,
+    warnings: &mut Warnings,
+) -> anyhow::Result<Scene> {
+    if let Some(scene) = rendered_scene(data)? {
+        return Ok(scene);
+    }
+    let dataset = pictures.open(data, warnings)?;
+    Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
 }
 
 /// Output of `atsplat render` as a scene; `None` for anything but a `render.json` or a folder with one and no other dataset's files.

@@ -1,7 +1,7 @@
 use std::time::Instant;
 
 use atsplat_fit::start::in_frustums;
-use atsplat_fit::{Budget, Fit, FitConfig, FitError, Strategy, TrainingView, camera_extent};
+use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, TrainingView, camera_extent};
 use atsplat_model::network::Network;
 use atsplat_splat::Gaussians;
 
@@ -49,7 +49,7 @@ impl Optimised {
             Strategy::Fixed => "fixed number of Gaussians",
         };
         let record = MethodRecord {
-            name: name.map_or_else(|| format!("{}:{}", strategy.name(), text(budget)), str::to_owned),
+            name: name.map_or_else(|| format!("{}-{}", strategy.name(), text(budget)), str::to_owned),
             kind: strategy.name().to_owned(),
             title: format!("{title} ({})", text(budget)),
             ..MethodRecord::default()
@@ -73,7 +73,7 @@ impl Optimised {
         let untrained = matches!(weights, WeightsSource::Random { .. });
         let suffix = if untrained { ", untrained" } else { "" };
         let mut record = MethodRecord {
-            name: name.map_or_else(|| format!("atsplat+refine:{}", text(budget)), str::to_owned),
+            name: name.map_or_else(|| format!("atsplat+refine-{}", text(budget)), str::to_owned),
             kind: "atsplat+refine".to_owned(),
             title: format!("ATSplat + refinement ({}, {}{suffix})", config.name, text(budget)),
             parameters: parameters([("model", config.name.clone().into()), ("model-hash", config.hash()?.into())]),
@@ -110,8 +110,10 @@ impl Optimised {
 
     fn config(&self, input: &TrialInput<'_>) -> FitConfig {
         let convention = &input.preset.renderer;
+        let rgb = self.splatting.background.unwrap_or(convention.background);
         FitConfig {
             seed: trial_seed(self.seed, input.trial),
+            background: if rgb.iter().all(|channel| *channel >= 1.0) { Background::White } else { Background::Black },
             max_gaussians: self.limit,
             constants: self.splatting.constants.of(convention, input.trial.near_far()),
             ..FitConfig::new(self.strategy, 1)
@@ -127,12 +129,7 @@ impl Optimised {
     ) -> Result<Gaussians, MethodError> {
         let Some(network) = &self.network else {
             cost.notes.push("random points stand in for COLMAP's: a trial has none".to_owned());
-            let planes = input.trial.near_far();
-            // A preset's planes are generous; points at the far one would be wasted.
-            let depths = [planes.near.max(0.3), planes.far.min(30.0)];
-            let depths = (depths[0] < depths[1]).then_some(depths);
-            let start = in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy);
-            return start.or_else(|_| in_frustums(views, START_POINTS, depths, config.seed, self.strategy)).map_err(failed);
+            return in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy).map_err(failed);
         };
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let context = network_views(input.pictures.iter().map(AsRef::as_ref), cameras);
