@@ -86,7 +86,8 @@ pub struct FitConfig {
     pub rates: Rates,
     /// Whether adaptive density control sums absolute gradients of single pixels, as `AbsGS` (Ye et al. 2024).
     pub absolute_gradients: bool,
-    /// The scene's extent in scene units; `None` is 3DGS' radius of the cameras.
+    /// The scene's extent in scene units; `None` is 3DGS' radius of the cameras, or half the
+    /// median depth of the start if that is more.
     pub extent: Option<f64>,
     /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::Fault::Runaway`].
     pub max_gaussians: usize,

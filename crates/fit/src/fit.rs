@@ -6,7 +6,7 @@ use crate::density::{Adaptive, At, Changes, Density, DensityError, Fixed, Mcmc, 
 use crate::filter_3d::{Cameras, MIP_BLUR};
 use crate::loss::{Photometric, Terms};
 use crate::random::{Purpose, stream, uniform};
-use crate::view::{TrainingView, camera_extent};
+use crate::view::{TrainingView, scene_extent};
 use crate::{Background, Diagnosis, Fault, FitConfig, FitError, Scene, Schedule, Strategy, memory};
 
 /// Steps between two computations of the 3D filter after density control has ended; none in the last ones of a run.
@@ -79,14 +79,14 @@ impl Fit {
         if views.is_empty() {
             return Err(FitError::Setting { name: "views", expected: "at least 1".to_owned(), found: "0".to_owned() });
         }
-        let extent = config.extent.unwrap_or_else(|| camera_extent(views.iter().map(|view| &view.view)));
-        if !(extent > 0.0) {
-            let expected = "cameras in different places, or an explicit extent".to_owned();
-            return Err(FitError::Setting { name: "extent", expected, found: extent.to_string() });
-        }
         let (start, found) = start.cleaned(Cleaning::Repair);
         if start.is_empty() {
             return Err(FitError::Start { found: format!("{} Gaussians, none of them valid", found.total) });
+        }
+        let extent = config.extent.map_or_else(|| scene_extent(&views, &start.parts().means), Ok)?;
+        if !(extent > 0.0) {
+            let expected = "cameras in different places that see the start, or an explicit extent".to_owned();
+            return Err(FitError::Setting { name: "extent", expected, found: extent.to_string() });
         }
         let limit = memory::most_gaussians(&config, &views, start.len())?;
         let cameras = Cameras::new(views.iter().map(|view| &view.view), config.constants.near)?;

@@ -1,6 +1,7 @@
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, median};
 use atsplat_splat::View;
 use glam::DVec3;
+use rayon::prelude::*;
 
 use crate::FitError;
 
@@ -36,4 +37,24 @@ pub fn camera_extent<'a>(views: impl IntoIterator<Item = &'a View>) -> f64 {
     let centres: Vec<DVec3> = views.into_iter().map(|view| view.camera.camera_from_world.inverse().centre()).collect();
     let mean = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
     1.1 * centres.iter().fold(0.0, |most, centre| most.maximum_of(centre.distance(mean)))
+}
+
+/// Least extent in units of the median depth of the start.
+const LEAST_EXTENT: f64 = 0.5;
+
+/// The extent that rates and thresholds are multiples of: [`camera_extent`], but at least half the median depth at which
+/// cameras see the start. The published radius of the cameras is meant for captures around a scene; where cameras hardly
+/// move, a hundredth of it is smaller than a pixel.
+pub(crate) fn scene_extent(views: &[TrainingView], means: &[[f32; 3]]) -> Result<f64, FitError> {
+    let cameras = views.iter().map(|view| view.view.camera.projector()).collect::<Result<Vec<_>, _>>()?;
+    let depths: Vec<f64> = means
+        .par_iter()
+        .flat_map_iter(|mean| {
+            let mean = DVec3::from_array(mean.map(f64::from));
+            let seen = cameras.iter().filter_map(move |camera| camera.project(mean).ok());
+            seen.filter(|seen| seen.depth > 0.0 && seen.is_inside()).map(|seen| seen.depth)
+        })
+        .collect();
+    let by_depth = median(depths).map_or(0.0, |depth| LEAST_EXTENT * depth);
+    Ok(camera_extent(views.iter().map(|view| &view.view)).maximum_of(by_depth))
 }

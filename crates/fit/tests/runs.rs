@@ -201,8 +201,11 @@ fn settings_out_of_range_are_named() {
     assert_eq!(with(|config| config.d_ssim = f64::NAN), "d-ssim: expected from 0 to 1, found NaN");
     assert!(with(|config| config.rates.scales = -1.0).starts_with("rates.scales: expected a positive rate"));
     assert!(with(|config| config.max_gaussians = 3).contains("the 20 Gaussians of the start"));
-    let one_place = vec![views().0.remove(0)];
-    let error = Fit::new(config(Strategy::Fixed, 9), one_place, &start(Strategy::Fixed, 9)).unwrap_err().to_string();
+    // Cameras in one place that see nothing of the start.
+    let mut behind = start(Strategy::Fixed, 9).into_parts();
+    behind.means.fill([0.0, 0.0, -90.0]);
+    let (one_place, behind) = (vec![views().0.remove(0)], Gaussians::new(behind).unwrap());
+    let error = Fit::new(config(Strategy::Fixed, 9), one_place, &behind).unwrap_err().to_string();
     assert!(error.contains("extent: expected cameras in different places"), "{error}");
 }
 

@@ -88,7 +88,8 @@ struct OptimisationArgs {
     #[arg(long)]
     absolute_gradients: bool,
 
-    /// Extent of the scene in units of DATA; by default the radius of the cameras.
+    /// Extent of the scene in units of DATA; by default the radius of the cameras, or half the median depth of the start if
+    /// that is more.
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
     extent: Option<f64>,
 
