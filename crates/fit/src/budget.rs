@@ -49,7 +49,7 @@ impl Budget {
             count += 1;
         }
         let each = trial_begin.elapsed().as_secs_f64() / f64::from(count) * GROWTH;
-        let left = (limit.as_secs_f64() - begin.elapsed().as_secs_f64()).max(0.0);
+        let left = limit.saturating_sub(begin.elapsed()).as_secs_f64();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive number, rounded down")]
         let steps = (left / each) as u64;
         Ok((steps.max(1), Some(begin + limit)))

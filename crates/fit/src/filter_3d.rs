@@ -2,6 +2,7 @@
 //! Gaussian is smaller than a fifth of the variance of a pixel of the camera that sees it best.
 
 use atsplat_camera::Projector;
+use atsplat_numeric::Extremes as _;
 use atsplat_splat::View;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -47,7 +48,8 @@ impl Cameras {
     pub fn filters(&self, means: &[[f32; 3]]) -> Result<Vec<f32>, Fault> {
         let nearest: Vec<Option<f64>> = means.par_iter().map(|mean| self.nearest(*mean)).collect();
         let seen = nearest.iter().flatten();
-        let largest = seen.fold(None, |most: Option<f64>, depth| Some(most.map_or(*depth, |most| most.max(*depth))));
+        let largest =
+            seen.fold(None, |most: Option<f64>, depth| Some(most.map_or(*depth, |most| most.maximum_of(*depth))));
         let largest = largest.ok_or(Fault::Unseen)?;
         let filter = |depth: &Option<f64>| narrowed(depth.unwrap_or(largest) / self.largest_focal * VARIANCE.sqrt());
         Ok(nearest.iter().map(filter).collect())

@@ -37,7 +37,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", help_heading = "Output")]
     plots: Option<PathBuf>,
 
-    /// Compare with the held-out photos every N steps; by default ten times in all.
+    /// Compare with the held-out photos every N steps; by default eight times in all. Just after a reset of opacities,
+    /// every tenth of the first half of a run, pictures are dark.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     evaluate_every: Option<u64>,
 

@@ -106,7 +106,8 @@ impl<'a> Log<'a> {
         }
         Self {
             held_out,
-            every: every.unwrap_or_else(|| (steps / 10).max(1)),
+            // Not just after a reset of opacities, which comes every tenth of a run.
+            every: every.unwrap_or_else(|| (steps / 8).max(1)),
             bar,
             plain: !stderr().is_terminal(),
             last_line: Instant::now(),

@@ -158,7 +158,7 @@ impl Method for Optimised {
         let views: Vec<TrainingView> = context
             .map(|(view, picture)| training_view(format!("frame {}", view.frame), view.camera, view.size, picture))
             .collect();
-        if !(camera_extent(views.iter().map(|view| &view.view)) > 0.0) {
+        if self.network.is_none() && !(camera_extent(views.iter().map(|view| &view.view)) > 0.0) {
             return Err(MethodError::NotApplicable("the context cameras are in one place".to_owned()));
         }
         let mut cost = Cost::default();
@@ -195,4 +195,46 @@ fn text(budget: Budget) -> String {
 #[expect(clippy::needless_pass_by_value, reason = "an error to convert")]
 fn failed(error: FitError) -> MethodError {
     MethodError::Failed(error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_model::ModelConfig;
+    use atsplat_model::network::Device;
+    use atsplat_model::parameters::parameters;
+    use atsplat_model::weights::generated;
+    use atsplat_protocol::Preset;
+
+    use super::*;
+    use crate::method::atsplat::tests::trials;
+
+    #[test]
+    fn optimises_the_context_of_a_trial_within_its_budget() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let scratch = |strategy, budget| Optimised::from_scratch(None, strategy, budget, 400, 0, Splatting::default());
+        let rendered = |method: &Optimised| {
+            let prediction = method.predict(input).unwrap();
+            let cost = prediction.cost();
+            assert!(cost.stages["optimisation"] > 0.0 && cost.gaussians.is_some_and(|count| count > 0), "{cost:?}");
+            (cost, prediction.render(&[0]).remove(0).unwrap().image)
+        };
+        let steps = |count| scratch(Strategy::MipSplatting, Budget::Steps(count));
+        let ((cost, first), (_, again), (_, longer)) = (rendered(&steps(2)), rendered(&steps(2)), rendered(&steps(12)));
+        assert!(first == again && first != longer);
+        assert!(cost.notes.iter().any(|note| note.contains("stand in for COLMAP")), "{:?}", cost.notes);
+        assert!(cost.notes.iter().any(|note| note.starts_with("optimisation: 2 steps")), "{:?}", cost.notes);
+        assert_eq!((steps(2).record().name.as_str(), steps(2).record().deterministic), ("mip-splatting-2", true));
+        let timed = scratch(Strategy::Mcmc, Budget::Seconds(0.2));
+        assert!(!timed.record().deterministic && rendered(&timed).0.gaussians.is_some_and(|count| count <= 400));
+
+        let config = ModelConfig::named("nano").unwrap();
+        let network = Network::new(&config, &Device::flex()).unwrap();
+        let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
+        let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
+        let method = Optimised::refined(None, network, &weights, Budget::Steps(2), 0, Splatting::default()).unwrap();
+        let (cost, _) = rendered(&method);
+        assert!(cost.final_tokens.is_some() && method.record().untrained);
+    }
 }

@@ -8,7 +8,7 @@ use crate::{FitError, Strategy, TrainingView, camera_extent};
 
 /// Random points seen by the training cameras, each with the colour of the pixel that it was drawn for: a random pixel of a
 /// random view, at a depth within `depths` whose logarithm is uniform. `None` takes depths from a third to three times the
-/// distance of the point that the cameras look at; without such a point, 3 to 100 times the cameras' extent.
+/// distance of the point that the cameras look at; without such a point, 1 to 30 times the cameras' extent.
 ///
 /// # Errors
 /// [`FitError::Setting`] for depths out of range, or none for a single camera; as [`from_points`].
@@ -79,6 +79,6 @@ fn depths_of(views: &[TrainingView]) -> Option<[f64; 2]> {
         focus.map(|focus| axes.iter().map(|(centre, axis)| (focus - *centre).dot(*axis)).collect::<Vec<_>>());
     match distances.filter(|distances| distances.iter().all(|distance| *distance > 0.0)) {
         Some(distances) => atsplat_numeric::median(distances).map(|distance| [distance / 3.0, 3.0 * distance]),
-        None => (extent > 0.0).then_some([3.0 * extent, 100.0 * extent]),
+        None => (extent > 0.0).then_some([extent, 30.0 * extent]),
     }
 }

@@ -3,6 +3,7 @@
 mod frustum;
 mod neighbours;
 
+use atsplat_numeric::Extremes as _;
 use atsplat_splat::{GaussianParts, Gaussians};
 
 use crate::scene::{logit, narrowed, whole};
@@ -37,7 +38,7 @@ pub fn from_points(points: &[Point], strategy: Strategy) -> Result<Gaussians, Fi
     }
     let (opacity, width) = if strategy == Strategy::Mcmc { (0.5, 0.1) } else { (0.1, 1.0) };
     let positions: Vec<[f64; 3]> = points.iter().map(|point| point.position).collect();
-    let scale = |squared: f64| narrowed((width * squared.max(1e-7).sqrt()).ln());
+    let scale = |squared: f64| narrowed((width * squared.maximum_of(1e-7).sqrt()).ln());
     Ok(whole(GaussianParts {
         means: positions.iter().map(|position| position.map(narrowed)).collect(),
         quaternions: vec![[1.0, 0.0, 0.0, 0.0]; points.len()],
