@@ -82,7 +82,7 @@ fn every_strategy_learns_views_that_it_does_not_see() {
         let before = held_out(&mut fit);
         run(&mut fit, 400);
         let after = held_out(&mut fit);
-        assert!(fit.is_complete() && after > before + 5.0, "{}: {before} dB, then {after} dB", strategy.name());
+        assert!(fit.is_complete() && after > before + 4.0, "{}: {before} dB, then {after} dB", strategy.name());
         let changed = fit.len() != 300;
         assert_eq!(changed, strategy != Strategy::Fixed, "{}: {} Gaussians", strategy.name(), fit.len());
         assert_eq!(fit.gaussians().parts().filter_3d.is_some(), strategy == Strategy::MipSplatting);
