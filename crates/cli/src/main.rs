@@ -11,6 +11,7 @@ mod drift;
 mod embedded;
 mod exit;
 mod expansion;
+mod fit;
 mod log;
 mod model_args;
 mod output;
@@ -77,6 +78,8 @@ enum Command {
     Report(WithStrict<report::Args>),
     /// Reconstruct Gaussians from posed photos.
     Reconstruct(Box<reconstruct::Args>),
+    /// Optimise Gaussians for one scene: 3DGS, Mip-Splatting, MCMC, or the refinement of what a network made.
+    Fit(Box<fit::Args>),
     /// Render Gaussians along a camera path into PNG, EXR and an animation.
     Render(Box<WithStrict<render::Args>>),
     /// Print the numbers of tokens and Gaussians of each setting of the paper, next to the published figures.
@@ -147,6 +150,7 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Merge(args) => done(run::merge::run(args)),
         Command::Report(args) => args.run(report::run),
         Command::Reconstruct(args) => done(reconstruct::run(args)),
+        Command::Fit(args) => fit::run(args).map(|()| Exit::Done),
         Command::Weights(command) => done(weights::run(command)),
         Command::Adapters(args) => done(adapters::run(args)),
         Command::Drift(args) => drift::run(args),

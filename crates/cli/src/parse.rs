@@ -5,6 +5,7 @@ use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
 use atsplat_camera::ImageSize;
+use atsplat_fit::Budget;
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
 use atsplat_splat::RendererConstants;
@@ -97,6 +98,15 @@ pub(crate) fn background(text: &str) -> Result<[f64; 3], String> {
     let channels: Option<Vec<f64>> = text.split(',').map(channel).collect();
     let rgb = channels.and_then(|channels| channels.try_into().ok());
     rgb.ok_or_else(|| format!("expected black, white or R,G,B from 0 to 1, found {text:?}"))
+}
+
+/// A budget of an optimisation: `3000` steps, or `10s`.
+pub(crate) fn budget(text: &str) -> Result<Budget, String> {
+    let budget = match text.strip_suffix('s') {
+        Some(seconds) => within(seconds, "", |number| number > 0.0).ok().map(Budget::Seconds),
+        None => text.parse().ok().filter(|steps| *steps > 0).map(Budget::Steps),
+    };
+    budget.ok_or_else(|| format!("expected a number of steps or of seconds, as 3000 or 10s, found {text:?}"))
 }
 
 /// The name or path of a preset of renderer constants.

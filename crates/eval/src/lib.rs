@@ -12,6 +12,7 @@ pub mod drift;
 mod error;
 pub mod expansion;
 mod file_name;
+pub mod fitting;
 pub mod frame_timings;
 pub mod images;
 pub mod live;

@@ -1,6 +1,6 @@
 //! The input photos: dataset, context and target views, and preprocessing of images and poses.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::{Distortion, ImageSize as CameraSize};
 use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe, rendered_scene};
@@ -57,7 +57,7 @@ impl InputArgs {
 
     /// Finds the scene and prepares cameras; no image is decoded.
     pub(super) fn read(&self, config: &ModelConfig, warnings: &mut Warnings) -> anyhow::Result<Photos> {
-        let mut scene = self.scene(warnings)?;
+        let mut scene = scene(&self.data, &self.pictures, self.key.as_deref(), warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
@@ -66,14 +66,6 @@ impl InputArgs {
         let targets = self.targets.as_ref().map(|targets| targets.of("--targets", count)).transpose()?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         Ok(Photos::new(scene, selection, self.recipe(config)?, warnings)?)
-    }
-
-    fn scene(&self, warnings: &mut Warnings) -> anyhow::Result<Scene> {
-        if let Some(scene) = rendered_scene(&self.data)? {
-            return Ok(scene);
-        }
-        let dataset = self.pictures.open(&self.data, warnings)?;
-        Ok(dataset.load(scene_key(&dataset, self.key.as_deref())?, warnings)?)
     }
 
     /// The recipe of the protocol, or one that suits any photos.
@@ -87,4 +79,18 @@ impl InputArgs {
     pub(super) fn record(&self, photos: &Photos) -> InputRecord {
         InputRecord::new(photos, self.data.clone(), self.protocol.clone())
     }
+}
+
+/// The scene of a dataset, or the output of `atsplat render`.
+pub(crate) fn scene(
+    data: &Path,
+    pictures: &PictureArgs,
+    key: Option<&str>,
+    warnings: &mut Warnings,
+) -> anyhow::Result<Scene> {
+    if let Some(scene) = rendered_scene(data)? {
+        return Ok(scene);
+    }
+    let dataset = pictures.open(data, warnings)?;
+    Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
 }

@@ -1,6 +1,6 @@
 //! `atsplat reconstruct`: posed photos through the network into Gaussians.
 
-mod input;
+pub(crate) mod input;
 pub(crate) mod network;
 mod output;
 mod report;

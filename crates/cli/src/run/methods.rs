@@ -6,8 +6,9 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::Context as _;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, GaussianFrame, Method, NearestView, Ply, Renders, Splatting, Warp,
+    AtSplat, Backend, ConstantsChoice, GaussianFrame, Method, NearestView, Optimised, Ply, Renders, Splatting, Warp,
 };
+use atsplat_fit::{Budget, Strategy};
 use atsplat_model::network::Device;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use clap::ValueEnum;
@@ -17,15 +18,19 @@ use crate::reconstruct::network::NetworkArgs;
 use crate::render::backend::{BackendArg, backend};
 
 /// A method on the command line: `KIND` or `NAME=KIND`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct MethodArg {
     name: Option<String>,
     kind: Kind,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Kind {
     AtSplat,
+    /// The network's Gaussians, optimised further.
+    Refined(Budget),
+    /// Gaussians optimised from a random start.
+    Optimised(Strategy, Budget),
     NearestView,
     Warp,
     Renders(PathBuf),
@@ -47,11 +52,16 @@ impl FromStr for MethodArg {
             None if method == "warp" => Some(Kind::Warp),
             Some(("renders", path)) => folder(path).map(Kind::Renders),
             Some(("ply", path)) => folder(path).map(Kind::Ply),
+            Some(("atsplat+refine", budget)) => Some(Kind::Refined(parse::budget(budget)?)),
+            Some(("3dgs", budget)) => Some(Kind::Optimised(Strategy::Gaussians3d, parse::budget(budget)?)),
+            Some(("mip-splatting", budget)) => Some(Kind::Optimised(Strategy::MipSplatting, parse::budget(budget)?)),
+            Some(("mcmc", budget)) => Some(Kind::Optimised(Strategy::Mcmc, parse::budget(budget)?)),
             _ => None,
         };
         let kind = kind.ok_or_else(|| {
             format!(
-                "expected atsplat, nearest-view, warp, renders:DIR or ply:DIR, optionally after NAME=, found {text:?}"
+                "expected atsplat, nearest-view, warp, renders:DIR, ply:DIR, or 3dgs, mip-splatting, mcmc or \
+                 atsplat+refine with a budget, as 3dgs:3000 (steps) or mcmc:10s, optionally after NAME=, found {text:?}"
             )
         })?;
         let is_baseline = matches!(kind, Kind::NearestView | Kind::Warp);
@@ -77,6 +87,10 @@ pub(super) fn named(text: &str) -> Result<String, String> {
 pub(super) struct MethodArgs {
     #[command(flatten)]
     network: NetworkArgs,
+
+    /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all.
+    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    max_gaussians: usize,
 
     #[command(flatten)]
     gaussians: GaussianArgs,
@@ -145,6 +159,19 @@ impl MethodArgs {
                 let method = AtSplat::new(name, network, &weights, seed, splatting)?;
                 Ok(Arc::new(method.trained(record.training())))
             }
+            Kind::Refined(budget) => {
+                let source = self.network.source().context("--method atsplat+refine")?;
+                let (network, record) = source.load(&Device::flex())?;
+                let (seed, splatting) = (self.network.seed, self.gaussians.splatting()?);
+                let name = name.as_deref();
+                Ok(Arc::new(Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?))
+            }
+            Kind::Optimised(strategy, budget) => {
+                let (seed, splatting) = (self.network.seed, self.gaussians.splatting()?);
+                let limit = self.max_gaussians;
+                let name = name.as_deref();
+                Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
+            }
             other => self.gaussians.imported(name.as_deref(), other),
         }
     }
@@ -154,7 +181,9 @@ impl GaussianArgs {
     /// A method without a network.
     pub(super) fn imported(&self, name: Option<&str>, kind: &Kind) -> anyhow::Result<Arc<dyn Method>> {
         Ok(match kind {
-            Kind::AtSplat => anyhow::bail!("atsplat is not an imported method"),
+            Kind::AtSplat | Kind::Refined(_) | Kind::Optimised(..) => {
+                anyhow::bail!("only imported methods can be scored")
+            }
             Kind::NearestView => Arc::new(NearestView),
             Kind::Warp => Arc::new(Warp),
             Kind::Renders(folder) => Arc::new(Renders::new(folder, name)?),
@@ -199,6 +228,11 @@ mod tests {
         assert_eq!("small=atsplat".parse(), method(Some("small"), Kind::AtSplat));
         assert_eq!("renders:a/b".parse(), method(None, Kind::Renders("a/b".into())));
         assert_eq!("MVSplat=ply:out:1".parse(), method(Some("MVSplat"), Kind::Ply("out:1".into())));
+        assert_eq!("mcmc:10s".parse(), method(None, Kind::Optimised(Strategy::Mcmc, Budget::Seconds(10.0))));
+        assert_eq!("long=atsplat+refine:300".parse(), method(Some("long"), Kind::Refined(Budget::Steps(300))));
+        for broken in ["3dgs", "3dgs:", "3dgs:0", "mcmc:-1s", "mip-splatting:ten", "3dgs:1.5"] {
+            assert!(broken.parse::<MethodArg>().is_err(), "{broken:?}");
+        }
         for broken in ["", "splat", "renders", "renders:", "=warp", "x=warp", "truth=renders:a", "a/b=renders:c"] {
             assert!(broken.parse::<MethodArg>().is_err(), "{broken:?}");
         }

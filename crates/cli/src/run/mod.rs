@@ -33,7 +33,8 @@ pub(crate) struct Args {
     protocols: ProtocolArgs,
 
     /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its Gaussians);
-    /// NAME=METHOD sets the name in the results.
+    /// optimised for each trial, with a budget as 3000 (steps) or 10s: 3dgs:BUDGET, mip-splatting:BUDGET, mcmc:BUDGET,
+    /// atsplat+refine:BUDGET (what the network made). NAME=METHOD sets the name in the results.
     #[arg(long = "method", value_name = "METHOD", required = true, value_delimiter = ',')]
     methods: Vec<MethodArg>,
 

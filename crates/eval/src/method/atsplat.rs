@@ -195,7 +195,7 @@ fn method_error(error: &ModelError) -> MethodError {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::sync::Arc;
 
     use atsplat_model::config::Selection;
@@ -210,7 +210,7 @@ mod tests {
     use crate::sources::simulated;
 
     /// Context of two simulated rooms; the first room has the same entry twice.
-    fn trials(preset: &Preset) -> Vec<(Trial, Vec<Arc<ImageU8>>)> {
+    pub(in super::super) fn trials(preset: &Preset) -> Vec<(Trial, Vec<Arc<ImageU8>>)> {
         let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
         index.scenes.truncate(2);
         let entries = &mut index.scenes[0];

@@ -98,6 +98,19 @@ impl Splatting {
         Box::new(Splatted::new(self, input, gaussians, cost))
     }
 
+    /// As [`Self::predict`], for Gaussians that were optimised for a renderer: with its constants, mode and degree.
+    pub(super) fn predict_as_optimised<'a>(
+        &'a self,
+        input: TrialInput<'a>,
+        gaussians: Gaussians,
+        optimised_for: &RenderOptions,
+        cost: Cost,
+    ) -> Box<dyn Prediction + 'a> {
+        let mut splatted = Splatted::new(self, input, gaussians, cost);
+        splatted.options = RenderOptions { background: splatted.options.background, ..optimised_for.clone() };
+        Box::new(splatted)
+    }
+
     /// Adds the renderer's settings to a method's record.
     pub(super) fn describe(&self, record: &mut MethodRecord) {
         record.constants = Some(self.constants.name().to_owned());

@@ -233,6 +233,15 @@ impl<S: Simd> Ellipse<S> {
         let v = simd.mul_add_e_f32s(self.whitener[1], y, self.shift);
         (simd.mul_add_e_f32s(u, u, simd.mul_f32s(v, v)), y)
     }
+
+    /// Half the derivatives of the power with respect to columns and rows, at rows from the base.
+    #[inline(always)]
+    pub(super) fn slopes(&self, simd: S, record: &Record, y: S::f32s) -> [S::f32s; 2] {
+        let u = simd.mul_add_e_f32s(self.whitener[0], y, self.u);
+        let v = simd.mul_add_e_f32s(self.whitener[1], y, self.shift);
+        let along = simd.mul_f32s(simd.splat_f32s(record.whitener[0]), u);
+        [along, simd.mul_add_e_f32s(self.whitener[0], u, simd.mul_f32s(self.whitener[1], v))]
+    }
 }
 
 /// The compositing thresholds, broadcast to every lane.

@@ -100,7 +100,17 @@ pub(super) struct CompositeBackward<'a> {
     pub(super) batch: &'a mut Batch,
     pub(super) gradient: &'a mut CellGradient,
     pub(super) sums: &'a mut [[f32; SUMS]],
+    /// Whether the last two sums are of absolute gradients with respect to the centre, see [`ABSOLUTE`]; there must be no
+    /// extra channels.
+    pub(super) absolute: bool,
 }
+
+/// Positions of the sums over pixels of the gradient's magnitude with respect to the centre, along `x` and `y`, divided by
+/// [`ABSOLUTE_UNIT`]; in place of depth and scalar.
+pub(super) const ABSOLUTE: [usize; 2] = [9, 10];
+
+/// The exponent is `ln 2` times a sum of two squares.
+pub(super) const ABSOLUTE_UNIT: f64 = 2.0 * std::f64::consts::LN_2;
 
 impl WithSimd for CompositeBackward<'_> {
     type Output = ();
@@ -108,16 +118,18 @@ impl WithSimd for CompositeBackward<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         if self.params.extra {
-            composite_backward::<S, true>(simd, self);
+            composite_backward::<S, true, false>(simd, self);
+        } else if self.absolute {
+            composite_backward::<S, false, true>(simd, self);
         } else {
-            composite_backward::<S, false>(simd, self);
+            composite_backward::<S, false, false>(simd, self);
         }
     }
 }
 
 #[inline(always)]
-fn composite_backward<S: Simd, const EXTRA: bool>(simd: S, task: CompositeBackward<'_>) {
-    let CompositeBackward { params, order, list, splats, cell, batch, gradient, sums } = task;
+fn composite_backward<S: Simd, const EXTRA: bool, const ABSOLUTE: bool>(simd: S, task: CompositeBackward<'_>) {
+    let CompositeBackward { params, order, list, splats, cell, batch, gradient, sums, .. } = task;
     let CellGradient { values, sums: lanes } = gradient;
     let backward = BlockBackward::<S> {
         grid: Grid::new(simd),
@@ -136,7 +148,7 @@ fn composite_backward<S: Simd, const EXTRA: bool>(simd: S, task: CompositeBackwa
         }
         for (block, values) in values.chunks_exact_mut(PLANES * LANES).enumerate().take(blocks) {
             let list = batch.list(block);
-            if !list.is_empty() && backward.block::<EXTRA>(simd, batch, list, cell.at(block), values, lanes) {
+            if !list.is_empty() && backward.block::<EXTRA, ABSOLUTE>(simd, batch, list, cell.at(block), values, lanes) {
                 open &= !(1 << block);
             }
         }
@@ -163,7 +175,7 @@ struct BlockBackward<S: Simd> {
 impl<S: Simd> BlockBackward<S> {
     /// Returns whether every pixel of the block is finished.
     #[inline(always)]
-    fn block<const EXTRA: bool>(
+    fn block<const EXTRA: bool, const ABSOLUTE: bool>(
         &self,
         simd: S,
         batch: &Batch,
@@ -208,11 +220,17 @@ impl<S: Simd> BlockBackward<S> {
                 terms[0][v] = e;
                 terms[2][v] = ey;
                 terms[5][v] = simd.mul_f32s(ey, y);
+                if ABSOLUTE {
+                    let e = simd.abs_f32s(e);
+                    for (sum, slope) in ellipse.slopes(simd, record, y).into_iter().enumerate() {
+                        terms[9 + sum][v] = simd.mul_f32s(e, simd.abs_f32s(slope));
+                    }
+                }
                 for channel in 0..if EXTRA { 5 } else { 3 } {
                     terms[6 + channel][v] = simd.mul_f32s(weight, planes[2 + channel][v]);
                 }
             }
-            add_terms::<S, EXTRA>(simd, &terms, ellipse.x, lanes);
+            add_terms::<S>(simd, EXTRA || ABSOLUTE, &terms, ellipse.x, lanes);
         }
         for (plane, stored) in planes.iter().take(2).zip(stored.chunks_exact_mut(vectors)) {
             for (value, stored) in plane.iter().zip(stored) {
@@ -252,12 +270,7 @@ impl<S: Simd> BlockBackward<S> {
 /// Adds a block's terms to the accumulators. The terms along `x` are computed here, because every vector has the same
 /// pixel columns.
 #[inline(always)]
-fn add_terms<S: Simd, const EXTRA: bool>(
-    simd: S,
-    terms: &[[S::f32s; MOST_VECTORS]; SUMS],
-    x: S::f32s,
-    lanes: &mut Lanes,
-) {
+fn add_terms<S: Simd>(simd: S, extra: bool, terms: &[[S::f32s; MOST_VECTORS]; SUMS], x: S::f32s, lanes: &mut Lanes) {
     if S::F32_LANES > SUM_LANES {
         let mut folded = [[0.0f32; SUM_LANES]; SUMS];
         let mut columns = [0.0f32; LANES];
@@ -275,7 +288,7 @@ fn add_terms<S: Simd, const EXTRA: bool>(
             folded[3][lane] = folded[1][lane] * x;
             folded[4][lane] = folded[2][lane] * x;
         }
-        for (sum, folded) in lanes.iter_mut().zip(folded).take(if EXTRA { SUMS } else { 9 }) {
+        for (sum, folded) in lanes.iter_mut().zip(folded).take(if extra { SUMS } else { 9 }) {
             for (sum, value) in sum.iter_mut().zip(folded) {
                 *sum += value;
             }
@@ -289,10 +302,10 @@ fn add_terms<S: Simd, const EXTRA: bool>(
         let ex = simd.mul_f32s(e, x);
         let mut folded =
             [e, ex, ey, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x), fold(5), fold(6), fold(7), fold(8), e, e];
-        if EXTRA {
+        if extra {
             (folded[9], folded[10]) = (fold(9), fold(10));
         }
-        for (sum, value) in lanes.iter_mut().zip(folded).take(if EXTRA { SUMS } else { 9 }) {
+        for (sum, value) in lanes.iter_mut().zip(folded).take(if extra { SUMS } else { 9 }) {
             let slot = &mut S::as_mut_simd_f32s(sum).0[half];
             *slot = simd.add_f32s(*slot, value);
         }

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::composite::Composite;
-use super::composite_backward::{CellGradient, CompositeBackward, SUMS};
+use super::composite_backward::{ABSOLUTE, ABSOLUTE_UNIT, CellGradient, CompositeBackward, SUMS};
 use super::frame::Frame;
 use super::gradients::{ProjectBackward, Rows, Totals};
 use super::images::Layout;
@@ -143,6 +143,42 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         images: &ImageGradients<f32>,
         gradients: &mut Gradients<f32>,
     ) -> Result<(), SplatError> {
+        self.differentiate(images, gradients, None)
+    }
+
+    /// As [`Recording::backward_into`], with the sums over pixels of the magnitudes of their gradients with respect to each
+    /// projected mean, along columns and rows: `AbsGS`' densification criterion (Ye et al. 2024). Zero where nothing is
+    /// drawn.
+    ///
+    /// # Errors
+    /// As [`Recording::backward`]; [`SplatError::Length`] for gradients of depth or scalar, which are not supported here.
+    pub fn backward_with_absolute(
+        &mut self,
+        images: &ImageGradients<f32>,
+        gradients: &mut Gradients<f32>,
+        absolute_2d: &mut Vec<[f32; 2]>,
+    ) -> Result<(), SplatError> {
+        for (field, image) in [("depth gradient", &images.depth), ("scalar gradient", &images.scalar)] {
+            if let Some(image) = image {
+                return Err(SplatError::Length { field, expected: 0, found: image.len() });
+            }
+        }
+        absolute_2d.clear();
+        absolute_2d.resize(self.gaussians.borrow().len(), [0.0; 2]);
+        self.differentiate(images, gradients, Some(absolute_2d))
+    }
+
+    /// Positions of the Gaussians that are drawn, in order.
+    pub fn drawn(&self) -> impl Iterator<Item = u32> + '_ {
+        self.frame.runs.iter().flat_map(|run| run.positions.iter().copied())
+    }
+
+    fn differentiate(
+        &mut self,
+        images: &ImageGradients<f32>,
+        gradients: &mut Gradients<f32>,
+        absolute_2d: Option<&mut [[f32; 2]]>,
+    ) -> Result<(), SplatError> {
         let largest = images.check(&self.view)?;
         let gaussians = self.gaussians.borrow();
         let optics = self.view.optics(&self.options.constants)?;
@@ -167,19 +203,24 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             size: self.view.size,
             extra: images.depth.is_some() || images.scalar.is_some(),
         };
-        let background = backward_over_tiles(frame, simd, &params, images, &tile_offsets, &mut sums);
+        let absolute = absolute_2d.is_some();
+        let background = backward_over_tiles(frame, simd, &params, absolute, images, &tile_offsets, &mut sums);
         gradients.background = background.map(|sum| saturated(sum * unit));
 
         let Frame { splats, runs, bins, .. } = &*frame;
         let coefficients = crate::sh_coefficients(gaussians.sh_degree());
         let run_offsets = run_offsets(bins, &tile_offsets, tiling.len());
         let rows = Rows::of(gradients, bins::RUN, coefficients);
+        let mut absolute_2d: Vec<&mut [[f32; 2]]> =
+            absolute_2d.map_or_else(Vec::new, |all| all.chunks_mut(bins::RUN).collect());
+        absolute_2d.resize_with(rows.len(), Default::default);
         let pose_gradients: Vec<Vec<[f64; 6]>> = rows
             .into_par_iter()
+            .zip(absolute_2d)
             .zip(runs)
             .zip(bins)
             .enumerate()
-            .map_init(Vec::new, |totals: &mut Vec<Totals>, (at, ((mut rows, run), bins))| {
+            .map_init(Vec::new, |totals: &mut Vec<Totals>, (at, (((mut rows, absolute_2d), run), bins))| {
                 rows.clear();
                 let first = at * bins::RUN;
                 let end = if first + bins::RUN < gaussians.len() { first + bins::RUN } else { gaussians.len() };
@@ -195,6 +236,12 @@ impl<G: Borrow<Gaussians>> Recording<G> {
                     }
                 }
                 totals.as_flattened_mut().iter_mut().for_each(|total| *total *= unit);
+                if !absolute_2d.is_empty() {
+                    for (position, totals) in run.positions.iter().zip(totals.iter_mut()) {
+                        let sums = ABSOLUTE.map(|sum: usize| std::mem::take(&mut totals[sum]));
+                        absolute_2d[*position as usize - first] = sums.map(|sum| saturated(sum * ABSOLUTE_UNIT));
+                    }
+                }
                 simd.dispatch(ProjectBackward {
                     gaussians,
                     options: &self.options,
@@ -255,6 +302,7 @@ fn backward_over_tiles(
     frame: &Frame,
     simd: SimdLevel,
     params: &RasterParams<'_>,
+    absolute: bool,
     images: &ImageGradients<f32>,
     tile_offsets: &[usize],
     sums: &mut [[f32; SUMS]],
@@ -289,7 +337,7 @@ fn backward_over_tiles(
             };
             let background = gradient.fill(pixels, extra, cell, params, images);
             let splats = frame.splats.as_slice();
-            simd.dispatch(CompositeBackward { params, order, list, splats, cell, batch, gradient, sums });
+            simd.dispatch(CompositeBackward { params, order, list, splats, cell, batch, gradient, sums, absolute });
             background
         })
         .collect();

@@ -1,0 +1,183 @@
+//! The training and held-out views, and the Gaussians to start from.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use atsplat_camera::{Distortion, ImageSize, PoseNormalisation, PrincipalPointRule};
+use atsplat_eval::fitting::training_view;
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, photo_recipe};
+use atsplat_fit::start::{Point, from_points, in_frustums};
+use atsplat_fit::{Strategy, TrainingView};
+use atsplat_model::network::Device;
+use atsplat_model::weights::ModelWeights;
+use atsplat_protocol::trial::TrialRecipe;
+use atsplat_scene::colmap::read_points;
+use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
+use atsplat_scene::{Scene, Warnings};
+use atsplat_splat::{Gaussians, files};
+
+use crate::dataset_args::PictureArgs;
+use crate::embedded;
+use crate::model_args::model_size;
+use crate::parse;
+use crate::reconstruct::input::scene;
+use crate::selection::Selection;
+
+#[derive(Debug, clap::Args)]
+pub(super) struct InputArgs {
+    /// Posed photos: RE10K trajectories with frames, `.torch` chunks, a `transforms.json`, a COLMAP model, a folder of
+    /// them, or the `render.json` that `atsplat render` wrote next to its images.
+    pub(super) data: PathBuf,
+
+    /// Photos to optimise for, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all; without those that
+    /// are held out.
+    #[arg(long, value_name = "SEL", required = true)]
+    views: Selection,
+
+    /// Photos to compare renders with, which the optimisation does not see: `..:8` for every eighth.
+    #[arg(long, value_name = "SEL")]
+    held_out: Option<Selection>,
+
+    /// Which scene of DATA, if it holds several.
+    #[arg(long, value_name = "KEY")]
+    key: Option<String>,
+
+    #[command(flatten)]
+    pictures: PictureArgs,
+
+    /// Scale photos to cover this size, and crop them to it; by default they keep their size, and with --refine they have
+    /// the model's resolution.
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    size: Option<ImageSize>,
+
+    /// Ignore lens distortion in DATA.
+    #[arg(long)]
+    no_distortion: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct StartArgs {
+    /// Gaussians to start from: random:N (points seen by the cameras), points (COLMAP's, of the model in DATA), a folder with
+    /// a points3D file, or a file of Gaussians (.ply, .spz, .splat).
+    #[arg(long, value_name = "START", default_value = "random:10000", conflicts_with = "refine")]
+    start: String,
+
+    /// Nearest and farthest depth of random points, in scene units; by default around the point that the cameras look at.
+    #[arg(long, value_name = "NEAR,FAR", value_parser = depths)]
+    depths: Option<[f64; 2]>,
+
+    /// Start from what this network makes of the photos: a weights file, or micro-rooms, which is embedded in the binary. The
+    /// strategy is then by default `fixed`.
+    #[arg(long, value_name = "WEIGHTS")]
+    pub(super) refine: Option<PathBuf>,
+}
+
+fn depths(text: &str) -> Result<[f64; 2], String> {
+    let numbers = text.split_once(',').map(|(near, far)| (parse::positive(near), parse::positive(far)));
+    match numbers {
+        Some((Ok(near), Ok(far))) if near <= far => Ok([near, far]),
+        _ => Err(format!("expected two positive lengths, the nearer first, as 0.5,20, found {text:?}")),
+    }
+}
+
+/// The photos with their pictures.
+pub(super) struct Input {
+    pub(super) photos: Photos,
+    pub(super) training: Vec<TrainingView>,
+    pub(super) held_out: Vec<TrainingView>,
+}
+
+impl InputArgs {
+    /// Reads the photos; for a network they are prepared as for its reconstructions.
+    pub(super) fn read(&self, network: Option<&NetworkSource>, warnings: &mut Warnings) -> anyhow::Result<Input> {
+        let mut scene: Scene = scene(&self.data, &self.pictures, self.key.as_deref(), warnings)?;
+        if self.no_distortion {
+            scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
+        }
+        let count = scene.frames.len();
+        let targets = self.held_out.as_ref().map(|held_out| held_out.of("--held-out", count)).transpose()?;
+        let targets = targets.unwrap_or_default();
+        let mut context = self.views.of("--views", count)?;
+        context.retain(|frame| !targets.contains(frame));
+        if context.is_empty() {
+            bail!("--views: all of them are held out");
+        }
+        let selection = PhotoSelection { context, targets };
+        let photos = Photos::new(scene, selection, self.recipe(network), warnings)?;
+        let name = |frame| photos.name(frame).map_or_else(|| format!("frame {frame}"), str::to_owned);
+        let mut training = Vec::new();
+        for view in photos.trial().context() {
+            training.push(training_view(name(view.frame), view.camera, view.size, view.picture()?.as_ref()));
+        }
+        let mut held_out = Vec::new();
+        for (position, view) in photos.trial().targets().iter().enumerate() {
+            let picture = photos.ground_truth().get(position).context("a picture for each held-out view")??;
+            held_out.push(training_view(name(view.frame), view.camera, view.size, picture.as_ref()));
+        }
+        Ok(Input { photos, training, held_out })
+    }
+
+    fn recipe(&self, network: Option<&NetworkSource>) -> TrialRecipe {
+        if let Some(source) = network {
+            return photo_recipe(self.size.map_or(source.config.resolution, model_size));
+        }
+        let steps = self.size.map(|size| RescaleAndCrop::new(size.height, size.width).into());
+        TrialRecipe {
+            preprocessing: Preprocessing { principal_point: PrincipalPointRule::Corrected, ..Preprocessing::of(steps) },
+            pose_normalisation: PoseNormalisation::None,
+            ..photo_recipe(atsplat_model::ImageSize::new(1, 1))
+        }
+    }
+}
+
+impl StartArgs {
+    /// For the record.
+    pub(super) fn name(&self) -> String {
+        self.refine.as_ref().map_or_else(|| self.start.clone(), |weights| format!("network {}", weights.display()))
+    }
+
+    /// The network of a refinement.
+    pub(super) fn network(&self) -> anyhow::Result<Option<NetworkSource>> {
+        let Some(path) = &self.refine else { return Ok(None) };
+        let expected = || "a weights file of this toolkit, or micro-rooms".to_owned();
+        let file = embedded::find(path, expected)?;
+        let config = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
+        Ok(Some(NetworkSource::from_file(config.clone(), path.clone(), file, config)))
+    }
+
+    /// The Gaussians to start from, in the frame of the views.
+    pub(super) fn gaussians(
+        &self,
+        input: &Input,
+        data: &Path,
+        network: Option<&NetworkSource>,
+        (seed, strategy): (u64, Strategy),
+    ) -> anyhow::Result<Gaussians> {
+        if let Some(source) = network {
+            let (network, _) = source.load(&Device::flex())?;
+            return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians);
+        }
+        if let Some(count) = self.start.strip_prefix("random:") {
+            let count = count.parse().ok().filter(|count| *count > 0);
+            let count = count.with_context(|| format!("--start: expected random:N, found {:?}", self.start))?;
+            return Ok(in_frustums(&input.training, count, self.depths, seed, strategy)?);
+        }
+        let path = if self.start == "points" { data.to_owned() } else { PathBuf::from(&self.start) };
+        if !path.is_dir() {
+            let (gaussians, _) = files::read(&path).with_context(|| format!("--start {}", self.start))?;
+            return Ok(gaussians);
+        }
+        let folder = [path.clone(), path.join("sparse/0"), path.join("colmap/sparse/0")];
+        let holds = |folder: &&PathBuf| folder.join("points3D.bin").is_file() || folder.join("points3D.txt").is_file();
+        let folder = folder.iter().find(holds).unwrap_or(&path);
+        let points: Vec<Point> = read_points(folder)
+            .with_context(|| format!("--start {}: COLMAP's points", self.start))?
+            .into_iter()
+            .map(|point| Point {
+                position: point.position.to_array(),
+                colour: point.color.map(|channel| f64::from(channel) / 255.0),
+            })
+            .collect();
+        Ok(from_points(&points, strategy)?)
+    }
+}

@@ -1,0 +1,220 @@
+//! `atsplat fit`: optimises Gaussians for one scene.
+
+mod input;
+mod report;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Context as _;
+use atsplat_fit::{Background, Budget, Fit, FitConfig, Strategy};
+use atsplat_scene::Warnings;
+use atsplat_splat::files::{self, Encoding, Output};
+use clap::ValueEnum;
+
+use crate::output::{PendingFile, print_report, print_warnings, warn};
+use crate::parse;
+use input::{InputArgs, StartArgs};
+use report::{Log, Record, Report};
+
+#[derive(Debug, clap::Args)]
+#[command(override_usage = "atsplat fit <DATA> --views <SEL> --strategy <NAME> --steps <N> --out <FILE> [OPTIONS]")]
+pub(crate) struct Args {
+    #[command(flatten)]
+    input: InputArgs,
+
+    #[command(flatten, next_help_heading = "Start")]
+    start: StartArgs,
+
+    #[command(flatten, next_help_heading = "Optimisation")]
+    optimisation: OptimisationArgs,
+
+    /// PLY file of the Gaussians, in the frame of DATA; FILE.json next to it records how they were made.
+    #[arg(long, short, value_name = "FILE", value_parser = ply, help_heading = "Output")]
+    out: PathBuf,
+
+    /// Folder for the learning curve and a contact sheet: held-out photos above their renders.
+    #[arg(long, value_name = "DIR", help_heading = "Output")]
+    plots: Option<PathBuf>,
+
+    /// Compare with the held-out photos every N steps; by default eight times in all. Just after a reset of opacities,
+    /// every tenth of the first half of a run, pictures are dark.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
+    evaluate_every: Option<u64>,
+
+    /// File for the state of the run, from which --resume goes on.
+    #[arg(long, value_name = "FILE", help_heading = "Output", conflicts_with = "seconds")]
+    checkpoint: Option<PathBuf>,
+
+    /// Write the checkpoint every N steps.
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
+    checkpoint_every: u64,
+
+    /// Go on from the checkpoint, if it exists; the result is that of an uninterrupted run.
+    #[arg(long, requires = "checkpoint", help_heading = "Output")]
+    resume: bool,
+
+    /// Print JSON.
+    #[arg(long, help_heading = "Output")]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct OptimisationArgs {
+    /// How the number of Gaussians changes; required without --refine.
+    #[arg(long, value_name = "NAME", required_unless_present = "refine")]
+    strategy: Option<StrategyArg>,
+
+    /// Number of steps, with which all schedules scale (the papers use 30000).
+    #[arg(long, value_name = "N", required_unless_present = "seconds", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
+    steps: Option<u64>,
+
+    /// Seconds instead of steps: their number is planned from the speed of a few, so that results differ between machines.
+    #[arg(long, value_name = "S", value_parser = parse::positive)]
+    seconds: Option<f64>,
+
+    /// Seed of the order of views, of density control, and of the start.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+
+    /// Degree of the spherical harmonics at the end.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=4))]
+    sh_degree: u8,
+
+    /// What is behind the Gaussians: black, white, or another colour in each step.
+    #[arg(long, value_name = "COLOUR", default_value = "black")]
+    background: BackgroundArg,
+
+    /// Densify by absolute gradients of single pixels, as AbsGS does.
+    #[arg(long)]
+    absolute_gradients: bool,
+
+    /// Extent of the scene in units of DATA; by default the radius of the cameras, or half the median depth of the start if
+    /// that is more.
+    #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
+    extent: Option<f64>,
+
+    /// Most Gaussians: MCMC uses them all, the others stop with a message beyond them.
+    #[arg(long, value_name = "N", default_value_t = 1_000_000)]
+    max_gaussians: usize,
+
+    /// Limit on memory for parameters, pictures and renderer, in MiB.
+    #[arg(long, value_name = "MIB", default_value_t = 8192)]
+    memory: u64,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum StrategyArg {
+    #[value(name = "3dgs")]
+    Gaussians3d,
+    MipSplatting,
+    Mcmc,
+    Fixed,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum BackgroundArg {
+    Black,
+    White,
+    Random,
+}
+
+fn ply(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_ply = path.extension().is_some_and(|extension| extension == "ply");
+    if is_ply { Ok(path) } else { Err(format!("expected a file that ends in .ply, found {text}")) }
+}
+
+impl OptimisationArgs {
+    fn config(&self) -> FitConfig {
+        let strategy = match self.strategy {
+            Some(StrategyArg::Gaussians3d) => Strategy::Gaussians3d,
+            Some(StrategyArg::MipSplatting) => Strategy::MipSplatting,
+            Some(StrategyArg::Mcmc) => Strategy::Mcmc,
+            Some(StrategyArg::Fixed) | None => Strategy::Fixed,
+        };
+        let background = match self.background {
+            BackgroundArg::Black => Background::Black,
+            BackgroundArg::White => Background::White,
+            BackgroundArg::Random => Background::Random,
+        };
+        FitConfig {
+            seed: self.seed,
+            sh_degree: self.sh_degree,
+            background,
+            absolute_gradients: self.absolute_gradients,
+            extent: self.extent,
+            max_gaussians: self.max_gaussians,
+            memory_limit: self.memory.saturating_mul(1 << 20),
+            ..FitConfig::new(strategy, 1)
+        }
+    }
+
+    fn budget(&self) -> Budget {
+        match (self.steps, self.seconds) {
+            (_, Some(seconds)) => Budget::Seconds(seconds),
+            (steps, None) => Budget::Steps(steps.unwrap_or(1)),
+        }
+    }
+}
+
+/// Optimises until the last step or the end of the time.
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let record_file = PendingFile::open(&args.out.with_added_extension("json"))?;
+    // The scene file is tried before long work, too.
+    drop(PendingFile::open(&args.out)?);
+    let mut warnings = Warnings::new();
+    let network = args.start.network()?;
+    let input = args.input.read(network.as_ref(), &mut warnings)?;
+    print_warnings(&warnings);
+    let mut config = args.optimisation.config();
+    let start = args.start.gaussians(&input, &args.input.data, network.as_ref(), (config.seed, config.strategy))?;
+    let begin = Instant::now();
+    let (steps, deadline) = args.optimisation.budget().plan(&config, &input.training, &start)?;
+    config.steps = steps;
+    let (count, views) = (start.len(), input.training.clone());
+    let mut fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
+        Some(path) => Fit::resume(config, views, &start, path)?,
+        None => Fit::new(config, views, &start)?,
+    };
+    if fit.dropped() > 0 {
+        warn(&format!("warning: {} of {count} Gaussians of the start are invalid and were dropped", fit.dropped()));
+    }
+    let mut log = Log::new(&fit, &input.held_out, args.evaluate_every, input.training.len());
+    let outcome: anyhow::Result<()> = fit.run(deadline, |fit, step| {
+        if let Some(path) = args.checkpoint.as_deref().filter(|_| step.step.is_multiple_of(args.checkpoint_every)) {
+            fit.checkpoint(path)?;
+        }
+        log.step(fit, step)
+    });
+    let seconds = begin.elapsed().as_secs_f64();
+    log.evaluate(&mut fit)?;
+    // After a fault, the last good state is written before the message.
+    let gaussians = input.photos.in_scene(&fit.gaussians())?;
+    files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
+    if let Some(folder) = &args.plots {
+        log.draw(folder, &mut fit, &input.training)?;
+    }
+    let names = |views: &[atsplat_fit::TrainingView]| views.iter().map(|view| view.name.clone()).collect();
+    let record = Record {
+        atsplat: env!("CARGO_PKG_VERSION"),
+        data: args.input.data.clone(),
+        scene: input.photos.trial().scene().to_owned(),
+        views: names(&input.training),
+        held_out: names(&input.held_out),
+        start: args.start.name(),
+        start_gaussians: count,
+        dropped: fit.dropped(),
+        extent: fit.extent(),
+        configuration: fit.config().clone(),
+        steps: fit.step_count(),
+        file: args.out.clone(),
+        gaussians: gaussians.len(),
+        training_psnr: log.training_psnr(),
+        evaluations: log.evaluations.clone(),
+    };
+    drop(log);
+    record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
+    outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
+    print_report(&Report { record, seconds }, args.json)
+}

@@ -1,0 +1,240 @@
+use std::time::Instant;
+
+use atsplat_fit::start::in_frustums;
+use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, TrainingView, camera_extent};
+use atsplat_model::network::Network;
+use atsplat_splat::Gaussians;
+
+use super::splatting::{Splatting, parameters};
+use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource};
+use crate::context::trial_seed;
+use crate::fitting::training_view;
+use crate::{EvalError, MethodRecord, network_views};
+
+/// Points of a random start.
+pub const START_POINTS: usize = 5000;
+
+/// Gaussians optimised for each trial on its context views: 3DGS, Mip-Splatting and MCMC from a random start, or the
+/// refinement of what a network made.
+///
+/// The papers start 3DGS and Mip-Splatting from COLMAP's points of the context views; trials have none, so random points
+/// seen by the context cameras stand in for them, and each row says so.
+#[derive(Debug)]
+pub struct Optimised {
+    strategy: Strategy,
+    budget: Budget,
+    seed: u64,
+    /// Most Gaussians.
+    limit: usize,
+    /// Makes the Gaussians to start from.
+    network: Option<Network>,
+    splatting: Splatting,
+    record: MethodRecord,
+}
+
+impl Optimised {
+    /// Optimisation from a random start.
+    pub fn from_scratch(
+        name: Option<&str>,
+        strategy: Strategy,
+        budget: Budget,
+        limit: usize,
+        seed: u64,
+        splatting: Splatting,
+    ) -> Self {
+        let title = match strategy {
+            Strategy::Gaussians3d => "3DGS",
+            Strategy::MipSplatting => "Mip-Splatting",
+            Strategy::Mcmc => "3DGS-MCMC",
+            Strategy::Fixed => "fixed number of Gaussians",
+        };
+        let record = MethodRecord {
+            name: name.map_or_else(|| format!("{}-{}", strategy.name(), text(budget)), str::to_owned),
+            kind: strategy.name().to_owned(),
+            title: format!("{title} ({})", text(budget)),
+            ..MethodRecord::default()
+        };
+        Self { strategy, budget, seed, limit, network: None, splatting, record }.described()
+    }
+
+    /// Refinement of a network's Gaussians, without changing their number.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] for a configuration that cannot be hashed.
+    pub fn refined(
+        name: Option<&str>,
+        network: Network,
+        weights: &WeightsSource,
+        budget: Budget,
+        seed: u64,
+        splatting: Splatting,
+    ) -> Result<Self, EvalError> {
+        let config = network.config();
+        let untrained = matches!(weights, WeightsSource::Random { .. });
+        let suffix = if untrained { ", untrained" } else { "" };
+        let mut record = MethodRecord {
+            name: name.map_or_else(|| format!("atsplat+refine-{}", text(budget)), str::to_owned),
+            kind: "atsplat+refine".to_owned(),
+            title: format!("ATSplat + refinement ({}, {}{suffix})", config.name, text(budget)),
+            parameters: parameters([("model", config.name.clone().into()), ("model-hash", config.hash()?.into())]),
+            untrained,
+            ..MethodRecord::default()
+        };
+        if let WeightsSource::File { sha256 } = weights {
+            record.weights_sha256 = Some(sha256.clone());
+        }
+        let limit = usize::MAX;
+        let network = Some(network);
+        Ok(Self { strategy: Strategy::Fixed, budget, seed, limit, network, splatting, record }.described())
+    }
+
+    /// Completes the record.
+    fn described(mut self) -> Self {
+        let budget = match self.budget {
+            Budget::Steps(steps) => ("steps", steps.into()),
+            Budget::Seconds(seconds) => ("seconds", seconds.into()),
+        };
+        let start = if self.network.is_some() { "the network's Gaussians" } else { "random points in the frustums" };
+        self.record.parameters.extend(parameters([
+            budget,
+            ("strategy", self.strategy.name().into()),
+            ("start", start.into()),
+            ("max-gaussians", self.limit.into()),
+            ("seed", self.seed.into()),
+        ]));
+        self.splatting.describe(&mut self.record);
+        // How many steps fit into a time differs from run to run.
+        self.record.deterministic &= matches!(self.budget, Budget::Steps(_));
+        self
+    }
+
+    fn config(&self, input: &TrialInput<'_>) -> FitConfig {
+        let convention = &input.preset.renderer;
+        let rgb = self.splatting.background.unwrap_or(convention.background);
+        FitConfig {
+            seed: trial_seed(self.seed, input.trial),
+            background: if rgb.iter().all(|channel| *channel >= 1.0) { Background::White } else { Background::Black },
+            max_gaussians: self.limit,
+            constants: self.splatting.constants.of(convention, input.trial.near_far()),
+            ..FitConfig::new(self.strategy, 1)
+        }
+    }
+
+    fn start(
+        &self,
+        input: &TrialInput<'_>,
+        views: &[TrainingView],
+        config: &mut FitConfig,
+        cost: &mut Cost,
+    ) -> Result<Gaussians, MethodError> {
+        let Some(network) = &self.network else {
+            cost.notes.push("random points stand in for COLMAP's: a trial has none".to_owned());
+            return in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy).map_err(failed);
+        };
+        let cameras = input.trial.context().iter().map(|view| view.camera).collect();
+        let context = network_views(input.pictures.iter().map(AsRef::as_ref), cameras);
+        let network_failed = |error: atsplat_model::ModelError| MethodError::Failed(error.to_string());
+        let made = network.reconstruct(&context.map_err(network_failed)?, config.seed).map_err(network_failed)?;
+        cost.initial_tokens = Some(made.budget.initial_tokens as u64);
+        cost.final_tokens = Some(made.budget.final_tokens as u64);
+        cost.stages.extend(made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs)));
+        config.max_gaussians = made.gaussians.len();
+        config.sh_degree = made.gaussians.sh_degree();
+        Ok(made.gaussians)
+    }
+}
+
+impl Method for Optimised {
+    fn record(&self) -> MethodRecord {
+        self.record.clone()
+    }
+
+    fn is_heavy(&self) -> bool {
+        true
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let context = input.trial.context().iter().zip(input.pictures);
+        let views: Vec<TrainingView> = context
+            .map(|(view, picture)| training_view(format!("frame {}", view.frame), view.camera, view.size, picture))
+            .collect();
+        if self.network.is_none() && !(camera_extent(views.iter().map(|view| &view.view)) > 0.0) {
+            return Err(MethodError::NotApplicable("the context cameras are in one place".to_owned()));
+        }
+        let mut cost = Cost::default();
+        let mut config = self.config(&input);
+        let start = self.start(&input, &views, &mut config, &mut cost)?;
+        let begin = Instant::now();
+        let (steps, deadline) = self.budget.plan(&config, &views, &start).map_err(failed)?;
+        config.steps = steps;
+        let mut fit = Fit::new(config, views, &start).map_err(failed)?;
+        let mut training = Vec::new();
+        fit.run(deadline, |_, step| {
+            training.push(step.psnr());
+            Ok::<_, FitError>(())
+        })
+        .map_err(failed)?;
+        cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
+        // The last pass over the context, so that overfitting shows next to the held-out PSNR.
+        let last = training.len().saturating_sub(input.pictures.len());
+        let last = training.get(last..).unwrap_or(&[]);
+        let mean = last.iter().sum::<f64>() / last.len().max(1) as f64;
+        cost.notes.push(format!("optimisation: {} steps, {mean:.2} dB on the context views", fit.step_count()));
+        Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
+    }
+}
+
+/// `3000` or `10s`.
+fn text(budget: Budget) -> String {
+    match budget {
+        Budget::Steps(steps) => steps.to_string(),
+        Budget::Seconds(seconds) => format!("{seconds}s"),
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "an error to convert")]
+fn failed(error: FitError) -> MethodError {
+    MethodError::Failed(error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_model::ModelConfig;
+    use atsplat_model::network::Device;
+    use atsplat_model::parameters::parameters;
+    use atsplat_model::weights::generated;
+    use atsplat_protocol::Preset;
+
+    use super::*;
+    use crate::method::atsplat::tests::trials;
+
+    #[test]
+    fn optimises_the_context_of_a_trial_within_its_budget() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let scratch = |strategy, budget| Optimised::from_scratch(None, strategy, budget, 400, 0, Splatting::default());
+        let rendered = |method: &Optimised| {
+            let prediction = method.predict(input).unwrap();
+            let cost = prediction.cost();
+            assert!(cost.stages["optimisation"] > 0.0 && cost.gaussians.is_some_and(|count| count > 0), "{cost:?}");
+            (cost, prediction.render(&[0]).remove(0).unwrap().image)
+        };
+        let steps = |count| scratch(Strategy::MipSplatting, Budget::Steps(count));
+        let ((cost, first), (_, again), (_, longer)) = (rendered(&steps(2)), rendered(&steps(2)), rendered(&steps(12)));
+        assert!(first == again && first != longer);
+        assert!(cost.notes.iter().any(|note| note.contains("stand in for COLMAP")), "{:?}", cost.notes);
+        assert!(cost.notes.iter().any(|note| note.starts_with("optimisation: 2 steps")), "{:?}", cost.notes);
+        assert_eq!((steps(2).record().name.as_str(), steps(2).record().deterministic), ("mip-splatting-2", true));
+        let timed = scratch(Strategy::Mcmc, Budget::Seconds(0.2));
+        assert!(!timed.record().deterministic && rendered(&timed).0.gaussians.is_some_and(|count| count <= 400));
+
+        let config = ModelConfig::named("nano").unwrap();
+        let network = Network::new(&config, &Device::flex()).unwrap();
+        let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
+        let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
+        let method = Optimised::refined(None, network, &weights, Budget::Steps(2), 0, Splatting::default()).unwrap();
+        let (cost, _) = rendered(&method);
+        assert!(cost.final_tokens.is_some() && method.record().untrained);
+    }
+}

@@ -1,0 +1,161 @@
+use atsplat_splat::{MAX_SH_DEGREE, RendererConstants};
+use serde::{Deserialize, Serialize};
+
+use crate::FitError;
+
+/// How the number of Gaussians changes, and which filters they have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Strategy {
+    /// 3DGS' adaptive density control: [`crate::density::Adaptive`].
+    #[serde(rename = "3dgs")]
+    Gaussians3d,
+    /// Mip-Splatting: adaptive density control with the [3D smoothing filter](crate::filter_3d) and the 2D Mip filter.
+    MipSplatting,
+    /// 3DGS-MCMC: [`crate::density::Mcmc`].
+    Mcmc,
+    /// The Gaussians of the start, none added or removed: refinement.
+    Fixed,
+}
+
+impl Strategy {
+    /// Its name in arguments and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Gaussians3d => "3dgs",
+            Self::MipSplatting => "mip-splatting",
+            Self::Mcmc => "mcmc",
+            Self::Fixed => "fixed",
+        }
+    }
+}
+
+/// What is behind the Gaussians during optimisation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Background {
+    /// Black.
+    Black,
+    /// White; opacities are also reset when density control begins.
+    White,
+    /// Another colour in each step, so that holes cannot hide; held-out views are rendered on black.
+    Random,
+}
+
+/// Learning rates of Adam: graphdeco-inria/gaussian-splatting `arguments/__init__.py`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Rates {
+    /// Means at the start, in units of the scene's extent.
+    pub means: f64,
+    /// Means at the end; exponential in between.
+    pub final_means: f64,
+    /// Constant coefficients of the spherical harmonics; the others have a twentieth.
+    pub colours: f64,
+    /// Logits of opacities.
+    pub opacities: f64,
+    /// Logarithms of scales.
+    pub scales: f64,
+    /// Quaternions.
+    pub rotations: f64,
+}
+
+impl Default for Rates {
+    fn default() -> Self {
+        Self { means: 1.6e-4, final_means: 1.6e-6, colours: 2.5e-3, opacities: 0.05, scales: 5e-3, rotations: 1e-3 }
+    }
+}
+
+/// Everything that an optimisation depends on, apart from views and start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct FitConfig {
+    /// Density control and filters.
+    pub strategy: Strategy,
+    /// Number of steps, with which all schedules scale.
+    pub steps: u64,
+    /// Seed of the order of views, of density control and of random backgrounds.
+    pub seed: u64,
+    /// Degree of the spherical harmonics at the end.
+    pub sh_degree: u8,
+    /// Behind the Gaussians.
+    pub background: Background,
+    /// Weight of `1 − SSIM`; the mean absolute error has the rest.
+    pub d_ssim: f64,
+    /// Learning rates.
+    pub rates: Rates,
+    /// Whether adaptive density control sums absolute gradients of single pixels, as `AbsGS` (Ye et al. 2024).
+    pub absolute_gradients: bool,
+    /// The scene's extent in scene units; `None` is 3DGS' radius of the cameras, or half the
+    /// median depth of the start if that is more.
+    pub extent: Option<f64>,
+    /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::Fault::Runaway`].
+    pub max_gaussians: usize,
+    /// Limit on the bytes of parameters, gradients, pictures and the renderer.
+    pub memory_limit: u64,
+    /// Thresholds of the renderer; Mip-Splatting replaces the blur by 0.1 square pixels.
+    pub constants: RendererConstants,
+}
+
+impl FitConfig {
+    /// The published settings of a strategy for a number of steps, up to a million Gaussians in 8 GiB.
+    pub fn new(strategy: Strategy, steps: u64) -> Self {
+        Self {
+            strategy,
+            steps,
+            seed: 0,
+            sh_degree: 3,
+            background: Background::Black,
+            d_ssim: 0.2,
+            rates: Rates::default(),
+            absolute_gradients: false,
+            extent: None,
+            max_gaussians: 1_000_000,
+            memory_limit: 8 << 30,
+            constants: RendererConstants::default(),
+        }
+    }
+
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// [`FitError::Setting`] naming the first field out of range, [`FitError::Splat`] for the renderer's constants.
+    pub fn check(&self) -> Result<(), FitError> {
+        let wrong = |name, expected: &str, found: &dyn std::fmt::Display| {
+            Err(FitError::Setting { name, expected: expected.to_owned(), found: found.to_string() })
+        };
+        if self.steps == 0 {
+            return wrong("steps", "at least 1", &self.steps);
+        }
+        if self.sh_degree > MAX_SH_DEGREE {
+            return wrong("sh-degree", "at most 4", &self.sh_degree);
+        }
+        if self.max_gaussians == 0 {
+            return wrong("max-gaussians", "at least 1", &self.max_gaussians);
+        }
+        if !(0.0..=1.0).contains(&self.d_ssim) {
+            return wrong("d-ssim", "from 0 to 1", &self.d_ssim);
+        }
+        if let Some(extent) = self.extent.filter(|extent| !(extent.is_finite() && *extent > 0.0)) {
+            return wrong("extent", "a positive length", &extent);
+        }
+        let Rates { means, final_means, colours, opacities, scales, rotations } = self.rates;
+        for (name, rate) in [
+            ("rates.means", means),
+            ("rates.final-means", final_means),
+            ("rates.colours", colours),
+            ("rates.opacities", opacities),
+            ("rates.scales", scales),
+            ("rates.rotations", rotations),
+        ] {
+            if !(rate.is_finite() && rate > 0.0) {
+                return wrong(name, "a positive rate", &rate);
+            }
+        }
+        let adaptive = matches!(self.strategy, Strategy::Gaussians3d | Strategy::MipSplatting);
+        if self.absolute_gradients && !adaptive {
+            return wrong("absolute-gradients", "3dgs or mip-splatting", &self.strategy.name());
+        }
+        Ok(self.constants.check()?)
+    }
+}

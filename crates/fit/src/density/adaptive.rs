@@ -1,0 +1,193 @@
+use atsplat_numeric::Extremes as _;
+use atsplat_splat::GaussianParts;
+use glam::{DQuat, DVec3};
+
+use super::{At, Changes, Density, DensityError, Seen};
+use crate::random::{Purpose, normals};
+use crate::scene::{logit, narrowed, sigmoid};
+use crate::{Fault, Scene};
+
+/// Smallest opacity that is kept.
+const LEAST_OPACITY: f64 = 0.005;
+/// Opacity to which a reset lowers all Gaussians above it.
+const RESET_OPACITY: f64 = 0.01;
+/// Largest scale of a Gaussian that is cloned rather than split, in extents of the scene.
+const SPLIT_SCALE: f64 = 0.01;
+/// Largest scale that is kept after the first reset, in extents of the scene.
+const LARGEST_SCALE: f64 = 0.1;
+/// Children of a split are smaller by this factor: 0.8 times their number.
+const SHRINKING: f64 = 1.6;
+
+/// 3DGS' adaptive density control (graphdeco-inria/gaussian-splatting `scene/gaussian_model.py`, `densify_and_prune`):
+/// Gaussians whose projected means have large gradients are cloned if they are small and split if they are large; faint
+/// ones are pruned, and so are large ones after the first reset of opacities.
+///
+/// It follows the optimiser's update, as in gsplat; the published code densifies before it, and so skips that update. Like
+/// the code behind the published figures, it does not prune by the size on the screen.
+#[derive(Clone, Debug)]
+pub struct Adaptive {
+    /// Mean norm of the gradient, in units of half the picture's width and height, from which Gaussians are densified.
+    threshold: f64,
+    sums: Vec<f32>,
+    counts: Vec<f32>,
+}
+
+impl Default for Adaptive {
+    /// Threshold 2e-4.
+    fn default() -> Self {
+        Self { threshold: 2e-4, sums: Vec::new(), counts: Vec::new() }
+    }
+}
+
+impl Adaptive {
+    /// `AbsGS` (Ye et al. 2024): sums of absolute gradients, with their threshold of 8e-4.
+    pub fn absolute() -> Self {
+        Self { threshold: 8e-4, ..Self::default() }
+    }
+
+    /// Clones, splits and prunes.
+    fn densify(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
+        let count = scene.len();
+        self.sums.resize(count, 0.0);
+        self.counts.resize(count, 0.0);
+        let (mut clones, mut parents, mut kept) = (Vec::new(), Vec::new(), Vec::new());
+        let largest =
+            |scales: &[f32; 3]| f64::from(scales.iter().fold(f32::MIN, |most, log| most.maximum_of(*log))).exp();
+        let means = self.sums.iter().zip(&self.counts).zip(&scene.parts.log_scales).enumerate();
+        for (position, ((sum, seen), scales)) in means {
+            let dense = *seen > 0.0 && f64::from(*sum) / f64::from(*seen) >= self.threshold;
+            let small = largest(scales) <= SPLIT_SCALE * at.extent;
+            match (dense, small) {
+                (true, true) => clones.push(position),
+                (true, false) => parents.push(position),
+                _ => {}
+            }
+            if !dense || small {
+                kept.push(position);
+            }
+        }
+        let prune_large = at.step > at.schedule.reset_every;
+        let keeps = |parts: &GaussianParts, position: usize| {
+            let opacity = parts.opacity_logits.get(position).is_some_and(|logit| sigmoid(*logit) >= LEAST_OPACITY);
+            let scale =
+                parts.log_scales.get(position).is_some_and(|scales| largest(scales) <= LARGEST_SCALE * at.extent);
+            opacity && (scale || !prune_large)
+        };
+        let mut new = scene.copies(&clones)?;
+        append(&mut new, children(&scene.copies(&parents)?, at));
+        let added: Vec<usize> = (0..new.means.len()).filter(|position| keeps(&new, *position)).collect();
+        let before = kept.len() + new.means.len();
+        kept.retain(|position| keeps(&scene.parts, *position));
+        let wanted = kept.len() + added.len();
+        if wanted > at.limit {
+            return Err(DensityError::Fault(Fault::Runaway { wanted, limit: at.limit }));
+        }
+        if wanted == 0 {
+            return Err(DensityError::Fault(Fault::Empty));
+        }
+        let new = crate::scene::whole(new).select(&added)?.into_parts();
+        scene.replace(&kept, new)?;
+        self.sums = vec![0.0; wanted];
+        self.counts = vec![0.0; wanted];
+        Ok(Changes { cloned: clones.len(), split: parents.len(), pruned: before - wanted, ..Changes::default() })
+    }
+}
+
+impl Density for Adaptive {
+    fn observe(&mut self, seen: &Seen<'_>) {
+        self.sums.resize(seen.count, 0.0);
+        self.counts.resize(seen.count, 0.0);
+        for position in seen.drawn.iter().map(|position| *position as usize) {
+            if let (Some([x, y]), Some(sum), Some(count)) =
+                (seen.means_2d.get(position), self.sums.get_mut(position), self.counts.get_mut(position))
+            {
+                let [x, y] = [f64::from(*x) * 0.5 * seen.size[0], f64::from(*y) * 0.5 * seen.size[1]];
+                *sum += narrowed(x.hypot(y));
+                *count += 1.0;
+            }
+        }
+    }
+
+    fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
+        let schedule = &at.schedule;
+        if at.step >= schedule.density_until {
+            return Ok(Changes::default());
+        }
+        let mut changes = Changes::default();
+        if at.step > schedule.density_from && at.step.is_multiple_of(schedule.density_every) {
+            changes = self.densify(scene, at)?;
+        }
+        if at.step.is_multiple_of(schedule.reset_every) || (at.white && at.step == schedule.density_from) {
+            reset(scene);
+            changes.reset = true;
+        }
+        Ok(changes)
+    }
+
+    fn memory(&self) -> Vec<(&'static str, Vec<f32>)> {
+        vec![("gradient-sums", self.sums.clone()), ("gradient-counts", self.counts.clone())]
+    }
+
+    fn restore(&mut self, memory: Vec<Vec<f32>>) {
+        if let Ok([sums, counts]) = <[Vec<f32>; 2]>::try_from(memory) {
+            (self.sums, self.counts) = (sums, counts);
+        }
+    }
+}
+
+/// Two children for each parent: drawn from the parent's own distribution, smaller by [`SHRINKING`]; first the first child
+/// of every parent, then the second.
+fn children(parents: &GaussianParts, at: &At) -> GaussianParts {
+    let mut random = at.stream(Purpose::Split);
+    let mut both = GaussianParts { sh_degree: parents.sh_degree, ..GaussianParts::default() };
+    for _ in 0..2 {
+        let mut child = parents.clone();
+        for ((mean, quaternion), scales) in child.means.iter_mut().zip(&child.quaternions).zip(&mut child.log_scales) {
+            let [w, x, y, z] = quaternion.map(f64::from);
+            let deviations = DVec3::from_array(scales.map(|log| f64::from(log).exp()));
+            let offset =
+                DQuat::from_xyzw(x, y, z, w).normalize() * (deviations * DVec3::from_array(normals(&mut random)));
+            *mean = (DVec3::from_array(mean.map(f64::from)) + offset).to_array().map(narrowed);
+            *scales = scales.map(|log| narrowed(f64::from(log) - SHRINKING.ln()));
+        }
+        append(&mut both, child);
+    }
+    both
+}
+
+/// Lowers every opacity, as drawn, to at most [`RESET_OPACITY`]. With a 3D filter the drawn opacity is the own one times a
+/// coefficient, which is divided out again (autonomousvision/mip-splatting `reset_opacity`).
+fn reset(scene: &mut Scene) {
+    let filters = scene.parts.filter_3d.as_deref().unwrap_or(&[]);
+    let scales = scene.parts.log_scales.iter().enumerate();
+    let coefficients: Vec<f64> = scales
+        .map(|(position, scales)| {
+            let filter = filters.get(position).map_or(0.0, |filter| f64::from(*filter));
+            let share = |log: &f32| {
+                let own = (2.0 * f64::from(*log)).exp();
+                if filter > 0.0 { own / (own + filter * filter) } else { 1.0 }
+            };
+            scales.iter().map(share).product::<f64>().sqrt()
+        })
+        .collect();
+    for (value, coefficient) in scene.parts.opacity_logits.iter_mut().zip(coefficients) {
+        let opacity = sigmoid(*value);
+        if opacity * coefficient > RESET_OPACITY {
+            *value = logit(RESET_OPACITY / coefficient);
+        }
+    }
+    scene.first.opacity_logits.fill(0.0);
+    scene.second.opacity_logits.fill(0.0);
+}
+
+/// Appends Gaussians of the same degree, with filters if both have them.
+fn append(to: &mut GaussianParts, from: GaussianParts) {
+    to.means.extend(from.means);
+    to.quaternions.extend(from.quaternions);
+    to.log_scales.extend(from.log_scales);
+    to.opacity_logits.extend(from.opacity_logits);
+    to.sh.extend(from.sh);
+    if let Some(filters) = from.filter_3d {
+        to.filter_3d.get_or_insert_default().extend(filters);
+    }
+}

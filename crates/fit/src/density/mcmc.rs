@@ -1,0 +1,171 @@
+use atsplat_splat::{GaussianParts, Gradients};
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
+
+use super::{At, Changes, Density, DensityError};
+use crate::random::{Purpose, normals, stream, weighted};
+use crate::scene::{logit, narrowed, set, sigmoid};
+use crate::{Fault, Scene};
+
+/// Opacity up to which a Gaussian is dead; also the lowest that relocation gives.
+const DEAD: f64 = 0.005;
+/// Growth at each change of density, up to the limit.
+const GROWTH: f64 = 1.05;
+/// Weights of the mean opacity and of the mean scale in the loss.
+const REGULARISERS: [f64; 2] = [0.01, 0.01];
+/// Scale of the noise in units of the means' rate.
+const NOISE: f64 = 5e5;
+/// Most Gaussians in one place that the correction of opacity and scale is made for.
+const MOST_TOGETHER: usize = 51;
+/// Gaussians per task and per stream of random numbers.
+const BLOCK: usize = 1024;
+
+/// 3DGS as Markov chain Monte Carlo (Kheradmand et al. 2024; ubc-vision/3dgs-mcmc): dead Gaussians are relocated to live
+/// ones, drawn by opacity, and the number grows by a twentieth at a time up to the limit. Opacities and scales are
+/// corrected so that the picture hardly changes. Means receive noise in proportion to their covariance, unless they are
+/// opaque; small opacities and scales are rewarded.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mcmc;
+
+impl Density for Mcmc {
+    fn regularise(&self, scene: &Scene, gradients: &mut Gradients<f32>) -> f64 {
+        let count = scene.len() as f64;
+        let [opacity_weight, scale_weight] = [REGULARISERS[0] / count, REGULARISERS[1] / (3.0 * count)];
+        let mut sum = 0.0;
+        for (gradient, opacity) in gradients.opacity_logits.iter_mut().zip(scene.opacities()) {
+            *gradient += narrowed(opacity_weight * opacity * (1.0 - opacity));
+            sum += opacity_weight * opacity;
+        }
+        let logs = scene.parts.log_scales.as_flattened();
+        for (gradient, log) in gradients.log_scales.as_flattened_mut().iter_mut().zip(logs) {
+            let scale = scale_weight * f64::from(*log).exp();
+            *gradient += narrowed(scale);
+            sum += scale;
+        }
+        sum
+    }
+
+    fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
+        let schedule = &at.schedule;
+        let mut changes = Changes::default();
+        let due = at.step > schedule.density_from && at.step < schedule.relocation_until;
+        if due && at.step.is_multiple_of(schedule.density_every) {
+            changes.relocated = relocate(scene, at)?;
+            changes.added = grow(scene, at)?;
+        }
+        add_noise(&mut scene.parts, at);
+        Ok(changes)
+    }
+}
+
+/// Opacity of each of `together` equal Gaussians that replace one, and the factor on its scales, so that the picture hardly
+/// changes: equation 9 of the paper (`diff-gaussian-rasterization/cuda_rasterizer/utils.cu`, `compute_relocation`).
+pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
+    let together = together.clamp(1, MOST_TOGETHER);
+    let new = 1.0 - (1.0 - opacity).powf(1.0 / together as f64);
+    let mut denominator = 0.0;
+    for row in 0..together {
+        let (mut binomial, mut power) = (1.0, new);
+        for k in 0..=row {
+            denominator += binomial * power / ((k + 1) as f64).sqrt();
+            binomial *= (row - k) as f64 / (k + 1) as f64;
+            power *= -new;
+        }
+    }
+    (new, opacity / denominator)
+}
+
+/// Moves dead Gaussians to live ones; returns their number.
+fn relocate(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
+    let opacities: Vec<f64> = scene.opacities().collect();
+    let dead: Vec<usize> = (0..scene.len()).filter(|position| opacities.get(*position).is_some_and(is_dead)).collect();
+    let weights = opacities.iter().map(|opacity| if is_dead(opacity) { 0.0 } else { *opacity });
+    let sources = weighted(&mut at.stream(Purpose::Relocation), weights, dead.len());
+    if sources.len() < dead.len() {
+        return Err(DensityError::Fault(Fault::Empty));
+    }
+    share(scene, &sources);
+    let copies = scene.copies(&sources)?;
+    let coefficients = atsplat_splat::sh_coefficients(copies.sh_degree);
+    for (from, &to) in dead.iter().enumerate() {
+        let parts = &mut scene.parts;
+        copy(&copies.means, from, &mut parts.means, to);
+        copy(&copies.quaternions, from, &mut parts.quaternions, to);
+        copy(&copies.log_scales, from, &mut parts.log_scales, to);
+        copy(&copies.opacity_logits, from, &mut parts.opacity_logits, to);
+        for at in 0..coefficients {
+            copy(&copies.sh, from * coefficients + at, &mut parts.sh, to * coefficients + at);
+        }
+    }
+    // As in the published code, the moments of the sources are forgotten; those of the moved Gaussians stay.
+    scene.forget(&sources);
+    Ok(dead.len())
+}
+
+/// NaN counts as dead.
+fn is_dead(opacity: &f64) -> bool {
+    !(*opacity > DEAD)
+}
+
+/// Adds Gaussians next to others, drawn by opacity; returns their number.
+fn grow(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
+    let count = scene.len();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a moderate positive number")]
+    let grown = (GROWTH * count as f64) as usize;
+    let added = grown.min(at.limit).saturating_sub(count);
+    let opacities: Vec<f64> = scene.opacities().collect();
+    let sources = weighted(&mut at.stream(Purpose::Growth), opacities, added);
+    share(scene, &sources);
+    let new = scene.copies(&sources)?;
+    scene.forget(&sources);
+    let kept: Vec<usize> = (0..count).collect();
+    scene.replace(&kept, new)?;
+    Ok(sources.len())
+}
+
+/// Corrects opacity and scales of Gaussians that will be in one place with copies of themselves, one for each time that they
+/// are listed.
+fn share(scene: &mut Scene, sources: &[usize]) {
+    let mut together = std::collections::BTreeMap::new();
+    for source in sources {
+        *together.entry(*source).or_insert(1usize) += 1;
+    }
+    let parts = &mut scene.parts;
+    for (source, together) in together {
+        if let (Some(value), Some(scales)) = (parts.opacity_logits.get_mut(source), parts.log_scales.get_mut(source)) {
+            let (opacity, factor) = relocated(sigmoid(*value), together);
+            *value = logit(opacity.clamp(DEAD, 1.0 - f64::from(f32::EPSILON)));
+            *scales = scales.map(|log| narrowed(f64::from(log) + factor.ln()));
+        }
+    }
+}
+
+fn copy<T: Copy>(from: &[T], at: usize, into: &mut [T], to: usize) {
+    if let Some(value) = from.get(at) {
+        set(into, to, *value);
+    }
+}
+
+/// Adds `Σ · noise` to the means, more the fainter the Gaussian.
+fn add_noise(parts: &mut GaussianParts, at: &At) {
+    let seed = at.stream(Purpose::Noise).next_u64();
+    let scale = NOISE * at.means_rate;
+    let shapes = parts.quaternions.par_chunks(BLOCK).zip(parts.log_scales.par_chunks(BLOCK));
+    let blocks = parts.means.par_chunks_mut(BLOCK).zip(shapes.zip(parts.opacity_logits.par_chunks(BLOCK)));
+    blocks.enumerate().for_each(|(block, (means, ((quaternions, scales), logits)))| {
+        let mut random = stream(seed, Purpose::Noise, block as u64);
+        for ((mean, (quaternion, scales)), logit) in means.iter_mut().zip(quaternions.iter().zip(scales)).zip(logits) {
+            let noise = DVec3::from_array(normals(&mut random)) * (scale * faintness(sigmoid(*logit)));
+            let [w, x, y, z] = quaternion.map(f64::from);
+            let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+            let variances = DVec3::from_array(scales.map(|log| (2.0 * f64::from(log)).exp()));
+            let offset = rotation * (variances * (rotation.transpose() * noise));
+            *mean = (DVec3::from_array(mean.map(f64::from)) + offset).to_array().map(narrowed);
+        }
+    });
+}
+
+/// A step from 1 for transparent Gaussians to 0, at an opacity of 0.005.
+fn faintness(opacity: f64) -> f64 {
+    1.0 / (1.0 + (-100.0 * ((1.0 - opacity) - 0.995)).exp())
+}

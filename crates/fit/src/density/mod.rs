@@ -1,0 +1,116 @@
+//! How the number of Gaussians changes during an optimisation; one file per strategy.
+
+mod adaptive;
+mod fixed;
+mod mcmc;
+
+use atsplat_splat::{Gradients, SplatError};
+
+use crate::random::Purpose;
+use crate::{Fault, Scene, Schedule};
+
+pub use adaptive::Adaptive;
+pub use fixed::Fixed;
+pub use mcmc::{Mcmc, relocated};
+
+/// A strategy of density control, called once per step.
+pub trait Density: std::fmt::Debug + Send {
+    /// Adds the gradients of its regularisers; returns their sum.
+    fn regularise(&self, _scene: &Scene, _gradients: &mut Gradients<f32>) -> f64 {
+        0.0
+    }
+
+    /// Takes note of a step's gradients.
+    fn observe(&mut self, _seen: &Seen<'_>) {}
+
+    /// Changes the scene after the optimiser's update of a step.
+    ///
+    /// # Errors
+    /// [`DensityError`]; the number of Gaussians is then unchanged.
+    fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError>;
+
+    /// What it remembers from step to step, by name, one value per Gaussian: part of a checkpoint.
+    fn memory(&self) -> Vec<(&'static str, Vec<f32>)> {
+        Vec::new()
+    }
+
+    /// Restores [`Self::memory`], in the same order.
+    fn restore(&mut self, _memory: Vec<Vec<f32>>) {}
+}
+
+/// What one view's backward pass tells about the Gaussians.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Positions of the Gaussians in the picture.
+    pub drawn: &'a [u32],
+    /// Gradient of the loss with respect to the projected means, in pixels; or sums of its absolute values over pixels.
+    pub means_2d: &'a [[f32; 2]],
+    /// Width and height of the picture in pixels.
+    pub size: [f64; 2],
+    /// Number of Gaussians.
+    pub count: usize,
+}
+
+/// A step.
+#[derive(Clone, Copy, Debug)]
+pub struct At {
+    /// Counted from 1.
+    pub step: u64,
+    /// When things happen.
+    pub schedule: Schedule,
+    /// The scene's extent.
+    pub extent: f64,
+    /// Rate of the means in scene units.
+    pub means_rate: f64,
+    /// Whether the background is white.
+    pub white: bool,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Most Gaussians.
+    pub limit: usize,
+}
+
+impl At {
+    fn stream(&self, purpose: Purpose) -> atsplat_numeric::SplitMix64 {
+        crate::random::stream(self.seed, purpose, self.step)
+    }
+}
+
+/// What changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Changes {
+    /// Gaussians that were cloned.
+    pub cloned: usize,
+    /// Gaussians that were replaced by two smaller ones.
+    pub split: usize,
+    /// Gaussians that were removed.
+    pub pruned: usize,
+    /// Gaussians that were moved to others.
+    pub relocated: usize,
+    /// Gaussians that were added to others.
+    pub added: usize,
+    /// Whether the opacities were reset.
+    pub reset: bool,
+}
+
+impl Changes {
+    /// Whether Gaussians were added, removed or moved.
+    pub const fn of_gaussians(&self) -> bool {
+        self.cloned + self.split + self.pruned + self.relocated + self.added > 0
+    }
+}
+
+/// Why the density cannot change.
+#[derive(Debug)]
+pub enum DensityError {
+    /// The result would be useless.
+    Fault(Fault),
+    /// The Gaussians cannot be changed.
+    Splat(SplatError),
+}
+
+impl From<SplatError> for DensityError {
+    fn from(error: SplatError) -> Self {
+        Self::Splat(error)
+    }
+}

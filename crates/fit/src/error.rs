@@ -1,0 +1,133 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use atsplat_camera::CameraError;
+use atsplat_splat::SplatError;
+use thiserror::Error;
+
+/// What can go wrong in an optimisation.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum FitError {
+    /// A setting is out of range.
+    #[error("{name}: expected {expected}, found {found}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// Its range.
+        expected: String,
+        /// Its value.
+        found: String,
+    },
+    /// A training view cannot be used.
+    #[error("view {name}: expected {expected}, found {found}")]
+    View {
+        /// The view's name.
+        name: String,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
+    /// The start holds no Gaussian that can be optimised.
+    #[error("start: expected at least one valid Gaussian, found {found}")]
+    Start {
+        /// What was found.
+        found: String,
+    },
+    /// A step cannot be used; the scene is the last good one.
+    #[error("{0}")]
+    Stopped(Box<Diagnosis>),
+    /// A checkpoint does not belong to this run, or is damaged.
+    #[error("checkpoint: {field}: expected {expected}, found {found} ({})", path.display())]
+    Checkpoint {
+        /// The tensor or metadata entry.
+        field: String,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file could not be read or written.
+    #[error("{action}: {source} ({})", path.display())]
+    Io {
+        /// What was being done.
+        action: &'static str,
+        /// To which file.
+        path: PathBuf,
+        /// The operating system's error.
+        source: std::io::Error,
+    },
+    /// Error of a camera.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// Error of the renderer.
+    #[error(transparent)]
+    Splat(#[from] SplatError),
+}
+
+/// Why an optimisation stopped, and the state it stopped in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagnosis {
+    /// The step that failed, counted from 1; the scene is that of the step before.
+    pub step: u64,
+    /// Name of the training view of this step.
+    pub view: String,
+    /// Number of Gaussians.
+    pub gaussians: usize,
+    /// What went wrong.
+    pub fault: Fault,
+}
+
+/// What went wrong in a step.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Fault {
+    /// The loss is NaN or infinite.
+    Loss {
+        /// Mean absolute error.
+        l1: f64,
+        /// `1 − SSIM`.
+        d_ssim: f64,
+    },
+    /// Gradients are NaN or infinite.
+    Gradients {
+        /// The parameter.
+        parameter: &'static str,
+        /// Number of values.
+        count: usize,
+    },
+    /// Density control would exceed the limit.
+    Runaway {
+        /// Gaussians that density control asks for.
+        wanted: usize,
+        /// The limit.
+        limit: usize,
+    },
+    /// Every Gaussian was pruned.
+    Empty,
+    /// No training camera sees any Gaussian.
+    Unseen,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Loss { l1, d_ssim } => write!(f, "the loss is not finite: L1 {l1}, D-SSIM {d_ssim}"),
+            Self::Gradients { parameter, count } => write!(f, "{count} gradients of {parameter} are NaN or infinite"),
+            Self::Runaway { wanted, limit } => {
+                write!(f, "density control asks for {wanted} Gaussians, more than the limit of {limit}")
+            }
+            Self::Empty => f.write_str("density control pruned every Gaussian"),
+            Self::Unseen => f.write_str("no training camera sees any Gaussian"),
+        }
+    }
+}
+
+impl fmt::Display for Diagnosis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { step, view, gaussians, fault } = self;
+        write!(f, "stopped at step {step} (view {view}, {gaussians} Gaussians): {fault}")
+    }
+}

@@ -1,0 +1,323 @@
+use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
+use atsplat_splat::{Cleaning, Gaussians, Gradients, ImageGradients, RasterMode, RenderOptions, Rendering, View};
+
+use crate::adam::Adam;
+use crate::density::{Adaptive, At, Changes, Density, DensityError, Fixed, Mcmc, Seen};
+use crate::filter_3d::{Cameras, MIP_BLUR};
+use crate::loss::{Photometric, Terms};
+use crate::random::{Purpose, stream, uniform};
+use crate::view::{TrainingView, scene_extent};
+use crate::{Background, Diagnosis, Fault, FitConfig, FitError, Scene, Schedule, Strategy, memory};
+
+/// Steps between two computations of the 3D filter after density control has ended; none in the last ones of a run.
+const FILTER_EVERY: u64 = 100;
+
+/// An optimisation in progress.
+#[derive(Debug)]
+pub struct Fit {
+    pub(crate) config: FitConfig,
+    schedule: Schedule,
+    pub(crate) views: Vec<TrainingView>,
+    cameras: Cameras,
+    extent: f64,
+    limit: usize,
+    first_degree: u8,
+    pub(crate) step: u64,
+    pub(crate) scene: Scene,
+    pub(crate) density: Box<dyn Density>,
+    dropped: usize,
+    options: RenderOptions,
+    renderer: CpuRenderer,
+    loss: Photometric,
+    images: ImageGradients<f32>,
+    gradients: Gradients<f32>,
+    absolute: Vec<[f32; 2]>,
+}
+
+/// One step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepRecord {
+    /// Counted from 1.
+    pub step: u64,
+    /// Position of the training view.
+    pub view: usize,
+    /// Terms of the loss.
+    pub terms: Terms,
+    /// Sum of the strategy's regularisers, which the total of the terms does not include.
+    pub regularisers: f64,
+    /// Gaussians after the step.
+    pub gaussians: usize,
+    /// What density control changed.
+    pub changes: Changes,
+}
+
+impl StepRecord {
+    /// PSNR of the training picture, in dB; infinite for an exact one.
+    pub fn psnr(&self) -> f64 {
+        psnr(self.terms.mse)
+    }
+}
+
+/// How well a picture matches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Score {
+    /// PSNR of colours clamped to [0, 1], not rounded to 8 bits; in dB.
+    pub psnr: f64,
+    /// SSIM as the loss computes it.
+    pub ssim: f64,
+}
+
+impl Fit {
+    /// An optimisation before its first step. Gaussians of the start that are invalid are dropped, see
+    /// [`Self::dropped`]; it is raised to the configured degree of the spherical harmonics.
+    ///
+    /// # Errors
+    /// [`FitError::Setting`], [`FitError::View`] or [`FitError::Start`] for what cannot be optimised.
+    pub fn new(config: FitConfig, views: Vec<TrainingView>, start: &Gaussians) -> Result<Self, FitError> {
+        config.check()?;
+        views.iter().try_for_each(TrainingView::check)?;
+        if views.is_empty() {
+            return Err(FitError::Setting { name: "views", expected: "at least 1".to_owned(), found: "0".to_owned() });
+        }
+        let (start, found) = start.cleaned(Cleaning::Repair);
+        if start.is_empty() {
+            return Err(FitError::Start { found: format!("{} Gaussians, none of them valid", found.total) });
+        }
+        let extent = config.extent.map_or_else(|| scene_extent(&views, &start.parts().means), Ok)?;
+        if !(extent > 0.0) {
+            let expected = "cameras in different places that see the start, or an explicit extent".to_owned();
+            return Err(FitError::Setting { name: "extent", expected, found: extent.to_string() });
+        }
+        let limit = memory::most_gaussians(&config, &views, start.len())?;
+        let cameras = Cameras::new(views.iter().map(|view| &view.view), config.constants.near)?;
+        let mut parts = start.with_sh_degree(config.sh_degree).into_parts();
+        parts.scalars = None;
+        let first_degree = start.sh_degree().min(config.sh_degree);
+        let density: Box<dyn Density> = match config.strategy {
+            Strategy::Fixed => Box::new(Fixed),
+            Strategy::Mcmc => Box::new(Mcmc),
+            _ if config.absolute_gradients => Box::new(Adaptive::absolute()),
+            Strategy::Gaussians3d | Strategy::MipSplatting => Box::new(Adaptive::default()),
+        };
+        let mut options = RenderOptions { constants: config.constants.clone(), ..RenderOptions::default() };
+        if config.strategy == Strategy::MipSplatting {
+            options.constants.blur = MIP_BLUR;
+            options.mode = RasterMode::Antialiased;
+        }
+        let renderer = CpuRenderer::new(CpuOptions { memory_limit: config.memory_limit, ..CpuOptions::default() });
+        let mut fit = Self {
+            schedule: Schedule::of(config.steps),
+            config,
+            views,
+            cameras,
+            extent,
+            limit,
+            first_degree,
+            step: 0,
+            scene: Scene::new(crate::scene::whole(parts)),
+            density,
+            dropped: found.rejected,
+            options,
+            renderer,
+            loss: Photometric::default(),
+            images: ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None },
+            gradients: Gradients::default(),
+            absolute: Vec::new(),
+        };
+        fit.filter().map_err(|fault| fit.stopped(1, 0, fault))?;
+        Ok(fit)
+    }
+
+    /// The configuration.
+    pub const fn config(&self) -> &FitConfig {
+        &self.config
+    }
+
+    /// Steps done.
+    pub const fn step_count(&self) -> u64 {
+        self.step
+    }
+
+    /// Whether all steps are done.
+    pub const fn is_complete(&self) -> bool {
+        self.step >= self.config.steps
+    }
+
+    /// The scene's extent in scene units.
+    pub const fn extent(&self) -> f64 {
+        self.extent
+    }
+
+    /// Gaussians of the start that were dropped because they are invalid.
+    pub const fn dropped(&self) -> usize {
+        self.dropped
+    }
+
+    /// Number of Gaussians.
+    pub const fn len(&self) -> usize {
+        self.scene.len()
+    }
+
+    /// Never: a scene without Gaussians is a fault.
+    pub const fn is_empty(&self) -> bool {
+        self.scene.is_empty()
+    }
+
+    /// The Gaussians after the last good step, with Mip-Splatting's filters.
+    pub fn gaussians(&self) -> Gaussians {
+        self.scene.gaussians()
+    }
+
+    /// How the Gaussians have to be rendered: constants and mode of the optimisation, degree so far, background.
+    pub fn options(&self) -> RenderOptions {
+        let max_sh_degree = self.schedule.degree(self.first_degree, self.config.sh_degree, self.step);
+        RenderOptions { max_sh_degree, background: self.background(None), ..self.options.clone() }
+    }
+
+    /// Takes the next step. After an error the scene is that of the last good step.
+    ///
+    /// # Errors
+    /// [`FitError::Stopped`] with a diagnosis; [`FitError::Splat`] if the renderer needs more memory than the limit.
+    pub fn step(&mut self) -> Result<StepRecord, FitError> {
+        let step = self.step + 1;
+        let number = self.view_of(step);
+        let degree = self.schedule.degree(self.first_degree, self.config.sh_degree, step);
+        self.options.max_sh_degree = degree;
+        self.options.background = self.background(Some(step));
+        let terms = self.differentiate(number)?;
+        if !terms.total.is_finite() {
+            return Err(self.stopped(step, number, Fault::Loss { l1: terms.l1, d_ssim: terms.d_ssim }));
+        }
+        let regularisers = self.density.regularise(&self.scene, &mut self.gradients);
+        if let Some(fault) = self.broken_gradient() {
+            return Err(self.stopped(step, number, fault));
+        }
+        let rates = self.config.rates;
+        let means_rate = self.schedule.means_rate(&rates, step) * self.extent;
+        let adam = Adam {
+            means: means_rate,
+            colours: rates.colours,
+            opacities: rates.opacities,
+            scales: rates.scales,
+            rotations: rates.rotations,
+            sh_degree: degree,
+            step,
+        };
+        adam.update(&mut self.scene, &self.gradients);
+        let at = At {
+            step,
+            schedule: self.schedule,
+            extent: self.extent,
+            means_rate,
+            white: self.config.background == Background::White,
+            seed: self.config.seed,
+            limit: self.limit,
+        };
+        let changes = self.density.after_step(&mut self.scene, &at).map_err(|error| match error {
+            DensityError::Fault(fault) => self.stopped(step, number, fault),
+            DensityError::Splat(error) => error.into(),
+        })?;
+        let late = step > self.schedule.density_until && step + FILTER_EVERY < self.schedule.steps;
+        if changes.of_gaussians() || (late && step.is_multiple_of(FILTER_EVERY)) {
+            self.filter().map_err(|fault| self.stopped(step, number, fault))?;
+        }
+        self.step = step;
+        Ok(StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes })
+    }
+
+    /// Forward and backward pass of one training view.
+    fn differentiate(&mut self, number: usize) -> Result<Terms, FitError> {
+        let Self { views, scene, options, renderer, loss, images, gradients, absolute, density, config, .. } = self;
+        #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
+        let TrainingView { view, rgb, .. } = views.get(number).expect("a view of the run");
+        scene.with_gaussians(|gaussians| {
+            let mut recording = renderer.record(gaussians, view, options)?;
+            let terms = loss.evaluate(&recording.rendering().rgb, rgb, view.size, config.d_ssim, &mut images.rgb);
+            if terms.total.is_finite() {
+                if config.absolute_gradients {
+                    recording.backward_with_absolute(images, gradients, absolute)?;
+                } else {
+                    recording.backward_into(images, gradients)?;
+                }
+                let drawn: Vec<u32> = recording.drawn().collect();
+                let means_2d = if config.absolute_gradients { absolute.as_slice() } else { &gradients.means_2d };
+                let size = [f64::from(view.size.width), f64::from(view.size.height)];
+                density.observe(&Seen { drawn: &drawn, means_2d, size, count: gaussians.len() });
+            }
+            renderer.reuse(recording);
+            Ok(terms)
+        })
+    }
+
+    /// Renders a view as the optimisation does, on the configured background, black for a random one.
+    ///
+    /// # Errors
+    /// [`FitError::Splat`].
+    pub fn render(&mut self, view: &View) -> Result<Rendering<f32>, FitError> {
+        let options = self.options();
+        let Self { scene, renderer, .. } = self;
+        Ok(scene.with_gaussians(|gaussians| renderer.render(gaussians, view, &options))?)
+    }
+
+    /// Compares the render of a view with its picture.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub fn score(&mut self, view: &TrainingView) -> Result<Score, FitError> {
+        view.check()?;
+        let rendering = self.render(&view.view)?;
+        let terms = self.loss.evaluate(&rendering.rgb, &view.rgb, view.view.size, 1.0, &mut Vec::new());
+        Ok(Score { psnr: psnr(terms.mse), ssim: 1.0 - terms.d_ssim })
+    }
+
+    /// The view of a step: a random permutation of all views in each epoch.
+    fn view_of(&self, step: u64) -> usize {
+        let count = self.views.len() as u64;
+        let (epoch, position) = ((step - 1) / count, (step - 1) % count);
+        let order = stream(self.config.seed, Purpose::Order, epoch).permutation(self.views.len());
+        #[expect(clippy::expect_used, reason = "a remainder is below the number of views")]
+        usize::try_from(position)
+            .ok()
+            .and_then(|position| order.get(position).copied())
+            .expect("a position of the order")
+    }
+
+    fn background(&self, step: Option<u64>) -> [f64; 3] {
+        match (self.config.background, step) {
+            (Background::White, _) => [1.0; 3],
+            (Background::Random, Some(step)) => {
+                let mut random = stream(self.config.seed, Purpose::Background, step);
+                std::array::from_fn(|_| uniform(&mut random))
+            }
+            (Background::Black, _) | (Background::Random, None) => [0.0; 3],
+        }
+    }
+
+    /// Computes the 3D filter, if the strategy has one.
+    fn filter(&mut self) -> Result<(), Fault> {
+        if self.config.strategy == Strategy::MipSplatting {
+            self.scene.parts.filter_3d = Some(self.cameras.filters(&self.scene.parts.means)?);
+        }
+        Ok(())
+    }
+
+    fn broken_gradient(&self) -> Option<Fault> {
+        let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh"];
+        let fields = self.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
+        fields.into_iter().find_map(|(parameter, values)| {
+            // A sum that is finite has finite terms only; opposite infinities give NaN.
+            let sum: f32 = values.iter().map(|value| value * 0.0).sum();
+            let count = if sum == 0.0 { 0 } else { values.iter().filter(|value| !value.is_finite()).count() };
+            (count > 0).then_some(Fault::Gradients { parameter, count })
+        })
+    }
+
+    fn stopped(&self, step: u64, view: usize, fault: Fault) -> FitError {
+        let view = self.views.get(view).map_or_else(String::new, |view| view.name.clone());
+        FitError::Stopped(Box::new(Diagnosis { step, view, gaussians: self.scene.len(), fault }))
+    }
+}
+
+fn psnr(mse: f64) -> f64 {
+    -10.0 * mse.log10()
+}

@@ -1,0 +1,40 @@
+//! Optimises Gaussians for one scene by gradient descent on its posed pictures: 3DGS' adaptive density control (Kerbl et
+//! al. 2023), Mip-Splatting (Yu et al. 2024), MCMC (Kheradmand et al. 2024), and refinement of given Gaussians.
+//!
+//! A [`Fit`] holds the scene and takes one step at a time. A step depends on the configuration and the step number alone,
+//! so a run that resumes from a [checkpoint](Fit::checkpoint) ends bit for bit like an uninterrupted one, on any number of
+//! threads.
+//!
+//! The optimised parameters are those of [`atsplat_splat::Gaussians`]: means, quaternions of any norm, logarithms of
+//! scales, logits of opacities, spherical harmonics. Constants are those of the published code unless a comment says
+//! otherwise; schedules scale with the number of steps.
+
+#![expect(
+    clippy::inline_always,
+    reason = "only code inlined into the dispatched function gets its vector instructions"
+)]
+
+mod adam;
+mod budget;
+mod checkpoint;
+mod config;
+pub mod density;
+mod error;
+pub mod filter_3d;
+mod fit;
+pub mod loss;
+mod memory;
+mod random;
+mod scene;
+mod schedule;
+pub mod start;
+mod view;
+
+pub use adam::Adam;
+pub use budget::Budget;
+pub use config::{Background, FitConfig, Rates, Strategy};
+pub use error::{Diagnosis, Fault, FitError};
+pub use fit::{Fit, Score, StepRecord};
+pub use scene::Scene;
+pub use schedule::Schedule;
+pub use view::{TrainingView, camera_extent};

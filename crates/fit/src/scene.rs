@@ -1,0 +1,123 @@
+use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
+
+/// The optimised Gaussians with Adam's moments, which are arrays of the same lengths.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    pub(crate) parts: GaussianParts,
+    pub(crate) first: GaussianParts,
+    pub(crate) second: GaussianParts,
+}
+
+impl Scene {
+    /// Gaussians without any history.
+    pub fn new(gaussians: Gaussians) -> Self {
+        let parts = gaussians.into_parts();
+        let zeros = zeros(&parts);
+        Self { parts, first: zeros.clone(), second: zeros }
+    }
+
+    /// Number of Gaussians.
+    pub const fn len(&self) -> usize {
+        self.parts.means.len()
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.parts.means.is_empty()
+    }
+
+    /// The Gaussians.
+    pub fn gaussians(&self) -> Gaussians {
+        whole(self.parts.clone())
+    }
+
+    /// Lends the Gaussians, without copying them.
+    pub(crate) fn with_gaussians<T>(&mut self, work: impl FnOnce(&Gaussians) -> T) -> T {
+        let gaussians = whole(std::mem::take(&mut self.parts));
+        let result = work(&gaussians);
+        self.parts = gaussians.into_parts();
+        result
+    }
+
+    /// Keeps the Gaussians at these positions, with their moments, and appends new ones without any.
+    ///
+    /// # Errors
+    /// [`SplatError::Position`] for a position out of range.
+    pub(crate) fn replace(&mut self, kept: &[usize], new: GaussianParts) -> Result<(), SplatError> {
+        let none = whole(zeros(&new));
+        let new = whole(new);
+        for (parts, added) in [(&mut self.parts, &new), (&mut self.first, &none), (&mut self.second, &none)] {
+            *parts = whole(std::mem::take(parts)).select(kept)?.merge(added).into_parts();
+        }
+        Ok(())
+    }
+
+    /// Copies of the Gaussians at these positions.
+    ///
+    /// # Errors
+    /// [`SplatError::Position`] for a position out of range.
+    pub(crate) fn copies(&mut self, positions: &[usize]) -> Result<GaussianParts, SplatError> {
+        self.with_gaussians(|gaussians| gaussians.select(positions)).map(Gaussians::into_parts)
+    }
+
+    /// Forgets the moments of the Gaussians at these positions.
+    pub(crate) fn forget(&mut self, positions: &[usize]) {
+        for parts in [&mut self.first, &mut self.second] {
+            let coefficients = sh_coefficients(parts.sh_degree);
+            for &position in positions {
+                set(&mut parts.means, position, [0.0; 3]);
+                set(&mut parts.quaternions, position, [0.0; 4]);
+                set(&mut parts.log_scales, position, [0.0; 3]);
+                set(&mut parts.opacity_logits, position, 0.0);
+                parts.sh.iter_mut().skip(position * coefficients).take(coefficients).for_each(|slot| *slot = [0.0; 3]);
+            }
+        }
+    }
+
+    /// Opacity of every Gaussian.
+    pub(crate) fn opacities(&self) -> impl Iterator<Item = f64> + '_ {
+        self.parts.opacity_logits.iter().map(|logit| sigmoid(*logit))
+    }
+}
+
+/// Gaussians of arrays whose lengths are known to match.
+#[expect(clippy::expect_used, reason = "every change keeps the lengths of all arrays equal")]
+pub(crate) fn whole(parts: GaussianParts) -> Gaussians {
+    Gaussians::new(parts).expect("arrays of matching lengths")
+}
+
+/// All zero, without scalars and filters.
+fn zeros(parts: &GaussianParts) -> GaussianParts {
+    let count = parts.means.len();
+    GaussianParts {
+        means: vec![[0.0; 3]; count],
+        quaternions: vec![[0.0; 4]; count],
+        log_scales: vec![[0.0; 3]; count],
+        opacity_logits: vec![0.0; count],
+        sh_degree: parts.sh_degree,
+        sh: vec![[0.0; 3]; parts.sh.len()],
+        scalars: None,
+        filter_3d: None,
+    }
+}
+
+pub(crate) fn set<T>(values: &mut [T], position: usize, value: T) {
+    if let Some(slot) = values.get_mut(position) {
+        *slot = value;
+    }
+}
+
+/// The logistic function.
+pub(crate) fn sigmoid(logit: f32) -> f64 {
+    1.0 / (1.0 + (-f64::from(logit)).exp())
+}
+
+/// The inverse of [`sigmoid`].
+pub(crate) fn logit(opacity: f64) -> f32 {
+    narrowed((opacity / (1.0 - opacity)).ln())
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
+pub(crate) const fn narrowed(value: f64) -> f32 {
+    value as f32
+}

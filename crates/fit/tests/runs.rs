@@ -1,0 +1,291 @@
+//! Whole runs on a small scene whose pictures are rendered from known Gaussians.
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_fit::density::relocated;
+use atsplat_fit::start::{Point, from_points, in_frustums};
+use atsplat_fit::{Background, Fault, Fit, FitConfig, FitError, Strategy, TrainingView};
+use atsplat_numeric::SplitMix64;
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
+use glam::{DMat3, DVec3};
+
+const STRATEGIES: [Strategy; 4] = [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc, Strategy::Fixed];
+
+/// Uniform in [low, high).
+#[expect(clippy::cast_possible_truncation, reason = "a test's numbers are f32")]
+fn random(generator: &mut SplitMix64, low: f32, high: f32) -> f32 {
+    low + (high - low) * ((generator.next_u64() >> 40) as f64 / f64::from(1 << 24)) as f32
+}
+
+/// A cloud of coloured blobs around the origin.
+fn truth() -> Gaussians {
+    let mut generator = SplitMix64::new(5);
+    let mut parts = GaussianParts::default();
+    for _ in 0..60 {
+        let mut row = |low, high| std::array::from_fn(|_| random(&mut generator, low, high));
+        parts.means.push(row(-1.0, 1.0));
+        parts.log_scales.push(row(-2.2, -1.2));
+        parts.sh.push(row(-1.5, 1.5));
+        let [w, x, y] = row(-1.0, 1.0);
+        parts.quaternions.push([w, x, y, 0.3]);
+        parts.opacity_logits.push(2.0);
+    }
+    Gaussians::new(parts).unwrap()
+}
+
+/// A camera on a circle around the origin.
+fn view(angle: f64, side: u32) -> View {
+    let centre = DVec3::new(4.0 * angle.sin(), 0.8 * (2.0 * angle).cos(), -4.0 * angle.cos());
+    let forward = -centre.normalize();
+    let right = DVec3::Y.cross(forward).normalize();
+    let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+    let pose = CameraFromWorld::new(rotation, -(rotation * centre)).unwrap();
+    let intrinsics = NormalizedIntrinsics::new(1.2, 1.2, 0.5, 0.5).unwrap();
+    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: side, height: side } }
+}
+
+/// Training views, and two that are held out.
+fn views() -> (Vec<TrainingView>, Vec<TrainingView>) {
+    let mut renderer = CpuRenderer::default();
+    let picture = |number: u32| {
+        let view = view(f64::from(number) * 0.4, 40);
+        let rgb = renderer.render(&truth(), &view, &RenderOptions::default()).unwrap().rgb;
+        let rgb = rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
+        TrainingView { name: format!("view {number}"), view, rgb }
+    };
+    (0..16).map(picture).partition(|view| !["view 3", "view 9"].contains(&view.name.as_str()))
+}
+
+fn config(strategy: Strategy, steps: u64) -> FitConfig {
+    FitConfig { sh_degree: 1, max_gaussians: 4000, seed: 11, ..FitConfig::new(strategy, steps) }
+}
+
+fn start(strategy: Strategy, count: usize) -> Gaussians {
+    in_frustums(&views().0, count, None, 1, strategy).unwrap()
+}
+
+fn run(fit: &mut Fit, steps: u64) {
+    for _ in 0..steps {
+        fit.step().unwrap();
+    }
+}
+
+fn held_out(fit: &mut Fit) -> f64 {
+    let scores: Vec<f64> = views().1.iter().map(|view| fit.score(view).unwrap().psnr).collect();
+    scores.iter().sum::<f64>() / scores.len() as f64
+}
+
+#[test]
+fn every_strategy_learns_views_that_it_does_not_see() {
+    for strategy in STRATEGIES {
+        let mut fit = Fit::new(config(strategy, 400), views().0, &start(strategy, 300)).unwrap();
+        let before = held_out(&mut fit);
+        run(&mut fit, 400);
+        let after = held_out(&mut fit);
+        assert!(fit.is_complete() && after > before + 4.0, "{}: {before} dB, then {after} dB", strategy.name());
+        let changed = fit.len() != 300;
+        assert_eq!(changed, strategy != Strategy::Fixed, "{}: {} Gaussians", strategy.name(), fit.len());
+        assert_eq!(fit.gaussians().parts().filter_3d.is_some(), strategy == Strategy::MipSplatting);
+    }
+}
+
+#[test]
+fn absolute_gradients_densify() {
+    let config = FitConfig { absolute_gradients: true, ..config(Strategy::Gaussians3d, 300) };
+    let mut fit = Fit::new(config, views().0, &start(Strategy::Gaussians3d, 150)).unwrap();
+    run(&mut fit, 150);
+    assert!(fit.len() > 150, "{} Gaussians", fit.len());
+}
+
+#[test]
+fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint");
+    for strategy in STRATEGIES {
+        let (views, start) = (views().0, start(strategy, 120));
+        let config = FitConfig { background: Background::Random, ..config(strategy, 250) };
+        let mut whole = Fit::new(config.clone(), views.clone(), &start).unwrap();
+        run(&mut whole, 250);
+        let mut killed = Fit::new(config.clone(), views.clone(), &start).unwrap();
+        // Around the changes of density at steps 100 and 200 (MCMC), and next to both ends.
+        for (at, threads) in
+            [(1, 1), (16, 2), (50, 3), (99, 1), (100, 2), (101, 1), (199, 3), (200, 2), (201, 1), (249, 2)]
+        {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let steps = at - killed.step_count();
+                run(&mut killed, steps);
+            });
+            killed.checkpoint(&path).unwrap();
+            // What comes after the checkpoint is lost.
+            killed.step().unwrap();
+            killed = Fit::resume(config.clone(), views.clone(), &start, &path).unwrap();
+        }
+        run(&mut killed, 1);
+        assert_eq!(killed.gaussians(), whole.gaussians(), "{}", strategy.name());
+    }
+}
+
+#[test]
+fn a_checkpoint_of_another_run_or_a_damaged_one_is_rejected() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint");
+    let (views, start, config) = (views().0, start(Strategy::Mcmc, 50), config(Strategy::Mcmc, 50));
+    Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
+    let other = FitConfig { seed: 12, ..config.clone() };
+    let error = Fit::resume(other, views.clone(), &start, &path).unwrap_err().to_string();
+    assert!(error.contains("expected the configuration and views of this run"), "{error}");
+    let mut bytes = std::fs::read(&path).unwrap();
+    let last = bytes.len() - 30;
+    bytes[last] ^= 1;
+    std::fs::write(&path, &bytes).unwrap();
+    let error = Fit::resume(config.clone(), views.clone(), &start, &path).unwrap_err().to_string();
+    assert!(error.contains("expected the tensors that were written"), "{error}");
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    assert!(matches!(Fit::resume(config, views, &start, &path), Err(FitError::Checkpoint { .. })));
+}
+
+#[test]
+fn an_overflowing_loss_stops_with_the_last_good_state() {
+    let mut views = views().0;
+    views.iter_mut().for_each(|view| view.rgb[700] = [1e30; 3]);
+    let mut fit = Fit::new(config(Strategy::Fixed, 50), views, &start(Strategy::Fixed, 50)).unwrap();
+    let before = fit.gaussians();
+    match fit.step().unwrap_err() {
+        FitError::Stopped(diagnosis) => {
+            assert!(matches!(diagnosis.fault, Fault::Loss { .. }), "{diagnosis}");
+            assert_eq!((diagnosis.step, diagnosis.gaussians), (1, 50));
+        }
+        other => panic!("{other}"),
+    }
+    assert_eq!((fit.gaussians(), fit.step_count()), (before, 0));
+}
+
+#[test]
+fn a_runaway_count_stops_with_the_last_good_state() {
+    let config = FitConfig { max_gaussians: 152, ..config(Strategy::Gaussians3d, 300) };
+    let mut fit = Fit::new(config, views().0, &start(Strategy::Gaussians3d, 150)).unwrap();
+    let error = (0..300).find_map(|_| fit.step().err()).expect("growth beyond two Gaussians");
+    match error {
+        FitError::Stopped(diagnosis) => match diagnosis.fault {
+            Fault::Runaway { wanted, limit } => assert!(wanted > 152 && limit == 152, "{wanted} of {limit}"),
+            other => panic!("{other}"),
+        },
+        other => panic!("{other}"),
+    }
+    assert!(fit.len() <= 152 && fit.gaussians().validate().is_clean());
+}
+
+#[test]
+fn memory_is_bounded() {
+    let with = |memory_limit| {
+        let config = FitConfig { memory_limit, max_gaussians: 600, ..config(Strategy::Mcmc, 300) };
+        Fit::new(config, views().0, &start(Strategy::Mcmc, 400))
+    };
+    let error = with(1_000_000).unwrap_err().to_string();
+    assert!(error.contains("memory-limit: expected at least"), "{error}");
+    // Growth by a twentieth would give 420 Gaussians.
+    let mut fit = with(1_150_000).unwrap();
+    run(&mut fit, 110);
+    assert!(fit.len() > 400 && fit.len() < 420, "{} Gaussians", fit.len());
+}
+
+#[test]
+fn settings_out_of_range_are_named() {
+    let with = |change: fn(&mut FitConfig)| {
+        let mut config = config(Strategy::Mcmc, 10);
+        change(&mut config);
+        Fit::new(config, views().0, &start(Strategy::Mcmc, 20)).unwrap_err().to_string()
+    };
+    assert_eq!(with(|config| config.steps = 0), "steps: expected at least 1, found 0");
+    assert_eq!(with(|config| config.d_ssim = f64::NAN), "d-ssim: expected from 0 to 1, found NaN");
+    assert!(with(|config| config.rates.scales = -1.0).starts_with("rates.scales: expected a positive rate"));
+    assert!(with(|config| config.max_gaussians = 3).contains("the 20 Gaussians of the start"));
+    // Cameras in one place that see nothing of the start.
+    let mut behind = start(Strategy::Fixed, 9).into_parts();
+    behind.means.fill([0.0, 0.0, -90.0]);
+    let (one_place, behind) = (vec![views().0.remove(0)], Gaussians::new(behind).unwrap());
+    let error = Fit::new(config(Strategy::Fixed, 9), one_place, &behind).unwrap_err().to_string();
+    assert!(error.contains("extent: expected cameras in different places"), "{error}");
+}
+
+/// The paper promises that relocation hardly changes the picture: at most a hundredth of full contrast at any pixel for a
+/// Gaussian of opacity 0.9 that becomes two, where cloning without the correction changes more than that.
+#[test]
+fn relocation_keeps_the_picture() {
+    let one = |opacity: f64, factor: f64, copies: usize| {
+        let mut parts = GaussianParts::default();
+        for _ in 0..copies {
+            parts.means.push([0.0; 3]);
+            parts.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+            #[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
+            let (log, logit) = ((0.3 * factor).ln() as f32, (opacity / (1.0 - opacity)).ln() as f32);
+            parts.log_scales.push([log; 3]);
+            parts.opacity_logits.push(logit);
+            parts.sh.push([1.77; 3]);
+        }
+        let gaussians = Gaussians::new(parts).unwrap();
+        CpuRenderer::default().render(&gaussians, &view(0.3, 48), &RenderOptions::default()).unwrap().rgb
+    };
+    let difference = |a: &[[f32; 3]], b: &[[f32; 3]]| {
+        let pairs = a.as_flattened().iter().zip(b.as_flattened());
+        let differences = pairs.map(|(a, b)| f64::from((a - b).abs()));
+        let (largest, sum) = differences.fold((0.0, 0.0), |(most, sum), d| (if d > most { d } else { most }, sum + d));
+        (largest, sum / a.as_flattened().len() as f64)
+    };
+    let before = one(0.9, 1.0, 1);
+    for (together, bound) in [(2, 0.08), (4, 0.12)] {
+        let (opacity, factor) = relocated(0.9, together);
+        let (largest, mean) = difference(&before, &one(opacity, factor, together));
+        let (naive, naive_mean) = difference(&before, &one(0.9, 1.0, together));
+        assert!(largest < bound && naive > 2.0 * largest, "{together}: {largest}, uncorrected {naive}");
+        assert!(mean < 0.5 * naive_mean, "{together}: mean {mean}, uncorrected {naive_mean}");
+    }
+}
+
+/// Pruned Gaussians are fainter than 0.005, so a pixel changes by at most that for each of them that covers it.
+#[test]
+fn pruning_has_no_visible_effect() {
+    let mut parts = truth().into_parts();
+    for logit in parts.opacity_logits.iter_mut().step_by(12) {
+        *logit = -5.4;
+    }
+    let start = Gaussians::new(parts).unwrap();
+    let config = FitConfig { sh_degree: 0, ..config(Strategy::Gaussians3d, 3000) };
+    let mut scene = atsplat_fit::Scene::new(start.clone());
+    let schedule = atsplat_fit::Schedule::of(config.steps);
+    let at = atsplat_fit::density::At {
+        step: 100,
+        schedule,
+        extent: 4.0,
+        means_rate: 0.0,
+        white: false,
+        seed: 0,
+        limit: 1000,
+    };
+    let changes =
+        atsplat_fit::density::Density::after_step(&mut atsplat_fit::density::Adaptive::default(), &mut scene, &at);
+    assert_eq!((changes.unwrap().pruned, scene.len()), (5, 55));
+    let mut renderer = CpuRenderer::default();
+    let mut picture = |gaussians: &Gaussians| {
+        renderer.render(gaussians, &view(0.1, 48), &RenderOptions::default()).unwrap().rgb.into_flattened()
+    };
+    let (before, after) = (picture(&start), picture(&scene.gaussians()));
+    let largest =
+        before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(0.0, |a: f32, b| if b > a { b } else { a });
+    assert!(largest > 0.0 && largest < 5.0 * 0.005, "{largest}");
+}
+
+#[test]
+fn points_need_to_be_finite_and_at_least_four() {
+    let point = |x: f64| Point { position: [x, 0.0, 1.0], colour: [0.5; 3] };
+    let error = |points: &[Point]| from_points(points, Strategy::Gaussians3d).unwrap_err().to_string();
+    assert!(error(&[point(0.0); 3]).contains("3 points, fewer than 4"));
+    assert!(error(&[point(0.0), point(1.0), point(f64::NAN), point(2.0)]).contains("point 2, which is not finite"));
+    // A line of points one apart: the three nearest of an end are 1, 2 and 3 away.
+    let line: Vec<Point> = (0..4).map(|x| point(f64::from(x))).collect();
+    let scales = from_points(&line, Strategy::Gaussians3d).unwrap().into_parts().log_scales;
+    let expected = (0.5 * (14.0f64 / 3.0).ln(), 0.5 * 2.0f64.ln());
+    let close = atsplat_numeric::Tolerance { absolute: 1e-6, relative: 0.0 };
+    close.assert([scales[0][0], scales[1][2]].map(f64::from), [expected.0, expected.1], "scales");
+}
