@@ -142,6 +142,7 @@ fn renders_are_found_in_every_layout() {
         let folder = tempfile::tempdir().unwrap();
         write(&folder.path().join(layout), &png);
         let renders = Renders::new(folder.path(), Some("other")).unwrap();
+        assert_eq!(renders.record().name, "other");
         assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&picture(0, 5))), "{layout}");
         let second = trials[1].render(&renders, 0).unwrap_err();
         assert!(second.contains("no file for frame 5"), "another entry of the scene has its own folder: {second}");
