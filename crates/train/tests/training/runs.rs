@@ -104,6 +104,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
             }
         },
     };
+    assert_eq!(config("").most_faults.get(), 5, "by default");
     let folder = tempdir().unwrap();
     let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, broken);
     let error = run(&mut stopped, None).unwrap_err();
