@@ -75,6 +75,15 @@ fn nearest_view_is_copied_and_ties_go_to_the_first() {
     assert_eq!(tied.render(&NearestView, 0).unwrap(), Image::from_u8(&picture(0, 4)), "first in the trial's order");
 }
 
+#[test]
+fn baselines_give_the_same_pictures_again_and_say_so() {
+    let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
+    for method in [&NearestView as &dyn Method, &Warp] {
+        assert!(method.record().deterministic, "{}", method.record().name);
+        assert_eq!(trial.render(method, 0).unwrap(), trial.render(method, 0).unwrap(), "{}", method.record().name);
+    }
+}
+
 /// The wall is a plane that faces the cameras: the warp's only errors are its depth steps and its interpolation.
 #[test]
 fn the_warp_finds_the_wall() {
@@ -133,6 +142,7 @@ fn renders_are_found_in_every_layout() {
         let folder = tempfile::tempdir().unwrap();
         write(&folder.path().join(layout), &png);
         let renders = Renders::new(folder.path(), Some("other")).unwrap();
+        assert_eq!(renders.record().name, "other");
         assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&picture(0, 5))), "{layout}");
         let second = trials[1].render(&renders, 0).unwrap_err();
         assert!(second.contains("no file for frame 5"), "another entry of the scene has its own folder: {second}");

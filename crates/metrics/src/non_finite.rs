@@ -56,3 +56,19 @@ impl fmt::Display for NonFinite {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_broken_sample_is_counted() {
+        let count = |render: &[f32], truth: &[f32]| NonFinite::count(render, truth, 2, |_| true);
+        let counted = |render, truth, first| NonFinite { render, truth, first };
+        assert_eq!(count(&[0.5; 12], &[f32::MAX; 12]), NonFinite::default());
+        assert_eq!(count(&[f32::NAN; 12], &[f32::INFINITY; 12]), counted(12, 12, Some([0, 0, 0])), "nothing is finite");
+        let mut one = [0.5; 12];
+        one[10] = f32::NEG_INFINITY;
+        assert_eq!(count(&[0.5; 12], &one), counted(0, 1, Some([1, 1, 1])), "the last pixel's green");
+    }
+}

@@ -169,6 +169,30 @@ fn differences_beyond_the_receptive_field_do_not_affect_a_masked_distance() {
     Tolerance::EXACT.assert(scored[0].1.value(), [there], "in a suite");
 }
 
+/// In a picture of 48×32 pixels every cell of VGG's five grids has the same number of pixels, so the map's mean is the
+/// distance. In a wide picture, only pixels near the difference have an error.
+#[test]
+fn a_map_shows_where_pictures_differ() {
+    let vgg = perceptual(Network::LpipsVgg);
+    let (a, b) = (seeded(48, 32, 1), seeded(48, 32, 2));
+    let pair = Pair::new(&a, &b).unwrap();
+    let map = vgg.map(&pair, Values::AsRendered).unwrap();
+    let mean = map.values().iter().sum::<f64>() / (48.0 * 32.0);
+    assert_eq!((map.width(), map.height(), map.origin()), (48, 32, [0, 0]));
+    Tolerance::F64.assert([mean], [vgg.compare(&pair, Values::AsRendered).unwrap()], "mean of the map");
+
+    let alex = perceptual(Network::LpipsAlex);
+    let a = seeded(640, 40, 1);
+    let mut samples = a.samples().to_vec();
+    let changed = (20 * 640 + 620) * 3;
+    samples[changed] = 1.0 - samples[changed];
+    let b = Image::new(640, 40, samples).unwrap();
+    let map = alex.map(&Pair::new(&a, &b).unwrap(), Values::AsRendered).unwrap();
+    let columns = |from: u32, to: u32| (0..40).flat_map(move |row| (from..to).map(move |column| (column, row)));
+    assert!(columns(0, 320).all(|(column, row)| map.at(column, row) == Some(0.0)), "far from the difference");
+    assert!(map.at(620, 20) > Some(0.0), "at the difference");
+}
+
 #[test]
 fn invalid_pictures_and_weights_are_typed_errors() {
     let perceptual = perceptual(Network::LpipsAlex);

@@ -237,6 +237,8 @@ mod tests {
         assert_eq!((none.nulls["overlap-outside"], none.refused_entries), (2, 2), "a and e; c overlaps more");
         let at_the_bound = builder(&rule(overlap, overlap)).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!(at_the_bound.index.scenes["e"], all.index.scenes["e"], "bounds are inclusive");
+        let unbounded = format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'epipolar-ray' }}\n");
+        assert_eq!(builder(&unbounded), builder(&rule(0.0, 1.0)), "any overlap by default");
     }
 
     /// Frames 1, 4 and 11 have no picture: the tenth frame with a picture is frame 12.

@@ -179,3 +179,45 @@ fn write_frame(path: &Path, columns: Vec<Column>) -> Result<(), TrainError> {
     ParquetWriter::new(file.writer()).finish(&mut frame)?;
     file.commit().map(drop).map_err(TrainError::io("writing a log", path))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A run with four steps done has logged steps 0 to 3, and evaluations after 0 to 4 steps.
+    #[test]
+    fn records_of_later_steps_are_dropped() {
+        let folder = tempfile::tempdir().unwrap();
+        let step = |step| StepRecord {
+            step,
+            terms: None,
+            gradient_norm: None,
+            rate: 1e-3,
+            secs: 2.0,
+            parts: PartSeconds::default(),
+            fault: Some("a fault".to_owned()),
+        };
+        let evaluation = |step| EvaluationRecord {
+            step,
+            psnr: 21.0,
+            ssim: 0.7,
+            nearest_view_psnr: 16.5,
+            nearest_view_ssim: 0.4,
+            targets: 3,
+            secs: 1.0,
+        };
+        assert!(evaluation(0).gain() > 4.4 && evaluation(0).gain() < 4.6, "21 dB against 16.5");
+        let (steps, evaluations) = (folder.path().join("steps"), folder.path().join("evaluations"));
+        let (mut step_log, _) = Journal::open::<StepRecord>(&steps, 0).unwrap();
+        let (mut evaluation_log, _) = Journal::open::<EvaluationRecord>(&evaluations, 0).unwrap();
+        for number in 0..7 {
+            step_log.append(&step(number)).unwrap();
+            evaluation_log.append(&evaluation(number)).unwrap();
+        }
+        let (_, kept) = Journal::open::<StepRecord>(&steps, 4).unwrap();
+        assert_eq!(kept, [0, 1, 2, 3].map(step));
+        assert_eq!(read::<StepRecord>(&steps).unwrap(), kept, "in the file too");
+        let (_, kept) = Journal::open::<EvaluationRecord>(&evaluations, 4).unwrap();
+        assert_eq!(kept, [0, 1, 2, 3, 4].map(evaluation));
+    }
+}

@@ -310,3 +310,21 @@ impl Clock {
         seconds
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seconds_are_added_by_part() {
+        let of = |first: f64| PartSeconds {
+            sample: first,
+            forward: first + 1.0,
+            splat: first + 2.0,
+            losses: first + 4.0,
+            backward: first + 8.0,
+        };
+        let sum = PartSeconds { sample: 12.0, forward: 15.0, splat: 18.0, losses: 24.0, backward: 36.0 };
+        assert_eq!(PartSeconds::sum([2.0, 3.0, 7.0].map(of).into_iter()), sum);
+    }
+}

@@ -153,6 +153,26 @@ mod tests {
         assert!(lens.undistort(folded).unwrap().length() < peak);
     }
 
+    /// With tangential terms the formula is one-to-one in a disc: what lies beyond it is never returned, though some points
+    /// out there have the same image.
+    #[test]
+    fn only_points_inside_the_disc_are_undistorted() {
+        let lens = OpenCv::new([-0.28, 0.07, -0.01], DVec2::new(0.004, -0.03));
+        for direction in (0..24).map(|step| DVec2::from_angle(f64::from(step) * std::f64::consts::TAU / 24.0)) {
+            for share in [0.01, 0.5, 0.99] {
+                let point = share * lens.radius_limit() * direction;
+                let back = lens.undistort(lens.formula(point)).unwrap();
+                Tolerance::absolute(1e-12).assert(back.to_array(), point.to_array(), "inside");
+            }
+            for share in [1.01, 1.05, 1.2, 1.5] {
+                let beyond = share * lens.radius_limit() * direction;
+                if let Ok(inside) = lens.undistort(lens.formula(beyond)) {
+                    assert!(inside.length() < lens.radius_limit(), "{inside} for the image of {beyond}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn a_pincushion_lens_does_not_fold() {
         let lens = OpenCv::new([0.3, 0.1, 0.0], DVec2::ZERO);

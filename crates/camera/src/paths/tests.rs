@@ -42,6 +42,19 @@ proptest! {
     }
 
     #[test]
+    fn paths_grow_with_the_world(a in any_pose(), b in any_pose(), scale in 0.2..5.0f64) {
+        prop_assume!(a.forward().cross(b.forward()).length() > 0.1 && a.centre().distance(b.centre()) > 0.1);
+        for path in all_paths() {
+            let here = path.poses(&[a, b], 7).unwrap();
+            let there = path.poses(&[a.scaled_by(scale), b.scaled_by(scale)], 7).unwrap();
+            for (here, there) in here.iter().zip(&there) {
+                let slack = Tolerance::absolute(1e-9);
+                prop_assert!(slack.check(there.to_rows(), here.scaled_by(scale).to_rows()).is_ok(), "{path:?}");
+            }
+        }
+    }
+
+    #[test]
     fn paths_have_the_requested_number_of_rigid_poses(a in any_pose(), b in any_pose(), frames in 1usize..20) {
         for path in all_paths() {
             let poses = path.poses(&[a, b], frames).unwrap();
@@ -116,6 +129,18 @@ fn wobbles_grow_and_dollies_are_straight() {
     SLACK.assert(dolly[1].centre().to_array(), [0.0, 0.0, -1.5], "scene units for a single view");
 }
 
+/// From two baselines before the first view to two beyond the second, five times around it: up, right, down, left.
+#[test]
+fn an_exaggerated_interpolation_goes_beyond_both_views() {
+    let at = |x: f64| WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0)).unwrap();
+    let path = CameraPath::InterpolationWithWobble { radius: 0.5 }.poses(&[at(0.0), at(2.0)], 21).unwrap();
+    for (number, pose) in path.iter().enumerate() {
+        let [x, y] = [[0.0, -1.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]][number % 4];
+        let along = -4.0 + 0.5 * number as f64;
+        SLACK.assert(pose.centre().to_array(), [along + x, y, 0.0], &format!("pose {number}"));
+    }
+}
+
 #[test]
 fn a_loop_does_not_repeat_its_ends() {
     let pose = |x: f64| WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0)).unwrap();
@@ -148,6 +173,8 @@ fn parameters_are_checked() {
 fn names_are_kebab_case_with_defaults() {
     let parse = |text: &str| serde_json::from_str::<CameraPath>(text);
     assert_eq!(parse(r#"{"path": "wobble"}"#).unwrap(), CameraPath::Wobble { radius: 0.25 });
+    let orbit = CameraPath::Orbit { focus: 2.0, degrees: 360.0 };
+    assert_eq!(parse(r#"{"path": "orbit"}"#).unwrap(), orbit, "a full circle");
     assert_eq!(parse(r#"{"path": "through-views"}"#).unwrap(), CameraPath::ThroughViews);
     assert!(parse(r#"{"path": "wobble", "raduis": 1}"#).is_err(), "a misspelt parameter is an error");
 }

@@ -206,6 +206,15 @@ fn equal_poses_give_a_constant_trajectory() {
 }
 
 #[test]
+fn samples_in_time_do_not_depend_on_the_speed() {
+    let at = |x: f64| pose(DMat3::IDENTITY, [x, 0.0, 0.0]);
+    let trajectory = Trajectory::new(vec![-1.5, 0.5, 4.5], vec![at(0.0), at(10.0), at(11.0)]).unwrap();
+    let samples = trajectory.resampled(4, Spacing::Time, Interpolation::Geodesic).unwrap();
+    Tolerance::F64.assert(samples.times().iter().copied(), [-1.5, 0.5, 2.5, 4.5], "even in time");
+    Tolerance::F64.assert(samples.poses().iter().map(|pose| pose.centre().x), [0.0, 10.0, 10.5, 11.0], "positions");
+}
+
+#[test]
 fn a_spline_does_not_move_during_a_pause() {
     let at = |x: f64| pose(DMat3::from_rotation_y(x), [x, 0.0, 0.0]);
     let trajectory = Trajectory::evenly_timed(vec![at(0.0), at(1.0), at(1.0), at(2.0)]).unwrap();

@@ -91,6 +91,8 @@ mod tests {
             assert_eq!(change("psnr", value), expected, "{value}");
         }
         assert_eq!(change("ssim", -0.03), "-0.0300");
+        assert_eq!(range("psnr", [-0.125, 1.0]), "-0.125 to +1.000 dB");
+        assert_eq!(range("ssim", [0.25, 0.5]), "+0.2500 to +0.5000");
     }
 
     #[test]

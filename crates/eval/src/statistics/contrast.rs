@@ -54,3 +54,17 @@ pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggr
     let (value, parts) = mean_of_clusters(&clusters);
     Some(Contrast { value: value?, interval: interval_of_mean(&parts), scenes: clusters.len() as u64 })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_opposite_has_its_value_and_bounds_on_the_other_side() {
+        let gain = Contrast { value: 1.5, interval: Some([0.5, 4.0]), scenes: 3 };
+        let loss = Contrast { value: -1.5, interval: Some([-4.0, -0.5]), scenes: 3 };
+        assert_eq!((gain.negated(), loss.negated()), (loss, gain));
+        assert_eq!((gain.is_positive(), gain.is_negative()), (true, false));
+        assert_eq!((loss.is_positive(), loss.is_negative()), (false, true));
+    }
+}

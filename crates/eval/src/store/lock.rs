@@ -94,3 +94,21 @@ fn host() -> String {
     let name = kernel().or_else(variable).map(|name| name.trim().to_owned()).filter(|name| !name.is_empty());
     name.unwrap_or_else(|| "an unknown machine".to_owned())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The second after 2023-11-14 22:13:19 UTC is the 1 700 000 000th since 1970.
+    #[test]
+    fn a_locked_store_says_by_whom_and_since_when() {
+        let folder = tempfile::tempdir().unwrap();
+        let lock = Lock::of(folder.path()).unwrap();
+        let holder = Holder { pid: 71, host: "there".to_owned(), since: 1_700_000_000 };
+        fs::write(folder.path().join(HOLDER), serde_json::to_vec(&holder).unwrap()).unwrap();
+        let Err(EvalError::InUse { by, .. }) = Lock::of(folder.path()) else { panic!("locked twice") };
+        assert_eq!(by, "process 71 on there, since 2023-11-14 22:13:20 UTC");
+        drop(lock);
+        assert!(Lock::of(folder.path()).is_ok(), "free again");
+    }
+}

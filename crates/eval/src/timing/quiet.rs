@@ -72,7 +72,7 @@ impl Drop for TimingGuard {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
     use std::time::Duration;
 
     use super::*;
@@ -97,6 +97,22 @@ mod tests {
             }
         });
         assert_eq!(clashes.into_inner(), 0);
+    }
+
+    #[test]
+    fn an_evaluation_waits_until_a_running_pass_ends() {
+        let ended = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            let pass = exclusive().unwrap();
+            let evaluation = scope.spawn(|| {
+                let _evaluating = evaluating();
+                ended.load(Ordering::SeqCst)
+            });
+            std::thread::sleep(Duration::from_millis(50));
+            ended.store(true, Ordering::SeqCst);
+            drop(pass);
+            assert!(evaluation.join().unwrap(), "it began during the pass");
+        });
     }
 
     #[test]

@@ -61,3 +61,15 @@ fn weighted(a: &[f32], b: &[f32], weights: &[f32]) -> f64 {
     }
     lanes.iter().map(|lane| f64::from(*lane)).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_takes_four_bytes() {
+        let map =
+            |side: usize| Activations { height: side, width: side, channels: 5, values: vec![0.0; side * side * 5] };
+        assert_eq!(Features { picture: [3, 3], maps: vec![map(3), map(1)] }.bytes(), 4 * (45 + 5));
+    }
+}

@@ -296,3 +296,23 @@ fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize
         count => Err(mismatch("finite numbers".to_owned(), format!("{count} that are NaN or infinite"))),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    /// Every pixel is cut into 3×2 parts and every cell into 5×4, of the same size.
+    #[test]
+    fn coverage_agrees_with_counting_parts_of_pixels() {
+        let ([width, height], [columns, rows]) = ([5, 4], [3, 2]);
+        let included: Vec<bool> = "##..##....#.###.#..#".chars().map(|pixel| pixel == '#').collect();
+        let mut expected = vec![0.0; columns * rows];
+        for (x, y) in (0..height * rows).flat_map(|y| (0..width * columns).map(move |x| (x, y))) {
+            let covered = included[y / rows * width + x / columns];
+            expected[y / height * columns + x / width] += f64::from(u8::from(covered)) / (width * height) as f64;
+        }
+        let mask = Mask::new(5, 4, included).unwrap();
+        Tolerance::F64.assert(coverage(&mask, columns, rows), expected, "shares of the cells");
+    }
+}

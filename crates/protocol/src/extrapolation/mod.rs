@@ -249,10 +249,17 @@ mod tests {
     #[test]
     fn dropped_entries_are_reported_by_reason() {
         let keep = Extrapolation { placement: Placement::Keep, ..Extrapolation::default() };
-        let index = index_of(&[("start", &[9, 30]), ("end", &[12, 30]), ("short", &[5, 30]), ("unknown", &[9, 30])]);
-        let report = keep.split(&index, &lengths(&[("start", 300), ("end", 40), ("short", 45)]));
+        let index = index_of(&[
+            ("start", &[9, 30]),
+            ("end", &[12, 30]),
+            ("short", &[5, 30]),
+            ("unknown", &[9, 30]),
+            ("tight", &[12, 30]),
+        ]);
+        let report = keep.split(&index, &lengths(&[("start", 300), ("end", 40), ("short", 45), ("tight", 39)]));
         assert_eq!(report.no_room_before, ["start", "unknown"], "an unknown length is not a reason");
-        assert_eq!((report.no_room_after, report.too_short), (vec!["end".to_owned()], vec!["short".to_owned()]));
+        assert_eq!(report.no_room_after, ["end", "tight"], "39 frames are enough for 19 and two margins");
+        assert_eq!(report.too_short, ["short"]);
     }
 
     proptest! {

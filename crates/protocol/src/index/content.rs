@@ -100,6 +100,12 @@ mod tests {
     }
 
     #[test]
+    fn zero_has_no_sign() {
+        let [zero, negative] = ["0.0", "-0.0"].map(|zero| BASE.replace("0.25", zero));
+        assert_eq!(hash(&negative), hash(&zero));
+    }
+
+    #[test]
     fn depends_on_every_part_of_the_content() {
         let changes = [
             ("[1, 9]", "[9, 1]"),

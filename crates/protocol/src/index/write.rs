@@ -166,11 +166,13 @@ mod tests {
         }
     }
 
-    /// `json.dumps({"é\x7f😀\"\\\n": None})` in `CPython` 3.11.
+    /// `json.dumps({"é\x7f😀\"\\\n\r\t\b\f\v": None})` in `CPython` 3.11.
     #[test]
     fn escapes_keys_as_python_does() {
-        let index = EvaluationIndex { scenes: [("é\u{7f}😀\"\\\n".to_owned(), vec![])].into_iter().collect() };
-        assert_eq!(index.to_json(&IndexLayout::default()), r#"{"\u00e9\u007f\ud83d\ude00\"\\\n": null}"#);
+        let index = EvaluationIndex {
+            scenes: [("é\u{7f}😀\"\\\n\r\t\u{8}\u{c}\u{b}".to_owned(), vec![])].into_iter().collect(),
+        };
+        assert_eq!(index.to_json(&IndexLayout::default()), r#"{"\u00e9\u007f\ud83d\ude00\"\\\n\r\t\b\f\u000b": null}"#);
     }
 
     #[test]

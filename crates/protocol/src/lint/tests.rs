@@ -53,6 +53,7 @@ fn an_empty_index_has_no_spreads_and_no_percentages() {
     let text = report("{}").to_string();
     assert!(text.contains("keys                0: 0 null, 0 scenes"), "{text}");
     assert!(!text.contains("NaN"), "{text}");
+    assert!(!text.contains("odd") && !text.contains("repeated"), "nothing is odd: {text}");
 }
 
 #[test]

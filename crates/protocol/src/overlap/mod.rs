@@ -118,3 +118,26 @@ impl OverlapEstimator {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_estimator_says_what_it_measures_and_needs() {
+        for (estimator, measured, pictures, depth) in [
+            (OverlapEstimator::EpipolarRay(EpipolarRays::default()), "rays", false, false),
+            (OverlapEstimator::FeatureCoverage, "feature", true, false),
+            (OverlapEstimator::DepthCovisibility(DepthCovisibility::default()), "depth", false, true),
+        ] {
+            assert_eq!(serde_json::to_value(estimator).unwrap()["estimator"], estimator.name());
+            assert!(estimator.definition().contains(measured), "{}: {}", estimator.name(), estimator.definition());
+            assert_eq!(
+                (estimator.needs_pictures(), estimator.needs_depth()),
+                (pictures, depth),
+                "{}",
+                estimator.name()
+            );
+        }
+    }
+}

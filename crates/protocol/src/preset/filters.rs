@@ -199,6 +199,9 @@ mod tests {
         let mut wide = scene();
         wide.frames[1].camera.intrinsics = NormalizedIntrinsics::new(0.3, 0.9, 0.5, 0.5).unwrap();
         assert_eq!(reason(&wide, 0), Some(DropReason::FieldOfView), "a frame that the entry does not use counts");
+        let widest = wide.frames[1].camera.intrinsics.field_of_view().x.to_degrees();
+        assert_eq!(first_wider_than(&wide, widest), None, "a field of view at the limit is within it");
+        assert_eq!(first_wider_than(&wide, widest.next_down()), Some((1, widest)));
         let mut absent = scene();
         absent.frames[1].picture = Picture::Missing("1.png".into());
         assert_eq!(reason(&absent, 1), Some(DropReason::PictureMissing));
@@ -218,6 +221,15 @@ mod tests {
         let mut still = scene();
         still.frames[2] = frame(0.0005);
         assert_eq!(reason(&still, 1), Some(DropReason::Baseline));
+        still.frames[2] = frame(-2e10);
+        assert_eq!(reason(&still, 1), Some(DropReason::Baseline), "longer than 1e10");
+    }
+
+    #[test]
+    fn reasons_have_the_names_of_files() {
+        for reason in [DropReason::SceneMissing, DropReason::FieldOfView, DropReason::Baseline] {
+            assert_eq!(serde_json::to_value(reason).unwrap(), reason.name());
+        }
     }
 
     #[test]

@@ -190,6 +190,20 @@ mod tests {
             .collect()
     }
 
+    /// The defaults of pixelSplat's `config/generate_evaluation_index.yaml`.
+    #[test]
+    fn the_bounds_are_pixelsplats_by_default() {
+        let found: OverlapPairs =
+            serde_json::from_str(r#"{"targets": {"side": "inside", "count": 3}, "seed": 123}"#).unwrap();
+        let forty_five = NonZeroUsize::new(45).unwrap();
+        let bounds = OverlapPairs { min_distance: forty_five, max_distance: 135, ..found };
+        assert_eq!(
+            found,
+            OverlapPairs { min_overlap: 0.6, max_overlap: 1.0, pairs_per_scene: NonZeroUsize::MIN, ..bounds }
+        );
+        assert_eq!((found.overlap.grid.width, found.overlap.grid.height), (320, 180));
+    }
+
     #[test]
     fn a_fast_pan_gives_no_pair() {
         let cameras: Vec<_> =

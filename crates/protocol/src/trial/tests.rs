@@ -56,6 +56,18 @@ fn a_trial_holds_normalised_cameras_and_preprocessed_pictures() {
 }
 
 #[test]
+fn trials_say_which_entry_they_are_of() {
+    let source = MemorySource::new([scene("a", 9, 5), scene("b", 9, 6)]);
+    let entries = [vec![entry(&[2, 6], &[4])], vec![entry(&[1, 7], &[4]), entry(&[0, 8], &[3]), entry(&[0, 5], &[2])]];
+    let [a, b] = entries.clone();
+    let trials = Trials::new(Arc::new(source), &index(&[("a", a), ("b", b)]), recipe(), Prefetch::default());
+    let trials: Vec<Trial> = trials.map(|trial| trial.unwrap().0).collect();
+    let found: Vec<_> = trials.iter().map(|trial| (trial.scene(), trial.entry_number())).collect();
+    assert_eq!(found, [("a", 0), ("b", 0), ("b", 1), ("b", 2)]);
+    assert!(trials.iter().map(Trial::entry).eq(entries.iter().flatten()));
+}
+
+#[test]
 fn near_and_far_follow_the_baseline() {
     let by_baseline = TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), ..recipe() };
     let (trial, _) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), by_baseline).unwrap();

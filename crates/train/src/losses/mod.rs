@@ -61,3 +61,16 @@ impl Loss {
         self.gradient.iter_mut().zip(&other.gradient).for_each(|(sum, part)| *sum += weight * part);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: 2 + ¼·8 and (1, −2) + ¼·(4, 12).
+    #[test]
+    fn value_and_gradient_are_added_with_the_same_weight() {
+        let mut sum = Loss { value: 2.0, gradient: vec![1.0, -2.0] };
+        sum.add(&Loss { value: 8.0, gradient: vec![4.0, 12.0] }, 0.25);
+        assert_eq!(sum, Loss { value: 4.0, gradient: vec![2.0, 1.0] });
+    }
+}

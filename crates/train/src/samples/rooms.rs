@@ -181,3 +181,32 @@ impl Source for RoomsSource {
         first_sample(self.name(), draw, |random| self.try_sample(draw.step, random))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::MeanCameraScale;
+
+    use super::*;
+
+    #[test]
+    fn rendered_clips_are_kept_until_the_memory_is_full() {
+        let source = |mebibytes: usize| {
+            let views = "{ context = [2, 2], targets = 1, gaps = { min = 1, max = 1 } }";
+            let text = format!(
+                "scenes-of = 'rooms'\nscenes = 9\nsize = [8, 8]\nsamples = 1\nstride = 40\ncache-mib = {mebibytes}\nviews = {views}"
+            );
+            let config: RoomsConfig = toml::from_str(&text).unwrap();
+            RoomsSource::new(config, PoseNormalisation::mean_camera(MeanCameraScale::LongLrm))
+        };
+        let kept =
+            |source: &RoomsSource| source.with_cache(|cache| (cache.clips.len(), cache.order.len(), cache.bytes));
+        let (ample, none) = (source(1), source(0));
+        let frames: usize = [0, 1].iter().map(|number| ample.clip(*number).unwrap().cameras.len()).sum();
+        ample.clip(1).unwrap();
+        assert_eq!(kept(&ample), (2, 2, frames * 8 * 8 * 3), "one byte a channel");
+        for number in [0, 1] {
+            none.clip(number).unwrap();
+            assert_eq!(kept(&none), (0, 0, 0), "without memory nothing is kept");
+        }
+    }
+}

@@ -104,6 +104,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
             }
         },
     };
+    assert_eq!(config("").most_faults.get(), 5, "by default");
     let folder = tempdir().unwrap();
     let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, broken);
     let error = run(&mut stopped, None).unwrap_err();
@@ -219,7 +220,22 @@ fn logs_are_converted_to_parquet() {
     let totals: Vec<Option<f64>> = frame.column("total").unwrap().f64().unwrap().iter().collect();
     assert!(totals[0].is_some() && totals[2].is_none());
     let none: Vec<EvaluationRecord> = journal::read(&folder.path().join("nothing.jsonl")).unwrap();
-    journal::write_evaluations(&path, &none).unwrap();
+    let evaluation = EvaluationRecord {
+        step: 7,
+        psnr: 21.0,
+        ssim: 0.75,
+        nearest_view_psnr: 16.5,
+        nearest_view_ssim: 0.5,
+        targets: 3,
+        secs: 2.0,
+    };
+    for (records, expected) in [(none, vec![]), (vec![evaluation], vec![21.0, 0.75, 16.5, 0.5, 2.0])] {
+        journal::write_evaluations(&path, &records).unwrap();
+        let frame = ParquetReader::new(std::fs::File::open(&path).unwrap()).finish().unwrap();
+        let columns = ["psnr", "ssim", "nearest-view-psnr", "nearest-view-ssim", "secs"];
+        let values = columns.iter().flat_map(|name| frame.column(name).unwrap().f64().unwrap().into_no_null_iter());
+        Tolerance::EXACT.assert(values, expected, "evaluations");
+    }
 }
 
 /// An incomplete line is dropped with everything after the checkpoint.

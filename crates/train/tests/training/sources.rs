@@ -66,6 +66,8 @@ fn a_mixture_follows_its_shares_mirrors_half_and_repeats() {
         Mixture::new(sources, flips, distinct).unwrap()
     };
     let (flipping, straight) = (mixture(true, None), mixture(false, None));
+    let parts = [rooms(1, ""), rooms(1, "split = 'test'")].map(|part| part.name());
+    assert_eq!(straight.name(), format!("3 × {} + 1 × {}", parts[0], parts[1]));
     let names: Vec<String> = (0..200).map(|number| flipping.sample(draw(number)).unwrap().name).collect();
     let count = |word: &str| names.iter().filter(|name| name.contains(word)).count();
     assert!((30..=70).contains(&count("test")), "{} of 200 from a share of a quarter", count("test"));
