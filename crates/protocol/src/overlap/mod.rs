@@ -127,7 +127,7 @@ mod tests {
     fn each_estimator_says_what_it_measures_and_needs() {
         for (estimator, measured, pictures, depth) in [
             (OverlapEstimator::EpipolarRay(EpipolarRays::default()), "rays", false, false),
-            (OverlapEstimator::FeatureCoverage, "feature", true, false),
+            (OverlapEstimator::FeatureCoverage { measure: None }, "feature", true, false),
             (OverlapEstimator::DepthCovisibility(DepthCovisibility::default()), "depth", false, true),
         ] {
             assert_eq!(serde_json::to_value(estimator).unwrap()["estimator"], estimator.name());
