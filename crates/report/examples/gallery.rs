@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use atsplat_report::plot::{self, PlotFormat};
 
-#[path = "../src/gallery.rs"]
+#[path = "../src/gallery/mod.rs"]
 #[expect(clippy::unwrap_used, clippy::indexing_slicing, reason = "test support, shared with the unit tests")]
 mod gallery;
 

@@ -1,17 +1,20 @@
 //! Every plot from synthetic data, for tests and for `examples/gallery.rs`, which includes this file. No number here is a
 //! result.
 
+mod odd;
+mod pictures;
+
 use atsplat_eval::tradeoff::Standing;
 use atsplat_metrics::definition;
-use atsplat_pixels::ImageU8;
+pub(crate) use odd::odd_gallery;
+use pictures::{contact_sheet, strips, token_expansion, uncertainty};
 
 use crate::plot::{
-    Ablation, AblationRow, BudgetHistogram, BudgetSeries, ContactRow, ContactSheet, CostAxis, Drawing, DriftHistory,
-    DriftRun, Estimate, EstimatePoint, EstimatorPanel, EstimatorScatter, Expansion, ExpansionStrip, ExpansionStrips,
-    ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier, FrontierPoint, Frontiers, HistogramPanel, Histograms,
-    KPoint, KScaling, LearningCurve, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves,
-    OverlapHistogram, OverlapSeries, ScatterPanel, ScatterPoint, SceneScatter, StageTime, StageTimeRow, StressError,
-    StressErrors, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
+    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, Estimate,
+    EstimatePoint, EstimatorPanel, EstimatorScatter, ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier,
+    FrontierPoint, Frontiers, HistogramPanel, Histograms, KPoint, KScaling, LearningCurve, Origin, OverlapBin,
+    OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapHistogram, OverlapSeries, ScatterPanel, ScatterPoint,
+    SceneScatter, StageTime, StageTimeRow, StressError, StressErrors,
 };
 
 const SYNTHETIC: &str = "synthetic data of 8 scenes";
@@ -40,83 +43,6 @@ pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
         ("learning-curve", learning_curve()),
         ("contact-sheet", contact_sheet().draw()),
         ("stress", stress()),
-    ]
-}
-
-/// The same plots without data, with one point, with equal values and with overlong names.
-pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
-    let long = "a name that is much longer than any column, axis or margin that a plot could reserve for it ".repeat(3);
-    let mut one_point = frontier(CostAxis::Gaussians);
-    one_point.points.truncate(1);
-    let mut broken = frontier(CostAxis::Seconds);
-    broken.points.iter_mut().for_each(|point| point.quality.value = f64::NAN);
-    let mut level = scatter();
-    for panel in &mut level.panels {
-        panel.points.iter_mut().for_each(|point| (point.x, point.y) = (1.0, 1.0));
-        panel.x.clone_from(&long);
-    }
-    let mut unmeasured = ablation();
-    unmeasured.rows.iter_mut().for_each(|row| (row.measured, row.gap) = (None, None));
-    let mut named = overlap_curves();
-    named.series.iter_mut().enumerate().for_each(|(at, series)| series.label = format!("{at} {long}"));
-    let mut empty = [overlap_curves(), overlap_curves()];
-    let mut lost = estimators();
-    lost.panels.iter_mut().for_each(|panel| panel.points.iter_mut().for_each(|point| point.truth = f64::NAN));
-    let mut level_groups = histograms();
-    level_groups.panels.iter_mut().for_each(|panel| panel.values = vec![vec![f64::NAN], vec![2.0; 5]]);
-    level_groups.groups.iter_mut().enumerate().for_each(|(at, name)| *name = format!("{at} {long}"));
-    let mut crowded = frontiers();
-    crowded
-        .panels
-        .iter_mut()
-        .for_each(|(_, points)| points.iter_mut().for_each(|point| point.label.push_str(" and its setting")));
-    let mut many = overlap_curves();
-    many.series =
-        (0..14).map(|at| OverlapSeries { label: format!("method {at}"), ..many.series[at % 4].clone() }).collect();
-    let mut outlier = overlap_curves();
-    outlier.series[2].points[10].1 = around(100.0, 30.0);
-    let mut gaps = overlap_curves();
-    gaps.series[0].points.drain(4..7);
-    gaps.series[1].points[5].1.interval = None;
-    let mut stages = stage_time();
-    stages.rows[0].stages = (0..12).map(|at| (format!("stage {at}"), 1e-5 * f64::from(at + 1))).collect();
-    empty[0].series.clear();
-    empty[1].series.iter_mut().for_each(|series| series.points.clear());
-    vec![
-        ("no points", Frontier { points: Vec::new(), ..frontier(CostAxis::Gaussians) }.draw()),
-        ("one point", one_point.draw()),
-        ("no numbers", broken.draw()),
-        ("equal scenes", level.draw()),
-        ("nothing measured", unmeasured.draw()),
-        ("no variants", Ablation { rows: Vec::new(), ..ablation() }.draw()),
-        ("long names", named.draw()),
-        ("no curves", empty[0].draw()),
-        ("empty curves", empty[1].draw()),
-        ("no bins", OverlapBinMeans { bins: Vec::new(), series: Vec::new(), ..overlap_bins() }.draw()),
-        ("no distances", ExtrapolationDecay { series: Vec::new(), ..extrapolation() }.draw()),
-        ("no scenes", SceneScatter { panels: Vec::new(), ..scatter() }.draw()),
-        ("no runs", DriftHistory { runs: Vec::new(), ..drift_history() }.draw()),
-        ("no methods", StageTime { rows: Vec::new(), ..stage_time() }.draw()),
-        ("no budgets", BudgetHistogram { series: Vec::new(), fixed: None, ..budget_histogram() }.draw()),
-        ("no settings", KScaling { points: Vec::new(), ..k_scaling() }.draw()),
-        (
-            "no tokens",
-            TokenExpansion { picture: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw(),
-        ),
-        ("no strips", ExpansionStrips { columns: Vec::new(), strips: Vec::new(), ..strips() }.draw()),
-        ("no truth", lost.draw()),
-        ("no estimators", EstimatorScatter { panels: Vec::new(), ..estimators() }.draw()),
-        ("equal clips", level_groups.draw()),
-        ("no measures", Histograms { panels: Vec::new(), ..histograms() }.draw()),
-        ("crowded frontiers", crowded.draw()),
-        ("no costs", Frontiers { panels: Vec::new(), ..frontiers() }.draw()),
-        ("many methods", many.draw()),
-        ("an outlier", outlier.draw()),
-        ("gaps", gaps.draw()),
-        ("many stages", stages.draw()),
-        ("no samples", ContactSheet { rows: Vec::new(), ..contact_sheet() }.draw()),
-        ("no cases", StressErrors { errors: &[] }.draw()),
-        ("no triplets", UncertaintyTriplets { rows: Vec::new(), ..uncertainty() }.draw()),
     ]
 }
 
@@ -401,19 +327,6 @@ fn learning_curve() -> Drawing {
     .draw()
 }
 
-fn contact_sheet() -> ContactSheet {
-    let row = |at: u32| ContactRow {
-        label: format!("rooms-test-{at:08}, 21.4 dB"),
-        context: vec![picture(1.0), picture(0.9)],
-        targets: vec![[picture(0.4), picture(1.0)], [picture(0.3), picture(0.9)]],
-    };
-    ContactSheet {
-        title: "Held-out samples of micro-rooms".to_owned(),
-        subtitle: "rooms, 128×128; 2 samples; synthetic data".to_owned(),
-        rows: vec![row(1), row(2)],
-    }
-}
-
 fn stress() -> Drawing {
     let cases: Vec<String> = ["needles", "dust", "huge", "behind"].map(str::to_owned).into();
     let paths = [("reference", 1e-8, 1e-6), ("cpu, avx2", 2e-7, 1e-6), ("gpu, a device", 3e-7, 2e-6)];
@@ -519,83 +432,5 @@ fn stage_time() -> StageTime {
             row("nearest view", [0.03, 0.0001, 0.0, 0.001, 0.2]),
             untimed,
         ],
-    }
-}
-
-/// A scene of stripes and a disc; `detail` in [0, 1] is the contrast of the stripes.
-fn picture(detail: f64) -> ImageU8 {
-    painted(|x, y| {
-        let stripes = if (x * 24.0 + y * 5.0).sin() > 0.0 { 0.25 * detail } else { -0.25 * detail };
-        let disc = (x - 0.6).hypot(y - 0.45) < 0.22;
-        let base = 0.35 + 0.4 * y + stripes;
-        if disc { [0.85 - 0.2 * stripes, 0.45, 0.2] } else { [base * 0.8, base, base * 1.05] }
-    })
-}
-
-fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
-    const WIDTH: u32 = 160;
-    const HEIGHT: u32 = 90;
-    let samples = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (row, column)));
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 8 bits")]
-    let samples = samples.flat_map(|(row, column)| {
-        colour(f64::from(column) / f64::from(WIDTH), f64::from(row) / f64::from(HEIGHT))
-            .map(|value| (value * 255.0).clamp(0.0, 255.0) as u8)
-    });
-    ImageU8::new(WIDTH, HEIGHT, samples.collect()).unwrap()
-}
-
-fn strips() -> ExpansionStrips {
-    let strip = |label: &str| ExpansionStrip {
-        label: label.to_owned(),
-        pictures: [
-            (0.1, "22.4 dB · 8K"),
-            (0.4, "24.9 dB · 12K"),
-            (0.7, "26.6 dB · 18K"),
-            (0.9, "27.4 dB · 23K"),
-            (1.0, ""),
-        ]
-        .map(|(detail, caption)| StripPicture { image: picture(detail), caption: caption.to_owned() })
-        .to_vec(),
-    };
-    ExpansionStrips {
-        title: "Expansion, block by block".to_owned(),
-        subtitle: format!("the same weights with expansion enabled in ever more blocks; {SYNTHETIC}"),
-        columns: ["none", "block 1", "blocks 1–2", "blocks 1–3", "truth"].map(str::to_owned).to_vec(),
-        strips: vec![strip("scene-0007, frame 12"), strip("scene-0031, frame 40")],
-    }
-}
-
-fn uncertainty() -> UncertaintyTriplets {
-    let heat = |value: f64| [value.sqrt(), value * value, 0.35 * (1.0 - value)];
-    let row = |label: &str| UncertaintyRow {
-        label: label.to_owned(),
-        render: picture(0.6),
-        error: painted(|x, y| heat(0.5 + 0.5 * (x * 24.0 + y * 5.0).sin())),
-        predicted: painted(|x, y| heat(0.5 + 0.4 * (x * 24.0 + y * 5.0 + 0.4).sin())),
-        brightest: 0.62,
-        selected_alpha: painted(|x, y| if (x * 24.0 + y * 5.0).sin() > 0.2 { [0.9; 3] } else { [0.05; 3] }),
-        captions: ["mean 0.031".to_owned(), "Spearman 0.71".to_owned(), "50 % of tokens".to_owned()],
-    };
-    UncertaintyTriplets {
-        title: "Error, prediction, selection".to_owned(),
-        subtitle: format!("last block; dark is low, yellow is high; {SYNTHETIC}"),
-        rows: vec![row("scene-0007, frame 12"), row("scene-0031, frame 40")],
-    }
-}
-
-fn token_expansion() -> TokenExpansion {
-    let expansion = |at: usize| {
-        let parent = [4.0 + 152.0 * noise(at * 5), 4.0 + 82.0 * noise(at * 5 + 1)];
-        let angle = std::f64::consts::TAU * noise(at * 5 + 2);
-        let reach = 1.5 + 3.5 * noise(at * 5 + 3);
-        let child = |turn: f64| [parent[0] + reach * (angle + turn).cos(), parent[1] + reach * (angle + turn).sin()];
-        Expansion { block: 1 + at % 3, parent, children: vec![child(0.0), child(2.6)] }
-    };
-    TokenExpansion {
-        title: "Children around their parents".to_owned(),
-        subtitle: format!("scene-0007 from its first context view; places are mean centres of Gaussians; {SYNTHETIC}"),
-        picture: Some(picture(1.0)),
-        size: [160.0, 90.0],
-        expansions: (0..110).map(expansion).collect(),
     }
 }
