@@ -124,6 +124,8 @@ fn escaped(text: &str) -> String {
             '→' => safe.push_str("$\\rightarrow$"),
             '−' => safe.push_str("$-$"),
             '–' => safe.push_str("--"),
+            '-' if safe.ends_with('-') => safe.push_str("{}-"),
+            '`' => safe.push_str("\\textasciigrave{}"),
             '§' => safe.push_str("\\S{}"),
             '†' => safe.push_str("$^\\dagger$"),
             '‡' => safe.push_str("$^\\ddagger$"),

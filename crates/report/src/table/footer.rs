@@ -309,7 +309,8 @@ fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
 fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
     let mut groups: Vec<String> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-        let cells = own.columns.iter().zip(&row.cells[group]);
+        // Other columns print the interval in the cell.
+        let cells = own.columns.iter().zip(&row.cells[group]).filter(|(column, _)| !column.intervals);
         let intervals: Vec<String> = cells
             .filter_map(|(column, cell)| {
                 let (Value::Number(_), Some([low, high])) = (&cell.value, cell.interval) else { return None };
