@@ -109,6 +109,8 @@ fn the_psnr_of_harmonics_is_that_of_everything() {
         Arc::new(ply) as Arc<dyn Method>
     });
     let targets: Vec<usize> = (2..20).collect();
-    let one = presets().into_iter().filter(|(name, _)| ["rooms-2v-128", "yards-6v-112"].contains(name)).collect();
-    assert_eq!(compare(methods.to_vec(), &targets, one), 36, "something is left out of every picture");
+    let simulated = |(_, preset): &(&str, Preset)| ["rooms", "yards"].contains(&preset.dataset.as_str());
+    let two: Vec<_> = presets().into_iter().filter(simulated).take(2).collect();
+    assert_eq!(two.len(), 2);
+    assert_eq!(compare(methods.to_vec(), &targets, two), 36, "something is left out of every picture");
 }

@@ -1,4 +1,4 @@
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,19 +15,12 @@ const CACHE_BYTES: usize = 512 << 20;
 
 /// Simulated scenes as a dataset in memory.
 ///
-/// A scene is built when it is loaded, and each of its pictures is rendered on request. If only some frames of a scene are
-/// requested, the others keep their cameras and positions but have no picture.
+/// A scene is built when it is loaded, and each of its pictures is rendered when it is first decoded.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedScenes {
     keys: Vec<String>,
-    requests: IndexMap<String, (Request, RequestedFrames)>,
+    requests: IndexMap<String, Request>,
     cache: Arc<PictureCache>,
-}
-
-#[derive(Clone, Debug)]
-enum RequestedFrames {
-    All,
-    Only(BTreeSet<usize>),
 }
 
 impl SimulatedScenes {
@@ -36,19 +29,10 @@ impl SimulatedScenes {
         Self::default()
     }
 
-    /// Adds a scene with all its pictures.
+    /// Adds a scene; it replaces one of the same key.
     pub fn add(&mut self, request: Request) {
-        self.insert(request, RequestedFrames::All);
-    }
-
-    /// Adds a scene with only the pictures of `frames`.
-    pub fn add_frames(&mut self, request: Request, frames: impl IntoIterator<Item = usize>) {
-        self.insert(request, RequestedFrames::Only(frames.into_iter().collect()));
-    }
-
-    fn insert(&mut self, request: Request, wanted: RequestedFrames) {
         let key = request.seed.key(request.kind);
-        if self.requests.insert(key.clone(), (request, wanted)).is_none() {
+        if self.requests.insert(key.clone(), request).is_none() {
             self.keys.push(key);
         } else {
             // Cached pictures may be of the replaced request.
@@ -56,19 +40,9 @@ impl SimulatedScenes {
         }
     }
 
-    fn frame(
-        &self,
-        key: &str,
-        simulation: &Arc<Simulation>,
-        at: usize,
-        wanted: &RequestedFrames,
-    ) -> Result<Frame, RoomsError> {
+    fn frame(&self, key: &str, simulation: &Arc<Simulation>, at: usize) -> Result<Frame, RoomsError> {
         let timestamp = simulation.shot(at)?.timestamp_micros;
-        let is_wanted = match wanted {
-            RequestedFrames::All => true,
-            RequestedFrames::Only(frames) => frames.contains(&at),
-        };
-        let picture = || SimulatedPicture {
+        let picture = SimulatedPicture {
             key: key.to_owned(),
             frame: at,
             simulation: Arc::clone(simulation),
@@ -79,7 +53,7 @@ impl SimulatedScenes {
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            picture: if is_wanted { Picture::Made(Arc::new(picture())) } else { Picture::Absent },
+            picture: Picture::Made(Arc::new(picture)),
         })
     }
 }
@@ -91,9 +65,9 @@ impl SceneSource for SimulatedScenes {
 
     fn load(&self, key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: PathBuf::from("simulated scenes") };
-        let (request, wanted) = self.requests.get(key).ok_or_else(unknown)?;
+        let request = self.requests.get(key).ok_or_else(unknown)?;
         let simulation = Arc::new(Simulation::new(request.clone()).map_err(making(key))?);
-        let frames = (0..simulation.shots().len()).map(|at| self.frame(key, &simulation, at, wanted));
+        let frames = (0..simulation.shots().len()).map(|at| self.frame(key, &simulation, at));
         let frames = frames.collect::<Result<_, _>>().map_err(making(key))?;
         Ok(Scene { key: simulation.key(), url: None, frames })
     }
@@ -185,21 +159,18 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_are_not_requested_keep_their_cameras() {
+    fn a_request_replaces_the_one_of_the_same_key() {
         let mut source = SimulatedScenes::new();
+        source.add(Request { frames: 2, ..request() });
         source.add(request());
-        source.add_frames(request(), [2]);
         assert_eq!(source.keys(), ["rooms-test-00000003"], "the second request replaces the first");
         let scene = source.load("rooms-test-00000003", &mut Warnings::new()).unwrap();
         let simulation = Simulation::new(request()).unwrap();
         assert_eq!(scene.frames.len(), 4);
         for (at, frame) in scene.frames.iter().enumerate() {
             assert_eq!(frame.camera, simulation.camera(at).unwrap());
-            let decoded = scene.decode(at, &DecodeLimits::default());
-            assert_eq!(decoded.is_ok(), at == 2);
-            if let Ok(picture) = decoded {
-                assert_eq!(picture, simulation.picture(at).unwrap().to_u8(Rounding::Nearest).unwrap());
-            }
+            let picture = scene.decode(at, &DecodeLimits::default()).unwrap();
+            assert_eq!(picture, simulation.picture(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         }
     }
 

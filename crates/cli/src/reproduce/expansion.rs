@@ -110,7 +110,7 @@ mod tests {
         let datasets = simulated_datasets(|_, _| 8).unwrap();
         let trained = crate::embedded::trained(None).unwrap();
         let Shown { section, live, not_run } = shown(&datasets, &trained).unwrap();
-        assert!(not_run.is_empty(), "{}", not_run.len());
+        assert!(not_run.is_empty(), "{}", not_run.iter().map(|own| own.why.as_str()).collect::<Vec<_>>().join("; "));
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);
         let stand_in = datasets.iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();

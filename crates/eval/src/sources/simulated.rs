@@ -1,11 +1,9 @@
-use std::collections::BTreeMap;
-
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_rooms::{Request, SceneKind, SceneSeed, SimulatedScenes, Split};
 
 use crate::EvalError;
 
-/// The simulated scenes of an index with the pictures that it uses, at the size that the preset expects. `None` if the
+/// The simulated scenes of an index at the size that the preset expects. `None` if the
 /// preset's dataset is not simulated.
 ///
 /// # Errors
@@ -21,18 +19,14 @@ pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<Simu
         expected: "preprocessing.expected-size, the size to simulate".to_owned(),
         found: format!("none in {}", preset.name),
     })?;
-    let mut frames_of: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
-    for (key, _, entry) in index.entries() {
-        frames_of.entry(key).or_default().extend(entry.context.iter().chain(&entry.target));
-    }
     let mut scenes = SimulatedScenes::new();
-    for (key, frames) in frames_of {
+    for key in index.scenes.keys() {
         let seed = seed(kind, key).ok_or_else(|| EvalError::Settings {
             what: "scene of a simulated dataset",
             expected: format!("a key such as {}", SceneSeed { split: Split::Test, number: 0 }.key(kind)),
             found: format!("{key:?}"),
         })?;
-        scenes.add_frames(Request { size, ..Request::new(kind, seed) }, frames);
+        scenes.add(Request { size, ..Request::new(kind, seed) });
     }
     Ok(Some(scenes))
 }
@@ -47,7 +41,7 @@ fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
 mod tests {
     use super::*;
     use atsplat_protocol::IndexFile;
-    use atsplat_scene::{SceneSource, Warnings};
+    use atsplat_scene::SceneSource;
 
     #[test]
     fn every_simulated_preset_finds_its_scenes() {
@@ -61,21 +55,6 @@ mod tests {
             let source = simulated(&preset, &index).unwrap().unwrap();
             assert_eq!(source.keys().len(), index.scenes.len());
             assert!(index.scenes.keys().all(|key| source.keys().contains(key)), "{}", preset.name);
-        }
-    }
-
-    #[test]
-    fn only_frames_of_the_index_have_pictures() {
-        let preset = Preset::named("rooms-2v-128").unwrap();
-        let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
-        index.scenes.truncate(1);
-        let source = simulated(&preset, &index).unwrap().unwrap();
-        let key = source.keys()[0].clone();
-        let scene = source.load(&key, &mut Warnings::new()).unwrap();
-        let entry = &index.scenes[&key][0];
-        for (at, frame) in scene.frames.iter().enumerate() {
-            let is_used = entry.context.contains(&at) || entry.target.contains(&at);
-            assert_eq!(matches!(frame.picture, atsplat_scene::Picture::Made(_)), is_used, "frame {at}");
         }
     }
 
