@@ -102,11 +102,11 @@ impl Fit {
         for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
             parts.sh_degree = metadata.sh_degree;
             let mut named = |name: &str| tensor(format!("{part}/{name}"));
-            parts.means = rows(named("means")?);
-            parts.quaternions = rows(named("quaternions")?);
-            parts.log_scales = rows(named("log-scales")?);
+            parts.means = rows(&named("means")?);
+            parts.quaternions = rows(&named("quaternions")?);
+            parts.log_scales = rows(&named("log-scales")?);
             parts.opacity_logits = named("opacity-logits")?;
-            parts.sh = rows(named("sh")?);
+            parts.sh = rows(&named("sh")?);
         }
         scene.parts.filter_3d = metadata.filtered.then(|| tensor("filter-3d".to_owned())).transpose()?;
         let memory: Vec<Vec<f32>> =
@@ -141,7 +141,7 @@ fn arrays(parts: &GaussianParts) -> [(&'static str, &[f32]); 5] {
     ]
 }
 
-fn rows<const N: usize>(values: Vec<f32>) -> Vec<[f32; N]> {
+fn rows<const N: usize>(values: &[f32]) -> Vec<[f32; N]> {
     values.as_chunks::<N>().0.to_vec()
 }
 
@@ -152,10 +152,10 @@ fn digest<'a>(tensors: impl Iterator<Item = &'a [f32]>) -> String {
 
 /// Hash of everything that a step depends on, apart from the state.
 fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
-    let mut text = format!("{config:?}");
-    for view in views {
+    let of_view = |view: &TrainingView| {
         let pixels = Sha256Digest::of(bytemuck::cast_slice(view.rgb.as_flattened()));
-        text.push_str(&format!("\n{:?} {pixels}", view.view));
-    }
-    Sha256Digest::of(text.as_bytes()).to_string()
+        format!("{:?} {pixels}", view.view)
+    };
+    let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
+    Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
 }

@@ -20,7 +20,7 @@ pub const MIP_BLUR: f64 = 0.1;
 /// The cameras that limit how fine a Gaussian can be.
 #[derive(Debug)]
 pub struct Cameras {
-    cameras: Vec<Projector>,
+    projectors: Vec<Projector>,
     largest_focal: f64,
     near: f64,
 }
@@ -59,7 +59,7 @@ impl Cameras {
         let mean = DVec3::from_array(mean.map(f64::from));
         let inside = |position: f64| (-BORDER..=1.0 + BORDER).contains(&position);
         let mut nearest = None;
-        for camera in &self.cameras {
+        for camera in &self.projectors {
             if let Ok(seen) = camera.project(mean)
                 && seen.depth > self.near
                 && inside(seen.position.x)

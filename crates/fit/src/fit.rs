@@ -84,7 +84,7 @@ impl Fit {
             return Err(FitError::Start { found: format!("{} Gaussians, none of them valid", found.total) });
         }
         let extent = config.extent.map_or_else(|| scene_extent(&views, &start.parts().means), Ok)?;
-        if !(extent > 0.0) {
+        if extent.is_nan() || extent <= 0.0 {
             let expected = "cameras in different places that see the start, or an explicit extent".to_owned();
             return Err(FitError::Setting { name: "extent", expected, found: extent.to_string() });
         }

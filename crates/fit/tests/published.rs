@@ -1,5 +1,7 @@
 //! Single steps against PyTorch in double precision: `oracle/make_steps.py` made `fixtures/steps.json`.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, PixelIntrinsics};
 use atsplat_fit::density::{Adaptive, At, Changes, Density as _, Mcmc, Seen, relocated};
 use atsplat_fit::filter_3d::Cameras;

@@ -1,5 +1,7 @@
 //! Whole runs on a small scene whose pictures are rendered from known Gaussians.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_fit::density::relocated;
 use atsplat_fit::start::{Point, from_points, in_frustums};
@@ -148,7 +150,9 @@ fn a_checkpoint_of_another_run_or_a_damaged_one_is_rejected() {
 #[test]
 fn an_overflowing_loss_stops_with_the_last_good_state() {
     let mut views = views().0;
-    views.iter_mut().for_each(|view| view.rgb[700] = [1e30; 3]);
+    for view in &mut views {
+        view.rgb[700] = [1e30; 3];
+    }
     let mut fit = Fit::new(config(Strategy::Fixed, 50), views, &start(Strategy::Fixed, 50)).unwrap();
     let before = fit.gaussians();
     match fit.step().unwrap_err() {

@@ -61,12 +61,12 @@ fn compare(Case { gaussians, view, options, .. }: &Case, rounds: u32) -> String 
         std::hint::black_box(plan(selection).render(&mut renderer, gaussians).expect("an image"));
         before.zip(processor_ms()).map_or(1e3 * start.elapsed().as_secs_f64(), |(before, after)| after - before)
     };
-    let mut pair = |round: u32| match round % 2 {
-        0 => [EffectSelection::All, EffectSelection::Auto].map(&mut time),
-        _ => {
-            let [auto, all] = [EffectSelection::Auto, EffectSelection::All].map(&mut time);
-            [all, auto]
+    let mut pair = |round: u32| {
+        if round.is_multiple_of(2) {
+            return [EffectSelection::All, EffectSelection::Auto].map(&mut time);
         }
+        let [auto, all] = [EffectSelection::Auto, EffectSelection::All].map(&mut time);
+        [all, auto]
     };
     pair(0);
     let pairs: Vec<[f64; 2]> = (0..rounds).map(pair).collect();

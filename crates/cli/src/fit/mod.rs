@@ -85,7 +85,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "COLOUR", default_value = "black")]
     background: BackgroundArg,
 
-    /// Densify by absolute gradients of single pixels, as AbsGS does.
+    /// Densify by absolute gradients of single pixels, as `AbsGS` does.
     #[arg(long)]
     absolute_gradients: bool,
 

@@ -163,9 +163,9 @@ impl<'a> Log<'a> {
             fit.len()
         );
         if self.plain {
-            warn(&text)
+            warn(&text);
         } else {
-            self.bar.println(text)
+            self.bar.println(text);
         }
         Ok(())
     }

@@ -49,12 +49,11 @@ impl Listed {
                 not_run.push(NotRun { what: dataset.name, why });
                 continue;
             };
-            match groups.iter_mut().find(|(known, _)| *known == file) {
-                Some((_, group)) => group.datasets.push(dataset),
-                None => {
-                    let trained = self.load(&file)?;
-                    groups.push((file, Group { trained, datasets: vec![dataset] }));
-                }
+            if let Some((_, group)) = groups.iter_mut().find(|(known, _)| *known == file) {
+                group.datasets.push(dataset);
+            } else {
+                let trained = self.load(&file)?;
+                groups.push((file, Group { trained, datasets: vec![dataset] }));
             }
         }
         Ok(groups.into_iter().map(|(_, group)| group).collect())

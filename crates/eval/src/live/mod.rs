@@ -128,9 +128,7 @@ fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Vec<LiveStage
         }
         let entering = trace.entering.get(at).unwrap_or(first);
         stages.push(LiveStage::of(at, entering, per_token, &labels(&origins, &scores, uncertainty), min_alpha));
-        let of_parents =
-            |values: &[f32]| block.parents.iter().filter_map(|&parent| values.get(parent).copied()).collect();
-        scores = of_parents(&scores);
+        scores = block.parents.iter().filter_map(|&parent| scores.get(parent).copied()).collect();
         let number = u8::try_from(at + 1).unwrap_or(u8::MAX);
         let origin = |parent: &usize| match block.selected.binary_search(parent) {
             Ok(_) => number,

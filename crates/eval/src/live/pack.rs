@@ -149,7 +149,7 @@ mod tests {
             let difference = (covariance - expected).to_cols_array().map(|entry| (entry / largest).abs());
             assert!(difference.iter().all(|share| *share < 0.03), "{difference:?}");
             let seen =
-                parts.sh[at].map(|own| if own < -0.5 / sh::C0 as f32 { 0.0 } else { 0.5 + sh::C0 * f64::from(own) });
+                parts.sh[at].map(|own| if f64::from(own) < -0.5 / sh::C0 { 0.0 } else { 0.5 + sh::C0 * f64::from(own) });
             Tolerance::absolute(4e-3).assert(colour, seen, "colour");
             Tolerance::absolute(2e-3).assert(
                 [opacity],

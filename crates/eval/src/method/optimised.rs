@@ -158,7 +158,8 @@ impl Method for Optimised {
         let views: Vec<TrainingView> = context
             .map(|(view, picture)| training_view(format!("frame {}", view.frame), view.camera, view.size, picture))
             .collect();
-        if self.network.is_none() && !(camera_extent(views.iter().map(|view| &view.view)) > 0.0) {
+        let extent = camera_extent(views.iter().map(|view| &view.view));
+        if self.network.is_none() && (extent.is_nan() || extent <= 0.0) {
             return Err(MethodError::NotApplicable("the context cameras are in one place".to_owned()));
         }
         let mut cost = Cost::default();

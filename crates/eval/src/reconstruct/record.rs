@@ -155,7 +155,7 @@ pub fn warnings(reconstruction: &Reconstruction, photos: &Photos, processor: Pro
     let mut warnings: Vec<String> = processor.refusal().map(refused).into_iter().collect();
     let fallbacks = &photos.trial().normalisation().fallbacks;
     if !fallbacks.is_empty() {
-        let names: Vec<String> = fallbacks.iter().map(|fallback| fallback.to_string()).collect();
+        let names: Vec<String> = fallbacks.iter().map(ToString::to_string).collect();
         warnings.push(format!("the pose normalisation is not stable for these views: {}", names.join("; ")));
     }
     let distorted = photos.trial().context().iter().filter(|view| view.camera.distortion != Distortion::None).count();

@@ -47,6 +47,7 @@ pub struct Results {
 
 impl TrialKey {
     /// The same trial under another method.
+    #[must_use]
     pub fn of_method(&self, method: &str) -> Self {
         Self { method: method.to_owned(), ..self.clone() }
     }

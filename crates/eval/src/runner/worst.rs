@@ -20,6 +20,7 @@ const SAMPLE: usize = 8;
 /// A trial that is among them at the end was among them when it was evaluated, whatever the order, so its pictures were stored; the
 /// others' pictures are removed by [`prune`].
 #[derive(Debug, Default)]
+#[expect(clippy::type_complexity, reason = "one map")]
 pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), [Vec<f64>; 3]>>);
 
 impl WorstSoFar {

@@ -78,8 +78,8 @@ pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
 /// Moves dead Gaussians to live ones; returns their number.
 fn relocate(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
     let opacities: Vec<f64> = scene.opacities().collect();
-    let dead: Vec<usize> = (0..scene.len()).filter(|position| opacities.get(*position).is_some_and(is_dead)).collect();
-    let weights = opacities.iter().map(|opacity| if is_dead(opacity) { 0.0 } else { *opacity });
+    let dead: Vec<usize> = (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
+    let weights = opacities.iter().map(|opacity| if is_dead(*opacity) { 0.0 } else { *opacity });
     let sources = weighted(&mut at.stream(Purpose::Relocation), weights, dead.len());
     if sources.len() < dead.len() {
         return Err(DensityError::Fault(Fault::Empty));
@@ -103,8 +103,8 @@ fn relocate(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
 }
 
 /// NaN counts as dead.
-fn is_dead(opacity: &f64) -> bool {
-    !(*opacity > DEAD)
+fn is_dead(opacity: f64) -> bool {
+    opacity.is_nan() || opacity <= DEAD
 }
 
 /// Adds Gaussians next to others, drawn by opacity; returns their number.

@@ -35,7 +35,9 @@ fn sort(points: &[[f64; 3]], order: &mut [usize], axis: usize) {
 
 fn search(points: &[[f64; 3]], order: &[usize], axis: usize, of: (usize, [f64; 3]), nearest: &mut [f64; NEIGHBOURS]) {
     if order.len() <= LEAF {
-        order.iter().for_each(|other| consider(points, *other, of, nearest));
+        for other in order {
+            consider(points, *other, of, nearest);
+        }
         return;
     }
     let (below, rest) = order.split_at(order.len() / 2);

@@ -49,7 +49,9 @@ fn options() -> RenderOptions {
 fn coloured(gaussians: &Gaussians, block: impl Fn(usize) -> usize) -> Gaussians {
     let mut parts = gaussians.parts().clone();
     for (at, colour) in parts.sh.iter_mut().enumerate() {
-        *colour = BLOCKS[block(at)].map(|own| ((f64::from(own) - 0.5) / sh::C0) as f32);
+        #[expect(clippy::cast_possible_truncation, reason = "a coefficient")]
+        let coefficient = |own| ((f64::from(own) - 0.5) / sh::C0) as f32;
+        *colour = BLOCKS[block(at)].map(coefficient);
     }
     Gaussians::new(parts).unwrap()
 }

@@ -109,9 +109,12 @@ impl Album {
     }
 }
 
+/// Targets, each with the number of its store.
+type Rows<'a> = Vec<(usize, &'a TargetRow)>;
+
 /// The targets of all stores with pictures, trial by trial under all methods.
 fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
-    let mut trials: BTreeMap<(&str, &str, u32), Vec<(usize, &TargetRow)>> = BTreeMap::new();
+    let mut trials = BTreeMap::<(&str, &str, u32), Rows<'_>>::new();
     for (at, store) in stores.iter().enumerate() {
         if store.folder.is_some_and(|folder| folder.join("pictures").is_dir()) {
             for row in &store.source.results.targets {
@@ -123,7 +126,7 @@ fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
         let scores: Vec<f64> = rows.iter().filter_map(|(_, row)| row.scores.get("psnr").copied()).collect();
         if scores.is_empty() { f64::INFINITY } else { scores.iter().sum::<f64>() / scores.len() as f64 }
     };
-    let mut by_preset: BTreeMap<&str, Vec<(f64, Vec<(usize, &TargetRow)>)>> = BTreeMap::new();
+    let mut by_preset = BTreeMap::<&str, Vec<(f64, Rows<'_>)>>::new();
     for ((preset, ..), rows) in trials {
         by_preset.entry(preset).or_default().push((mean(&rows), rows));
     }

@@ -133,12 +133,16 @@ impl Frontiers {
             CostAxis::Gaussians => ("", 1.0),
         };
         let axes = Axes { inside, x: Scale::logarithmic(points.iter().map(|point| point.cost / length), 0.12), y };
-        let (title, label): (String, &dyn Fn(f64, &[f64]) -> String) = match cost {
-            CostAxis::Seconds => (format!("time in {unit}, logarithmic"), &|time, _| own_label(time)),
-            CostAxis::Gaussians => ("Gaussians per scene, logarithmic".to_owned(), &|count, _| count_label(count)),
+        let title = match cost {
+            CostAxis::Seconds => format!("time in {unit}, logarithmic"),
+            CostAxis::Gaussians => "Gaussians per scene, logarithmic".to_owned(),
+        };
+        let label = |value, _: &[f64]| match cost {
+            CostAxis::Seconds => own_label(value),
+            CostAxis::Gaussians => count_label(value),
         };
         axes.draw_y(drawing, &plain(&self.quality.title()));
-        let bottom = axes.draw_x(drawing, &AxisText { title: &title, label });
+        let bottom = axes.draw_x(drawing, &AxisText { title: &title, label: &label });
         let x_of = |cost: f64| axes.x_of(cost / length).clamp(inside.left, inside.right);
         let place = |cost: f64, quality: f64| [x_of(cost), axes.y_of(quality)];
         let mut labels =
@@ -273,7 +277,9 @@ mod tests {
         assert_eq!(steps("psnr"), ["cheap", "dear"]);
         assert_eq!(steps("lpips"), ["twin"], "less is better");
         let mut tested = points.clone();
-        tested.iter_mut().for_each(|point| point.standing = Some(Standing::NotDistinguishable));
+        for point in &mut tested {
+            point.standing = Some(Standing::NotDistinguishable);
+        }
         tested[0].standing = Some(Standing::Frontier);
         let on_frontier: Vec<_> =
             frontier("psnr").steps(tested.iter()).iter().map(|point| point.label.clone()).collect();

@@ -68,7 +68,7 @@ impl Histograms {
     fn draw_caption(&self, drawing: &mut Drawing, panel: &HistogramPanel, [left, top]: [f64; 2]) -> f64 {
         let mut y = top;
         for (group, name) in self.groups.iter().enumerate() {
-            let values = self.of(panel, group);
+            let values = Self::of(panel, group);
             let median = median(values.iter().copied()).map_or("-".to_owned(), three_digits);
             let caption = format!("{name}: median {median} of {}", values.len());
             let text = TextLine::new(caption, [left + 18.0, 0.0]).small().within(WIDTH - 18.0).below(y);
@@ -90,7 +90,7 @@ impl Histograms {
 
     /// The single values of small groups, the histograms of the others below, and the axis; returns its lower edge.
     fn draw_panel(&self, drawing: &mut Drawing, panel: &HistogramPanel, [left, top]: [f64; 2]) -> f64 {
-        let groups: Vec<(usize, Vec<f64>)> = (0..self.groups.len()).map(|at| (at, self.of(panel, at))).collect();
+        let groups: Vec<(usize, Vec<f64>)> = (0..self.groups.len()).map(|at| (at, Self::of(panel, at))).collect();
         let x = Scale::around(groups.iter().flat_map(|(_, values)| values.iter().copied()), 0.02);
         let (few, many): (Vec<_>, Vec<_>) = groups.iter().partition(|(_, values)| values.len() < FEW);
         let shares: Vec<(usize, [f64; COLUMNS])> = many.iter().map(|(at, values)| (*at, shares(values, x))).collect();
@@ -118,7 +118,7 @@ impl Histograms {
     }
 
     /// The finite values of a group.
-    fn of(&self, panel: &HistogramPanel, group: usize) -> Vec<f64> {
+    fn of(panel: &HistogramPanel, group: usize) -> Vec<f64> {
         panel.values.get(group).map_or_else(Vec::new, |values| finite(values))
     }
 }

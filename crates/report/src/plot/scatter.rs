@@ -69,7 +69,9 @@ impl SceneScatter {
         for row in self.panels.chunks(ACROSS) {
             let captions: Vec<TextLine> = row.iter().enumerate().map(|(at, panel)| caption(panel, at, below)).collect();
             let head = captions.iter().map(|text| text.extent().bottom).fold(below, |a, b| if a > b { a } else { b });
-            captions.into_iter().for_each(|text| drawing.text(text));
+            for text in captions {
+                drawing.text(text);
+            }
             let top =
                 head + 22.0 + TextLine::new(self.title_of(&self.y), [0.0; 2]).small().within(SIDE + 40.0).height();
             for (at, panel) in row.iter().enumerate() {

@@ -31,6 +31,7 @@ pub(super) struct Ran<'a> {
 
 impl MeasuredOn {
     /// Of all protocols behind a row; headings appear only where numbers of scenes differ. `method` is named first.
+    #[expect(clippy::type_complexity, reason = "a list of lists, for a moment")]
     pub(super) fn of(ran: &[Ran<'_>], method: Option<String>) -> Self {
         // Data and size, with each number of scenes and the headings that have it.
         let mut places: Vec<(String, Vec<(String, Vec<&str>)>)> = Vec::new();

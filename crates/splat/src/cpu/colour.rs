@@ -71,12 +71,11 @@ impl Basis {
     ) -> Option<[f32; 3]> {
         let lane = lane % CHUNK;
         let used = sh_coefficients(self.degree);
-        let (first, upper) = match packed {
-            Some(packed) => packed.of(position)?,
-            None => {
-                let (first, upper) = parts.sh.get(position * self.stored..)?.get(..used)?.split_first()?;
-                (*first, upper)
-            }
+        let (first, upper) = if let Some(packed) = packed {
+            packed.of(position)?
+        } else {
+            let (first, upper) = parts.sh.get(position * self.stored..)?.get(..used)?.split_first()?;
+            (*first, upper)
         };
         let rgb = self.sum(first, upper, lane)?;
         let largest = to_f32(LARGEST_CHANNEL);

@@ -115,6 +115,7 @@ struct Timer<'a> {
 
 impl Timer<'_> {
     /// Milliseconds of two requests rendered alternately, after one warm-up pair, and their images.
+    #[expect(clippy::type_complexity, reason = "two lists of two")]
     fn pairs(&mut self, requests: [&Request; 2]) -> Result<(Vec<[f64; 2]>, [Rendering<f32>; 2]), SplatError> {
         let mut render = |request: &Request| {
             let start = Instant::now();

@@ -1,6 +1,8 @@
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use atsplat_numeric::Tolerance;
+
 use super::amplitude;
 use crate::{Gaussians, Harmonics};
 
@@ -59,7 +61,7 @@ impl<'a> Scene<'a> {
             return None;
         }
         let mut packed = self.packed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = packed.as_ref().filter(|own| own.degree == degree && own.tolerance == tolerance) {
+        if let Some(known) = packed.as_ref().filter(|own| own.degree == degree && Tolerance::EXACT.accepts(own.tolerance, tolerance)) {
             return known.harmonics.clone();
         }
         let pays = Harmonics::packed_share(&self.gaussians, degree, tolerance) <= LARGEST_SHARE;

@@ -44,7 +44,9 @@ pub fn with_fallback(
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
     let (opened, mut passed_over) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
     passed_over.extend(none);
-    passed_over.iter().for_each(|reason| tracing::info!(%reason, "graphics adapter passed over"));
+    for reason in passed_over {
+        tracing::info!(%reason, "graphics adapter passed over");
+    }
     let renderer: Box<dyn Renderer> = match opened {
         Some(renderer) => Box::new(renderer),
         None => Box::new(CpuRenderer::new(cpu)),

@@ -30,11 +30,10 @@ fn of_axis(ticks: &[&Printed<'_>], title: Option<&str>) -> Option<String> {
     }
     let across = |at: usize| {
         let places = || values.iter().map(move |(_, place)| place[at]);
-        let spread = places().fold(0.0f64, |most, own| {
+        places().fold(0.0f64, |most, own| {
             let apart = values.first().map_or(0.0, |(_, first)| (own - first[at]).abs());
             if apart > most { apart } else { most }
-        });
-        spread
+        })
     };
     // Up and to the right is more.
     let (along, sign) = if across(0) >= across(1) { (0, 1.0) } else { (1, -1.0) };

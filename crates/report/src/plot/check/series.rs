@@ -15,7 +15,8 @@ const GAP: f64 = 1.6;
 /// are no points.
 pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
     let mut faults = Vec::new();
-    let (mut data, mut keys): (BTreeMap<&str, Vec<&Item>>, BTreeMap<&str, Vec<&Item>>) = Default::default();
+    let mut data = BTreeMap::<&str, Vec<&Item>>::new();
+    let mut keys = BTreeMap::<&str, Vec<&Item>>::new();
     for item in &drawing.items {
         match &item.role {
             Role::Data(name) => data.entry(name).or_default().push(item),
@@ -29,7 +30,7 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
         own.sort_by_key(rgb);
         own.dedup();
         for colour in &own {
-            if let Some(other) = owners.insert(rgb(colour), name) {
+            if let Some(other) = owners.insert(rgb(*colour), name) {
                 faults.push(fault(FaultKind::Colour, format!("“{other}” and “{name}” are both {colour:?}")));
             }
             if !in_palette(*colour) {
@@ -111,6 +112,6 @@ fn in_palette(own: RGBColor) -> bool {
     own == GREY || (0..3 * COLOURS.len()).any(|at| colour(at) == own)
 }
 
-fn rgb(RGBColor(r, g, b): &RGBColor) -> [u8; 3] {
-    [*r, *g, *b]
+fn rgb(RGBColor(r, g, b): RGBColor) -> [u8; 3] {
+    [r, g, b]
 }
