@@ -37,7 +37,7 @@ impl Cameras {
             largest_focal = if focal > largest_focal { focal } else { largest_focal };
             cameras.push(view.camera.projector()?);
         }
-        Ok(Self { cameras, largest_focal, near })
+        Ok(Self { projectors: cameras, largest_focal, near })
     }
 
     /// Standard deviations of the filter: the smallest depth in any camera that sees the mean, over the largest focal

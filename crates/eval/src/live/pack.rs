@@ -148,8 +148,8 @@ mod tests {
             let largest = scales.max_element() * scales.max_element();
             let difference = (covariance - expected).to_cols_array().map(|entry| (entry / largest).abs());
             assert!(difference.iter().all(|share| *share < 0.03), "{difference:?}");
-            let seen =
-                parts.sh[at].map(|own| if f64::from(own) < -0.5 / sh::C0 { 0.0 } else { 0.5 + sh::C0 * f64::from(own) });
+            let seen = parts.sh[at]
+                .map(|own| if f64::from(own) < -0.5 / sh::C0 { 0.0 } else { 0.5 + sh::C0 * f64::from(own) });
             Tolerance::absolute(4e-3).assert(colour, seen, "colour");
             Tolerance::absolute(2e-3).assert(
                 [opacity],

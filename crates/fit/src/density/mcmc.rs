@@ -78,7 +78,8 @@ pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
 /// Moves dead Gaussians to live ones; returns their number.
 fn relocate(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
     let opacities: Vec<f64> = scene.opacities().collect();
-    let dead: Vec<usize> = (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
+    let dead: Vec<usize> =
+        (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
     let weights = opacities.iter().map(|opacity| if is_dead(*opacity) { 0.0 } else { *opacity });
     let sources = weighted(&mut at.stream(Purpose::Relocation), weights, dead.len());
     if sources.len() < dead.len() {

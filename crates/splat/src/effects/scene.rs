@@ -61,7 +61,9 @@ impl<'a> Scene<'a> {
             return None;
         }
         let mut packed = self.packed.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = packed.as_ref().filter(|own| own.degree == degree && Tolerance::EXACT.accepts(own.tolerance, tolerance)) {
+        if let Some(known) =
+            packed.as_ref().filter(|own| own.degree == degree && Tolerance::EXACT.accepts(own.tolerance, tolerance))
+        {
             return known.harmonics.clone();
         }
         let pays = Harmonics::packed_share(&self.gaussians, degree, tolerance) <= LARGEST_SHARE;

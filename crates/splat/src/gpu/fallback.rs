@@ -44,7 +44,7 @@ pub fn with_fallback(
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
     let (opened, mut passed_over) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
     passed_over.extend(none);
-    for reason in passed_over {
+    for reason in &passed_over {
         tracing::info!(%reason, "graphics adapter passed over");
     }
     let renderer: Box<dyn Renderer> = match opened {

@@ -27,7 +27,7 @@ pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
     let mut owners: BTreeMap<[u8; 3], &str> = BTreeMap::new();
     for (name, items) in &data {
         let mut own: Vec<RGBColor> = items.iter().filter_map(|item| colour_of(item)).collect();
-        own.sort_by_key(rgb);
+        own.sort_by_key(|colour| rgb(*colour));
         own.dedup();
         for colour in &own {
             if let Some(other) = owners.insert(rgb(*colour), name) {
