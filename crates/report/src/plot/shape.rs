@@ -8,7 +8,7 @@ use super::theme::{INK, MUTED, NAME, SMALL, TITLE};
 
 /// A drawing made of shapes, to be encoded as SVG or PNG.
 ///
-/// Units are CSS pixels, +x right, +y down, with the origin in the upper left corner. Each shape has a [`Role`], from which
+/// Units are CSS pixels, +x right, +y down, with the origin in the upper left corner. Each shape has a role, from which
 /// [`Drawing::faults`] knows what may cover what.
 #[derive(Clone, Debug)]
 pub struct Drawing {
