@@ -41,7 +41,9 @@ fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
 fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
     let measured = table.is_measured();
     let labels = table.labels.len() + usize::from(measured);
-    let wide = if labels + table.columns().count() > WIDE { " wide" } else { "" };
+    // An interval takes as much room as another number.
+    let wanted: usize = table.columns().map(|(_, column)| 1 + usize::from(column.intervals)).sum();
+    let wide = if labels + wanted > WIDE { " wide" } else { "" };
     let mut text = format!("<table class=\"numbers{wide}\"><thead>");
     if table.groups.iter().any(|group| !group.title.is_empty()) {
         let groups = table.groups.iter().map(|group| {
