@@ -11,7 +11,7 @@ const HASH_DIGITS: usize = 12;
 ///
 /// ASCII bytes other than letters, digits and `-_.+ ` are percent-encoded (`%2F`), as is a dot or space at either end. For a
 /// text with capital or non-ASCII letters, or a long one, `~` and the first digits of its SHA-256 are appended.
-pub(crate) fn file_name(text: &str) -> String {
+pub fn file_name(text: &str) -> String {
     let last = text.chars().count().saturating_sub(1);
     let mut name = String::with_capacity(text.len());
     let mut is_unambiguous = true;

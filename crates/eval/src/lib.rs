@@ -35,6 +35,7 @@ pub mod weights_list;
 
 pub use context::network_views;
 pub use error::EvalError;
+pub use file_name::file_name;
 pub use rows::{
     IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry, TargetRow,
     TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,

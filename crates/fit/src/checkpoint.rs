@@ -89,6 +89,11 @@ impl Fit {
         if metadata.run != run_hash(&config, &views) {
             return Err(wrong("run", "the configuration and views of this run", "others".to_owned()));
         }
+        let mut fit = Self::new(config, views, start)?;
+        let own: Vec<&str> = fit.density.memory().into_iter().map(|(name, _)| name).collect();
+        if metadata.memory != own {
+            return Err(wrong("memory", &format!("{own:?}"), format!("{:?}", metadata.memory)));
+        }
         let mut read = Vec::new();
         let mut tensor = |name: String| {
             let found = stored.tensor(&name).ok().filter(|tensor| tensor.dtype() == Dtype::F32);
@@ -119,7 +124,6 @@ impl Fit {
         if digest(read.iter().map(Vec::as_slice)) != metadata.tensors || [first, second] != [values; 2] {
             return Err(wrong("tensors", "the tensors that were written", "others".to_owned()));
         }
-        let mut fit = Self::new(config, views, start)?;
         (fit.scene, fit.step) = (scene, metadata.step);
         fit.density.restore(memory);
         Ok(fit)

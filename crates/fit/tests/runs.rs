@@ -148,6 +148,26 @@ fn a_checkpoint_of_another_run_or_a_damaged_one_is_rejected() {
 }
 
 #[test]
+fn a_checkpoint_without_all_that_density_control_remembers_is_rejected() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint");
+    let (views, start) = (views().0, start(Strategy::Gaussians3d, 50));
+    let config = config(Strategy::Gaussians3d, 50);
+    Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
+    let (names, fewer) = (br#"[\"gradient-sums\",\"gradient-counts\"]"#, br#"[\"gradient-sums\"]                    "#);
+    assert_eq!(names.len(), fewer.len());
+    let mut bytes = std::fs::read(&path).unwrap();
+    let at = bytes.windows(names.len()).position(|window| window == names).unwrap();
+    bytes[at..at + names.len()].copy_from_slice(fewer);
+    std::fs::write(&path, &bytes).unwrap();
+    let error = Fit::resume(config, views, &start, &path).unwrap_err().to_string();
+    assert!(
+        error.contains(r#"memory: expected ["gradient-sums", "gradient-counts"], found ["gradient-sums"]"#),
+        "{error}"
+    );
+}
+
+#[test]
 fn an_overflowing_loss_stops_with_the_last_good_state() {
     let mut views = views().0;
     for view in &mut views {

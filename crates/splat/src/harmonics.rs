@@ -155,7 +155,11 @@ fn needed(own: &[[f32; 3]], tolerance: f64) -> (u8, f64) {
     let above = above(own);
     let highest = own.len().isqrt().saturating_sub(1);
     let kept = above.iter().skip(1).take(highest).position(|change| *change <= tolerance).unwrap_or(highest);
-    (u8::try_from(kept).unwrap_or(MAX_SH_DEGREE), above.get(kept + 1).copied().unwrap_or(0.0))
+    #[expect(clippy::expect_used, reason = "`kept` is a degree")]
+    let change = above.get(kept + 1).expect("one bound for each degree, and 0 behind the last");
+    #[expect(clippy::expect_used, reason = "`kept` is a degree")]
+    let degree = u8::try_from(kept).expect("at most the degree that is stored");
+    (degree, *change)
 }
 
 /// Upper bounds on the contribution of all bands from each degree on, see [`Harmonics`]: entry 0 covers every band, so

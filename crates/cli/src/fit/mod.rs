@@ -153,7 +153,8 @@ impl OptimisationArgs {
     fn budget(&self) -> Budget {
         match (self.steps, self.seconds) {
             (_, Some(seconds)) => Budget::Seconds(seconds),
-            (steps, None) => Budget::Steps(steps.unwrap_or(1)),
+            #[expect(clippy::expect_used, reason = "clap requires one of the two")]
+            (steps, None) => Budget::Steps(steps.expect("required without --seconds")),
         }
     }
 }

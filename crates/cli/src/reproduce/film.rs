@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use atsplat_eval::file_name;
 use atsplat_eval::method::{Method, TrialInput};
 use atsplat_eval::runner::{Dataset, spread};
 use atsplat_eval::trained::TrainedNetwork;
@@ -41,7 +42,5 @@ pub(super) fn film(dataset: &Dataset, trained: &TrainedNetwork, trial: &Trial) -
     }
     let note =
         format!("{} of {}: frames {first} to {last}, from context view to context view", trial.scene(), dataset.name);
-    let name = format!("{}-{}", dataset.name, trial.scene());
-    let safe = |letter: char| if letter.is_ascii_alphanumeric() || letter == '-' { letter } else { '-' };
-    Ok(Film { name: name.chars().map(safe).collect(), columns, note, frames })
+    Ok(Film { name: file_name(&format!("{}-{}", dataset.name, trial.scene())), columns, note, frames })
 }

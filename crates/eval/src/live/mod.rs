@@ -132,7 +132,8 @@ fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Vec<LiveStage
         let number = u8::try_from(at + 1).unwrap_or(u8::MAX);
         let origin = |parent: &usize| match block.selected.binary_search(parent) {
             Ok(_) => number,
-            Err(_) => origins.get(*parent).copied().unwrap_or(0),
+            #[expect(clippy::expect_used, reason = "parents are tokens that entered the block")]
+            Err(_) => *origins.get(*parent).expect("a token that entered the block"),
         };
         origins = block.parents.iter().map(origin).collect();
     }

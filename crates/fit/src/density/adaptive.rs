@@ -129,9 +129,9 @@ impl Density for Adaptive {
     }
 
     fn restore(&mut self, memory: Vec<Vec<f32>>) {
-        if let Ok([sums, counts]) = <[Vec<f32>; 2]>::try_from(memory) {
-            (self.sums, self.counts) = (sums, counts);
-        }
+        #[expect(clippy::expect_used, reason = "as the trait requires")]
+        let [sums, counts] = memory.try_into().expect("what `memory` names");
+        (self.sums, self.counts) = (sums, counts);
     }
 }
 

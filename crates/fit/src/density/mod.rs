@@ -34,7 +34,7 @@ pub trait Density: std::fmt::Debug + Send {
         Vec::new()
     }
 
-    /// Restores [`Self::memory`], in the same order.
+    /// Restores [`Self::memory`]: all of it, in the same order.
     fn restore(&mut self, _memory: Vec<Vec<f32>>) {}
 }
 

@@ -139,7 +139,7 @@ fn hex(RGBColor(r, g, b): RGBColor) -> String {
     format!("#{r:02X}{g:02X}{b:02X}")
 }
 
-/// Text that is safe in elements and attributes; control characters, which XML does not allow, become question marks.
+/// Text that is safe in elements and attributes; control characters, which XML does not allow, become U+FFFD.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
