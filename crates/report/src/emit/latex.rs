@@ -3,8 +3,15 @@ use atsplat_metrics::Direction;
 use crate::plot::Origin;
 use crate::table::{Mark, NoteKind, Row, Table};
 
-/// A `table` environment, which needs only `\usepackage{booktabs}`. Conventions and counts are comments above it; what
-/// readers must know to read the numbers is printed: in the rows, the caption, and below the table.
+/// Labels of up to this many characters stay on one line.
+const ONE_LINE: usize = 32;
+/// Widths of columns whose text is wrapped.
+const LABEL_WIDTH: &str = "p{42mm}";
+const ORIGIN_WIDTH: &str = "p{38mm}";
+
+/// A `table` environment, which needs `\usepackage{booktabs,graphicx}`; a table wider than its page is scaled down.
+/// Conventions and counts are comments above it; what readers must know to read the numbers is printed: in the rows, the
+/// caption, and below the table.
 pub(super) fn write(table: &Table) -> String {
     let mut text = String::new();
     for note in table.footer.iter().filter(|note| !is_printed(note.kind)) {
@@ -19,9 +26,12 @@ pub(super) fn write(table: &Table) -> String {
     text.push_str(&format!("\\caption{{\\textbf{{{}.}} {}}}\n", escaped(&table.title), escaped(&table.caption)));
     text.push_str(&format!("\\label{{tab:{}}}\n", label(&table.name)));
     let groups: Vec<String> = table.groups.iter().map(|group| "c".repeat(group.columns.len())).collect();
-    let labels = "l".repeat(table.labels.len());
-    let from = if measured { "p{38mm}" } else { "" };
-    text.push_str(&format!("\\begin{{tabular}}{{{labels}{from} {}}}\n\\toprule\n", groups.join(" ")));
+    let rows: Vec<Vec<String>> = table.rows.iter().map(Row::printed_labels).collect();
+    let is_long = |at: usize| rows.iter().any(|labels| labels.get(at).is_some_and(|label| wraps(label)));
+    let labels: String = (0..table.labels.len()).map(|at| if is_long(at) { LABEL_WIDTH } else { "l" }).collect();
+    let origin = if measured { ORIGIN_WIDTH } else { "" };
+    text.push_str("\\resizebox{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}{!}{");
+    text.push_str(&format!("\\begin{{tabular}}{{{labels}{origin} {}}}\n\\toprule\n", groups.join(" ")));
     if grouped {
         text.push_str(&group_heads(table, names));
     }
@@ -37,13 +47,13 @@ pub(super) fn write(table: &Table) -> String {
     }));
     text.push_str(&line(&heads));
     text.push_str("\\midrule\n");
-    for (at, row) in table.rows.iter().enumerate() {
+    for (at, (row, labels)) in table.rows.iter().zip(&rows).enumerate() {
         if row.rule_above && at > 0 {
             text.push_str("\\midrule\n");
         }
-        text.push_str(&line(&cells(table, row, measured)));
+        text.push_str(&line(&cells(table, row, labels, measured)));
     }
-    text.push_str("\\bottomrule\n\\end{tabular}\n");
+    text.push_str("\\bottomrule\n\\end{tabular}}\n");
     let printed: Vec<String> =
         table.footer.iter().filter(|note| is_printed(note.kind)).map(|note| escaped(&note.text)).collect();
     if !printed.is_empty() {
@@ -83,11 +93,19 @@ fn group_heads(table: &Table, names: usize) -> String {
     format!("{}{rules}\n", line(&heads))
 }
 
-fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
-    let mut cells: Vec<String> = row.printed_labels().iter().map(|label| escaped(label)).collect();
+fn wraps(label: &str) -> bool {
+    label.chars().count() > ONE_LINE
+}
+
+fn cells(table: &Table, row: &Row, labels: &[String], measured: bool) -> Vec<String> {
+    let label = |label: &String| match escaped(label) {
+        text if wraps(label) => format!("\\raggedright {text}"),
+        text => text,
+    };
+    let mut cells: Vec<String> = labels.iter().map(label).collect();
     let origin = match row.origin {
         Origin::Published => "paper".to_owned(),
-        Origin::Measured => format!("{{\\scriptsize\\raggedright {}\\par}}", escaped(row.origin_text())),
+        Origin::Measured => format!("\\scriptsize\\raggedright {}", escaped(row.origin_text())),
     };
     cells.extend(measured.then_some(origin));
     cells.extend(table.columns().map(|(place, column)| {
@@ -102,8 +120,9 @@ fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
     cells
 }
 
+/// A row. Its end is not `\\`, to which `\raggedright` gives another meaning.
 fn line(cells: &[String]) -> String {
-    format!("{} \\\\\n", cells.join(" & "))
+    format!("{} \\tabularnewline\n", cells.join(" & "))
 }
 
 /// Escapes all of LaTeX's special characters.

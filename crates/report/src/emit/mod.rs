@@ -26,7 +26,7 @@ pub enum TableFormat {
     Terminal,
     /// A table in GitHub's Markdown.
     Markdown,
-    /// A `table` environment for `booktabs`.
+    /// A `table` environment for `booktabs` and `graphicx`.
     Latex,
     /// One line per row, with numbers in full precision.
     Csv,

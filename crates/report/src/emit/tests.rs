@@ -91,6 +91,40 @@ fn escapes_hostile_names_in_every_format() {
     serde_json::from_str::<Value>(&write(TableFormat::Json)).unwrap();
 }
 
+/// Every table, with a hostile method among its rows, fits an A4 page.
+#[test]
+fn latex_compiles_and_no_table_is_wider_than_its_page() {
+    use std::process::Command;
+    let mut method = floor();
+    method.title = format!("{HOSTILE} %{{}}$^~# & \\input{{/etc/passwd}} with a name of many words").replace('>', "> ");
+    let presets = ["re10k-2v-256", "rooms-2v-128", "dl3dv-6v-256x448"].map(preset).into();
+    let results = results(presets, vec![method, atsplat("atsplat", |_| ())]);
+    let mut pages = String::new();
+    for name in TableDefinition::names() {
+        let definition = TableDefinition::named(name).unwrap();
+        let source = Source { label: "run", results: &results };
+        for table in tables(&definition, &[source], Mixing::Apart).unwrap().into_iter().chain([published(name)]) {
+            pages += &format!("{}\\clearpage\n", TableFormat::Latex.write(&table).unwrap());
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let head = "\\documentclass{article}\\usepackage[a4paper,margin=25mm]{geometry}\\usepackage[T1]{fontenc}";
+    let document = format!("{head}\\usepackage{{booktabs,graphicx}}\\begin{{document}}\n{pages}\\end{{document}}\n");
+    std::fs::write(folder.path().join("tables.tex"), document).unwrap();
+    let run = Command::new("pdflatex")
+        .args(["-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", "tables.tex"])
+        .current_dir(folder.path())
+        .output();
+    let Ok(run) = run else {
+        return atsplat_tests::skip("latex_compiles_and_no_table_is_wider_than_its_page", "no pdflatex");
+    };
+    let log = String::from_utf8_lossy(&run.stdout);
+    let end: String = log.chars().skip(log.chars().count().saturating_sub(2000)).collect();
+    assert!(run.status.success(), "{end}");
+    let wide: Vec<&str> = log.lines().filter(|line| line.starts_with("Overfull \\hbox")).collect();
+    assert!(wide.is_empty(), "{wide:#?}");
+}
+
 /// The bold and underlined values of the paper's LaTeX, read by eye; ties share a mark.
 #[test]
 fn marks_agree_with_the_paper() {

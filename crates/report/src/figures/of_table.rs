@@ -214,7 +214,7 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
             .iter()
             .filter(|trial| trial.key.preset == preset.name && Some(&trial.key.method) == row.method.as_ref());
         let gaussians: Vec<f64> = own.filter_map(|trial| trial.gaussians).map(|count| count as f64).collect();
-        (!gaussians.is_empty()).then(|| BudgetSeries { label: row.labels.join(", "), gaussians })
+        (!gaussians.is_empty()).then(|| BudgetSeries { label: row.printed_labels().join(", "), gaussians })
     };
     let rows: Vec<BudgetSeries> =
         shown(table).filter(|row| row.origin == Origin::Measured).filter_map(series).collect();
