@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::LossConfig;
 use crate::fault::FaultKind;
-use crate::losses::{Perceptual, Stack, d_ssim, mse, uncertainty};
+use crate::losses::{Perceptual, Stack, d_ssim, log_distance, mse, uncertainty};
 use crate::samples::{Sample, pixel_size};
 use crate::{FeatureCache, TrainError};
 
@@ -31,18 +31,22 @@ pub struct Terms {
     pub intermediate_d_ssim: f64,
     /// Sum over the intermediate sets.
     pub uncertainty: f64,
+    /// Of the anchors, where exact distances are known.
+    #[serde(default)]
+    pub distance: f64,
 }
 
 impl Terms {
     /// Each term by name.
-    pub const fn named(&self) -> [(&'static str, f64); 6] {
-        let Self { total, mse, perceptual, intermediate_mse, intermediate_d_ssim, uncertainty } = *self;
+    pub const fn named(&self) -> [(&'static str, f64); 7] {
+        let Self { total, mse, perceptual, intermediate_mse, intermediate_d_ssim, uncertainty, distance } = *self;
         [
             ("mse", mse),
             ("perceptual", perceptual),
             ("intermediate-mse", intermediate_mse),
             ("intermediate-d-ssim", intermediate_d_ssim),
             ("uncertainty", uncertainty),
+            ("distance", distance),
             ("total", total),
         ]
     }
@@ -57,6 +61,7 @@ impl Terms {
             intermediate_mse: of(|terms| terms.intermediate_mse),
             intermediate_d_ssim: of(|terms| terms.intermediate_d_ssim),
             uncertainty: of(|terms| terms.uncertainty),
+            distance: of(|terms| terms.distance),
         }
     }
 }
@@ -124,7 +129,8 @@ impl Objective {
     }
 
     /// Runs the network on a sample, renders every set of Gaussians, and propagates back. The network must be on an
-    /// autodiff device. `features` is the cache of a frozen backbone's features; `call_seed` seeds random selection.
+    /// autodiff device. `features` is the cache of a frozen backbone's features; `call_seed` seeds random selection; `share`
+    /// of the run is done.
     ///
     /// # Errors
     /// [`FaultKind`] if the step cannot be used; nothing is changed.
@@ -134,6 +140,7 @@ impl Objective {
         sample: &Sample,
         features: Option<&FeatureCache>,
         call_seed: u64,
+        share: f64,
     ) -> Result<SampleGradients, FaultKind> {
         finite_pictures(sample)?;
         let mut clock = Clock::start();
@@ -147,6 +154,15 @@ impl Objective {
         result.seconds.forward = clock.lap();
 
         let mut backward = WeightedGradients::default();
+        let weight = self.config.distance_weight_at(share);
+        if let (Some(distances), Some(exact)) = (&forward.initial.depths, &sample.distances)
+            && weight > 0.0
+        {
+            let loss = log_distance(&f32_values(distances.clone()), &exact.distances);
+            result.terms.distance = loss.value;
+            result.terms.total += weight * loss.value;
+            backward.add(distances, &loss.gradient, weight);
+        }
         self.add_final(&forward.gaussians, sample, &mut result, &mut clock, &mut backward)?;
         for pair in forward.blocks.windows(2) {
             let [block, next] = pair else { continue };

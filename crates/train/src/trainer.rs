@@ -159,7 +159,7 @@ impl Trainer {
         let mut opening_warnings = Warnings::new();
         let evaluation = match &config.evaluation {
             Some(settings) => {
-                let source = settings.source.open(&config.pose_normalisation, &mut opening_warnings)?;
+                let source = settings.source.open(&config.pose_normalisation, None, &mut opening_warnings)?;
                 let background = config.losses.background;
                 let evaluation = Evaluation::new(source.as_ref(), config.seed, settings.samples.get(), background)?;
                 opening_warnings.merge(source.warnings());
@@ -333,7 +333,8 @@ impl Trainer {
             sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
         let sample_secs = start.elapsed().as_secs_f64();
         let network = network.clone().fork(&network.device());
-        let gradients = self.objective.gradients(&network, &sample, self.features.as_ref(), number);
+        let share = step as f64 / self.config.steps.get() as f64;
+        let gradients = self.objective.gradients(&network, &sample, self.features.as_ref(), number, share);
         let mut gradients = gradients.map_err(|what| fault(&sample.name, what))?;
         gradients.seconds.sample = sample_secs;
         Ok(gradients)

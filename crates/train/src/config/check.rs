@@ -1,5 +1,7 @@
 //! Checks that a configuration can train, before anything is simulated or read.
 
+use std::num::NonZeroUsize;
+
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_numeric::SplitMix64;
@@ -32,14 +34,38 @@ impl TrainConfig {
         for (field, source) in self.sources() {
             match source {
                 SourceConfig::Rooms(rooms) => check_rooms(&format!("{field}.rooms"), rooms)?,
+                SourceConfig::Dataset(_) if self.losses.distance_weight > 0.0 && field.starts_with("data") => {
+                    return refuse(
+                        field,
+                        "simulated scenes, as losses.distance-weight needs exact distances",
+                        "a dataset",
+                    );
+                }
                 SourceConfig::Dataset(dataset) => check_views(&format!("{field}.dataset.views"), &dataset.views)?,
             }
         }
         Ok(())
     }
 
+    /// Side in pixels of the patches whose exact distances the loss needs, if it needs any.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] if the network has no anchors; errors of the network's configuration.
+    pub(super) fn distance_patch(&self) -> Result<Option<NonZeroUsize>, TrainError> {
+        if self.losses.distance_weight <= 0.0 {
+            return Ok(None);
+        }
+        let model = self.model.config()?;
+        if !model.anchors.design.has_anchors() {
+            let expected = "0 for a network without anchors";
+            return refuse("losses.distance-weight".to_owned(), expected, self.losses.distance_weight);
+        }
+        Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
+    }
+
     /// Checks that the network's patches divide the pictures of every source of known picture size.
     pub(super) fn check_sizes(&self) -> Result<(), TrainError> {
+        self.distance_patch()?;
         let model = self.model.config()?;
         for (field, source) in self.sources() {
             let (field, size) = match source {

@@ -205,24 +205,33 @@ impl TrainConfig {
     /// # Errors
     /// As [`DatasetSource::open`] and [`Mixture::new`].
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
+        let patch = self.distance_patch()?;
         let sources =
-            self.data.iter().map(|data| Ok((data.share, data.source.open(&self.pose_normalisation, warnings)?)));
+            self.data.iter().map(|data| Ok((data.share, data.source.open(&self.pose_normalisation, patch, warnings)?)));
         Mixture::new(sources.collect::<Result<_, TrainError>>()?, self.flips, self.distinct.map(NonZeroU64::get))
     }
 }
 
 impl SourceConfig {
-    /// Opens the source and adds what is wrong with it to `warnings`.
+    /// Opens the source and adds what is wrong with it to `warnings`. Samples of simulated scenes have exact distances of
+    /// patches of `patch` pixels a side, if given.
     ///
     /// # Errors
     /// As [`DatasetSource::open`].
     pub fn open(
         &self,
         normalisation: &PoseNormalisation,
+        patch: Option<NonZeroUsize>,
         warnings: &mut Warnings,
     ) -> Result<Box<dyn Source>, TrainError> {
         Ok(match self {
-            Self::Rooms(config) => Box::new(RoomsSource::new(config.clone(), normalisation.clone())),
+            Self::Rooms(config) => {
+                let source = RoomsSource::new(config.clone(), normalisation.clone());
+                Box::new(match patch {
+                    Some(patch) => source.with_distances(patch),
+                    None => source,
+                })
+            }
             Self::Dataset(config) => Box::new(DatasetSource::open(config.clone(), normalisation.clone(), warnings)?),
         })
     }

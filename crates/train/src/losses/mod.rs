@@ -9,12 +9,14 @@
 
 mod blur;
 mod d_ssim;
+mod distance;
 mod learned;
 mod mse;
 mod perceptual;
 mod uncertainty;
 
 pub use d_ssim::{DSsim, d_ssim};
+pub use distance::log_distance;
 pub use learned::Learned;
 pub use mse::mse;
 pub use perceptual::Perceptual;

@@ -139,7 +139,7 @@ impl DatasetSource {
         let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(message)?);
         let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(message)?);
         match (context, targets) {
-            (Some(context), Some(targets)) => Ok(Sample { name, context, targets }),
+            (Some(context), Some(targets)) => Ok(Sample { name, context, targets, distances: None }),
             _ => Err(format!("{name}: expected pictures of one size")),
         }
     }

@@ -1,7 +1,7 @@
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, Distortion, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
 
-use super::{PosedPictures, Sample};
+use super::{PatchDistances, PosedPictures, Sample};
 
 /// x ↦ −x, of the world and of every camera.
 const MIRROR: DMat3 = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
@@ -22,6 +22,7 @@ pub fn mirrored(sample: &Sample) -> Result<Sample, CameraError> {
         name: format!("{}, mirrored", sample.name),
         context: posed(&sample.context)?,
         targets: posed(&sample.targets)?,
+        distances: sample.distances.as_ref().map(PatchDistances::mirrored),
     })
 }
 

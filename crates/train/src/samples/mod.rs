@@ -2,6 +2,7 @@
 //! of threads see the same samples.
 
 mod dataset;
+mod distances;
 mod exclude;
 mod flip;
 mod mixture;
@@ -15,6 +16,7 @@ use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
 pub use dataset::{DatasetConfig, DatasetSource};
+pub use distances::PatchDistances;
 pub use exclude::ExcludedScenes;
 pub use flip::mirrored;
 pub use mixture::Mixture;
@@ -33,6 +35,8 @@ pub struct Sample {
     pub context: PosedPictures,
     /// Ground truth of the renders.
     pub targets: PosedPictures,
+    /// Exact distances behind the context's patches, if the source knows them and the loss needs them.
+    pub distances: Option<PatchDistances>,
 }
 
 /// Pictures of one size with their cameras.
@@ -141,12 +145,20 @@ pub(crate) fn pixel_size(size: ImageSize) -> atsplat_camera::ImageSize {
     atsplat_camera::ImageSize { width, height }
 }
 
+/// Context and target cameras in the network's frame.
+struct NormalisedCameras {
+    context: Vec<Camera>,
+    targets: Vec<Camera>,
+    /// Factor on all lengths.
+    scale: f64,
+}
+
 /// Cameras normalised by a rule that depends on the context's poses.
 fn normalised(
     context: &[Camera],
     targets: &[Camera],
     rule: &PoseNormalisation,
-) -> Result<[Vec<Camera>; 2], TrainError> {
+) -> Result<NormalisedCameras, TrainError> {
     let poses = |cameras: &[Camera]| -> Vec<WorldFromCamera> {
         cameras.iter().map(|camera| camera.camera_from_world.inverse()).collect()
     };
@@ -156,5 +168,9 @@ fn normalised(
             |(camera, pose): (&Camera, &WorldFromCamera)| Camera { camera_from_world: pose.inverse(), ..*camera };
         cameras.iter().zip(poses).map(camera).collect()
     };
-    Ok([with(context, &poses_of.context), with(targets, &poses_of.targets)])
+    Ok(NormalisedCameras {
+        context: with(context, &poses_of.context),
+        targets: with(targets, &poses_of.targets),
+        scale: poses_of.new_from_old.scale,
+    })
 }

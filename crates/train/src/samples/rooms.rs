@@ -11,7 +11,10 @@ use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Sim
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, PosedPictures, Sample, Source, ViewChoice, first_sample, normalised, pixel_size};
+use super::{
+    Draw, NormalisedCameras, PatchDistances, PosedPictures, Sample, Source, ViewChoice, distances, first_sample,
+    normalised, pixel_size,
+};
 use crate::TrainError;
 
 /// Simulated scenes, rendered when first needed.
@@ -64,6 +67,8 @@ const fn one() -> NonZeroUsize {
 pub struct RoomsSource {
     config: RoomsConfig,
     normalisation: PoseNormalisation,
+    /// Side in pixels of the patches whose distances samples have.
+    patch: Option<usize>,
     cache: Mutex<Cache>,
 }
 
@@ -73,6 +78,8 @@ struct Clip {
     cameras: Vec<Camera>,
     /// 8-bit samples, as in a file.
     pictures: Vec<Vec<u8>>,
+    /// Distances of each frame's patches, in metres; empty if samples have none.
+    distances: Vec<Vec<f32>>,
 }
 
 /// Rendered clips; evicted ones are rendered again, identically.
@@ -86,14 +93,21 @@ struct Cache {
 
 impl Clip {
     fn bytes(&self) -> usize {
-        self.pictures.iter().map(Vec::len).sum()
+        let distances = self.distances.iter().map(|distances| size_of_val(distances.as_slice()));
+        self.pictures.iter().map(Vec::len).chain(distances).sum()
     }
 }
 
 impl RoomsSource {
     /// A source whose cameras are normalised by `normalisation`.
     pub fn new(config: RoomsConfig, normalisation: PoseNormalisation) -> Self {
-        Self { config, normalisation, cache: Mutex::default() }
+        Self { config, normalisation, patch: None, cache: Mutex::default() }
+    }
+
+    /// Samples have the exact distances of context patches of so many pixels a side.
+    #[must_use]
+    pub fn with_distances(self, patch: NonZeroUsize) -> Self {
+        Self { patch: Some(patch.get()), ..self }
     }
 
     /// The clip of a scene, from the cache or rendered; cameras are in the clip's world.
@@ -128,10 +142,16 @@ impl RoomsSource {
             simulation = Simulation::new(request)?;
         }
         let frames = || (0..simulation.shots().len()).step_by(self.config.stride.get());
-        let cameras = frames().map(|frame| simulation.camera(frame)).collect::<Result<_, _>>()?;
+        let cameras = frames().map(|frame| simulation.camera(frame)).collect::<Result<Vec<_>, _>>()?;
         let picture = |frame| Ok::<_, TrainError>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?.into_samples());
         let pictures = frames().collect::<Vec<_>>().into_par_iter().map(picture).collect::<Result<_, _>>()?;
-        Ok(Clip { cameras, pictures })
+        let distances = |(frame, camera): (usize, &Camera)| {
+            let patch = self.patch?;
+            let geometry = simulation.geometry(frame);
+            Some(geometry.map(|geometry| distances::of_view(camera, geometry.size, &geometry.depth, patch)))
+        };
+        let distances = frames().zip(&cameras).filter_map(distances).collect::<Result<_, _>>()?;
+        Ok(Clip { cameras, pictures, distances })
     }
 
     /// A sample of one scene by one draw of frames, or why there is none.
@@ -148,10 +168,15 @@ impl RoomsSource {
         };
         let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
         let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
-        let sample = cameras.map(|[context, targets]| Sample {
+        let sample = cameras.map(|NormalisedCameras { context, targets, scale }| Sample {
             name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
             context: self.posed(&clip, &entry.context, context),
             targets: self.posed(&clip, &entry.target, targets),
+            distances: self.patch.map(|patch| {
+                let frames = entry.context.iter().flat_map(|frame| &clip.distances[*frame]);
+                let columns = self.config.size.width / patch;
+                PatchDistances { columns, distances: frames.copied().collect() }.scaled(scale)
+            }),
         });
         Ok(sample.map_err(|error| format!("{key}: {error}")))
     }

@@ -81,6 +81,7 @@ pub(crate) fn sample(number: u64) -> Sample {
         name: format!("noise {number}"),
         context: posed("context", [-1.0, 1.0]),
         targets: posed("targets", [-0.3, 0.4]),
+        distances: None,
     }
 }
 

@@ -113,6 +113,13 @@ fn errors_of_a_configuration_name_file_and_field() {
         ("samples = 2", "samples = 0", "data[0].source.rooms.samples", "1 to 256 rays a pixel, found 0"),
         ("context = [2, 2]", "context = [3, 2]", "data[0].source.rooms.views.context", "found 3 and 2"),
         ("context = [2, 2]", "context = [1, 2]", "data[0].source.rooms.views.context", "at least 2"),
+        ("[losses]", "[losses]\ndistance-weight = -1.0", "losses.distance-weight", "found -1"),
+        (
+            "[losses]",
+            "[losses]\ndistance-until = 0.0",
+            "losses.distance-until",
+            "a share of the run, above 0, at most 1, found 0",
+        ),
     ] {
         let changed = nano.replacen(from, to, 1);
         assert_ne!(changed, nano, "{from} was replaced");

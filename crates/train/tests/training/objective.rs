@@ -1,10 +1,10 @@
 //! Gradients of one sample: which parameters they reach, stop-gradients, terms, hard cases.
 
 use crate::common::{config, sample};
-use atsplat_model::network::{Device, Network};
+use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
-use atsplat_train::samples::Sample;
+use atsplat_train::samples::{PatchDistances, Sample};
 use atsplat_train::{Evaluation, FaultKind, LossConfig, Objective, Parameters, SampleGradients};
 
 fn network() -> Network {
@@ -14,7 +14,7 @@ fn network() -> Network {
 }
 
 fn gradients(losses: LossConfig, sample: &Sample) -> Result<SampleGradients, FaultKind> {
-    Objective::new(losses).unwrap().gradients(&network(), sample, None, 0)
+    Objective::new(losses).unwrap().gradients(&network(), sample, None, 0, 0.0)
 }
 
 /// Names of parameters with a gradient other than zero.
@@ -29,6 +29,8 @@ const NOTHING: LossConfig = LossConfig {
     intermediate_weight: 0.0,
     intermediate_d_ssim_weight: 0.0,
     uncertainty_weight: 0.0,
+    distance_weight: 0.0,
+    distance_until: 0.6,
     intermediate_targets: None,
     background: [0.0; 3],
 };
@@ -45,7 +47,7 @@ fn every_parameter_has_a_gradient_and_the_total_is_the_weighted_sum() {
         + 0.5 * (terms.intermediate_mse + 0.5 * terms.intermediate_d_ssim)
         + 0.1 * terms.uncertainty;
     Tolerance::relative(1e-6).assert([terms.total], [sum], "total");
-    assert!(terms.named().iter().all(|(_, value)| *value > 0.0), "{terms:?}");
+    assert!(terms.named().iter().all(|(name, value)| *value > 0.0 || *name == "distance"), "{terms:?}");
 }
 
 /// Paper, "Learning uncertainty in 2D space": "this loss updates only" the score heads. If renders equal the ground truth,
@@ -76,6 +78,29 @@ fn fewer_intermediate_targets_do_not_change_the_final_terms() {
     let fewer = gradients(one, &sample(4)).unwrap().terms;
     Tolerance::EXACT.assert([all.mse, all.perceptual], [fewer.mse, fewer.perceptual], "final renders");
     assert!(!Tolerance::EXACT.accepts(all.intermediate_mse, fewer.intermediate_mse));
+}
+
+/// Exact distances twice the predicted ones: |ln ½| each. Of all weights, only those before the decoder change distances.
+#[test]
+fn exact_distances_reach_what_predicts_depth_and_fade_out() {
+    let mut sample = sample(3);
+    let network = network();
+    let forward = network.forward(&[sample.context.views().unwrap()], 0).unwrap();
+    let distances = f32_values(forward.initial.depths.unwrap()).into_iter().map(|distance| 2.0 * distance).collect();
+    sample.distances = Some(PatchDistances { columns: 2, distances });
+    let only = LossConfig { distance_weight: 0.5, distance_until: 0.8, ..NOTHING };
+    let objective = Objective::new(only).unwrap();
+    let at = |share: f64| objective.gradients(&network, &sample, None, 0, share).unwrap();
+    for (share, weight) in [(0.0, 0.5), (0.2, 0.375), (0.8, 0.0), (1.0, 0.0)] {
+        let result = at(share);
+        let distance = if weight > 0.0 { 2f64.ln() } else { 0.0 };
+        let expected = [distance, result.terms.mse + weight * distance];
+        Tolerance::relative(1e-5).assert([result.terms.distance, result.terms.total], expected, "terms");
+    }
+    let (first, last) = (at(0.0), at(1.0));
+    let differ = |name: &str| first.gradients[name] != last.gradients[name];
+    assert!(differ("anchors.depth.mlp.fc2.weight"), "the depth head");
+    assert!(first.gradients.keys().filter(|name| name.starts_with("decoder.")).all(|name| !differ(name)));
 }
 
 fn with(change: impl Fn(&mut Sample)) -> Sample {

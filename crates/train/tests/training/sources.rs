@@ -1,16 +1,19 @@
 //! Samples are a function of seed and number, in the network's frame.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 use std::path::Path;
 
-use atsplat_camera::{MeanCameraScale, PoseNormalisation};
+use atsplat_camera::{ImageSize, MeanCameraScale, PoseNormalisation};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_protocol::Preset;
 use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
 use atsplat_train::samples::{
-    DatasetConfig, DatasetSource, Draw, Mixture, RoomsConfig, RoomsSource, Sample, Source, ViewChoice,
+    DatasetConfig, DatasetSource, Draw, Mixture, PatchDistances, RoomsConfig, RoomsSource, Sample, Source, ViewChoice,
+    mirrored,
 };
+use glam::{DVec2, DVec3};
 use tempfile::tempdir;
 
 const RULE: PoseNormalisation = PoseNormalisation::mean_camera(MeanCameraScale::LongLrm);
@@ -48,6 +51,37 @@ fn a_sample_is_a_function_of_its_draw() {
         assert!(!same(&sample, &other), "another seed");
         assert_normalised(&sample);
     }
+}
+
+/// What one context view shows at its exact distances lies, seen from the other view, where that view's distances say.
+#[test]
+fn distances_of_both_views_agree_about_the_scene() {
+    let source = rooms(3, "").with_distances(NonZeroUsize::MIN);
+    let sample = source.sample(draw(1)).unwrap();
+    let PatchDistances { columns, distances } = sample.distances.clone().unwrap();
+    assert_eq!((columns, distances.len()), (32, 2 * 32 * 32));
+    let size = ImageSize { width: 32, height: 32 };
+    let [first, second] = [0, 1].map(|view| sample.context.cameras[view]);
+    let mut errors = Vec::new();
+    for (at, distance) in distances[..32 * 32].iter().map(|distance| f64::from(*distance)).enumerate() {
+        let pixel = DVec2::new((at % 32) as f64 + 0.5, (at / 32) as f64 + 0.5);
+        let k = first.intrinsics.pixel_from_normalized(size);
+        let ray = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0).normalize();
+        let point = first.camera_from_world.inverse().transform_point(ray * distance);
+        let seen = second.camera_from_world.transform_point(point);
+        let k = second.intrinsics.pixel_from_normalized(size);
+        let [x, y] = [k.fx * seen.x / seen.z + k.cx, k.fy * seen.y / seen.z + k.cy];
+        if seen.z > 0.0 && (0.0..32.0).contains(&x) && (0.0..32.0).contains(&y) {
+            let there = f64::from(distances[32 * 32 + y as usize * 32 + x as usize]);
+            errors.push((there / seen.length()).ln().abs());
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    assert!(errors.len() > 300, "{} pixels are in both views", errors.len());
+    let median = errors[errors.len() / 2];
+    assert!(median < 0.02, "half a pixel apart, surfaces are at nearly the same distance: {median}");
+    let flipped = mirrored(&sample).unwrap().distances.unwrap().distances;
+    assert!((0..32).all(|x| flipped[x].to_bits() == distances[31 - x].to_bits()));
 }
 
 #[test]
@@ -123,7 +157,7 @@ fn write_rooms(folder: &Path) {
     let requests: Vec<Request> = [0, 1]
         .map(|number| {
             let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
-            request.size = atsplat_camera::ImageSize { width: 32, height: 32 };
+            request.size = ImageSize { width: 32, height: 32 };
             (request.samples, request.frames) = (1, 12);
             request
         })

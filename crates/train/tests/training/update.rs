@@ -15,7 +15,7 @@ fn batch(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<Sample
     let objective = Objective::new(config.losses.clone()).unwrap();
     let size = config.batch.get() as u64;
     let numbers = step * size..(step + 1) * size;
-    numbers.map(|number| objective.gradients(&network, &sample(number), None, number).unwrap()).collect()
+    numbers.map(|number| objective.gradients(&network, &sample(number), None, number, 0.0).unwrap()).collect()
 }
 
 /// Every weight follows the formulas of Kingma and Ba (2015) and of Loshchilov and Hutter (2019), in f64.
