@@ -97,10 +97,7 @@ fn rejects_a_truncated_checkpoint() {
     for length in [0, 1, 4, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
         let path = folder.path().join("cut.pt");
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(
-            matches!(TensorFile::open(&path), Err(TensorError::InFile { .. } | TensorError::Io { .. })),
-            "{length}"
-        );
+        assert!(matches!(TensorFile::open(&path), Err(TensorError::InFile { .. } | TensorError::Io(_))), "{length}");
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{
     Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
+use atsplat_files::FileError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -17,13 +18,8 @@ use crate::{SceneError, SceneSource as _, Warnings, json, poses};
 #[non_exhaustive]
 pub enum CameraFileError {
     /// The file cannot be read.
-    #[error("reading cameras from {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The reason given by the system.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// The file is not a camera file.
     #[error("reading cameras from {}: {problem}", path.display())]
     Malformed {
@@ -163,7 +159,7 @@ pub fn read(
 
 /// Parses the file if it looks like JSON.
 fn json_of(path: &Path) -> Result<Option<Value>, CameraFileError> {
-    let bytes = std::fs::read(path).map_err(|source| CameraFileError::Read { path: path.to_owned(), source })?;
+    let bytes = std::fs::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
     let start = bytes.trim_ascii_start();
     if !start.starts_with(b"[") && !start.starts_with(b"{") {
         return Ok(None);

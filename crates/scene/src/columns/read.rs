@@ -6,6 +6,8 @@ use arrow_array::{Array, ArrayRef, PrimitiveArray, RecordBatch, StringArray};
 use arrow_schema::DataType;
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 
+use atsplat_files::shortened;
+
 use super::schema::{INTRINSICS, LENS, POSE};
 use super::{ColumnsError, SCHEMA_VERSION};
 use crate::Picture;
@@ -122,7 +124,7 @@ impl<'a> Columns<'a> {
                 column: "distortion",
                 row,
                 expected: "none, opencv or fisheye",
-                found: shortened(found),
+                found: shortened(found, 40),
             }),
         }
     }
@@ -138,14 +140,10 @@ impl<'a> Columns<'a> {
                 column: "picture",
                 row,
                 expected: "absent, missing, file, encoded or made",
-                found: shortened(found),
+                found: shortened(found, 40),
             }),
         }
     }
-}
-
-fn shortened(text: &str) -> String {
-    text.chars().take(40).collect()
 }
 
 fn column<'a>(batch: &'a RecordBatch, name: &'static str) -> Result<&'a ArrayRef, ColumnsError> {
