@@ -62,7 +62,7 @@ fn a_training_checkpoint_is_imported_bit_for_bit() {
         let third = &found.tensors["third.weight"];
         assert_eq!(
             (third.dtype(), third.bytes()),
-            (DType::F16, truth.tensors["third.weight"].to_half().unwrap().bytes())
+            (DType::F16, truth.tensors["third.weight"].to_f16().unwrap().bytes())
         );
         assert_eq!(found.tensors["fourth.weight"].dtype(), DType::Bf16);
         let rounded = bits(&found.tensors["fourth.weight"]);

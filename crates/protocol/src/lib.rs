@@ -22,7 +22,7 @@ pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{
-    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, Misfit,
+    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, LoneEntryForm,
     OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, Spacing,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};

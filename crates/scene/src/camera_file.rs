@@ -263,7 +263,7 @@ fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> Result
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // If an image cannot be read, its size stays unknown.
-        let of_picture = || if frame.picture.is_there() { frame.size(key, number).ok() } else { None };
+        let of_picture = || if frame.picture.is_available() { frame.size(key, number).ok() } else { None };
         let size = frame.stated_size.or_else(of_picture);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });

@@ -5,7 +5,7 @@ use atsplat_files::{FileError, Malformed};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
-use crate::Misfit;
+use crate::PictureMismatch;
 use crate::torch::TorchError;
 
 /// Why a scene cannot be read. The message says where, what was expected and what was found; the path comes last.
@@ -39,7 +39,7 @@ pub enum SceneError {
     Pixels { scene: String, frame: usize, source: PixelError },
     /// A picture does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
-    Misfit { scene: String, frame: usize, source: Misfit },
+    PictureMismatch { scene: String, frame: usize, source: PictureMismatch },
     /// A file is a Git LFS pointer: the content was not fetched.
     #[error(
         "{action}: found a Git LFS pointer instead of the file: run `git lfs pull` in its repository ({})", path.display()
@@ -54,7 +54,7 @@ pub enum SceneError {
     UnknownScene { key: String, path: PathBuf },
     /// A generated scene could not be generated.
     #[error("generating scene {scene:?}: {source}")]
-    Making { scene: String, source: Box<dyn std::error::Error + Send + Sync> },
+    Generating { scene: String, source: Box<dyn std::error::Error + Send + Sync> },
     /// A path holds none of the supported formats.
     #[error("expected {expected}, found {found} ({})", path.display())]
     Unrecognized { expected: String, found: String, path: PathBuf },

@@ -3,7 +3,8 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use atsplat_protocol::{
-    Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Misfit, Preset, compare, lint_file,
+    Comparability, DatasetCheck, IndexFile, IndexMatch, IndexMismatch, LintOptions, LintReport, Preset, compare,
+    lint_file,
 };
 use atsplat_scene::Warnings;
 use serde::Serialize;
@@ -55,7 +56,7 @@ struct PresetMatch<'a> {
     #[serde(flatten)]
     index: IndexMatch<'a>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    misfits: Vec<Misfit>,
+    mismatches: Vec<IndexMismatch>,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
@@ -82,7 +83,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let preset = preset.as_ref().map(|preset| PresetMatch {
         name: &preset.name,
         index: preset.index.recognise(&file),
-        misfits: preset.misfits(&file.index, &file.sha256),
+        mismatches: preset.mismatches(&file.index, &file.sha256),
     });
     print_report(&Report { lint, preset, against }, args.json)?;
     print_warnings(&warnings);
@@ -92,9 +93,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.lint)?;
-        if let Some(PresetMatch { name, index, misfits }) = &self.preset {
+        if let Some(PresetMatch { name, index, mismatches }) = &self.preset {
             writeln!(f, "\npreset {name}: {index}")?;
-            for Misfit { kind, count, example } in misfits {
+            for IndexMismatch { kind, count, example } in mismatches {
                 writeln!(f, "    does not fit: {count} {kind}: {example}")?;
             }
         }

@@ -100,7 +100,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
     let before = found.datasets.len();
     for name in Preset::names() {
         let preset = Preset::named(name)?;
-        if preset.stands_for.is_some() || !suits(dataset.format, &preset) {
+        if preset.stands_for.is_some() || !is_compatible(dataset.format, &preset) {
             continue;
         }
         let what = format!("{name} on {}", dataset.path.display());
@@ -138,7 +138,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
 }
 
 /// Whether a dataset of this format can be the preset's.
-fn suits(format: Format, preset: &Preset) -> bool {
+fn is_compatible(format: Format, preset: &Preset) -> bool {
     match preset.dataset.as_str() {
         "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
         "dl3dv" => matches!(format, Format::Nerfstudio | Format::TorchChunks),
@@ -178,8 +178,8 @@ fn index(
 ) -> Result<(PlannedIndex, Arc<dyn SceneSource>), String> {
     match PlannedIndex::read(folder, preset, source.as_ref(), warnings) {
         Ok(index) => {
-            let is_there = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
-            if index.index.scenes.iter().any(is_there) {
+            let is_available = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
+            if index.index.scenes.iter().any(is_available) {
                 return Ok((index, Arc::clone(source)));
             }
         }
@@ -222,7 +222,7 @@ fn picture_size(source: &dyn SceneSource) -> Option<ImageSize> {
 
 fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
+    let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
     Some((scene, at))
 }
 

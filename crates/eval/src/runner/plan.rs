@@ -158,7 +158,7 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Resul
 
 /// The part of a provenance record that describes the machine and the moment. `commit` is the build's, `command` the
 /// command line.
-pub fn here(version: &str, commit: Option<&str>, command: Vec<String>) -> Provenance {
+pub fn current_provenance(version: &str, commit: Option<&str>, command: Vec<String>) -> Provenance {
     let Machine { processor, platform, threads, .. } = Machine::current();
     Provenance {
         atsplat: version.to_owned(),

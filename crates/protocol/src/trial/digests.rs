@@ -93,7 +93,7 @@ impl PictureDigests {
     /// of its fingerprint.
     pub(super) fn of(&self, scene: &Scene, position: usize) -> Option<Sha256Digest> {
         let frame = scene.frames.get(position)?;
-        if let Picture::Made(made) = &frame.picture {
+        if let Picture::Generated(made) = &frame.picture {
             return Some(Sha256Digest::of(made.fingerprint().as_bytes()));
         }
         let pending = PendingDigest::of(&frame.picture);
@@ -231,8 +231,8 @@ mod tests {
                 NormalizedIntrinsics::new(0.8, 1.0, 0.5, 0.5).unwrap(),
             );
         }
-        one.frames[0].picture = Picture::Made(Arc::new(FingerprintOnly("left")));
-        one.frames[2].picture = Picture::Made(Arc::new(FingerprintOnly("right")));
+        one.frames[0].picture = Picture::Generated(Arc::new(FingerprintOnly("left")));
+        one.frames[2].picture = Picture::Generated(Arc::new(FingerprintOnly("right")));
         one.frames[1].picture = Picture::Absent;
         one.frames[1].camera.distortion = Distortion::OpenCv { k1: 0.01, k2: -0.02, k3: 0.03, p1: 0.001, p2: -0.002 };
         one.frames[2].camera.distortion = Distortion::Fisheye { k: [0.1, 0.2, -0.3, 0.4] };

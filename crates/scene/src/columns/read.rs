@@ -135,11 +135,11 @@ impl<'a> Columns<'a> {
             "absent" => Ok(Some(Picture::Absent)),
             "missing" => Ok(Some(Picture::Missing(path()?))),
             "file" => Ok(Some(Picture::File(path()?))),
-            "encoded" | "made" => Ok(None),
+            "encoded" | "generated" | "made" => Ok(None),
             found => Err(ColumnsError::UnknownValue {
                 column: "picture",
                 row,
-                expected: "absent, missing, file, encoded or made",
+                expected: "absent, missing, file, encoded or generated",
                 found: shortened(found, 40),
             }),
         }

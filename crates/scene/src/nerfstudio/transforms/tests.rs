@@ -293,7 +293,7 @@ fn a_picture_of_another_shape_is_not_decoded() {
     assert_eq!(decoded(50, 25, "").unwrap(), (50, 25));
     for (width, height) in [(100, 100), (100, 200), (200, 120)] {
         let error = decoded(width, height, "").unwrap_err();
-        assert!(matches!(error, SceneError::Misfit { frame: 0, .. }), "{error}");
+        assert!(matches!(error, SceneError::PictureMismatch { frame: 0, .. }), "{error}");
         let message = error.to_string();
         assert!(message.contains("200×100") && message.contains(&format!("{width}×{height}")), "{message}");
     }
