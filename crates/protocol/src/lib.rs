@@ -27,8 +27,8 @@ pub use index::{
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{
-    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, LintOptions, LintReport, OverlapFacts,
-    RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
+    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, FullLint, LintOptions, LintReport, OverlapFacts,
+    PresetMatch, RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
 };
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,
