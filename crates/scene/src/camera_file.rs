@@ -262,9 +262,9 @@ fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> Result
     let key = scene_key(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
-        // If an image cannot be read, its size stays unknown.
-        let of_picture = || if frame.picture.is_available() { frame.size(key, number).ok() } else { None };
-        let size = frame.stated_size.or_else(of_picture);
+        // That of the image, which may be a downscaled copy; if it cannot be read or does not fit, the stated one.
+        let of_picture = if frame.picture.is_available() { frame.size(key, number).ok() } else { None };
+        let size = of_picture.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_picture);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });
     Ok(cameras.collect())

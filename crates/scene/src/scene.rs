@@ -86,7 +86,8 @@ pub struct Frame {
     pub timestamp_micros: Option<i64>,
     /// Pose, intrinsics and lens.
     pub camera: Camera,
-    /// Picture size according to the metadata; if the file's size differs, the latter is used.
+    /// Picture size for which the metadata state the intrinsics. The picture may be a scaled copy of it, as in `images_4`; of
+    /// another shape it does not fit ([`Self::mismatch`]).
     pub stated_size: Option<ImageSize>,
     /// Where the picture is.
     pub picture: Picture,
