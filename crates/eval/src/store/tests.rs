@@ -184,7 +184,7 @@ fn later_columns_are_null_in_older_tables() {
     let mut older = Schema::of_version(SCHEMA_VERSION).unwrap();
     older.trials.retain(|column| !["gaussians", "effects"].contains(&column.name.as_str()));
     older.targets.retain(|column| column.name != "psnr");
-    let rows = read::tables(folder.path(), &older).unwrap();
+    let rows = read::tables(folder.path(), &older, &BTreeSet::new()).unwrap();
     let (trial, targets) = &rows[&key("a")];
     assert_eq!((trial.gaussians, trial.effects.len()), (None, 0));
     assert_eq!(trial.initial_tokens, Some(512));
@@ -198,7 +198,7 @@ fn errors_of_damaged_tables_name_the_location() {
     let schema = |change: fn(&mut Schema)| {
         let mut schema = Schema::of_version(SCHEMA_VERSION).unwrap();
         change(&mut schema);
-        read::tables(folder.path(), &schema).unwrap_err().to_string()
+        read::tables(folder.path(), &schema, &BTreeSet::new()).unwrap_err().to_string()
     };
     let absent = schema(|schema| {
         schema.trials.push(Column { name: "colour".to_owned(), kind: Kind::Text, nullable: true });
@@ -336,6 +336,50 @@ fn a_second_writer_is_rejected_with_the_first_ones_identity() {
     fs::write(folder.path().join("run.json"), r#"{"pid":1,"host":"elsewhere","since":0}"#).unwrap();
     drop(Store::open(folder.path()).unwrap());
     assert!(!folder.path().join("run.json").exists());
+}
+
+/// A finished run whose table of trials was lost: its targets do not vanish in silence.
+#[test]
+fn targets_without_their_trial_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["a", "b"]).finish().unwrap();
+    fs::remove_file(folder.path().join(TRIALS)).unwrap();
+    let error = Results::read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("expected targets of trials in trials.parquet") && error.contains("of which"), "{error}");
+}
+
+/// A trial is computed again with another number of targets, and the run is killed after the first table.
+#[test]
+fn a_run_killed_between_the_tables_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["a", "b"]).finish().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let more = TargetRow { target: 2, ..targets("a").remove(1) };
+    let longer = [targets("a"), vec![more]].concat();
+    store.append(&TrialRow { targets: 3, ..trial("a") }, &longer).unwrap();
+    let all = [longer.clone(), targets("b")].concat();
+    table::write(&folder.path().join(TARGETS), targets::columns(&all).frame()).unwrap();
+    drop(store);
+    let read = Results::read(folder.path()).unwrap();
+    assert_eq!((read.trials.len(), read.targets.len(), read.trials[0].targets), (2, 5, 3));
+    assert_eq!(Store::open(folder.path()).unwrap().finish().unwrap().targets, all);
+}
+
+#[test]
+fn copied_and_shortened_parts_are_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(filled(folder.path(), &["a"]));
+    let [part] = disk::files(&parts::folder(folder.path())).unwrap().try_into().unwrap();
+    let copy = part.with_file_name("copy.json");
+    fs::copy(&part, &copy).unwrap();
+    let error = Results::read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("file name") && error.ends_with("copy.json)"), "{error}");
+    fs::remove_file(copy).unwrap();
+    let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&part).unwrap()).unwrap();
+    value["targets"].as_array_mut().unwrap().pop();
+    fs::write(&part, value.to_string()).unwrap();
+    let error = Results::read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("expected 2 targets of") && error.contains("found 1"), "{error}");
 }
 
 /// Reads while parts move into the tables: every trial that was finished before must be included.
