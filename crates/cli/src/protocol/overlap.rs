@@ -73,7 +73,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let layout = file.layout;
     let name = match KnownIndex::by_sha256(&file.sha256) {
         Some(known) => known.name.to_owned(),
-        None => args.index.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        None => args.index.file_stem().unwrap_or(args.index.as_os_str()).to_string_lossy().into_owned(),
     };
     let mut warnings = Warnings::new();
     let mut index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;

@@ -112,7 +112,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         match index(folder, dataset.format, &source, &preset, warnings) {
             Ok((index, source)) => {
                 let taken = found.datasets.iter().any(|other| other.name == name);
-                let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                let place = name_of(&dataset.path);
                 let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
                 found.datasets.push(Dataset { name, preset, source, description, index });
             }
@@ -127,14 +127,18 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         match sampled(&source, &preset, warnings) {
             Ok(index) => {
                 let description = dataset.path.display().to_string();
-                let name =
-                    format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
+                let name = format!("{}@{}", preset.name, name_of(&dataset.path));
                 found.datasets.push(Dataset { name, preset, source, description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
     }
     Ok(())
+}
+
+/// The last part of a path, or all of it if it ends in `..` or is a root.
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 /// Whether a dataset of this format can be the preset's.

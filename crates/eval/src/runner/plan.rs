@@ -1,6 +1,5 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use atsplat_metrics::Suite;
 use atsplat_protocol::Preset;
@@ -11,7 +10,7 @@ use serde::Serialize;
 use super::selection::Selected;
 use super::{KeepPictures, PlannedIndex, Selection, metric_records};
 use crate::method::Method;
-use crate::timing::{Machine, TimingPlan};
+use crate::timing::{Machine, TimingPlan, unix_seconds};
 use crate::{EvalError, PresetRecord, Provenance};
 
 /// A dataset with the protocol that it is evaluated under.
@@ -166,7 +165,7 @@ pub fn current_provenance(version: &str, commit: Option<&str>, command: Vec<Stri
         platform,
         processor,
         threads,
-        started: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs()),
+        started: unix_seconds(),
         command,
         ..Provenance::default()
     }
