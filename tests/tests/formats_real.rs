@@ -54,7 +54,10 @@ fn re10k_scene_with_numbered_frames() {
     let picture = scene.decode_any_shape(278, &DecodeLimits::default()).unwrap();
     assert_eq!((picture.width(), picture.height()), (256, 256));
     let crop = scene.decode(278, &DecodeLimits::default());
-    assert!(matches!(crop, Err(SceneError::Misfit { frame: 278, .. })), "cameras of 16:9, pictures of 1:1: {crop:?}");
+    assert!(
+        matches!(crop, Err(SceneError::PictureMismatch { frame: 278, .. })),
+        "cameras of 16:9, pictures of 1:1: {crop:?}"
+    );
 }
 
 /// The same capture's `cameras.json`, from another project, holds camera-to-world quaternions (x, y, z, w)

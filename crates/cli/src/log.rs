@@ -23,7 +23,7 @@ pub(crate) struct LogArgs {
 }
 
 impl LogArgs {
-    /// Starts to print events, if they were asked for; results and standard output stay the same.
+    /// Starts to print events, if they were requested; results and standard output stay the same.
     pub(crate) fn start(&self) -> anyhow::Result<()> {
         let level = match self.verbose {
             0 => LevelFilter::OFF,

@@ -170,5 +170,5 @@ fn provenance() -> Provenance {
         let name = Path::new(binary).file_name().map(|name| name.to_string_lossy().into_owned());
         *binary = name.unwrap_or_else(|| "atsplat".to_owned());
     }
-    atsplat_eval::runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command)
+    atsplat_eval::runner::current_provenance(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command)
 }

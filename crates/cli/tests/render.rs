@@ -161,7 +161,7 @@ fn a_failed_frame_is_counted_and_the_others_are_written() {
     assert_eq!(outcome.code, 4, "{}", outcome.stderr);
     assert!(outcome.stdout.contains("2 of 3 frames") && outcome.stderr.contains("frame 1: "), "{}", outcome.stderr);
     let record = record(&here.join("out"));
-    assert_eq!(record["frames"], json!({ "asked": 3, "done": 2, "failed": 1 }));
+    assert_eq!(record["frames"], json!({ "requested": 3, "done": 2, "failed": 1 }));
     assert!(record["views"][1]["fault"].as_str().unwrap().contains("70000"), "{record}");
     assert!(here.join("out/000002.png").exists() && !here.join("out/000001.png").exists());
     fs::write(here.join("views"), json!({ "views": [view(1, 70_000)] }).to_string()).unwrap();
@@ -239,7 +239,7 @@ fn skipped_effects_are_reported_and_stay_within_the_tolerance() {
         assert!(text.contains("view-dependence") && text.contains(" ms to decide"), "{text}");
         let rows = record(&here.join(effects))["effects"]["effects"].clone();
         let row = rows.as_array().unwrap().iter().find(|row| row["effect"] == "background").unwrap().clone();
-        assert_eq!(row[if effects == "none" { "left-out" } else { "runs" }], 3, "{effects}: {row}");
+        assert_eq!(row[if effects == "none" { "skipped" } else { "runs" }], 3, "{effects}: {row}");
         let read = |at: usize| {
             let file = fs::read(here.join(effects).join(format!("{at:06}.exr"))).unwrap();
             exr::read_rgb(&file, &DecodeLimits::default()).unwrap().0.into_samples()
@@ -248,7 +248,7 @@ fn skipped_effects_are_reported_and_stay_within_the_tolerance() {
     }
     let args = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--formats", "exr", "--effects", "none"];
     let text = succeed(here, &[&args[..], &["--out", "plane"]].concat());
-    assert!(text.contains("depth: left out in 1 frame, its image is not written"), "{text}");
+    assert!(text.contains("depth: skipped in 1 frame, its image is not written"), "{text}");
     Tolerance::absolute(0.01 + 1e-5).assert(pictures[1].clone(), pictures[0].clone(), "auto is all");
     assert!(Tolerance::absolute(0.5).check(pictures[2].clone(), pictures[0].clone()).is_err(), "none is black");
 }

@@ -13,7 +13,9 @@ use std::time::Instant;
 use anyhow::{Context as _, ensure};
 use atsplat_camera::DirectionScale;
 use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Splatting, TrialInput};
-use atsplat_eval::runner::{Dataset, KeepPictures, Plan, PlannedIndex, Selection, here, named_metrics, run};
+use atsplat_eval::runner::{
+    Dataset, KeepPictures, Plan, PlannedIndex, Selection, current_provenance, named_metrics, run,
+};
 use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Store};
 use atsplat_files::Sha256Digest;
@@ -63,7 +65,7 @@ fn main() -> anyhow::Result<()> {
     for threads in (0..).map(|power| 1 << power).take_while(|threads| *threads <= most) {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         let folder = tempfile::tempdir()?;
-        let provenance = plan.provenance(here("0", None, Vec::new()))?;
+        let provenance = plan.provenance(current_provenance("0", None, Vec::new()))?;
         let start = Instant::now();
         let store = Store::create(folder.path(), provenance)?;
         let (results, _) = pool.install(|| run(&plan, store, &|| ()))?;
@@ -76,7 +78,7 @@ fn main() -> anyhow::Result<()> {
     let timed =
         Plan { timing: Some(TimingPlan::default()), selection: Selection { limit: Some(3), shard: None }, ..plan };
     let folder = tempfile::tempdir()?;
-    let store = Store::create(folder.path(), timed.provenance(here("0", None, Vec::new()))?)?;
+    let store = Store::create(folder.path(), timed.provenance(current_provenance("0", None, Vec::new()))?)?;
     let (results, _) = run(&timed, store, &|| ())?;
     let times = times(&results, &datasets[0].name, "wall").map_err(anyhow::Error::msg)?;
     for (what, spread) in [("making Gaussians", times.encode), ("rendering a view", times.render)] {

@@ -1,6 +1,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::{FileError, Malformed};
 use thiserror::Error;
 
 /// Why results cannot be computed, stored or read.
@@ -8,27 +9,11 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum EvalError {
     /// A file operation failed.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// A file of a store has invalid content.
-    #[error("{}: {location}: expected {expected}, found {found}", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// Column and row, or line and column.
-        location: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// A folder without a store.
     #[error("{} holds no results: expected the file {} in it", folder.display(), super::store::PROVENANCE)]
     NoStore {
@@ -182,7 +167,7 @@ pub enum EvalError {
 
 impl EvalError {
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::Io { action, path: path.to_owned(), source }
+        FileError::during(action, path)
     }
 
     pub(crate) fn malformed(
@@ -191,7 +176,6 @@ impl EvalError {
         expected: impl Into<String>,
         found: impl Display,
     ) -> Self {
-        let found = found.to_string().chars().take(200).collect();
-        Self::Malformed { path: path.to_owned(), location: location.into(), expected: expected.into(), found }
+        Malformed::new("results", location, expected, found).in_file(path).into()
     }
 }

@@ -19,6 +19,7 @@ pub mod live;
 pub mod method;
 pub mod overlap_estimators;
 pub mod reconstruct;
+pub mod rendering;
 mod rows;
 mod run_report;
 pub mod runner;

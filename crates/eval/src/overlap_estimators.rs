@@ -215,3 +215,29 @@ impl fmt::Display for EstimatorReport {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    #[test]
+    fn accuracy_is_over_the_pairs_with_an_estimate() {
+        let pair = |truth, estimate: Option<f64>| EstimatedPair {
+            kind: SceneKind::Rooms,
+            scene: "s".to_owned(),
+            frames: [0, 1],
+            truth,
+            estimates: vec![None, estimate],
+        };
+        let pairs = [pair(0.5, Some(0.7)), pair(0.2, Some(0.1)), pair(0.9, None)];
+        let pairs: Vec<&EstimatedPair> = pairs.iter().collect();
+        let found = accuracy(SceneKind::Rooms, "epipolar-ray", 1, &pairs);
+        assert_eq!(found.measured, 2);
+        let numbers = [found.bias, found.error, found.same_bin, found.rank_correlation].map(Option::unwrap);
+        // 0.5 is in the middle bin and 0.7 in the upper one, 0.2 and 0.1 in the lower one.
+        Tolerance::F64.assert(numbers, [0.05, 0.15, 0.5, 1.0], "bias, error, same bin, rank correlation");
+        let none = accuracy(SceneKind::Rooms, "epipolar-ray", 0, &pairs);
+        assert_eq!((none.measured, none.bias, none.error, none.same_bin), (0, None, None, None));
+    }
+}

@@ -127,3 +127,22 @@ impl TrainedNetwork {
 fn spaced(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_model::weights::{Precision, generated};
+
+    #[test]
+    fn a_network_runs_beside_the_two_baselines() {
+        let config = ModelConfig::named("nano").unwrap();
+        let weights = generated(&parameters(&config), 1);
+        let weights = ModelWeights::new(config, [].into(), &weights).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("w.safetensors");
+        weights.write(&path, Precision::Single).unwrap();
+        let trained = TrainedNetwork::new(&TensorFile::open(&path).unwrap(), "test".to_owned()).unwrap();
+        let names: Vec<String> = trained.methods().unwrap().iter().map(|method| method.record().name).collect();
+        assert_eq!(names, ["atsplat", "nearest-view", "warp"]);
+    }
+}

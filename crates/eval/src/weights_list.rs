@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use atsplat_files::Malformed;
 use atsplat_protocol::Preset;
 use serde::Deserialize;
 
@@ -53,17 +54,10 @@ impl WeightsList {
     /// [`EvalError::Io`]; [`EvalError::Malformed`] with the entry and the field, for text that is not a list, unknown presets
     /// and tables, conditions that no protocol meets, and two entries for the same.
     pub fn read(path: &Path, tables: &BTreeMap<String, Vec<String>>, embedded: &[&str]) -> Result<Self, EvalError> {
-        let text = std::fs::read_to_string(path).map_err(|source| EvalError::Io {
-            action: "reading a list of weights",
-            path: path.to_owned(),
-            source,
-        })?;
+        let text = std::fs::read_to_string(path).map_err(EvalError::io("reading a list of weights", path))?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::parse(&text, folder, tables, embedded).map_err(|(location, expected, found)| EvalError::Malformed {
-            path: path.to_owned(),
-            location,
-            expected,
-            found,
+        Self::parse(&text, folder, tables, embedded).map_err(|(location, expected, found)| {
+            Malformed::new("weights list", location, expected, found).in_file(path).into()
         })
     }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
-use atsplat_eval::runner::{KeepPictures, Summary, here, picture_path, run};
+use atsplat_eval::runner::{KeepPictures, Summary, current_provenance, picture_path, run};
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialStatus};
 use atsplat_pixels::{ImageU8, decode, encode_png};
 use common::{Run, SIZE, Walls, baselines, dataset, entry, grey, record, rows};
@@ -97,7 +97,7 @@ fn results_whose_data_are_missing_are_named() {
     renamed.index = dataset(Walls::new(3, 8), &entries).index;
     let settings = Run::new(vec![renamed], baselines());
     let plan = settings.plan();
-    let mut provenance = plan.provenance(here("0", None, Vec::new())).unwrap();
+    let mut provenance = plan.provenance(current_provenance("0", None, Vec::new())).unwrap();
     provenance.presets[0].entries = 3;
     let opened = Store::resume(store.path(), provenance).unwrap();
     let error = run(&plan, opened, &|| ()).unwrap_err().to_string();

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{KeepPictures, PlannedIndex, here, picture_path};
+use atsplat_eval::runner::{KeepPictures, PlannedIndex, current_provenance, picture_path};
 use atsplat_eval::{IDENTICAL, MethodRecord, Results, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
 use atsplat_protocol::IndexBuilder;
@@ -242,11 +242,11 @@ fn requested_pictures_are_kept() {
 #[test]
 fn rejects_duplicate_names_and_invalid_shards() {
     let run = settings(Walls::new(1, 8), vec![Arc::new(Warp), Arc::new(Warp)]);
-    let error = run.plan().provenance(here("0", None, Vec::new())).unwrap_err().to_string();
+    let error = run.plan().provenance(current_provenance("0", None, Vec::new())).unwrap_err().to_string();
     assert!(error.contains("warp twice"), "{error}");
     let mut run = settings(Walls::new(1, 8), baselines());
     run.selection.shard = Some(Shard { number: 4, of: 3 });
-    assert!(run.plan().provenance(here("0", None, Vec::new())).is_err());
+    assert!(run.plan().provenance(current_provenance("0", None, Vec::new())).is_err());
 }
 
 /// DepthSplat's rule takes every frame of a window; frames whose picture is missing are not counted.

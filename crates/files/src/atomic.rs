@@ -45,9 +45,10 @@ pub struct AtomicFile {
     writer: Writer,
 }
 
-/// Writes to an [`AtomicFile`]. Clones share one position, for encoders that do not give their writer back.
+/// Writes to an [`AtomicFile`] until that is complete. Clones share one position, for encoders that do not give their writer
+/// back.
 #[derive(Clone, Debug)]
-pub struct Writer(Arc<Mutex<BufWriter<File>>>);
+pub struct Writer(Arc<Mutex<Option<BufWriter<File>>>>);
 
 impl AtomicFile {
     /// Opens the temporary file, so that an unwritable path is an error before long work starts.
@@ -58,13 +59,13 @@ impl AtomicFile {
         if target.file_name().is_none() || target.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into());
         }
-        let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(target);
         // The name does not depend on the target's, which may have the maximum length.
         let suffix = format!(".{PARTIAL}");
         let mut builder = Builder::new();
         builder.prefix(".").suffix(&suffix);
         let (file, temporary) = readable(&mut builder).tempfile_in(folder).map(NamedTempFile::into_parts)?;
-        let writer = Writer(Arc::new(Mutex::new(BufWriter::new(file))));
+        let writer = Writer(Arc::new(Mutex::new(Some(BufWriter::new(file)))));
         Ok(Self { temporary, target: target.to_owned(), writer })
     }
 
@@ -110,18 +111,31 @@ fn readable<'b, 'n>(builder: &'b mut Builder<'n, 'n>) -> &'b mut Builder<'n, 'n>
 
 /// Makes the rename itself durable, on systems that can open a folder.
 fn synchronise_folder(path: &Path) {
-    if let Some(folder) = path.parent().and_then(|folder| File::open(folder).ok()) {
+    if let Ok(folder) = File::open(folder_of(path)) {
         folder.sync_all().ok();
     }
 }
 
+/// The folder of a file; the current one for a bare name.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+fn complete() -> io::Error {
+    io::Error::other("the file is complete")
+}
+
 impl Writer {
-    fn lock(&self) -> io::Result<MutexGuard<'_, BufWriter<File>>> {
+    fn lock(&self) -> io::Result<MutexGuard<'_, Option<BufWriter<File>>>> {
         self.0.lock().map_err(|poisoned| io::Error::other(poisoned.to_string()))
     }
 
+    fn with<T>(&self, work: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
+        self.lock()?.as_mut().map_or_else(|| Err(complete()), work)
+    }
+
     fn finish(&self, synchronised: bool) -> io::Result<u64> {
-        let mut file = self.lock()?;
+        let mut file = self.lock()?.take().ok_or_else(complete)?;
         file.flush()?;
         if synchronised {
             file.get_ref().sync_all()?;
@@ -132,17 +146,18 @@ impl Writer {
 
 impl Write for Writer {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.lock()?.write(bytes)
+        self.with(|file| file.write(bytes))
     }
 
+    /// Nothing is left to flush in a complete file.
     fn flush(&mut self) -> io::Result<()> {
-        self.lock()?.flush()
+        self.lock()?.as_mut().map_or(Ok(()), BufWriter::flush)
     }
 }
 
 impl Seek for Writer {
     fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
-        self.lock()?.seek(position)
+        self.with(|file| file.seek(position))
     }
 }
 
@@ -183,6 +198,26 @@ mod tests {
         assert_eq!(failed.unwrap_err().kind(), io::ErrorKind::StorageFull);
         assert_eq!(fs::read(&path).unwrap(), b"old");
         assert_eq!(names(folder.path()), [path]);
+    }
+
+    #[test]
+    fn a_complete_file_does_not_grow() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        let file = AtomicFile::create(&path).unwrap();
+        let mut writer = file.writer();
+        writer.write_all(b"all").unwrap();
+        file.commit().unwrap();
+        assert!(writer.write_all(b" and more").is_err() && writer.rewind().is_err());
+        assert!(writer.flush().is_ok());
+        drop(writer);
+        assert_eq!(fs::read(&path).unwrap(), b"all");
+    }
+
+    #[test]
+    fn a_bare_name_is_in_the_current_folder() {
+        let folders = ["a.json", "b/a.json", "/a.json"].map(|path| folder_of(Path::new(path)));
+        assert_eq!(folders, [".", "b", "/"].map(Path::new));
     }
 
     #[test]

@@ -34,7 +34,10 @@ impl Sha256Digest {
         let (mut hasher, mut length) = (Sha256::new(), 0);
         let mut buffer = vec![0; 1 << 16];
         loop {
-            let read = reader.read(&mut buffer)?;
+            let read = match reader.read(&mut buffer) {
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                outcome => outcome?,
+            };
             let Some(part) = buffer.get(..read).filter(|part| !part.is_empty()) else { break };
             hasher.update(part);
             length += read as u64;
@@ -132,6 +135,19 @@ mod tests {
         assert_eq!(ABC.parse(), Ok(digest));
         assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is accepted");
         assert_eq!(Sha256Digest::literal(ABC), digest);
+    }
+
+    /// A signal that arrives while a file is read is no error of the file.
+    #[test]
+    fn an_interrupted_read_is_repeated() {
+        struct Interrupted<'a>(bool, &'a [u8]);
+        impl Read for Interrupted<'_> {
+            fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+                self.0 = !self.0;
+                if self.0 { Err(io::ErrorKind::Interrupted.into()) } else { self.1.read(buffer) }
+            }
+        }
+        assert_eq!(Sha256Digest::of_reader(Interrupted(false, b"abc")).unwrap(), (Sha256Digest::of(b"abc"), 3));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Atomic file writes, and SHA-256 digests.
+//! Atomic file writes, SHA-256 digests, and the parts that errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -6,6 +6,8 @@
 
 mod atomic;
 mod digest;
+mod error;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
+pub use error::{FileError, Malformed, shortened};

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FileError, Sha256Digest};
 use atsplat_splat::{GaussianParts, Gaussians, sh_coefficients};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -48,7 +48,8 @@ impl Fit {
             memory: memory.iter().map(|(name, _)| (*name).to_owned()).collect(),
             tensors: digest(tensors.iter().map(|(_, values)| *values)),
         };
-        let failed = |source| FitError::Io { action: "writing a checkpoint", path: path.to_owned(), source };
+        let failed =
+            |source| FitError::from(FileError { action: "writing a checkpoint", path: path.to_owned(), source });
         let other = |error: &dyn std::fmt::Display| failed(std::io::Error::other(error.to_string()));
         let text = serde_json::to_string(&metadata).map_err(|error| other(&error))?;
         let mut views = Vec::new();
@@ -71,14 +72,13 @@ impl Fit {
         start: &Gaussians,
         path: &Path,
     ) -> Result<Self, FitError> {
-        let failed = |source| FitError::Io { action: "reading a checkpoint", path: path.to_owned(), source };
         let wrong = |field: &str, expected: &str, found: String| FitError::Checkpoint {
             field: field.to_owned(),
             expected: expected.to_owned(),
             found,
             path: path.to_owned(),
         };
-        let bytes = std::fs::read(path).map_err(failed)?;
+        let bytes = std::fs::read(path).map_err(FileError::during::<FitError>("reading a checkpoint", path))?;
         let malformed = |error: &dyn std::fmt::Display| wrong("file", "a checkpoint", error.to_string());
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| malformed(&error))?;
         let stored = SafeTensors::deserialize(&bytes).map_err(|error| malformed(&error))?;

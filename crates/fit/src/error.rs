@@ -2,6 +2,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_camera::CameraError;
+use atsplat_files::FileError;
 use atsplat_splat::SplatError;
 use thiserror::Error;
 
@@ -51,15 +52,8 @@ pub enum FitError {
         path: PathBuf,
     },
     /// A file could not be read or written.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// To which file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// Error of a camera.
     #[error(transparent)]
     Camera(#[from] CameraError),

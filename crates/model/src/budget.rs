@@ -66,6 +66,15 @@ impl Budget {
         let gaussians = count.saturating_mul(config.head.gaussians_per_token);
         Ok(Self { initial_tokens, expanded: expanded.to_vec(), tokens, final_tokens: count, gaussians })
     }
+
+    /// `K`.
+    ///
+    /// # Panics
+    /// For a budget without tokens, which no configuration has.
+    #[expect(clippy::expect_used, reason = "a picture has at least one patch, and expansion removes no token")]
+    pub fn gaussians_per_token(&self) -> usize {
+        self.gaussians.checked_div(self.final_tokens).expect("a network has tokens")
+    }
 }
 
 /// Number of tokens that enter the decoder.

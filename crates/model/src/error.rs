@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
-use atsplat_tensors::{TensorError, shortened};
+use atsplat_files::{FileError, Malformed};
+use atsplat_tensors::TensorError;
 use thiserror::Error;
 
 use crate::config::ImageSize;
@@ -10,15 +11,8 @@ use crate::config::ImageSize;
 #[non_exhaustive]
 pub enum ModelError {
     /// A file could not be read or written.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// To which file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// No built-in model has this name.
     #[error("model: expected one of {}, or a path that ends in .toml, found {name:?}", known.join(", "))]
     UnknownModel {
@@ -28,17 +22,8 @@ pub enum ModelError {
         known: Vec<&'static str>,
     },
     /// A configuration, key map, weights file or input is malformed.
-    #[error("{what}: {location}: expected {expected}, found {found}")]
-    Malformed {
-        /// What was being read, e.g. "model configuration".
-        what: &'static str,
-        /// Line and column, field, or tensor.
-        location: String,
-        /// What was expected.
-        expected: String,
-        /// What was found, shortened.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// Pictures, poses or outputs of the network hold NaN or infinite values.
     #[error("{location}: expected finite values, found {count} that are NaN or infinite")]
     NonFinite {
@@ -97,20 +82,17 @@ pub enum ModelError {
 }
 
 impl ModelError {
-    #[expect(clippy::needless_pass_by_value, reason = "callers pass numbers and new strings as often as borrowed ones")]
     pub(crate) fn malformed(
         what: &'static str,
         location: impl Into<String>,
         expected: impl Into<String>,
         found: impl ToString,
     ) -> Self {
-        let found = found.to_string();
-        Self::Malformed { what, location: location.into(), expected: expected.into(), found: shortened(&found) }
+        Malformed::new(what, location, expected, found).into()
     }
 
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.into();
-        move |source| Self::Io { action, path, source }
+        FileError::during(action, path)
     }
 
     /// The same error with its file.

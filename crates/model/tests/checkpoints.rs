@@ -62,7 +62,7 @@ fn a_training_checkpoint_is_imported_bit_for_bit() {
         let third = &found.tensors["third.weight"];
         assert_eq!(
             (third.dtype(), third.bytes()),
-            (DType::F16, truth.tensors["third.weight"].to_half().unwrap().bytes())
+            (DType::F16, truth.tensors["third.weight"].to_f16().unwrap().bytes())
         );
         assert_eq!(found.tensors["fourth.weight"].dtype(), DType::Bf16);
         let rounded = bits(&found.tensors["fourth.weight"]);
@@ -97,10 +97,7 @@ fn rejects_a_truncated_checkpoint() {
     for length in [0, 1, 4, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
         let path = folder.path().join("cut.pt");
         std::fs::write(&path, &whole[..length]).unwrap();
-        assert!(
-            matches!(TensorFile::open(&path), Err(TensorError::InFile { .. } | TensorError::Io { .. })),
-            "{length}"
-        );
+        assert!(matches!(TensorFile::open(&path), Err(TensorError::InFile { .. } | TensorError::Io(_))), "{length}");
     }
 }
 

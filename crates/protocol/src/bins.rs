@@ -169,6 +169,34 @@ impl OverlapBins {
         &self.edges
     }
 
+    /// The published bins for the overlaps of this index; or, if they were published for another estimator and not
+    /// `force`d, bins with a third of the values in each. In both cases with a caveat.
+    pub fn for_index(index: &EvaluationIndex, rule: BinRule, force: bool) -> (Self, Option<String>) {
+        let published = Self::noposplat(rule);
+        let estimators = index.overlap_estimators();
+        let Some(foreign) = published.foreign(&estimators) else { return (published, None) };
+        let of = published.estimator().unwrap_or("another estimator");
+        if force {
+            let footer =
+                format!("the bins were published for {of}, and these overlaps are {foreign}'s: they do not compare");
+            return (published, Some(footer));
+        }
+        let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
+        let footer = format!(
+            "bins of {foreign}'s own, a third of the values in each: small, medium and large were published for {of} (--force)"
+        );
+        (Self::thirds(&values, &estimators.join(" and ")), Some(footer))
+    }
+
+    /// Each overlap of an index with its bin; `None` outside all bins.
+    pub fn placed(&self, index: &EvaluationIndex) -> Vec<(f64, Option<usize>)> {
+        let place = |overlap| match self.place(overlap) {
+            BinPlace::Bin(bin) => Some(bin),
+            BinPlace::Below | BinPlace::Above => None,
+        };
+        index.overlaps().map(|overlap| (overlap.value, place(overlap.value))).collect()
+    }
+
     /// Where `overlap` falls.
     pub fn place(&self, overlap: f64) -> BinPlace {
         let (first, second) = (self.edges[0], self.edges[1]);

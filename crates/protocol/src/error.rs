@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_files::{FileError, Malformed};
 use atsplat_scene::SceneError;
 use atsplat_scene::preprocess::PreprocessError;
 use thiserror::Error;
@@ -9,27 +10,11 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ProtocolError {
     /// A file system operation failed.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// An index or preset violates its format.
-    #[error("{what}: {location}: expected {expected}, found {found}")]
-    Malformed {
-        /// "evaluation index" or "preset".
-        what: &'static str,
-        /// Scene key and field, or line and column.
-        location: String,
-        /// What the format requires.
-        expected: String,
-        /// What was found instead, shortened.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// A scene cannot be loaded or decoded.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -85,7 +70,7 @@ impl ProtocolError {
     #[must_use]
     pub fn in_file(self, path: &Path) -> Self {
         match self {
-            Self::Io { .. } | Self::InFile { .. } => self,
+            Self::Io(_) | Self::InFile { .. } => self,
             other => Self::InFile { path: path.to_owned(), source: Box::new(other) },
         }
     }

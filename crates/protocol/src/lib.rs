@@ -22,13 +22,13 @@ pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{
-    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, Misfit,
+    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, LoneEntryForm,
     OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, Spacing,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{
-    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, LintOptions, LintReport, OverlapFacts,
-    RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
+    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, FullLint, LintOptions, LintReport, OverlapFacts,
+    PresetMatch, RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
 };
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,

@@ -1,5 +1,7 @@
 use std::path::Path;
 
+use atsplat_files::{FileError, Malformed};
+
 use crate::overlap::OverlapEstimator;
 use crate::{IndexBuilder, ProtocolError};
 
@@ -41,33 +43,20 @@ impl IndexBuilder {
     pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
         let path = Path::new(name_or_path);
         if path.extension().is_some_and(|extension| extension == "toml") {
-            let text = std::fs::read_to_string(path).map_err(|source| ProtocolError::Io {
-                action: "reading a sampling rule",
-                path: path.to_owned(),
-                source,
-            })?;
+            let text = std::fs::read_to_string(path)
+                .map_err(FileError::during::<ProtocolError>("reading a sampling rule", path))?;
             return Self::from_toml(&text, name_or_path);
         }
-        let (name, text) =
-            BUILT_IN.iter().find(|(name, _)| *name == name_or_path).ok_or_else(|| ProtocolError::Malformed {
-                what: "sampling rule",
-                location: "name".to_owned(),
-                expected: format!(
-                    "one of {}, or a path that ends in .toml",
-                    Self::names().collect::<Vec<_>>().join(", ")
-                ),
-                found: format!("{name_or_path:?}"),
-            })?;
+        let (name, text) = BUILT_IN.iter().find(|(name, _)| *name == name_or_path).ok_or_else(|| {
+            let known = Self::names().collect::<Vec<_>>().join(", ");
+            let expected = format!("one of {known}, or a path that ends in .toml");
+            Malformed::new("sampling rule", "name", expected, format!("{name_or_path:?}"))
+        })?;
         Self::from_toml(text, name)
     }
 
     fn from_toml(text: &str, place: &str) -> Result<Self, ProtocolError> {
-        let malformed = |expected: &str, found: String| ProtocolError::Malformed {
-            what: "sampling rule",
-            location: place.to_owned(),
-            expected: expected.to_owned(),
-            found,
-        };
+        let malformed = |expected: &str, found: String| Malformed::new("sampling rule", place, expected, found);
         let rule: Self = toml::from_str(text).map_err(|error| {
             let expected = "a [sampler] table and, optionally, an [overlap] table";
             malformed(expected, error.to_string().trim_end().to_owned())
@@ -76,7 +65,8 @@ impl IndexBuilder {
             Some(estimator) => Err(malformed(
                 "an overlap estimator that needs no depth maps, because an index is built without them",
                 estimator.name().to_owned(),
-            )),
+            )
+            .into()),
             None => Ok(rule),
         }
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
+use atsplat_files::Malformed;
 use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
@@ -44,8 +45,7 @@ impl SceneSource for MemorySource {
             if !self.keys.contains(&key) {
                 return SceneError::UnknownScene { key, path };
             }
-            let (location, found) = ("line 1".to_owned(), "nothing".to_owned());
-            SceneError::Malformed { format: "test", path, location, expected: "a scene".to_owned(), found }
+            Malformed::new("test", "line 1", "a scene", "nothing").in_file(path).into()
         })?;
         warnings.push(WarningKind::LensDistortion, key, "for the test");
         Ok(scene)

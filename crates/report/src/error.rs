@@ -1,6 +1,5 @@
-use std::path::PathBuf;
-
 use atsplat_eval::EvalError;
+use atsplat_files::FileError;
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
 
@@ -70,13 +69,6 @@ pub enum ReportError {
     #[error("writing JSON: {0}")]
     Json(#[from] serde_json::Error),
     /// A file cannot be read or written.
-    #[error("{action}: {source}: {}", path.display())]
-    File {
-        /// What was being done.
-        action: &'static str,
-        /// The operating system's error.
-        source: std::io::Error,
-        /// The file.
-        path: PathBuf,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
 }

@@ -1,5 +1,7 @@
 use std::path::{Path, PathBuf};
 
+use atsplat_files::FileError;
+
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
 use crate::figures::{of_frontier, of_store, of_table};
@@ -93,7 +95,7 @@ impl Report {
     /// Writes `tables/`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
     ///
     /// # Errors
-    /// [`ReportError::File`], and the errors of tables and plots.
+    /// [`ReportError::Io`], and the errors of tables and plots.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut files = Vec::new();
         for table in &self.tables {
@@ -120,8 +122,31 @@ impl Report {
 /// Writes a file, creating its folder if necessary.
 fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
     let created = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-    match created.and_then(|()| atsplat_files::write_unsynced(&path, bytes)) {
-        Ok(()) => Ok(path),
-        Err(source) => Err(ReportError::File { action: "writing", source, path }),
+    let written = created.and_then(|()| atsplat_files::write_unsynced(&path, bytes));
+    written.map_err(FileError::during::<ReportError>("writing a report", &path))?;
+    Ok(path)
+}
+
+/// Labels of stores: the folder's name, with a number if several have the same.
+pub fn store_labels(stores: &[PathBuf]) -> Vec<String> {
+    let name = |path: &PathBuf| {
+        path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+    };
+    let names: Vec<String> = stores.iter().map(name).collect();
+    let label = |(at, own): (usize, &String)| {
+        let twins = names.iter().filter(|other| *other == own).count();
+        if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() }
+    };
+    names.iter().enumerate().map(label).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stores_of_the_same_name_get_distinct_labels() {
+        let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
+        assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "other"]);
     }
 }

@@ -1,6 +1,5 @@
-use std::path::PathBuf;
-
 use atsplat_camera::CameraError;
+use atsplat_files::FileError;
 use atsplat_pixels::PixelError;
 use atsplat_scene::SceneError;
 
@@ -40,13 +39,6 @@ pub enum RoomsError {
     #[error("reading the motion of real clips: {0}")]
     Motion(#[from] serde_json::Error),
     /// A file cannot be written.
-    #[error("{action} {}: {source}", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// To which file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
 }

@@ -53,7 +53,7 @@ impl SimulatedScenes {
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            picture: Picture::Made(Arc::new(picture)),
+            picture: Picture::Generated(Arc::new(picture)),
         })
     }
 }
@@ -108,7 +108,7 @@ impl fmt::Debug for SimulatedPicture {
 }
 
 fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
-    move |error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) }
+    move |error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) }
 }
 
 /// Rendered pictures, up to [`CACHE_BYTES`] bytes; later ones are rendered again each time.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{
     Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
+use atsplat_files::FileError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -17,13 +18,8 @@ use crate::{SceneError, SceneSource as _, Warnings, json, poses};
 #[non_exhaustive]
 pub enum CameraFileError {
     /// The file cannot be read.
-    #[error("reading cameras from {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The reason given by the system.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// The file is not a camera file.
     #[error("reading cameras from {}: {problem}", path.display())]
     Malformed {
@@ -163,7 +159,7 @@ pub fn read(
 
 /// Parses the file if it looks like JSON.
 fn json_of(path: &Path) -> Result<Option<Value>, CameraFileError> {
-    let bytes = std::fs::read(path).map_err(|source| CameraFileError::Read { path: path.to_owned(), source })?;
+    let bytes = std::fs::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
     let start = bytes.trim_ascii_start();
     if !start.starts_with(b"[") && !start.starts_with(b"{") {
         return Ok(None);
@@ -266,9 +262,9 @@ fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> Result
     let key = scene_key(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
-        // If an image cannot be read, its size stays unknown.
-        let of_picture = || if frame.picture.is_there() { frame.size(key, number).ok() } else { None };
-        let size = frame.stated_size.or_else(of_picture);
+        // That of the image, which may be a downscaled copy; if it cannot be read or does not fit, the stated one.
+        let of_picture = if frame.picture.is_available() { frame.size(key, number).ok() } else { None };
+        let size = of_picture.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_picture);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });
     Ok(cameras.collect())

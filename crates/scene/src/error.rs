@@ -1,10 +1,11 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::CameraError;
+use atsplat_files::{FileError, Malformed};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
-use crate::Misfit;
+use crate::PictureMismatch;
 use crate::torch::TorchError;
 
 /// Why a scene cannot be read. The message says where, what was expected and what was found; the path comes last.
@@ -12,25 +13,11 @@ use crate::torch::TorchError;
 #[expect(missing_docs, reason = "the message explains the fields")]
 pub enum SceneError {
     /// A file system operation failed.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done, e.g. "reading a trajectory".
-        action: &'static str,
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// A text or binary file breaks its format.
-    #[error("{format}: {location}: expected {expected}, found {found} ({})", path.display())]
-    Malformed {
-        /// Name of the format, e.g. "RE10K trajectory".
-        format: &'static str,
-        path: PathBuf,
-        /// Line, field, byte offset or frame inside the file.
-        location: String,
-        expected: String,
-        /// What the file holds, shortened.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// A camera's numbers are invalid.
     #[error("{location}: {source} ({})", path.display())]
     Camera {
@@ -52,7 +39,7 @@ pub enum SceneError {
     Pixels { scene: String, frame: usize, source: PixelError },
     /// A picture does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
-    Misfit { scene: String, frame: usize, source: Misfit },
+    PictureMismatch { scene: String, frame: usize, source: PictureMismatch },
     /// A file is a Git LFS pointer: the content was not fetched.
     #[error(
         "{action}: found a Git LFS pointer instead of the file: run `git lfs pull` in its repository ({})", path.display()
@@ -67,7 +54,7 @@ pub enum SceneError {
     UnknownScene { key: String, path: PathBuf },
     /// A generated scene could not be generated.
     #[error("generating scene {scene:?}: {source}")]
-    Making { scene: String, source: Box<dyn std::error::Error + Send + Sync> },
+    Generating { scene: String, source: Box<dyn std::error::Error + Send + Sync> },
     /// A path holds none of the supported formats.
     #[error("expected {expected}, found {found} ({})", path.display())]
     Unrecognized { expected: String, found: String, path: PathBuf },
@@ -103,8 +90,7 @@ impl SceneError {
 
     /// [`Self::Io`] for `map_err`.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.into();
-        move |source| Self::Io { action, path, source }
+        FileError::during(action, path)
     }
 
     /// [`Self::Camera`] for `map_err`.
@@ -120,8 +106,7 @@ impl SceneError {
         expected: impl Into<String>,
         found: impl Into<String>,
     ) -> Self {
-        let (location, expected, found) = (location.into(), expected.into(), found.into());
-        Self::Malformed { format, path: path.to_owned(), location, expected, found }
+        Malformed::new(format, location, expected, found.into()).in_file(path).into()
     }
 
     pub(crate) fn unrecognized(path: &Path, expected: impl Into<String>, found: impl Into<String>) -> Self {

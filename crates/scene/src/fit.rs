@@ -20,7 +20,7 @@ const NEARLY_SQUARE: Tolerance = Tolerance::relative(0.1);
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the message explains the fields")]
-pub enum Misfit {
+pub enum PictureMismatch {
     /// It is not a scaled copy of the picture that the intrinsics are stated for.
     #[error(
         "expected a picture of {stated}, for which the intrinsics are stated, or a scaled copy of it, found {found}: \
@@ -41,8 +41,8 @@ pub enum Misfit {
     },
 }
 
-impl Misfit {
-    /// Whether the picture is unusable; otherwise the misfit is within the range of real cameras.
+impl PictureMismatch {
+    /// Whether the picture is unusable; otherwise the mismatch is within the range of real cameras.
     pub fn is_fatal(&self) -> bool {
         match self {
             Self::Shape { .. } => true,
@@ -56,17 +56,17 @@ impl Frame {
     ///
     /// If a size is stated, the picture has to be a scaled copy of it, whatever the shape of its pixels. If none is, as
     /// in RE10K and `.torch` chunks, pixels have to be square.
-    pub fn misfit(&self, found: ImageSize) -> Option<Misfit> {
+    pub fn mismatch(&self, found: ImageSize) -> Option<PictureMismatch> {
         match self.stated_size {
-            Some(stated) => (!is_scaled_copy(found, stated)).then_some(Misfit::Shape { stated, found }),
+            Some(stated) => (!is_scaled_copy(found, stated)).then_some(PictureMismatch::Shape { stated, found }),
             None => pixels_apart(&self.camera.intrinsics, found),
         }
     }
 
     /// Warns if the header of the picture of this frame, the scene's at `position`, does not fit its camera.
     pub fn report(&self, scene: &str, position: usize, header: &PictureHeader, warnings: &mut Warnings) {
-        if let Some(misfit) = self.misfit(header.size) {
-            warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {misfit}"));
+        if let Some(mismatch) = self.mismatch(header.size) {
+            warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {mismatch}"));
         }
         if let Some(orientation) = header.orientation {
             let detail = format!("frame {position}: EXIF says that it is {orientation}; the stored pixels are used");
@@ -80,7 +80,7 @@ impl Frame {
     }
 }
 
-fn pixels_apart(k: &NormalizedIntrinsics, found: ImageSize) -> Option<Misfit> {
+fn pixels_apart(k: &NormalizedIntrinsics, found: ImageSize) -> Option<PictureMismatch> {
     let (width, height) = (f64::from(found.width), f64::from(found.height));
     let ratio = (k.fx * width) / (k.fy * height);
     let square_width = (width / ratio).round();
@@ -91,7 +91,7 @@ fn pixels_apart(k: &NormalizedIntrinsics, found: ImageSize) -> Option<Misfit> {
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive; the cast saturates")]
     let fitting = ImageSize { width: square_width as u32, height: found.height };
-    Some(Misfit::Pixels { fitting, found, ratio })
+    Some(PictureMismatch::Pixels { fitting, found, ratio })
 }
 
 /// Whether a picture is the stated one or a scaled copy of it with sides rounded to whole pixels, such as `images_4` next
@@ -138,10 +138,10 @@ mod tests {
     fn a_stated_size_allows_pixels_that_are_not_square() {
         let stated = Some(size(640, 360));
         for fx in [0.5, 0.9] {
-            assert_eq!(frame(fx, 0.9, stated).misfit(size(320, 180)), None);
-            let misfit = frame(fx, 0.9, stated).misfit(size(360, 360)).unwrap();
-            assert_eq!(misfit, Misfit::Shape { stated: size(640, 360), found: size(360, 360) });
-            assert!(misfit.is_fatal());
+            assert_eq!(frame(fx, 0.9, stated).mismatch(size(320, 180)), None);
+            let mismatch = frame(fx, 0.9, stated).mismatch(size(360, 360)).unwrap();
+            assert_eq!(mismatch, PictureMismatch::Shape { stated: size(640, 360), found: size(360, 360) });
+            assert!(mismatch.is_fatal());
         }
     }
 
@@ -150,13 +150,15 @@ mod tests {
     fn square_crops_do_not_fit_intrinsics_of_wide_pictures() {
         let re10k = frame(0.482_334_223, 0.857_483_091, None);
         for fitting in [size(640, 360), size(1920, 1080), size(455, 256), size(57, 32)] {
-            assert_eq!(re10k.misfit(fitting), None, "{fitting}");
+            assert_eq!(re10k.mismatch(fitting), None, "{fitting}");
         }
-        let Some(misfit @ Misfit::Pixels { fitting, ratio, .. }) = re10k.misfit(size(256, 256)) else { panic!() };
+        let Some(mismatch @ PictureMismatch::Pixels { fitting, ratio, .. }) = re10k.mismatch(size(256, 256)) else {
+            panic!()
+        };
         assert_eq!(fitting, size(455, 256));
         Tolerance::absolute(1e-3).assert([ratio], [0.5625], "9 : 16");
-        assert!(misfit.is_fatal());
-        let message = misfit.to_string();
+        assert!(mismatch.is_fatal());
+        let message = mismatch.to_string();
         assert!(
             message.contains("455×256") && message.contains("256×256") && message.contains("0.56 : 1"),
             "{message}"
@@ -165,7 +167,7 @@ mod tests {
 
     #[test]
     fn nearly_square_pixels_are_not_fatal() {
-        let at = |fx: f64| frame(fx, 1.0, None).misfit(size(1000, 1000)).map(|misfit| misfit.is_fatal());
+        let at = |fx: f64| frame(fx, 1.0, None).mismatch(size(1000, 1000)).map(|mismatch| mismatch.is_fatal());
         assert_eq!(
             [0.88, 0.91, 0.975, 0.99, 1.0, 1.01, 1.025, 1.09, 1.12].map(at),
             [Some(true), Some(false), Some(false), None, None, None, Some(false), Some(false), Some(true)]

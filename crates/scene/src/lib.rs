@@ -35,7 +35,7 @@ pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use files::is_plain_name;
-pub use fit::Misfit;
+pub use fit::PictureMismatch;
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};

@@ -24,13 +24,13 @@ pub enum Picture {
     /// Encoded bytes inside a chunk, shared without a copy.
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
-    Made(Arc<dyn GeneratedPicture>),
+    Generated(Arc<dyn GeneratedPicture>),
 }
 
 impl Picture {
     /// Whether there is a picture to decode.
-    pub const fn is_there(&self) -> bool {
-        matches!(self, Self::File(_) | Self::Encoded(_) | Self::Made(_))
+    pub const fn is_available(&self) -> bool {
+        matches!(self, Self::File(_) | Self::Encoded(_) | Self::Generated(_))
     }
 }
 
@@ -45,7 +45,7 @@ pub trait GeneratedPicture: fmt::Debug + Send + Sync {
     /// Generates the picture, the same each time.
     ///
     /// # Errors
-    /// [`SceneError::Making`].
+    /// [`SceneError::Generating`].
     fn make(&self) -> Result<ImageU8, SceneError>;
 }
 
@@ -86,7 +86,8 @@ pub struct Frame {
     pub timestamp_micros: Option<i64>,
     /// Pose, intrinsics and lens.
     pub camera: Camera,
-    /// Picture size according to the metadata; if the file's size differs, the latter is used.
+    /// Picture size for which the metadata state the intrinsics. The picture may be a scaled copy of it, as in `images_4`; of
+    /// another shape it does not fit ([`Self::mismatch`]).
     pub stated_size: Option<ImageSize>,
     /// Where the picture is.
     pub picture: Picture,
@@ -115,7 +116,7 @@ impl Scene {
     /// [`Self::decode`] without the check that the picture fits its camera, for diagnostics.
     ///
     /// # Errors
-    /// Those of [`Self::decode`] except [`SceneError::Misfit`].
+    /// Those of [`Self::decode`] except [`SceneError::PictureMismatch`].
     pub fn decode_any_shape(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         self.frame(position)?.decode_any_shape(&self.key, position, limits)
     }
@@ -135,12 +136,12 @@ impl Frame {
     ///
     /// # Errors
     /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Pixels`] for bytes that
-    /// are not a picture or exceed `limits`, and [`SceneError::Misfit`] for a picture that does not fit the frame's camera.
+    /// are not a picture or exceed `limits`, and [`SceneError::PictureMismatch`] for a picture that does not fit the frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         let picture = self.decode_any_shape(scene, position, limits)?;
-        match self.misfit(ImageSize { width: picture.width(), height: picture.height() }) {
+        match self.mismatch(ImageSize { width: picture.width(), height: picture.height() }) {
             Some(source) if source.is_fatal() => {
-                Err(SceneError::Misfit { scene: scene.to_owned(), frame: position, source })
+                Err(SceneError::PictureMismatch { scene: scene.to_owned(), frame: position, source })
             }
             _ => Ok(picture),
         }
@@ -149,9 +150,9 @@ impl Frame {
     /// [`Self::decode`] without the check that the picture fits the frame's camera.
     ///
     /// # Errors
-    /// Those of [`Self::decode`] except [`SceneError::Misfit`].
+    /// Those of [`Self::decode`] except [`SceneError::PictureMismatch`].
     pub fn decode_any_shape(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
-        if let Picture::Made(picture) = &self.picture {
+        if let Picture::Generated(picture) = &self.picture {
             return picture.make();
         }
         Self::decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
@@ -173,13 +174,13 @@ impl Frame {
     /// The encoded picture: read from its file, borrowed from its chunk, or generated and encoded as PNG.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Making`].
+    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Generating`].
     pub fn bytes(&self, scene: &str, position: usize) -> Result<Cow<'_, [u8]>, SceneError> {
         let no_picture = |reason: String| SceneError::NoPicture { scene: scene.to_owned(), frame: position, reason };
         match &self.picture {
             Picture::File(path) => Ok(Cow::Owned(read_file("reading a picture", path)?)),
             Picture::Encoded(bytes) => Ok(Cow::Borrowed(bytes)),
-            Picture::Made(picture) => {
+            Picture::Generated(picture) => {
                 atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(in_frame(scene, position))
             }
             Picture::Absent => Err(no_picture("the source has no pictures".to_owned())),
@@ -190,7 +191,7 @@ impl Frame {
     /// The picture's size, from its header.
     ///
     /// # Errors
-    /// Those of [`Self::decode`] except [`SceneError::Misfit`].
+    /// Those of [`Self::decode`] except [`SceneError::PictureMismatch`].
     pub fn size(&self, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
         self.header(scene, position).map(|header| header.size)
     }
@@ -202,7 +203,9 @@ impl Frame {
     pub fn header(&self, scene: &str, position: usize) -> Result<PictureHeader, SceneError> {
         match &self.picture {
             Picture::File(path) => header_of_file(path, in_frame(scene, position)),
-            Picture::Made(picture) => Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false }),
+            Picture::Generated(picture) => {
+                Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false })
+            }
             _ => header_of(&self.bytes(scene, position)?).map_err(in_frame(scene, position)),
         }
     }

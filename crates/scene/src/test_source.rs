@@ -54,7 +54,7 @@ impl SceneSource for TestSource {
         let path = || PathBuf::from("memory");
         if self.unreadable.contains(key) {
             let cut = std::io::Error::from(std::io::ErrorKind::UnexpectedEof);
-            return Err(SceneError::Io { action: "reading a trajectory", path: path(), source: cut });
+            return Err(SceneError::io("reading a trajectory", path())(cut));
         }
         self.scenes.get(key).cloned().ok_or_else(|| SceneError::unknown_scene(key, &path()))
     }

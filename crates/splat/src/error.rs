@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use atsplat_files::FileError;
 use thiserror::Error;
 
 /// Errors of reading, editing, rendering and writing Gaussians.
@@ -90,16 +91,8 @@ pub enum SplatError {
         path: PathBuf,
     },
     /// Reading or writing failed.
-    #[error("{action} {path}")]
-    Io {
-        /// The operation, "reading" or "writing".
-        action: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        #[source]
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// Rendering would need more memory than the limit.
     #[error("rendering needs {needed} bytes, the limit is {limit}")]
     Memory {

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
+use atsplat_files::FileError;
 use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
@@ -106,8 +107,7 @@ struct Trip {
 }
 
 fn length(path: &Path) -> Result<u64, SplatError> {
-    let data = fs::metadata(path);
-    data.map(|data| data.len()).map_err(|source| SplatError::Io { action: "reading", path: path.to_owned(), source })
+    fs::metadata(path).map(|data| data.len()).map_err(FileError::during("reading the size", path))
 }
 
 impl Trip {

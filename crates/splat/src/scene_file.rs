@@ -5,7 +5,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FileError, Sha256Digest};
 use serde::Serialize;
 
 use crate::files::{self, Encoding, Format};
@@ -111,7 +111,7 @@ impl SceneFile {
 
 /// Hash and length of a regular file.
 fn sha256(path: &Path) -> Result<(Sha256Digest, u64), SplatError> {
-    let failed = |source| SplatError::Io { action: "reading", path: path.to_owned(), source };
+    let failed = |source| SplatError::from(FileError { action: "reading Gaussians", path: path.to_owned(), source });
     if !std::fs::metadata(path).map_err(failed)?.is_file() {
         return Err(failed(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")));
     }

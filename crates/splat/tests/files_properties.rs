@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use atsplat_files::FileError;
 use atsplat_numeric::Tolerance;
 use atsplat_splat::files::{Encoding, Output, parse, read, write};
 use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
@@ -329,7 +330,10 @@ fn rejects_unknown_formats() {
         "f.gif: first bytes: expected a PLY, SPZ or .splat file, found \"GIF89a\""
     );
     assert_eq!(error_of(&[0; 33], "f.SPLAT"), "f.SPLAT: file size: expected a multiple of 32 bytes, found 33 bytes");
-    assert!(matches!(read(Path::new("absent.ply")), Err(SplatError::Io { action: "reading", .. })));
+    assert!(matches!(
+        read(Path::new("absent.ply")),
+        Err(SplatError::Io(FileError { action: "reading Gaussians", .. }))
+    ));
 }
 
 /// Opacities written by pixelSplat look like logits of opacities between 0.5 and 0.73.

@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use atsplat_files::{FileError, Malformed};
 use atsplat_pickle::TorchError;
 use thiserror::Error;
 
@@ -8,27 +9,11 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum TensorError {
     /// A file could not be read or written.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// To which file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// A file or tensor is malformed.
-    #[error("{what}: {location}: expected {expected}, found {found}")]
-    Malformed {
-        /// What was being read, e.g. "safetensors file".
-        what: &'static str,
-        /// Line and column, byte, or tensor.
-        location: String,
-        /// What was expected.
-        expected: String,
-        /// What was found, shortened.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// A checkpoint is not a file of `torch.save`.
     #[error("checkpoint: {0}")]
     Torch(#[from] TorchError),
@@ -51,34 +36,22 @@ pub enum TensorError {
 }
 
 impl TensorError {
-    #[expect(clippy::needless_pass_by_value, reason = "callers pass numbers and new strings as often as borrowed ones")]
     pub(crate) fn malformed(
         what: &'static str,
         location: impl Into<String>,
         expected: impl Into<String>,
         found: impl ToString,
     ) -> Self {
-        let found = shortened(&found.to_string());
-        Self::Malformed { what, location: location.into(), expected: expected.into(), found }
+        Malformed::new(what, location, expected, found).into()
     }
 
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.into();
-        move |source| Self::Io { action, path, source }
+        FileError::during(action, path)
     }
 
     /// The same error with its file.
     #[must_use]
     pub fn in_file(self, path: impl Into<PathBuf>) -> Self {
         Self::InFile { path: path.into(), source: Box::new(self) }
-    }
-}
-
-/// At most 200 characters of untrusted text.
-pub fn shortened(text: &str) -> String {
-    const SHOWN: usize = 200;
-    match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text.to_owned(),
     }
 }

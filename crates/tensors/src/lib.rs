@@ -9,7 +9,7 @@ mod stored;
 mod tensor;
 
 pub use atsplat_pickle::DType;
-pub use error::{TensorError, shortened};
+pub use error::TensorError;
 pub use stored::{StoredTensors, TensorFile};
 pub use tensor::StoredTensor;
 

@@ -65,7 +65,7 @@ impl TensorFile {
         let found =
             Self::open(path).inspect(|file| tracing::info!(file = %path.display(), file.sha256, "read weights"));
         found.map_err(|error| match error {
-            TensorError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+            TensorError::Io(error) if error.source.kind() == std::io::ErrorKind::NotFound => {
                 TensorError::Missing { expected: expected(), path: path.to_owned() }
             }
             other => other,

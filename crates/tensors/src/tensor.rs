@@ -76,7 +76,7 @@ impl StoredTensor {
     ///
     /// # Errors
     /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
-    pub fn to_half(&self) -> Result<Self, TensorError> {
+    pub fn to_f16(&self) -> Result<Self, TensorError> {
         self.to_halves(DType::F16, "numbers that f16 can hold, up to 65504", |value| {
             let half = f16::from_f32(value);
             (half.is_finite(), half.to_le_bytes())
@@ -87,7 +87,7 @@ impl StoredTensor {
     ///
     /// # Errors
     /// [`TensorError::Malformed`] for integers, and if a finite value overflows.
-    pub fn to_brain(&self) -> Result<Self, TensorError> {
+    pub fn to_bf16(&self) -> Result<Self, TensorError> {
         self.to_halves(DType::Bf16, "numbers that bf16 can hold, up to 3.3895e38", |value| {
             let brain = bf16::from_f32(value);
             (brain.is_finite(), brain.to_le_bytes())
@@ -219,7 +219,7 @@ mod tests {
         assert!(StoredTensor::from_f32(vec![], &[1.0]).unwrap().part(0, 1).is_err(), "a scalar has no parts");
         assert!(StoredTensor::joined(&[]).is_err());
         assert!(StoredTensor::joined(&[&counted(&[2, 2]), &counted(&[2, 3])]).is_err());
-        assert!(StoredTensor::joined(&[&first, &second.to_half().unwrap()]).is_err());
+        assert!(StoredTensor::joined(&[&first, &second.to_f16().unwrap()]).is_err());
     }
 
     #[test]
@@ -231,11 +231,11 @@ mod tests {
         assert!(tensor(DType::I64, &[0; 8]).unwrap().to_f32().is_err());
         assert!(tensor(DType::F32, &[0; 5]).is_err(), "five bytes are not an f32");
         assert!(StoredTensor::new(DType::U8, vec![usize::MAX, 2], SharedBytes::new(vec![])).is_err());
-        assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_half().is_err(), "beyond the range of f16");
-        assert_values(&StoredTensor::from_f32(vec![1], &[65504.0]).unwrap().to_half().unwrap(), &[65504.0]);
+        assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_f16().is_err(), "beyond the range of f16");
+        assert_values(&StoredTensor::from_f32(vec![1], &[65504.0]).unwrap().to_f16().unwrap(), &[65504.0]);
         // 257 and 259 lie half-way between values with eight significant bits and round to even.
-        let brain = StoredTensor::from_f32(vec![3], &[257.0, 259.0, -1e30]).unwrap().to_brain().unwrap();
+        let brain = StoredTensor::from_f32(vec![3], &[257.0, 259.0, -1e30]).unwrap().to_bf16().unwrap();
         assert_values(&brain, &[256.0, 260.0, f64::from(bf16::from_f32(-1e30).to_f32())]);
-        assert!(StoredTensor::from_f32(vec![1], &[f32::MAX]).unwrap().to_brain().is_err(), "rounds to infinity");
+        assert!(StoredTensor::from_f32(vec![1], &[f32::MAX]).unwrap().to_bf16().is_err(), "rounds to infinity");
     }
 }

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::CameraError;
+use atsplat_files::{FileError, Malformed};
 use atsplat_metrics::MetricError;
 use atsplat_model::ModelError;
 use atsplat_pixels::PixelError;
@@ -17,27 +18,11 @@ use crate::Diagnosis;
 #[non_exhaustive]
 pub enum TrainError {
     /// A file could not be read or written.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// To which file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// A configuration, checkpoint or log is malformed.
-    #[error("{what}: {location}: expected {expected}, found {found}")]
-    Malformed {
-        /// What was being read, e.g. "training configuration".
-        what: &'static str,
-        /// File, line, field or tensor.
-        location: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// Too many steps in a row failed.
     #[error("{0}")]
     Stopped(Box<Diagnosis>),
@@ -84,29 +69,27 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    #[expect(clippy::needless_pass_by_value, reason = "callers pass numbers and new strings as often as borrowed ones")]
     pub(crate) fn malformed(
         what: &'static str,
         location: impl Into<String>,
         expected: impl Into<String>,
         found: impl ToString,
     ) -> Self {
-        let found = found.to_string();
-        Self::Malformed { what, location: location.into(), expected: expected.into(), found }
+        Malformed::new(what, location, expected, found).into()
     }
 
     /// The same error with the file that holds the field.
     pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
-            Self::Malformed { what, location, expected, found } => {
-                Self::Malformed { what, location: format!("{}, field {location}", path.display()), expected, found }
+            Self::Malformed(malformed) => {
+                let location = format!("{}, field {}", path.display(), malformed.location);
+                Self::Malformed(Malformed { location, ..malformed })
             }
             other => other,
         }
     }
 
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.into();
-        move |source| Self::Io { action, path, source }
+        FileError::during(action, path)
     }
 }

@@ -103,3 +103,18 @@ pub(crate) fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError
     let ssim = ssim(&pair, Values::Clipped, Ssim::SKIMAGE_GAUSSIAN)?;
     Ok(Scores { psnr: psnr(&pair, Values::Clipped).capped(DECIBEL_CAP).unwrap_or(f64::NAN), ssim })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    /// A difference of 0.1 everywhere has PSNR 20 dB. Two constants have no variance, so that SSIM is its luminance term.
+    #[test]
+    fn scores_of_constant_pictures() {
+        let constant = |value: f32| Image::new(16, 16, vec![value; 16 * 16 * 3]).unwrap();
+        let found = scores(&constant(0.5), &constant(0.6)).unwrap();
+        let ssim = (2.0 * 0.5 * 0.6 + 1e-4) / (0.25 + 0.36 + 1e-4);
+        Tolerance::absolute(1e-5).assert([found.psnr, found.ssim], [20.0, ssim], "PSNR and SSIM");
+    }
+}

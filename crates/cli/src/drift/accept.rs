@@ -1,11 +1,9 @@
-use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_eval::Results;
-use atsplat_eval::drift::probe::{Inputs, Pipeline, Recipe, run as run_probe};
-use atsplat_eval::drift::{Acceptance, Baseline, Limit, Verdict, compare, date};
+use atsplat_eval::drift::probe::{Inputs, Pipeline, run as run_probe};
+use atsplat_eval::drift::{Acceptance, AcceptanceReport, Baseline, compare, date};
 use clap::builder::NonEmptyStringValueParser;
-use serde::Serialize;
 
 use super::recipe;
 use crate::exit::Exit;
@@ -43,21 +41,6 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// The accepted baseline.
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Report {
-    baseline: PathBuf,
-    /// Verdict of the new numbers against the old baseline, if there was one.
-    moved: Option<Verdict>,
-    accepted: Acceptance,
-    acceptances: usize,
-    trials: usize,
-    targets: usize,
-    limits: Vec<Limit>,
-    probe: Option<Recipe>,
-}
-
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let requested = args.probe.as_deref().map(recipe).transpose()?;
     let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
@@ -90,38 +73,6 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         baseline = baseline.with_probe(recipe, &outputs);
     }
     baseline.write(&args.baseline)?;
-    let report = Report {
-        baseline: args.baseline.clone(),
-        moved,
-        accepted: acceptance,
-        acceptances: baseline.history.len(),
-        trials: baseline.trials.len(),
-        targets: baseline.targets.len(),
-        limits: baseline.limits,
-        probe: baseline.probe.map(|probe| probe.recipe),
-    };
-    print_report(&report, args.json)?;
+    print_report(&AcceptanceReport::new(&args.baseline, baseline, acceptance, moved), args.json)?;
     Ok(Exit::Done)
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { baseline, moved, accepted, acceptances, trials, targets, limits, probe } = self;
-        writeln!(f, "{}: {targets} targets of {trials} trials, accepted on {}", baseline.display(), accepted.date)?;
-        match moved {
-            None => writeln!(f, "a new baseline")?,
-            Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
-            Some(Verdict::Nothing) => {
-                writeln!(f, "the old baseline had none of these numbers; acceptance {acceptances} of this baseline")?;
-            }
-            Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
-        }
-        for limit in limits {
-            writeln!(f, "{limit}")?;
-        }
-        match probe {
-            Some(recipe) => writeln!(f, "probe: {} with constants {}", recipe.model, recipe.constants),
-            None => writeln!(f, "no probe: drift will not be attributed"),
-        }
-    }
 }

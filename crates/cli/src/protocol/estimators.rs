@@ -1,11 +1,9 @@
 //! `atsplat protocol estimators`: compares overlap estimators with true co-visibility on simulated scenes.
 
 use atsplat_camera::ImageSize;
-use atsplat_eval::overlap_estimators::{EstimatedPair, EstimatorReport, EstimatorStudy, KINDS};
+use atsplat_eval::overlap_estimators::{EstimatorStudy, KINDS};
 use atsplat_protocol::overlap::OverlapEstimator;
-use atsplat_protocol::{BinRule, OverlapBins};
-use atsplat_report::plot::{EstimatePoint, EstimatorPanel, EstimatorScatter};
-use atsplat_rooms::SceneKind;
+use atsplat_report::figures::of_estimators;
 
 use crate::output::print_report;
 use crate::parse;
@@ -47,7 +45,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let report = study.run(&estimators, &|| progress.step())?;
     drop(progress);
     if let Some(plot) = plot {
-        plot.finish(|format| scatter(&report, &estimators).draw().encode(format))?;
+        plot.finish(|format| of_estimators(&report, &estimators).draw().encode(format))?;
     }
     print_report(&report, args.json)?;
     Ok(true)
@@ -61,37 +59,4 @@ fn estimators() -> anyhow::Result<Vec<OverlapEstimator>> {
         &["epipolar-ray", "depth-covisibility"]
     };
     names.iter().map(|name| parse::estimator(name)).collect()
-}
-
-fn scatter(report: &EstimatorReport, estimators: &[OverlapEstimator]) -> EstimatorScatter {
-    let bins = OverlapBins::noposplat(BinRule::Strict);
-    let point = |pair: &EstimatedPair, at: usize| {
-        let kind = KINDS.iter().position(|kind| *kind == pair.kind)?;
-        let estimate = pair.estimates.get(at).copied().flatten()?;
-        Some(EstimatePoint { kind, truth: pair.truth, estimate })
-    };
-    let panel = |(at, estimator): (usize, &OverlapEstimator)| {
-        let rank = |kind: SceneKind| {
-            let mut rows = report.estimators.iter();
-            rows.find(|row| row.kind == kind && row.estimator == estimator.name())?.rank_correlation
-        };
-        EstimatorPanel {
-            estimator: estimator.name().to_owned(),
-            points: report.pairs.iter().filter_map(|pair| point(pair, at)).collect(),
-            rank_correlations: KINDS.map(rank).to_vec(),
-        }
-    };
-    EstimatorScatter {
-        title: "Estimated overlap against true co-visibility".to_owned(),
-        subtitle: format!(
-            "{} pairs of views of {} simulated scenes, {}; tinted squares: both in the same of NoPoSplat's bins",
-            report.pairs.len(),
-            report.scenes,
-            report.size
-        ),
-        kinds: KINDS.map(|kind| kind.to_string()).to_vec(),
-        bins: bins.names().to_vec(),
-        edges: bins.edges().to_vec(),
-        panels: estimators.iter().enumerate().map(panel).collect(),
-    }
 }

@@ -1,13 +1,9 @@
-use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_protocol::extrapolation::{
-    Extrapolation, ExtrapolationReport, Incomplete, Margin, Placement, scene_lengths,
-};
+use atsplat_protocol::extrapolation::{Extrapolation, Incomplete, Margin, Placement, scene_lengths};
 use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
 use indexmap::IndexMap;
-use serde::Serialize;
 
 use crate::dataset_args::PictureArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
@@ -46,10 +42,6 @@ pub(crate) struct Args {
     json: bool,
 }
 
-#[derive(Serialize)]
-#[serde(transparent)]
-struct Report(ExtrapolationReport);
-
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let index = IndexFile::read(&args.index)?.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
     let out = PendingFile::open(&args.out)?;
@@ -72,30 +64,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     // With data, a scene of unknown length is missing.
     let all_found = args.data.is_none() || report.length_unknown == 0;
     let complete = all_found && report.left_out() == 0;
-    print_report(&Report(report), args.json)?;
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
     Ok(complete)
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let report = &self.0;
-        let rows = [
-            ("null scenes", report.null_scenes),
-            ("windows that start at frame 0", report.started_at_zero),
-            ("windows shifted later", report.shifted_later),
-            ("windows shifted earlier", report.shifted_earlier),
-            ("entries with every target", report.complete),
-            ("entries clipped", report.clipped.len()),
-            ("entries dropped, scene too short", report.too_short.len()),
-            ("entries dropped, no room before the window", report.no_room_before.len()),
-            ("entries dropped, no room after the window", report.no_room_after.len()),
-            ("entries dropped, frames outside the scene", report.invalid.len()),
-            ("entries whose scene length is unknown", report.length_unknown),
-        ];
-        for (what, count) in rows {
-            writeln!(f, "{count:>7}  {what}")?;
-        }
-        writeln!(f, "targets by distance: {}", report.targets_by_distance)
-    }
 }

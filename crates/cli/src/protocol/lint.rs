@@ -1,12 +1,8 @@
-use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_protocol::{
-    Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Misfit, Preset, compare, lint_file,
-};
+use atsplat_protocol::{DatasetCheck, FullLint, IndexFile, LintOptions, Preset, PresetMatch, compare, lint_file};
 use atsplat_scene::Warnings;
-use serde::Serialize;
 
 use crate::dataset_args::PictureArgs;
 use crate::output::{print_report, print_warnings};
@@ -37,27 +33,6 @@ pub(crate) struct Args {
     json: bool,
 }
 
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Report<'a> {
-    #[serde(flatten)]
-    lint: LintReport,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    preset: Option<PresetMatch<'a>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    against: Option<Comparability>,
-}
-
-#[derive(Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct PresetMatch<'a> {
-    name: &'a str,
-    #[serde(flatten)]
-    index: IndexMatch<'a>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    misfits: Vec<Misfit>,
-}
-
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let file = IndexFile::read(&args.index)?;
     let preset = args.preset.as_deref().map(Preset::resolve).transpose()?;
@@ -79,28 +54,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         None => None,
     };
     let complete = lint.dataset.as_ref().is_none_or(|facts| facts.dropped.is_empty());
-    let preset = preset.as_ref().map(|preset| PresetMatch {
-        name: &preset.name,
-        index: preset.index.recognise(&file),
-        misfits: preset.misfits(&file.index, &file.sha256),
-    });
-    print_report(&Report { lint, preset, against }, args.json)?;
+    let preset = preset.as_ref().map(|preset| PresetMatch::new(preset, &file));
+    print_report(&FullLint { lint, preset, against }, args.json)?;
     print_warnings(&warnings);
     Ok(complete)
-}
-
-impl fmt::Display for Report<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.lint)?;
-        if let Some(PresetMatch { name, index, misfits }) = &self.preset {
-            writeln!(f, "\npreset {name}: {index}")?;
-            for Misfit { kind, count, example } in misfits {
-                writeln!(f, "    does not fit: {count} {kind}: {example}")?;
-            }
-        }
-        if let Some(against) = &self.against {
-            write!(f, "\nagainst the second index\n{against}")?;
-        }
-        Ok(())
-    }
 }

@@ -3,23 +3,23 @@
 pub(crate) mod input;
 pub(crate) mod network;
 mod output;
-mod report;
 
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_eval::reconstruct::{self, TokenRecord};
+use atsplat_eval::reconstruct::{
+    self, Clock, GaussianFrame, MemoryRecord, Record, Report, SceneFormat, TokenRecord, write_gaussians,
+};
 use atsplat_eval::timing::memory;
 use atsplat_model::budget;
 use atsplat_scene::Warnings;
 
 use crate::expansion::UNTRAINED;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
-use crate::parse::usage_error;
+use crate::parse::{named, usage_error};
 use input::InputArgs;
 use network::NetworkArgs;
-use output::{FrameArg, PlotArgs, RenderArgs, SceneFormat};
-use report::{Clock, Record, Report};
+use output::{FRAMES, PlotArgs, RenderArgs};
 
 // The dataset comes first, as in the other commands.
 #[derive(Debug, clap::Args)]
@@ -34,14 +34,14 @@ pub(crate) struct Args {
     #[command(flatten, next_help_heading = "Network")]
     network: NetworkArgs,
 
-    /// File that ends in .ply or .spz; FILE.json next to it records how it was reconstruction.
+    /// File that ends in .ply or .spz; FILE.json next to it records how it was made.
     #[arg(long, short, value_name = "FILE", value_parser = output::path, help_heading = "Output")]
     out: PathBuf,
 
     /// Coordinate frame of the file: the dataset's, in which its cameras fit the Gaussians, or the network's, that of the
     /// normalised poses.
-    #[arg(long, value_name = "FRAME", default_value = "scene", help_heading = "Output")]
-    frame: FrameArg,
+    #[arg(long, value_name = "FRAME", default_value = "scene", value_parser = named(FRAMES), help_heading = "Output")]
+    frame: GaussianFrame,
 
     #[command(flatten, next_help_heading = "Output")]
     renders: RenderArgs,
@@ -81,12 +81,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let reconstruction = network.reconstruct(&views, args.network.seed).context("reconstructing")?;
     clock.extend(reconstruction.seconds.stages());
 
-    let output = clock.time("writing", || {
+    let output = clock.time("writing", || -> anyhow::Result<_> {
         let in_scene = match args.frame {
-            FrameArg::Network => None,
-            FrameArg::Scene => Some(photos.in_scene(&reconstruction.gaussians)?),
+            GaussianFrame::Network => None,
+            GaussianFrame::Scene => Some(photos.in_scene(&reconstruction.gaussians)?),
         };
-        output::write(&args.out, in_scene.as_ref().unwrap_or(&reconstruction.gaussians), format, args.frame)
+        let gaussians = in_scene.as_ref().unwrap_or(&reconstruction.gaussians);
+        Ok(write_gaussians(&args.out, gaussians, format, args.frame)?)
     })?;
     let renders = clock.time("renders", || args.renders.render(&reconstruction.gaussians, &photos))?;
     let subject = match weights.untrained() {
@@ -116,7 +117,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let report = Report {
         record,
         seconds: clock,
-        memory: report::MemoryRecord::of(reconstruction.memory, memory::peak_bytes()),
+        memory: MemoryRecord::of(reconstruction.memory, memory::peak_bytes()),
         size,
         explain: args.explain,
     };

@@ -1,58 +1,22 @@
-//! The output files: Gaussians, renders and plots.
+//! Arguments of the output files: Gaussians, renders and plots.
 
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::images::frame_file_name;
-use atsplat_eval::reconstruct::{Photos, RendersRecord, write_renders};
+use atsplat_eval::reconstruct::{GaussianFrame, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders};
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
 use atsplat_report::figures::of_expansion;
 use atsplat_report::plot::PlotFormat;
-use atsplat_splat::files::{self, Encoding, Output};
 use atsplat_splat::{Gaussians, RenderOptions};
-use clap::ValueEnum;
-use serde::Serialize;
 
 use crate::expansion::study_trial;
 use crate::output::PendingFile;
 use crate::parse;
 
-/// Coordinate frame of the Gaussians.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum FrameArg {
-    Scene,
-    Network,
-}
-
-/// Format of the scene file, by its extension.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum SceneFormat {
-    Ply,
-    Spz,
-}
-
-/// What was written.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct OutputRecord {
-    pub(super) file: PathBuf,
-    format: Output,
-    /// Coordinate frame of the Gaussians.
-    pub(super) frame: FrameArg,
-    pub(super) gaussians: usize,
-    pub(super) sh_degree: u8,
-}
-
-impl SceneFormat {
-    pub(super) fn of_path(path: &Path) -> Result<Self, String> {
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("ply") => Ok(Self::Ply),
-            Some("spz") => Ok(Self::Spz),
-            _ => Err(format!("expected a file that ends in .ply or .spz, found {}", path.display())),
-        }
-    }
-}
+/// Coordinate frames of the Gaussians.
+pub(super) const FRAMES: [(&str, GaussianFrame); 2] =
+    [("scene", GaussianFrame::Scene), ("network", GaussianFrame::Network)];
 
 /// Parses `--out`.
 pub(super) fn path(text: &str) -> Result<PathBuf, String> {
@@ -66,27 +30,6 @@ pub(super) fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".json");
     PathBuf::from(name)
-}
-
-/// Writes Gaussians that are given in this frame.
-pub(super) fn write(
-    path: &Path,
-    gaussians: &Gaussians,
-    format: SceneFormat,
-    frame: FrameArg,
-) -> anyhow::Result<OutputRecord> {
-    let format = match format {
-        SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
-        SceneFormat::Spz => Output::Spz3 { antialiased: false },
-    };
-    files::write(path, gaussians, format)?;
-    Ok(OutputRecord {
-        file: path.to_owned(),
-        format,
-        frame,
-        gaussians: gaussians.len(),
-        sh_degree: gaussians.sh_degree(),
-    })
 }
 
 #[derive(Debug, clap::Args)]
@@ -148,14 +91,6 @@ pub(super) struct PlotArgs {
     /// for each expanding block.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
-}
-
-/// The plots.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct PlotsRecord {
-    pub(super) folder: PathBuf,
-    pub(super) files: Vec<String>,
 }
 
 impl PlotArgs {

@@ -1,8 +1,7 @@
-use atsplat_splat::effects::{EffectPlan, EffectSelection, EffectSummary, Scene};
-use atsplat_splat::{RenderOptions, Renderer, Rendering, SplatError};
+use atsplat_eval::rendering::Look;
+use atsplat_splat::RenderOptions;
+use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
-use super::frames::Frame;
-use super::views::Shot;
 use crate::parse;
 
 /// Which effects run.
@@ -24,40 +23,8 @@ pub(crate) struct EffectArgs {
     pub(crate) explain: bool,
 }
 
-/// Render options, and which effects may be skipped.
-#[derive(Debug)]
-pub(crate) struct Look {
-    pub(crate) options: RenderOptions,
-    effects: EffectSelection,
-    tolerance: f64,
-}
-
 impl EffectArgs {
     pub(crate) fn look(&self, options: RenderOptions) -> Look {
         Look { options, effects: self.effects.clone(), tolerance: self.tolerance }
-    }
-}
-
-impl Look {
-    /// Plans the effects of a view.
-    pub(crate) fn plan(&self, scene: &Scene<'_>, shot: &Shot) -> Result<EffectPlan, SplatError> {
-        let options = shot.exposed(&self.options);
-        EffectPlan::for_scene(scene, &shot.view, &options, &self.effects, self.tolerance)
-    }
-
-    /// Plans and renders a view.
-    pub(crate) fn render(
-        &self,
-        renderer: &mut dyn Renderer,
-        scene: &Scene<'_>,
-        shot: &Shot,
-    ) -> Result<(Rendering<f32>, EffectPlan), SplatError> {
-        let plan = self.plan(scene, shot)?;
-        Ok((plan.render(renderer, scene.gaussians())?, plan))
-    }
-
-    /// Summarises the effects of all frames.
-    pub(crate) fn summary(&self, frames: &[Frame]) -> EffectSummary {
-        EffectSummary::new(&self.effects, self.tolerance, &frames.iter().map(|frame| frame.decisions.as_slice()))
     }
 }

@@ -1,13 +1,10 @@
 //! `--exposure`: the exposure applied to colour after compositing.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use anyhow::{Context as _, bail};
+use atsplat_eval::rendering::{Exposures, ExposuresError};
 use atsplat_splat::{Exposure, LARGEST_CHANNEL};
-
-use super::views::Shot;
 
 /// One gain for all views, or a file of matrices.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,50 +28,14 @@ impl FromStr for ExposureArg {
     }
 }
 
-/// The exposure of each view.
-#[derive(Debug)]
-pub(crate) enum Exposures {
-    /// From the camera file, if it has any.
-    OfCameras,
-    Uniform(Exposure),
-    /// By view name.
-    Listed {
-        file: PathBuf,
-        by_name: BTreeMap<String, Exposure>,
-    },
-}
-
-impl Exposures {
-    /// Reads the file, if given, in the format of 3DGS' `exposure.json` (graphdeco-inria/gaussian-splatting
-    /// `scene/__init__.py`): an object with a 3×4 array per view name.
-    pub(crate) fn read(arg: Option<&ExposureArg>) -> anyhow::Result<Self> {
-        let file = match arg {
-            None => return Ok(Self::OfCameras),
-            Some(ExposureArg::Gain(gain)) => return Ok(Self::Uniform(Exposure::uniform(*gain))),
-            Some(ExposureArg::File(file)) => file.clone(),
-        };
-        let reading = || format!("reading exposures from {}", file.display());
-        let bytes = std::fs::read(&file).with_context(reading)?;
-        let arrays: BTreeMap<String, [[f64; 4]; 3]> = atsplat_scene::json::parse(&bytes)
-            .and_then(serde_json::from_value)
-            .with_context(|| format!("{}: expected a 3×4 array per view name", reading()))?;
-        let by_name = arrays.into_iter().map(|(name, array)| (name, Exposure::from_3dgs(array))).collect();
-        Ok(Self::Listed { file, by_name })
-    }
-
-    /// Sets the exposure of the views.
-    pub(crate) fn expose(&self, shots: &mut [Shot]) -> anyhow::Result<()> {
-        for shot in shots {
-            match self {
-                Self::OfCameras => {}
-                Self::Uniform(exposure) => shot.exposure = Some(*exposure),
-                Self::Listed { file, by_name } => match by_name.get(&shot.name) {
-                    Some(exposure) => shot.exposure = Some(*exposure),
-                    None => bail!("{} has no exposure for the view {:?}", file.display(), shot.name),
-                },
-            }
+impl ExposureArg {
+    /// The exposures; those of the cameras without an argument.
+    pub(crate) fn read(arg: Option<&Self>) -> Result<Exposures, ExposuresError> {
+        match arg {
+            None => Ok(Exposures::OfCameras),
+            Some(Self::Gain(gain)) => Ok(Exposures::Uniform(Exposure::uniform(*gain))),
+            Some(Self::File(file)) => Exposures::read(file),
         }
-        Ok(())
     }
 }
 

@@ -1,11 +1,8 @@
 use anyhow::bail;
 use atsplat_splat::scene_file::SceneFile;
-use atsplat_splat::{Channels, MAX_SH_DEGREE, PrincipalPoint, RasterMode, RenderOptions, RendererConstants};
+use atsplat_splat::{Channels, MAX_SH_DEGREE, RasterMode, RenderOptions, RendererConstants};
 use clap::ValueEnum;
-use serde::Serialize;
-use serde_json::Value;
 
-use super::views::Shot;
 use crate::parse;
 
 /// Render options.
@@ -47,17 +44,6 @@ pub(super) enum ChannelArg {
     Depth,
     Scalar,
     MedianDepth,
-}
-
-/// [`RenderOptions`] as recorded in `render.json`.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct LookRecord {
-    constants: Value,
-    background: [f64; 3],
-    mode: RasterMode,
-    max_sh_degree: u8,
-    channels: Channels,
 }
 
 impl LookArgs {
@@ -105,38 +91,6 @@ impl LookArgs {
             max_sh_degree: self.sh_degree,
             channels,
             ..RenderOptions::default()
-        })
-    }
-}
-
-/// The warning about principal points that the constants ignore.
-pub(crate) fn ignored_principal_points(constants: &RendererConstants, shots: &[Shot]) -> Option<String> {
-    const CENTRED: f64 = 1e-3;
-    let is_off = |shot: &&Shot| {
-        let intrinsics = shot.view.camera.intrinsics;
-        !((intrinsics.cx - 0.5).abs() <= CENTRED && (intrinsics.cy - 0.5).abs() <= CENTRED)
-    };
-    let off = shots.iter().filter(is_off).count();
-    (off > 0 && constants.principal_point == PrincipalPoint::Centre).then(|| {
-        format!("{off} cameras have a principal point off the centre, which the constants {} ignore", constants.name)
-    })
-}
-
-impl LookRecord {
-    pub(crate) fn of(options: &RenderOptions) -> anyhow::Result<Self> {
-        let mut constants = serde_json::to_value(&options.constants)?;
-        if options.constants.far.is_infinite()
-            && let Some(far) = constants.get_mut("far")
-        {
-            // JSON has no infinity.
-            *far = Value::from("inf");
-        }
-        Ok(Self {
-            constants,
-            background: options.background,
-            mode: options.mode,
-            max_sh_degree: options.max_sh_degree,
-            channels: options.channels,
         })
     }
 }

@@ -4,10 +4,8 @@ pub(crate) mod backend;
 mod check;
 mod effects;
 mod exposures;
-mod frames;
 mod look;
 mod preview;
-mod report;
 mod scene_file;
 mod views;
 
@@ -15,6 +13,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::frame_timings::FrameTimings;
+use atsplat_eval::rendering::{
+    Frame, FrameCounts, FrameFiles, LookRecord, Plan, Record, RenderFile, Report, Shot, ViewRecord,
+    empty_frames_warning, ignored_principal_points, render_all, unknown_images,
+};
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::effects::Scene;
@@ -23,18 +25,16 @@ use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
 use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, View};
 use clap::ValueEnum;
 
-use crate::output::{print_report, print_warnings, warn};
+use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse::named;
 use crate::progress::Progress;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
-use exposures::{ExposureArg, Exposures};
-use frames::{Frame, FrameFiles, empty_frames_warning, open_folder, render_all, unknown_images};
-use look::{LookArgs, LookRecord, ignored_principal_points};
+use exposures::ExposureArg;
+use look::LookArgs;
 use preview::PreviewArgs;
-use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
 use scene_file::SceneArgs;
-use views::{Plan, Shot, ViewArgs};
+use views::ViewArgs;
 
 /// Pairs of renders over which the cost of an effect is the median.
 const EXPLANATION_PAIRS: usize = 5;
@@ -110,10 +110,11 @@ const ROUNDINGS: [(&str, Rounding); 2] = [("nearest", Rounding::Nearest), ("trun
 /// Renders; `true` if every frame is complete.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    args.views.reject_overwriting(&args.out.join("render.json"))?;
-    let exposures = Exposures::read(args.exposure.as_ref())?;
+    let record = args.out.join("render.json");
+    args.views.reject_overwriting(&record)?;
+    let exposures = ExposureArg::read(args.exposure.as_ref())?;
     let Backend { mut renderer, note } = backend(args.backend, args.adapter.as_ref())?;
-    let record_file = open_folder(&args.out)?;
+    let record_file = PendingFile::open(&record)?;
     let preview_file = args.preview.open()?;
     let constants = args.look.constants()?;
     let mut warnings = Warnings::new();
@@ -129,6 +130,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let mut preview = preview_file.map(|file| args.preview.start(file, &shots)).transpose()?;
     let files = args.files();
+    let progress = Progress::new("frames", shots.len());
     let frames = render_all(
         renderer.as_mut(),
         (&Scene::new(&gaussians, shots.len()), &shots),
@@ -136,7 +138,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         &files,
         preview.as_mut().map(|pending| &mut pending.preview),
         args.timings,
+        &|| progress.step(),
     )?;
+    drop(progress);
     let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
     let faults = || shots.iter().zip(&frames).filter_map(|(shot, frame)| Some((shot.number, frame.fault.as_ref()?)));
     if done == 0 {
@@ -167,7 +171,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         effects: look.summary(&frames),
         rounding: files.rounding,
         values: "display-referred RGB, over the background",
-        frames: FrameCounts { asked: shots.len(), done, failed: shots.len() - done },
+        frames: FrameCounts { requested: shots.len(), done, failed: shots.len() - done },
         census,
         round_trip,
         warnings: notes,

@@ -2,10 +2,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::images::is_frame_file_name;
+use atsplat_eval::rendering::Shot;
 use atsplat_files::Writer;
 use atsplat_pixels::Preview;
 
-use super::views::Shot;
 use crate::output::PendingFile;
 
 /// Arguments of the animated preview.

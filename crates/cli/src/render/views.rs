@@ -3,11 +3,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
+use atsplat_eval::rendering::{PathRecord, Plan, Shot};
 use atsplat_scene::Warnings;
-use atsplat_scene::camera_file::{self, CameraRecord, FileCamera, LensOfPoses};
-use atsplat_splat::{Exposure, Gaussians, RenderOptions, View, framing};
+use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
+use atsplat_splat::{Exposure, Gaussians, View, framing};
 use clap::ArgGroup;
-use serde::Serialize;
 
 use crate::parse::{self, Axis};
 use crate::selection::Selection;
@@ -87,62 +87,6 @@ pub(crate) struct ViewArgs {
 
 const SPACINGS: [(&str, Spacing); 2] = [("way", Spacing::ArcLength), ("time", Spacing::Time)];
 
-/// One image to render.
-#[derive(Clone, Debug)]
-pub(crate) struct Shot {
-    /// Number in its file names.
-    pub(crate) number: usize,
-    pub(crate) name: String,
-    pub(crate) view: View,
-    pub(crate) exposure: Option<Exposure>,
-}
-
-impl Shot {
-    /// The camera as recorded in `render.json`.
-    pub(crate) fn record(&self) -> CameraRecord {
-        let exposure = self.exposure.map(|exposure| exposure.to_3dgs());
-        CameraRecord::new(self.number, self.name.clone(), &self.view.camera, self.view.size, exposure)
-    }
-
-    /// The same options with the exposure of this shot.
-    pub(crate) fn exposed(&self, options: &RenderOptions) -> RenderOptions {
-        RenderOptions { exposure: self.exposure, ..options.clone() }
-    }
-}
-
-/// The images to render, and how their cameras were found.
-#[derive(Debug)]
-pub(crate) struct Plan {
-    pub(crate) shots: Vec<Shot>,
-    pub(crate) path: PathRecord,
-    /// Warnings.
-    pub(crate) notes: Vec<String>,
-}
-
-/// How the cameras were found.
-#[derive(Debug, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
-pub(crate) enum PathRecord {
-    Cameras {
-        file: PathBuf,
-    },
-    Orbit {
-        target: [f64; 3],
-        up: [f64; 3],
-        distance: f64,
-        framed_radius: f64,
-        elevation_degrees: f64,
-        azimuth_degrees: f64,
-        sweep_degrees: f64,
-    },
-    Spline {
-        file: PathBuf,
-        keys: usize,
-        closed: bool,
-        spacing: Spacing,
-    },
-}
-
 impl ViewArgs {
     /// Rejects invalid values before any file is read.
     pub(crate) fn check(&self) -> Result<(), String> {
@@ -202,7 +146,7 @@ impl ViewArgs {
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
         let spline = if self.closed { CameraSpline::closed(keys)? } else { CameraSpline::open(keys)? };
         let views = spline.resampled(count, self.spacing)?;
-        Ok(Plan { shots: numbered(views, size), path, notes })
+        Ok(Plan { shots: Shot::numbered(views, size), path, notes })
     }
 
     fn along(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<Shot>> {
@@ -257,16 +201,10 @@ impl ViewArgs {
             azimuth_degrees: self.azimuth,
             sweep_degrees: self.sweep,
         };
-        Ok(Plan { shots: numbered(views, size), path, notes: Vec::new() })
+        Ok(Plan { shots: Shot::numbered(views, size), path, notes: Vec::new() })
     }
 }
 
 fn radians(degrees: f64) -> f64 {
     degrees * (PI / 180.0)
-}
-
-fn numbered(cameras: Vec<Camera>, size: ImageSize) -> Vec<Shot> {
-    let shot =
-        |(number, camera)| Shot { number, name: format!("{number}"), view: View { camera, size }, exposure: None };
-    cameras.into_iter().enumerate().map(shot).collect()
 }

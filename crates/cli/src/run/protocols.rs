@@ -79,7 +79,7 @@ impl ProtocolArgs {
         if let Some(sampler) = &self.sampler {
             return Ok(PlannedIndex::sampled(sampler, &parse::rule(sampler)?, source, warnings));
         }
-        let default = || PlannedIndex::beside(&self.data, preset);
+        let default = || PlannedIndex::next_to(&self.data, preset);
         let Some(path) = self.index.clone().or_else(default) else {
             let accepted: Vec<&str> = preset.index.accepted.iter().map(|accepted| accepted.name.as_str()).collect();
             bail!(

@@ -82,7 +82,7 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let terms = Terms::default().named().map(|(name, _)| name);
     let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
     let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();
-    let name = args.config.file_stem().unwrap_or_default().to_string_lossy();
+    let name = args.config.file_stem().unwrap_or(args.config.as_os_str()).to_string_lossy();
     let samples = trainer.evaluation().map_or(0, |evaluation| evaluation.samples().len());
     let curve = LearningCurve {
         title: &trainer.config().title,

@@ -1,5 +1,3 @@
-use std::collections::BTreeMap;
-use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
@@ -7,8 +5,9 @@ use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ImportReport, KeyMap, KnownFile, ModelWeights, Precision, TensorFile, read_backbone};
-use serde::Serialize;
+use atsplat_model::weights::{
+    ImportedBackbone, ImportedFile, KeyMap, KnownFile, ModelWeights, Precision, TensorFile, read_backbone,
+};
 
 use crate::model_args::model;
 use crate::output::{PendingFile, print_report, warn};
@@ -61,28 +60,6 @@ pub(crate) struct Args {
 const PRECISIONS: [(&str, Precision); 3] =
     [("f32", Precision::Single), ("f16", Precision::Half), ("bf16", Precision::Brain)];
 
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct Report {
-    file: PathBuf,
-    sha256: String,
-    model: String,
-    complete: bool,
-    #[serde(flatten)]
-    found: ImportReport,
-    backbone: Option<BackboneRow>,
-    out: Option<PathBuf>,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct BackboneRow {
-    file: PathBuf,
-    sha256: String,
-    known: Option<&'static str>,
-    matched: usize,
-}
-
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let config = ModelConfig::resolve(&args.model)?;
     let map = KeyMap::resolve(&args.key_map)?;
@@ -106,19 +83,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let (mut tensors, found) = map.apply(&source.stored, &expected);
     let complete = found.is_complete();
     let lacks_backbone = found.missing.iter().any(|missing| missing.parameter.starts_with("backbone."));
-    let row = args.backbone.clone().zip(backbone.as_ref()).map(|(file, backbone)| BackboneRow {
-        file,
-        sha256: backbone.sha256.clone(),
-        known: backbone.known.map(|known| known.what),
-        matched: backbone.report.matched.len(),
-    });
-    let mut report = Report {
+    let mut report = ImportedFile {
         file: args.file.clone(),
         sha256: source.sha256,
         model: config.name.clone(),
         complete,
         found,
-        backbone: row,
+        backbone: args.backbone.clone().zip(backbone.as_ref()).map(|(file, read)| ImportedBackbone::new(file, read)),
         out: None,
     };
     if !complete {
@@ -138,40 +109,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_report(&report, args.json)?;
     Ok(true)
-}
-
-impl Report {
-    /// Provenance recorded in the file; notes of the user take precedence.
-    fn provenance(&self, notes: &[(String, String)]) -> BTreeMap<String, String> {
-        let name = self.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let mut provenance = BTreeMap::from([
-            ("imported-by".to_owned(), format!("atsplat {}", env!("CARGO_PKG_VERSION"))),
-            ("imported-from".to_owned(), name),
-            ("imported-sha256".to_owned(), self.sha256.clone()),
-            ("key-map".to_owned(), self.found.key_map.clone()),
-        ]);
-        if let Some(BackboneRow { sha256, known: what, .. }) = &self.backbone {
-            provenance.insert("backbone-sha256".to_owned(), sha256.clone());
-            provenance.insert("backbone".to_owned(), what.unwrap_or("of no known hash").to_owned());
-        }
-        provenance.extend(notes.iter().cloned());
-        provenance
-    }
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} (sha256 {})\n{}", self.file.display(), self.sha256, self.found)?;
-        if let Some(BackboneRow { file, sha256, known, matched }) = &self.backbone {
-            let known = known.unwrap_or("an unknown file");
-            writeln!(f, "backbone: {matched} parameters of {} (sha256 {sha256}): {known}", file.display())?;
-        }
-        match &self.out {
-            Some(out) => writeln!(f, "the model {} into {}", self.model, out.display()),
-            None if self.complete => writeln!(f, "complete: --out writes it"),
-            None => Ok(()),
-        }
-    }
 }
 
 /// Parses the name or path of a key map.

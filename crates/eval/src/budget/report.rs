@@ -220,3 +220,21 @@ impl BudgetRow {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_keeps_to_the_formula_within_both_bounds_of_every_count() {
+        let tokens = |initial, block, gaussians| Tokens { initial, blocks: vec![10, block], r#final: block, gaussians };
+        let (least, most) = (tokens(4, 10, 80), tokens(4, 20, 160));
+        for within in [tokens(4, 10, 80), tokens(4, 15, 120), tokens(4, 20, 160)] {
+            assert!(within.is_between(&least, &most), "{within:?}");
+        }
+        let shorter = Tokens { blocks: vec![10], ..tokens(4, 15, 120) };
+        for outside in [tokens(5, 15, 120), tokens(4, 9, 120), tokens(4, 21, 120), tokens(4, 15, 161), shorter] {
+            assert!(!outside.is_between(&least, &most), "{outside:?}");
+        }
+    }
+}

@@ -100,7 +100,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
     let before = found.datasets.len();
     for name in Preset::names() {
         let preset = Preset::named(name)?;
-        if preset.stands_for.is_some() || !suits(dataset.format, &preset) {
+        if preset.stands_for.is_some() || !is_compatible(dataset.format, &preset) {
             continue;
         }
         let what = format!("{name} on {}", dataset.path.display());
@@ -112,7 +112,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         match index(folder, dataset.format, &source, &preset, warnings) {
             Ok((index, source)) => {
                 let taken = found.datasets.iter().any(|other| other.name == name);
-                let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                let place = name_of(&dataset.path);
                 let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
                 found.datasets.push(Dataset { name, preset, source, description, index });
             }
@@ -127,8 +127,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         match sampled(&source, &preset, warnings) {
             Ok(index) => {
                 let description = dataset.path.display().to_string();
-                let name =
-                    format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
+                let name = format!("{}@{}", preset.name, name_of(&dataset.path));
                 found.datasets.push(Dataset { name, preset, source, description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
@@ -137,8 +136,13 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
     Ok(())
 }
 
+/// The last part of a path, or all of it if it ends in `..` or is a root.
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
 /// Whether a dataset of this format can be the preset's.
-fn suits(format: Format, preset: &Preset) -> bool {
+fn is_compatible(format: Format, preset: &Preset) -> bool {
     match preset.dataset.as_str() {
         "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
         "dl3dv" => matches!(format, Format::Nerfstudio | Format::TorchChunks),
@@ -178,8 +182,8 @@ fn index(
 ) -> Result<(PlannedIndex, Arc<dyn SceneSource>), String> {
     match PlannedIndex::read(folder, preset, source.as_ref(), warnings) {
         Ok(index) => {
-            let is_there = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
-            if index.index.scenes.iter().any(is_there) {
+            let is_available = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
+            if index.index.scenes.iter().any(is_available) {
                 return Ok((index, Arc::clone(source)));
             }
         }
@@ -222,7 +226,7 @@ fn picture_size(source: &dyn SceneSource) -> Option<ImageSize> {
 
 fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
+    let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
     Some((scene, at))
 }
 

@@ -154,11 +154,11 @@ impl Baseline {
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: Written =
-            serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "a baseline", error))?;
+            serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "file", "a baseline", error))?;
         let Written { format, history, provenance, limits, probe, numbers, pictures, trials, targets } = written;
         if !(OLDEST..=FORMAT).contains(&format) {
             let expected = format!("format {OLDEST} to {FORMAT}");
-            return Err(DriftError::malformed(path, expected, format!("format {format}")));
+            return Err(DriftError::malformed(path, "field format", expected, format!("format {format}")));
         }
         // Older formats have these values only in their rows.
         let pictures = if format < WITH_PICTURES { pictures_of_targets(&targets) } else { pictures };
@@ -187,9 +187,10 @@ impl Baseline {
         let Some(record) = &self.probe else { return Ok(None) };
         let path = Self::probe_path(path);
         let bytes = std::fs::read(&path).map_err(DriftError::io("reading a baseline's probe", &path))?;
-        let outputs = Outputs::from_bytes(&bytes).map_err(|error| DriftError::malformed(&path, "a probe", error))?;
+        let outputs =
+            Outputs::from_bytes(&bytes).map_err(|error| DriftError::malformed(&path, "file", "a probe", error))?;
         if outputs.fingerprints() != record.stages {
-            return Err(DriftError::malformed(&path, "the values of the baseline's probe", "other values"));
+            return Err(DriftError::malformed(&path, "values", "the values of the baseline's probe", "other values"));
         }
         Ok(Some((record.recipe.clone(), outputs)))
     }
@@ -217,7 +218,8 @@ impl Baseline {
             trials: Vec::new(),
             targets: Vec::new(),
         };
-        let invalid = |error: serde_json::Error| DriftError::malformed(path, "numbers that JSON can represent", error);
+        let invalid =
+            |error: serde_json::Error| DriftError::malformed(path, "numbers", "numbers that JSON can represent", error);
         let mut text = serde_json::to_string_pretty(&head).map_err(invalid)?;
         // The four empty lists at the end are replaced by lists with one row per line.
         let end = text.rfind("\"numbers\": []").expect("the head ends with empty lists");

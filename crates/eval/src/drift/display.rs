@@ -1,5 +1,7 @@
 use std::fmt;
 
+use atsplat_files::shortened;
+
 use super::figures::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{Basis, ChangedPicture, Comparison, DataComparison, DriftReport, Finding, Limit, PictureRole, Verdict};
@@ -60,7 +62,9 @@ impl fmt::Display for DriftReport {
             writeln!(f, "\nDifferent from the baseline:")?;
         }
         for difference in differences {
-            let shown = |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), shortened);
+            // Values such as configurations are long.
+            let shown =
+                |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), |text| shortened(text, 48));
             writeln!(
                 f,
                 "  {}: was {}, is now {}",
@@ -188,13 +192,4 @@ impl fmt::Display for Attribution {
         }
         Ok(())
     }
-}
-
-/// Truncates long values such as configurations.
-fn shortened(value: &str) -> String {
-    const MAX_LENGTH: usize = 48;
-    if value.chars().count() <= MAX_LENGTH {
-        return value.to_owned();
-    }
-    value.chars().take(MAX_LENGTH).chain("…".chars()).collect()
 }

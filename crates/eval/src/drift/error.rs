@@ -1,6 +1,7 @@
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use atsplat_files::{FileError, Malformed};
 use thiserror::Error;
 
 /// Why a baseline cannot be read, compared with or replaced.
@@ -8,25 +9,11 @@ use thiserror::Error;
 #[non_exhaustive]
 pub enum DriftError {
     /// A file operation failed.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// A file that is not a valid baseline.
-    #[error("{}: expected {expected}, found {found}", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
     /// An invalid value.
     #[error("{what}: expected {expected}, found {found}")]
     Invalid {
@@ -49,12 +36,11 @@ pub enum DriftError {
 
 impl DriftError {
     pub(super) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::Io { action, path: path.to_owned(), source }
+        FileError::during(action, path)
     }
 
-    pub(super) fn malformed(path: &Path, expected: impl Into<String>, found: impl Display) -> Self {
-        let found = found.to_string().chars().take(200).collect();
-        Self::Malformed { path: path.to_owned(), expected: expected.into(), found }
+    pub(super) fn malformed(path: &Path, location: &str, expected: impl Into<String>, found: impl Display) -> Self {
+        Malformed::new("baseline", location, expected, found).in_file(path).into()
     }
 
     pub(super) fn invalid(what: &'static str, expected: impl Into<String>, found: impl Display) -> Self {

@@ -7,6 +7,7 @@
 //! reviewed and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] lists changed pictures, and [`probe`] finds
 //! the changed stage. If nothing could be compared, the verdict is [`Verdict::Nothing`] rather than [`Verdict::Same`].
 
+mod acceptance;
 mod baseline;
 mod compare;
 mod data;
@@ -22,6 +23,7 @@ mod report;
 #[cfg(test)]
 mod tests;
 
+pub use acceptance::AcceptanceReport;
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use compare::compare;
 pub use data::{ChangedPicture, DataComparison, PictureDigest, PictureRole};

@@ -118,7 +118,7 @@ fn focus(view: &View, gaussians: &Gaussians) -> [f64; 3] {
 fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Vec<LiveStage> {
     let made = &trace.made;
     let first = trace.entering.first().unwrap_or(&made.gaussians);
-    let per_token = made.budget.gaussians.checked_div(made.budget.final_tokens).unwrap_or(1).max(1);
+    let per_token = made.budget.gaussians_per_token();
     let mut origins = vec![0; first.len() / per_token];
     let mut scores: Vec<f32> = vec![uncertainty[0]; origins.len()];
     let mut stages = Vec::with_capacity(made.blocks.len() + 1);

@@ -22,6 +22,8 @@ mod photos;
 mod record;
 mod rendered;
 mod renders;
+mod report;
+mod scene_file;
 
 use atsplat_model::network::{Network, Reconstruction};
 use atsplat_scene::{Scene, Warnings};
@@ -31,6 +33,8 @@ pub use photos::{PhotoSelection, Photos, photo_recipe};
 pub use record::{BlockRecord, InputRecord, NormalisationRecord, TokenRecord, ViewRecord, warnings};
 pub use rendered::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
+pub use report::{Clock, MemoryRecord, PlotsRecord, Record, Report};
+pub use scene_file::{GaussianFrame, OutputRecord, SceneFormat, write_gaussians};
 
 /// Why photos cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]

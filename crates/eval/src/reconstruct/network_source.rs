@@ -76,7 +76,6 @@ pub enum WeightsRecord {
         /// Their seed.
         seed: u64,
         /// The warning that must accompany them.
-        #[serde(rename = "told")]
         message: &'static str,
         /// The trained backbone, if any.
         backbone: Option<BackboneRecord>,

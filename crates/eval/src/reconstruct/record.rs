@@ -106,7 +106,7 @@ impl TokenRecord {
     /// Counts the tokens of a reconstruction.
     pub fn of(reconstruction: &Reconstruction) -> Self {
         let budget = &reconstruction.budget;
-        let per_token = budget.gaussians.checked_div(budget.final_tokens).unwrap_or(0);
+        let per_token = budget.gaussians_per_token();
         let mut entered = budget.initial_tokens;
         let rows = budget.expanded.iter().zip(&budget.tokens).zip(&reconstruction.blocks);
         let blocks = rows.map(|((&expanded, &left), outcome)| {

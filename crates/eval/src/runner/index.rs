@@ -78,7 +78,7 @@ impl PlannedIndex {
 
     /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its
     /// folder.
-    pub fn beside(data: &Path, preset: &Preset) -> Option<PathBuf> {
+    pub fn next_to(data: &Path, preset: &Preset) -> Option<PathBuf> {
         let names = [
             format!("{}.json", preset.name),
             format!("evaluation_index_{}.json", preset.dataset),

@@ -1,6 +1,5 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use atsplat_metrics::Suite;
 use atsplat_protocol::Preset;
@@ -11,7 +10,7 @@ use serde::Serialize;
 use super::selection::Selected;
 use super::{KeepPictures, PlannedIndex, Selection, metric_records};
 use crate::method::Method;
-use crate::timing::{Machine, TimingPlan};
+use crate::timing::{Machine, TimingPlan, unix_seconds};
 use crate::{EvalError, PresetRecord, Provenance};
 
 /// A dataset with the protocol that it is evaluated under.
@@ -158,7 +157,7 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Resul
 
 /// The part of a provenance record that describes the machine and the moment. `commit` is the build's, `command` the
 /// command line.
-pub fn here(version: &str, commit: Option<&str>, command: Vec<String>) -> Provenance {
+pub fn current_provenance(version: &str, commit: Option<&str>, command: Vec<String>) -> Provenance {
     let Machine { processor, platform, threads, .. } = Machine::current();
     Provenance {
         atsplat: version.to_owned(),
@@ -166,7 +165,7 @@ pub fn here(version: &str, commit: Option<&str>, command: Vec<String>) -> Proven
         platform,
         processor,
         threads,
-        started: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs()),
+        started: unix_seconds(),
         command,
         ..Provenance::default()
     }

@@ -33,8 +33,8 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
             outdated.check_missing_scene(scene);
         }
         outdated.into_result()?;
-        for misfit in dataset.preset.misfits(&index, &dataset.index.sha256) {
-            findings.add(&dataset.name, &misfit.kind, misfit.count, misfit.example);
+        for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256) {
+            findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         for methods in groups(&dataset.preset, plan.methods) {
             let walk = Walk { plan, dataset, methods, store: &store, pictures, step };

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use atsplat_numeric::{SplitMix64, median};
 
 use super::pictures::{self, CONTEXT, TRUTH};
+use crate::store::disk;
 use crate::{EvalError, Results, TargetRow, TrialKey};
 
 // Numbers of trials whose pictures are kept with `KeepPictures::Worst`: of the lowest and of the highest mean PSNR, and of those
@@ -66,8 +67,7 @@ pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(),
 }
 
 fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
-    let Ok(entries) = fs::read_dir(folder) else { return Ok(()) };
-    for path in entries.flatten().map(|entry| entry.path()).filter(|path| !kept.contains(path)) {
+    for path in disk::files(folder)?.into_iter().filter(|path| !kept.contains(path)) {
         fs::remove_dir_all(&path).map_err(EvalError::io("removing pictures", &path))?;
     }
     Ok(())
@@ -96,4 +96,23 @@ fn mean_psnr(rows: &[TargetRow]) -> Option<f64> {
     let score = |row: &TargetRow| row.scores.iter().find(|(id, _)| id.starts_with("psnr")).map(|(_, score)| *score);
     let scores: Vec<f64> = rows.iter().filter_map(score).collect();
     (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / scores.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_that_are_not_kept_are_removed_or_it_is_an_error() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("method");
+        let [kept, other] = ["a-0", "b-0"].map(|name| folder.join(name));
+        [&kept, &other].into_iter().for_each(|path| fs::create_dir_all(path).unwrap());
+        retain(&folder, &[kept.clone()].into()).unwrap();
+        assert!(kept.exists() && !other.exists());
+        retain(&root.path().join("none"), &BTreeSet::new()).unwrap();
+        let file = root.path().join("file");
+        fs::write(&file, "").unwrap();
+        assert!(matches!(retain(&file, &BTreeSet::new()), Err(EvalError::Io(_))));
+    }
 }

@@ -37,7 +37,7 @@ impl AlreadyCropped {
 
 fn first_size(source: &dyn SceneSource, key: &str) -> Option<ImageSize> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
+    let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
     scene.frames.get(at)?.size(key, at).ok()
 }
 
@@ -49,11 +49,11 @@ impl SceneSource for AlreadyCropped {
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.inner.load(key, warnings)?;
         for frame in &mut scene.frames {
-            if frame.misfit(self.plan.output()).is_some_and(|misfit| misfit.is_fatal()) {
+            if frame.mismatch(self.plan.output()).is_some_and(|mismatch| mismatch.is_fatal()) {
                 frame.camera = self
                     .plan
                     .camera(&frame.camera)
-                    .map_err(|error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) })?;
+                    .map_err(|error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) })?;
                 // The stated size is that of the whole picture; the crop is checked by its pixels' shape.
                 frame.stated_size = None;
             }

@@ -29,7 +29,7 @@ impl SceneSource for PresentFrames {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.0.load(key, warnings)?;
-        scene.frames.retain(|frame| frame.picture.is_there());
+        scene.frames.retain(|frame| frame.picture.is_available());
         Ok(scene)
     }
 }

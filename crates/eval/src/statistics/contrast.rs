@@ -67,4 +67,22 @@ mod tests {
         assert_eq!((gain.is_positive(), gain.is_negative()), (true, false));
         assert_eq!((loss.is_positive(), loss.is_negative()), (false, true));
     }
+
+    /// 2 · 5 − 3 · 1 = 7 and 2 · 4 − 3 · 2 = 2; the third target has no second score.
+    #[test]
+    fn results_are_weighted_target_by_target() {
+        let target = |scene, value: f64| SelectedTarget {
+            scene,
+            entry: 0,
+            target: 0,
+            distance: None,
+            overlap: None,
+            outcome: Outcome::Score { value, identical: false },
+        };
+        let first = [target("a", 5.0), target("b", 4.0), target("c", 100.0)];
+        let second =
+            [target("a", 1.0), target("b", 2.0), SelectedTarget { outcome: Outcome::Failed, ..target("c", 0.0) }];
+        let found = contrast(&[(&first, 2.0), (&second, -3.0)], Aggregation::SceneMeans).unwrap();
+        assert_eq!((found.value, found.scenes), (4.5, 2));
+    }
 }

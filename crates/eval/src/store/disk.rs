@@ -15,7 +15,7 @@ pub(crate) fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<(), EvalError>
 }
 
 /// Files of a folder, sorted by name; none if the folder does not exist.
-pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
+pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         outcome => outcome.map_err(EvalError::io("reading results", folder))?,

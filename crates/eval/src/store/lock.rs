@@ -2,12 +2,13 @@
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::disk;
 use crate::EvalError;
+use crate::timing::unix_seconds;
 
 /// The locked file. It stays behind, empty: removing it would let two writers lock two different files of that name.
 const LOCK: &str = "run.lock";
@@ -63,7 +64,7 @@ impl Drop for Lock {
 
 impl Holder {
     fn current() -> Self {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+        let since = unix_seconds();
         Self { pid: std::process::id(), host: host(), since }
     }
 }

@@ -48,8 +48,18 @@ pub(super) fn read(store: &Path) -> Result<Parts, EvalError> {
             Some("json") => {
                 // A part that was removed after the folder was listed is in the tables by now.
                 let Some(bytes) = disk::read(&path)? else { continue };
-                let part = serde_json::from_slice(&bytes)
+                let part: Part = serde_json::from_slice(&bytes)
                     .map_err(|error| EvalError::malformed(&path, "file", "the rows of a trial", error))?;
+                let expected = name(&part.trial.key);
+                if path.file_name().is_none_or(|found| *found != *expected) {
+                    let expected = format!("{expected}, which the trial's key gives");
+                    return Err(EvalError::malformed(
+                        &path,
+                        "file name",
+                        expected,
+                        "another: a copy, or an edited key",
+                    ));
+                }
                 parts.push((path, part));
             }
             Some(atsplat_files::PARTIAL) => unfinished.push(path),

@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
@@ -30,8 +30,12 @@ impl Content {
         loop {
             let before = stamps(folder);
             let content = Self::once(folder);
-            if attempts.next().is_none() || stamps(folder) == before {
+            if stamps(folder) == before {
                 return content;
+            }
+            if attempts.next().is_none() {
+                let found = format!("{ATTEMPTS} changes while they were read");
+                return Err(EvalError::malformed(folder, "tables", "files that another process leaves alone", found));
             }
         }
     }
@@ -43,10 +47,11 @@ impl Content {
         let schema = Schema::of_version(version).expect("a version with a known hash has a schema");
         // Parts before tables: a part that is removed meanwhile is in the tables.
         let (read, unfinished) = parts::read(folder)?;
-        let mut rows = tables(folder, &schema)?;
+        let replaced = read.iter().map(|(_, part)| part.trial.key.clone()).collect();
+        let mut rows = tables(folder, &schema, &replaced)?;
         let mut files = unfinished;
         for (path, Part { trial, mut targets }) in read {
-            targets.sort_by_key(|row| row.target);
+            check_targets(&path, &trial, &mut targets)?;
             rows.insert(trial.key.clone(), (trial, targets));
             files.push(path);
         }
@@ -100,12 +105,13 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
 
 type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
 
-/// The rows of the compacted tables; none if there are no tables.
-pub(super) fn tables(folder: &Path, schema: &Schema) -> Result<Rows, EvalError> {
+/// The rows of the compacted tables, except the trials that parts `replace`; none if there are no tables. A run may be
+/// killed between writing the two tables: they then disagree about trials that the parts hold as well.
+pub(super) fn tables(folder: &Path, schema: &Schema, replaced: &BTreeSet<TrialKey>) -> Result<Rows, EvalError> {
     let mut rows = Rows::new();
     let path = folder.join(TRIALS);
     if let Some(table) = Table::read(&path, &schema.trials)? {
-        for trial in trials::rows(&table)? {
+        for trial in trials::rows(&table)?.into_iter().filter(|trial| !replaced.contains(&trial.key)) {
             let key = trial.key.clone();
             if rows.insert(key.clone(), (trial, Vec::new())).is_some() {
                 return Err(EvalError::malformed(&path, "rows", "every trial once", format!("{key} again")));
@@ -114,20 +120,27 @@ pub(super) fn tables(folder: &Path, schema: &Schema) -> Result<Rows, EvalError> 
     }
     let path = folder.join(TARGETS);
     if let Some(table) = Table::read(&path, &schema.targets)? {
-        for target in targets::rows(&table)? {
-            // A run may be killed between writing the two tables; the parts then hold the trial as well.
-            if let Some((_, targets)) = rows.get_mut(&target.key) {
-                targets.push(target);
+        for target in targets::rows(&table)?.into_iter().filter(|target| !replaced.contains(&target.key)) {
+            match rows.get_mut(&target.key) {
+                Some((_, targets)) => targets.push(target),
+                None => {
+                    let found = format!("a target of {}, of which there is no trial", target.key);
+                    return Err(EvalError::malformed(&path, "rows", format!("targets of trials in {TRIALS}"), found));
+                }
             }
         }
     }
-    for (key, (trial, targets)) in &mut rows {
-        targets.sort_by_key(|row| row.target);
-        let in_order = targets.iter().zip(0..).all(|(row, position)| row.target == position);
-        if !in_order || targets.len() as u64 != u64::from(trial.targets) {
-            let (expected, found) = (format!("{} targets of {key}", trial.targets), targets.len());
-            return Err(EvalError::malformed(&path, "rows", expected, found));
-        }
-    }
+    rows.values_mut().try_for_each(|(trial, targets)| check_targets(&path, trial, targets))?;
     Ok(rows)
+}
+
+/// Sorts the targets of a trial; each must be there once.
+fn check_targets(path: &Path, trial: &TrialRow, targets: &mut [TargetRow]) -> Result<(), EvalError> {
+    targets.sort_by_key(|row| row.target);
+    let in_order = targets.iter().zip(0..).all(|(row, position)| row.target == position && row.key == trial.key);
+    if in_order && targets.len() as u64 == u64::from(trial.targets) {
+        return Ok(());
+    }
+    let expected = format!("{} targets of {}, each once", trial.targets, trial.key);
+    Err(EvalError::malformed(path, "rows", expected, targets.len()))
 }

@@ -173,7 +173,7 @@ fn rejects_other_schemas_with_the_reason() {
     });
     assert!(matches!(other, EvalError::SchemaHash { .. }), "{other}");
     fs::write(folder.path().join(PROVENANCE), "{").unwrap();
-    assert!(matches!(Results::read(folder.path()), Err(EvalError::Malformed { .. })));
+    assert!(matches!(Results::read(folder.path()), Err(EvalError::Malformed(_))));
 }
 
 /// A version without the columns `gaussians`, `effects` and `psnr`.
@@ -184,7 +184,7 @@ fn later_columns_are_null_in_older_tables() {
     let mut older = Schema::of_version(SCHEMA_VERSION).unwrap();
     older.trials.retain(|column| !["gaussians", "effects"].contains(&column.name.as_str()));
     older.targets.retain(|column| column.name != "psnr");
-    let rows = read::tables(folder.path(), &older).unwrap();
+    let rows = read::tables(folder.path(), &older, &BTreeSet::new()).unwrap();
     let (trial, targets) = &rows[&key("a")];
     assert_eq!((trial.gaussians, trial.effects.len()), (None, 0));
     assert_eq!(trial.initial_tokens, Some(512));
@@ -198,12 +198,13 @@ fn errors_of_damaged_tables_name_the_location() {
     let schema = |change: fn(&mut Schema)| {
         let mut schema = Schema::of_version(SCHEMA_VERSION).unwrap();
         change(&mut schema);
-        read::tables(folder.path(), &schema).unwrap_err().to_string()
+        read::tables(folder.path(), &schema, &BTreeSet::new()).unwrap_err().to_string()
     };
     let absent = schema(|schema| {
         schema.trials.push(Column { name: "colour".to_owned(), kind: Kind::Text, nullable: true });
     });
-    assert!(absent.contains("trials.parquet: column colour") && absent.contains("no such column"), "{absent}");
+    assert!(absent.starts_with("results: column colour: ") && absent.contains("no such column"), "{absent}");
+    assert!(absent.ends_with("trials.parquet)"), "{absent}");
     let retyped = schema(|schema| schema.trials[0].kind = Kind::Number);
     assert!(retyped.contains("column preset: expected number"), "{retyped}");
     let null = schema(|schema| schema.trials.iter_mut().for_each(|column| column.nullable = false));
@@ -213,7 +214,7 @@ fn errors_of_damaged_tables_name_the_location() {
     for cut in [0, 3, bytes.len() / 2, bytes.len() - 1] {
         fs::write(&path, &bytes[..cut]).unwrap();
         let error = Results::read(folder.path()).unwrap_err();
-        assert!(matches!(error, EvalError::Malformed { .. }), "{error}");
+        assert!(matches!(error, EvalError::Malformed(_)), "{error}");
     }
 }
 
@@ -269,7 +270,7 @@ fn creating_a_store_checks_that_the_folder_is_writable() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("file"), b"").unwrap();
     let error = Store::create(&folder.path().join("file/store"), Provenance::default()).unwrap_err();
-    assert!(matches!(error, EvalError::Io { .. }), "{error}");
+    assert!(matches!(error, EvalError::Io(_)), "{error}");
     filled(&folder.path().join("store"), &[]);
     assert!(Store::create(&folder.path().join("store"), Provenance::default()).is_err());
 }
@@ -337,6 +338,50 @@ fn a_second_writer_is_rejected_with_the_first_ones_identity() {
     assert!(!folder.path().join("run.json").exists());
 }
 
+/// A finished run whose table of trials was lost: its targets do not vanish in silence.
+#[test]
+fn targets_without_their_trial_are_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["a", "b"]).finish().unwrap();
+    fs::remove_file(folder.path().join(TRIALS)).unwrap();
+    let error = Results::read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("expected targets of trials in trials.parquet") && error.contains("of which"), "{error}");
+}
+
+/// A trial is computed again with another number of targets, and the run is killed after the first table.
+#[test]
+fn a_run_killed_between_the_tables_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["a", "b"]).finish().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let more = TargetRow { target: 2, ..targets("a").remove(1) };
+    let longer = [targets("a"), vec![more]].concat();
+    store.append(&TrialRow { targets: 3, ..trial("a") }, &longer).unwrap();
+    let all = [longer.clone(), targets("b")].concat();
+    table::write(&folder.path().join(TARGETS), targets::columns(&all).frame()).unwrap();
+    drop(store);
+    let read = Results::read(folder.path()).unwrap();
+    assert_eq!((read.trials.len(), read.targets.len(), read.trials[0].targets), (2, 5, 3));
+    assert_eq!(Store::open(folder.path()).unwrap().finish().unwrap().targets, all);
+}
+
+#[test]
+fn copied_and_shortened_parts_are_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(filled(folder.path(), &["a"]));
+    let [part] = disk::files(&parts::folder(folder.path())).unwrap().try_into().unwrap();
+    let copy = part.with_file_name("copy.json");
+    fs::copy(&part, &copy).unwrap();
+    let error = Results::read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("file name") && error.ends_with("copy.json)"), "{error}");
+    fs::remove_file(copy).unwrap();
+    let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&part).unwrap()).unwrap();
+    value["targets"].as_array_mut().unwrap().pop();
+    fs::write(&part, value.to_string()).unwrap();
+    let error = Results::read(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("expected 2 targets of") && error.contains("found 1"), "{error}");
+}
+
 /// Reads while parts move into the tables: every trial that was finished before must be included.
 #[test]
 fn concurrent_readers_miss_no_finished_trial() {
@@ -376,7 +421,7 @@ fn an_invalid_protocol_is_reported_with_its_field() {
         value["presets"][0]["toml"] = text.into();
     });
     let message = error.to_string();
-    for part in ["provenance.json: presets", "walls, toml", "scene-medians"] {
+    for part in ["results: presets: ", "walls, toml", "scene-medians", "provenance.json)"] {
         assert!(message.contains(part), "{part}: {message}");
     }
 }

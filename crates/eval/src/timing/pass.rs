@@ -1,6 +1,5 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
@@ -9,7 +8,7 @@ use rayon::ThreadPool;
 use super::load::{LoadMonitor, OwnTime};
 use super::quiet;
 use super::samples::{PreparedTrial, Samples, is_long};
-use super::{Load, Machine, TimingRow};
+use super::{Load, Machine, TimingRow, unix_seconds};
 use crate::method::Method;
 use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
 use crate::{EvalError, Store};
@@ -53,7 +52,7 @@ pub(crate) fn pass(
         expected: format!("{threads} threads of its own"),
         found: error.to_string(),
     })?;
-    let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let started = unix_seconds();
     let pass = Pass { plan, timing, store, machine, started, pool: &pool, step };
     // On a thread outside any pool: a pool's thread would steal other work while it waits.
     let outcome = std::thread::scope(|scope| scope.spawn(|| pass.run()).join());

@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_eval::method::{Method, NearestView, Rendered, Warp};
-use atsplat_eval::runner::{Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, here, named_metrics, run};
+use atsplat_eval::runner::{
+    Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, current_provenance, named_metrics, run,
+};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TrialRow};
 use atsplat_files::Sha256Digest;
@@ -189,7 +191,7 @@ impl Run {
     /// Runs into a new or existing store, and checks the number of steps.
     pub(crate) fn run(&self, folder: &Path) -> Result<(Results, Summary), EvalError> {
         let plan = self.plan();
-        let store = Store::resume(folder, plan.provenance(here("0", None, Vec::new()))?)?;
+        let store = Store::resume(folder, plan.provenance(current_provenance("0", None, Vec::new()))?)?;
         let steps = AtomicU64::new(0);
         let outcome = run(&plan, store, &|| _ = steps.fetch_add(1, Ordering::Relaxed))?;
         assert_eq!(steps.into_inner(), plan.steps(), "every result and every timed method is a step");

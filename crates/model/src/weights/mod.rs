@@ -6,6 +6,7 @@
 
 mod backbone;
 mod generated;
+mod imported;
 mod inspection;
 mod key_map;
 mod known_files;
@@ -16,6 +17,7 @@ mod verification;
 pub use atsplat_tensors::{DType, StoredTensor, StoredTensors, TensorError, TensorFile};
 pub use backbone::{BackboneWeights, read_backbone};
 pub use generated::generated;
+pub use imported::{ImportedBackbone, ImportedFile};
 pub use inspection::{Backbone, Inspection};
 pub use key_map::KeyMap;
 pub use known_files::KnownFile;

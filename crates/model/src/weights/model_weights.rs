@@ -151,8 +151,8 @@ impl ModelWeights {
         for (name, tensor) in &self.tensors.tensors {
             let tensor = match precision {
                 Precision::Single => super::StoredTensor::from_f32(tensor.shape().to_vec(), &tensor.to_f32()?)?,
-                Precision::Half => tensor.to_half()?,
-                Precision::Brain => tensor.to_brain()?,
+                Precision::Half => tensor.to_f16()?,
+                Precision::Brain => tensor.to_bf16()?,
             };
             stored.tensors.insert(name.clone(), tensor);
         }

@@ -156,7 +156,7 @@ pub fn check_geometry(
 }
 
 fn frames_with_pictures(scene: &Scene) -> Vec<usize> {
-    (0..).zip(&scene.frames).filter(|(_, frame)| frame.picture.is_there()).map(|(position, _)| position).collect()
+    (0..).zip(&scene.frames).filter(|(_, frame)| frame.picture.is_available()).map(|(position, _)| position).collect()
 }
 
 /// `count` positions evenly spread over `length`, without repetition.

@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use atsplat_camera::{CameraError, ImageSize};
+use atsplat_files::FileError;
 use thiserror::Error;
 
 /// Errors of OpenCV and of its inputs.
@@ -45,21 +46,13 @@ pub enum OpenCvError {
         found: String,
     },
     /// A file could not be read or written.
-    #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// To which file.
-        path: PathBuf,
-        /// The operating system's error.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Io(#[from] FileError),
 }
 
 impl OpenCvError {
     /// [`Self::Io`] for `map_err`.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.into();
-        move |source| Self::Io { action, path, source }
+        FileError::during(action, path)
     }
 }

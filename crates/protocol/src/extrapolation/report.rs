@@ -1,3 +1,5 @@
+use std::fmt;
+
 use serde::Serialize;
 
 use super::TargetDistances;
@@ -42,5 +44,27 @@ impl ExtrapolationReport {
     /// Number of dropped entries, for any reason.
     pub fn left_out(&self) -> usize {
         [&self.too_short, &self.no_room_before, &self.no_room_after, &self.invalid].into_iter().map(Vec::len).sum()
+    }
+}
+
+impl fmt::Display for ExtrapolationReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows = [
+            ("null scenes", self.null_scenes),
+            ("windows that start at frame 0", self.started_at_zero),
+            ("windows shifted later", self.shifted_later),
+            ("windows shifted earlier", self.shifted_earlier),
+            ("entries with every target", self.complete),
+            ("entries clipped", self.clipped.len()),
+            ("entries dropped, scene too short", self.too_short.len()),
+            ("entries dropped, no room before the window", self.no_room_before.len()),
+            ("entries dropped, no room after the window", self.no_room_after.len()),
+            ("entries dropped, frames outside the scene", self.invalid.len()),
+            ("entries whose scene length is unknown", self.length_unknown),
+        ];
+        for (what, count) in rows {
+            writeln!(f, "{count:>7}  {what}")?;
+        }
+        writeln!(f, "targets by distance: {}", self.targets_by_distance)
     }
 }

@@ -1,4 +1,4 @@
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FileError, Malformed, Sha256Digest};
 use std::fs;
 use std::path::Path;
 
@@ -38,7 +38,7 @@ impl IndexFile {
     /// # Errors
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, ProtocolError> {
-        let bytes = fs::read(path).map_err(io("reading an evaluation index", path))?;
+        let bytes = fs::read(path).map_err(FileError::during::<ProtocolError>("reading an evaluation index", path))?;
         let file = Self::parse(&bytes).map_err(|error| error.in_file(path))?;
         let known = file.recognised().map_or("no published index", |known| known.path);
         tracing::info!(file = %path.display(), scenes = file.index.scenes.len(), known, "read evaluation index");
@@ -57,12 +57,10 @@ impl IndexFile {
     pub fn into_unambiguous(self) -> Result<EvaluationIndex, ProtocolError> {
         match self.notices.duplicate_keys.first() {
             None => Ok(self.index),
-            Some(key) => Err(ProtocolError::Malformed {
-                what: "evaluation index",
-                location: format!("scene {key:?}"),
-                expected: "every scene key once".to_owned(),
-                found: "it again".to_owned(),
-            }),
+            Some(key) => {
+                let location = format!("scene {key:?}");
+                Err(Malformed::new("evaluation index", location, "every scene key once", "it again").into())
+            }
         }
     }
 }
@@ -74,14 +72,10 @@ impl EvaluationIndex {
     /// [`ProtocolError::Io`].
     pub fn write(&self, path: &Path, layout: &IndexLayout) -> Result<Sha256Digest, ProtocolError> {
         let text = self.to_json(layout);
-        atsplat_files::write(path, text.as_bytes()).map_err(io("writing an evaluation index", path))?;
+        let failed = FileError::during::<ProtocolError>("writing an evaluation index", path);
+        atsplat_files::write(path, text.as_bytes()).map_err(failed)?;
         Ok(Sha256Digest::of(text.as_bytes()))
     }
-}
-
-fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> ProtocolError {
-    let path = path.to_owned();
-    move |source| ProtocolError::Io { action, path, source }
 }
 
 #[cfg(test)]

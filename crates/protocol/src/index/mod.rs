@@ -9,7 +9,7 @@ mod content;
 mod embedded;
 mod file;
 mod layout;
-mod misfit;
+mod mismatch;
 mod read;
 mod write;
 
@@ -20,7 +20,7 @@ use indexmap::IndexMap;
 
 pub use file::IndexFile;
 pub use layout::{AbsentForm, IndexLayout, LoneEntryForm, Spacing};
-pub use misfit::Misfit;
+pub use mismatch::IndexMismatch;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
 use crate::ProtocolError;

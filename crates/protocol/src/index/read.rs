@@ -2,6 +2,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fmt;
 
+use atsplat_files::{Malformed, shortened};
 use indexmap::IndexMap;
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
@@ -72,6 +73,9 @@ struct Forms {
     absent: Option<AbsentForm>,
 }
 
+/// The most characters of a file that a message shows.
+const SHOWN: usize = 80;
+
 enum Step {
     Scene(String),
     Entry(usize),
@@ -82,7 +86,7 @@ enum Step {
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Scene(key) => write!(f, "scene {:?}", shortened(key)),
+            Self::Scene(key) => write!(f, "scene {:?}", shortened(key, SHOWN)),
             Self::Entry(position) => write!(f, "entry {position}"),
             Self::Field(name) => write!(f, "field {name}"),
             Self::Element(position) => write!(f, "element {position}"),
@@ -115,23 +119,8 @@ impl Reading {
         let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "JSON"));
         let found =
             ["invalid type: ", "invalid value: "].iter().find_map(|prefix| found.strip_prefix(prefix)).unwrap_or(found);
-        ProtocolError::Malformed {
-            what: "evaluation index",
-            location: steps.join(", "),
-            expected: expected.to_owned(),
-            found: shortened(found),
-        }
+        Malformed::new("evaluation index", steps.join(", "), expected, shortened(found, SHOWN)).into()
     }
-}
-
-/// At most 80 characters of `text`.
-fn shortened(text: &str) -> String {
-    let mut chars = text.chars();
-    let mut short: String = chars.by_ref().take(80).collect();
-    if chars.next().is_some() {
-        short.push('…');
-    }
-    short
 }
 
 /// Seeds that share a [`Reading`] and deserialize by themselves as visitors.

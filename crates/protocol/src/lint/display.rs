@@ -29,7 +29,7 @@ impl fmt::Display for LintReport {
         row(f, "outside window", &self.share(self.outside_window, "targets"))?;
         row(f, "targets by distance", &self.targets_by_distance.to_string())?;
         row(f, "windows at frame 0", &self.windows_at_zero.to_string())?;
-        self.oddities(f)?;
+        self.irregularities(f)?;
         match &self.overlap {
             None => row(f, "overlap", "none")?,
             Some(overlap) => write!(f, "{overlap}")?,
@@ -48,7 +48,7 @@ impl LintReport {
     }
 
     /// Lines for irregularities; none if there are none.
-    fn oddities(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn irregularities(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let repeats = self.repeats;
         let mut odd = vec![
             (repeats.targets, "targets repeated in their entry"),

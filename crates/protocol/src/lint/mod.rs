@@ -3,10 +3,12 @@
 mod compare;
 mod dataset;
 mod display;
+mod full;
 mod report;
 
 pub use compare::{Comparability, Verdict, compare};
 pub use dataset::{DatasetCheck, DatasetFacts, DropExample};
+pub use full::{FullLint, PresetMatch};
 pub use report::{FileFacts, LintReport, OverlapFacts, RecognisedIndex, Repeats, Spread, TargetCount};
 
 use atsplat_scene::Warnings;

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_files::Malformed;
 use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
 use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
@@ -79,13 +80,7 @@ impl SceneSource for Dataset {
             return Err(SceneError::UnknownScene { key: key.to_owned(), path: "dataset".into() });
         }
         if key == "broken" {
-            return Err(SceneError::Malformed {
-                format: "test",
-                path: "broken.txt".into(),
-                location: "line 2".to_owned(),
-                expected: "19 columns".to_owned(),
-                found: "3".to_owned(),
-            });
+            return Err(Malformed::new("test", "line 2", "19 columns", 3).in_file("broken.txt").into());
         }
         warnings.push(WarningKind::DuplicateTimestamp, key, "frames 1 and 2");
         let fx = if key == "wide" { 0.3 } else { 0.5 };

@@ -1,6 +1,7 @@
 use std::path::{Component, Path, PathBuf};
 
 use atsplat_camera::ImageSize;
+use atsplat_files::FileError;
 use atsplat_pixels::{DecodeLimits, exr};
 
 use super::DepthMap;
@@ -26,10 +27,8 @@ impl DepthFolder {
     /// # Errors
     /// [`ProtocolError::Io`] if it cannot be read.
     pub fn open(root: &Path) -> Result<Self, ProtocolError> {
-        match std::fs::read_dir(root) {
-            Ok(_) => Ok(Self { root: root.to_owned() }),
-            Err(source) => Err(ProtocolError::Io { action: "opening depth maps", path: root.to_owned(), source }),
-        }
+        std::fs::read_dir(root).map_err(FileError::during::<ProtocolError>("opening depth maps", root))?;
+        Ok(Self { root: root.to_owned() })
     }
 
     /// Reads the depth map of one frame.
@@ -46,8 +45,7 @@ impl DepthFolder {
             return Err(refused("expected a path inside the folder of depth maps".to_owned()));
         }
         let limits = DecodeLimits::default();
-        let io = |source| ProtocolError::Io { action: "reading a depth map", path: path.clone(), source };
-        let bytes = std::fs::read(&path).map_err(io)?;
+        let bytes = std::fs::read(&path).map_err(FileError::during::<ProtocolError>("reading a depth map", &path))?;
         let channels = exr::read(&bytes, &limits).map_err(|error| refused(error.to_string()))?;
         let depth = match channels.channels() {
             [only] => only,

@@ -8,12 +8,14 @@
 //! other view.
 
 mod annotate;
+mod binned;
 mod covisibility;
 mod depth_folder;
 mod epipolar;
 
 pub(crate) use annotate::context_overlap;
 pub use annotate::{OverlapReport, UnmeasuredExample, annotate_overlaps, chain_overlap};
+pub use binned::BinnedOverlaps;
 pub use covisibility::{DepthCovisibility, DepthMap};
 pub use depth_folder::{DepthFolder, LoadedDepth};
 pub use epipolar::EpipolarRays;

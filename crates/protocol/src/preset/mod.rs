@@ -11,7 +11,7 @@ mod metrics;
 mod renderer;
 mod validate;
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FileError, Malformed, Sha256Digest};
 use std::fs;
 use std::path::Path;
 
@@ -115,11 +115,7 @@ impl Preset {
     /// # Errors
     /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::from_toml`].
     pub fn read(path: &Path) -> Result<Self, ProtocolError> {
-        let text = fs::read_to_string(path).map_err(|source| ProtocolError::Io {
-            action: "reading a preset",
-            path: path.to_owned(),
-            source,
-        })?;
+        let text = fs::read_to_string(path).map_err(FileError::during::<ProtocolError>("reading a preset", path))?;
         Self::from_toml(&text).map_err(|error| error.in_file(path))
     }
 
@@ -177,12 +173,7 @@ fn malformed_toml(text: &str, error: &toml::de::Error) -> ProtocolError {
     let column = before.rev().take_while(|byte| *byte != b'\n').filter(is_char_start).count() + 1;
     let message = error.message();
     let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "a preset"));
-    ProtocolError::Malformed {
-        what: "preset",
-        location: format!("line {line} column {column}"),
-        expected: expected.to_owned(),
-        found: found.chars().take(120).collect(),
-    }
+    Malformed::new("preset", format!("line {line} column {column}"), expected, found).into()
 }
 
 #[cfg(test)]

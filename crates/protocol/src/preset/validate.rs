@@ -1,5 +1,7 @@
 use std::fmt::Display;
 
+use atsplat_files::Malformed;
+
 use super::{NearFar, PoseNormalisation, Preset, RendererConvention};
 use crate::{IndexBuilder, IndexEntry, KnownIndex, ProtocolError};
 
@@ -119,12 +121,7 @@ fn ensure(holds: bool, field: &str, expected: &str, found: &dyn Display) -> Resu
 }
 
 pub(super) fn malformed(field: &str, expected: &str, found: &dyn Display) -> ProtocolError {
-    ProtocolError::Malformed {
-        what: "preset",
-        location: format!("field {field}"),
-        expected: expected.to_owned(),
-        found: found.to_string().chars().take(120).collect(),
-    }
+    Malformed::new("preset", format!("field {field}"), expected, found).into()
 }
 
 #[cfg(test)]

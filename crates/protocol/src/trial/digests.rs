@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FileError, Sha256Digest};
 use atsplat_scene::{Picture, Scene};
 
 use crate::ProtocolError;
@@ -63,7 +63,7 @@ impl PictureDigests {
         let text = match fs::read(file) {
             Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
-            Err(source) => return Err(io_error("reading hashes of pictures", file, source)),
+            Err(source) => return Err(FileError::during("reading hashes of pictures", file)(source)),
         };
         let known = text.lines().filter(|_| !reread).filter_map(parse_line).collect();
         Ok(Self { cache: Mutex::new(Cache { known, unsaved: String::new() }), file: Some(file.to_owned()) })
@@ -78,7 +78,7 @@ impl PictureDigests {
         let Some(file) = self.file.as_ref().filter(|_| !cache.unsaved.is_empty()) else { return Ok(()) };
         let opened = OpenOptions::new().create(true).append(true).open(file);
         let written = opened.and_then(|mut file| file.write_all(cache.unsaved.as_bytes()));
-        written.map_err(|source| io_error("writing hashes of pictures", file, source))?;
+        written.map_err(FileError::during::<ProtocolError>("writing hashes of pictures", file))?;
         cache.unsaved.clear();
         Ok(())
     }
@@ -93,7 +93,7 @@ impl PictureDigests {
     /// of its fingerprint.
     pub(super) fn of(&self, scene: &Scene, position: usize) -> Option<Sha256Digest> {
         let frame = scene.frames.get(position)?;
-        if let Picture::Made(made) = &frame.picture {
+        if let Picture::Generated(made) = &frame.picture {
             return Some(Sha256Digest::of(made.fingerprint().as_bytes()));
         }
         let pending = PendingDigest::of(&frame.picture);
@@ -154,10 +154,6 @@ fn parse_line(line: &str) -> Option<(FileVersion, Sha256Digest)> {
     let version =
         FileVersion { path: path.parse().ok()?, bytes: bytes.parse().ok()?, modified: modified.parse().ok()? };
     parts.next().is_none().then_some((version, digest.parse().ok()?))
-}
-
-fn io_error(action: &'static str, path: &Path, source: io::Error) -> ProtocolError {
-    ProtocolError::Io { action, path: path.to_owned(), source }
 }
 
 #[cfg(test)]
@@ -235,8 +231,8 @@ mod tests {
                 NormalizedIntrinsics::new(0.8, 1.0, 0.5, 0.5).unwrap(),
             );
         }
-        one.frames[0].picture = Picture::Made(Arc::new(FingerprintOnly("left")));
-        one.frames[2].picture = Picture::Made(Arc::new(FingerprintOnly("right")));
+        one.frames[0].picture = Picture::Generated(Arc::new(FingerprintOnly("left")));
+        one.frames[2].picture = Picture::Generated(Arc::new(FingerprintOnly("right")));
         one.frames[1].picture = Picture::Absent;
         one.frames[1].camera.distortion = Distortion::OpenCv { k1: 0.01, k2: -0.02, k3: 0.03, p1: 0.001, p2: -0.002 };
         one.frames[2].camera.distortion = Distortion::Fisheye { k: [0.1, 0.2, -0.3, 0.4] };

@@ -29,7 +29,7 @@
 //! zero. The first version of the trial's hash, `atsplat trial 1`, did not include the lenses.
 
 use atsplat_camera::{Camera, Distortion};
-use atsplat_files::Sha256Digest;
+use atsplat_files::{Malformed, Sha256Digest};
 use sha2::{Digest, Sha256};
 
 use super::TrialRecipe;
@@ -42,11 +42,8 @@ pub(super) fn of_trial(
     cameras: &[Camera],
     recipe: &TrialRecipe,
 ) -> Result<Sha256Digest, ProtocolError> {
-    let rule = serde_json::to_string(&recipe.pose_normalisation).map_err(|error| ProtocolError::Malformed {
-        what: "pose normalisation",
-        location: "its parameters".to_owned(),
-        expected: "numbers that JSON can represent".to_owned(),
-        found: error.to_string(),
+    let rule = serde_json::to_string(&recipe.pose_normalisation).map_err(|error| {
+        Malformed::new("pose normalisation", "its parameters", "numbers that JSON can represent", error)
     })?;
     let mut hasher = Sha256::new();
     text(&mut hasher, "atsplat trial 2");

@@ -132,8 +132,10 @@ impl<'a> Views<'a> {
                 reason: SkipReason::Preprocessing,
                 detail: format!("frame {position}: {error}"),
             };
-            if let Some(misfit) = frame.misfit(size).filter(|misfit| misfit.is_fatal() && frame.picture.is_there()) {
-                let detail = format!("frame {position}: {misfit}");
+            if let Some(mismatch) =
+                frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.picture.is_available())
+            {
+                let detail = format!("frame {position}: {mismatch}");
                 return Err(Refusal { reason: SkipReason::PictureMisfit, detail });
             }
             let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;

@@ -15,7 +15,7 @@ pub use method_rule::MethodRule;
 pub(crate) use method_rule::{by_quantile, has_own_training, is_ablation, is_full};
 pub use published::{Published, PublishedRow};
 pub use quantity::{Along, Quantity};
-pub(crate) use training::{name as dataset_name, never_saw};
+pub(crate) use training::{name as dataset_name, zero_shot_note};
 
 use crate::ReportError;
 

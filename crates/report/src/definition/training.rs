@@ -27,7 +27,7 @@ fn seen(record: &MethodRecord) -> BTreeSet<&'static str> {
 
 /// `never saw yards`, for a network that was trained on other data than `dataset`; `None` for a network that saw it, and for
 /// one whose training data are not known.
-pub(crate) fn never_saw(record: &MethodRecord, dataset: &str) -> Option<String> {
+pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<String> {
     let seen = seen(record);
     let known = DATASETS.iter().any(|(id, _)| *id == dataset);
     match (seen.is_empty(), known) {
@@ -67,14 +67,18 @@ mod tests {
     #[test]
     fn a_network_never_saw_what_its_record_does_not_name() {
         let rooms = trained_on("simulated rooms, train split, seeds 0 to 5999, 128x128");
-        assert_eq!(never_saw(&rooms, "rooms"), None);
-        assert_eq!(never_saw(&rooms, "yards").as_deref(), Some("never saw yards"));
-        assert_eq!(never_saw(&rooms, "dl3dv").as_deref(), Some("never saw DL3DV"));
-        assert_eq!(never_saw(&rooms, "photos").as_deref(), Some("never saw photographs"));
+        assert_eq!(zero_shot_note(&rooms, "rooms"), None);
+        assert_eq!(zero_shot_note(&rooms, "yards").as_deref(), Some("never saw yards"));
+        assert_eq!(zero_shot_note(&rooms, "dl3dv").as_deref(), Some("never saw DL3DV"));
+        assert_eq!(zero_shot_note(&rooms, "photos").as_deref(), Some("never saw photographs"));
         let re10k = trained_on("data/re10k/train under re10k-2v-256");
-        assert_eq!((never_saw(&re10k, "re10k"), never_saw(&re10k, "photos")), (None, None));
-        assert_eq!(never_saw(&trained_on("my own videos"), "re10k"), None, "nothing is claimed about unknown data");
-        assert_eq!(never_saw(&MethodRecord::default(), "re10k"), None);
+        assert_eq!((zero_shot_note(&re10k, "re10k"), zero_shot_note(&re10k, "photos")), (None, None));
+        assert_eq!(
+            zero_shot_note(&trained_on("my own videos"), "re10k"),
+            None,
+            "nothing is claimed about unknown data"
+        );
+        assert_eq!(zero_shot_note(&MethodRecord::default(), "re10k"), None);
     }
 
     #[test]

@@ -1,6 +1,7 @@
-//! The plots of a table, a store, an expansion study, the history of a baseline, and the frontiers of several stores.
+//! The plots of a table, a store, an expansion study, the history of a baseline, a study of overlap estimators, and the frontiers of several stores.
 
 mod of_drift;
+mod of_estimators;
 mod of_expansion;
 mod of_frontier;
 mod of_store;
@@ -8,6 +9,7 @@ mod of_table;
 mod of_trial;
 
 pub use of_drift::of_drift;
+pub use of_estimators::of_estimators;
 pub use of_expansion::{ExpansionScene, ExpansionTarget, of_expansion};
 pub use of_frontier::of_frontier;
 pub use of_store::of_store;

@@ -31,7 +31,7 @@ impl Film {
     /// # Errors
     /// [`ReportError::Picture`] without frames, and for pictures of different sizes.
     pub fn animated_png(&self) -> Result<Vec<u8>, ReportError> {
-        let frames = self.frames.iter().map(|pictures| beside(pictures)).collect::<Result<Vec<_>, _>>()?;
+        let frames = self.frames.iter().map(|pictures| side_by_side(pictures)).collect::<Result<Vec<_>, _>>()?;
         let size = frames.first().map_or((0, 0), |first| (first.width(), first.height()));
         let mut file = Vec::new();
         let mut animation = AnimatedPng::new(&mut file, size, u32::try_from(frames.len()).unwrap_or(u32::MAX), SPEED)?;
@@ -42,7 +42,7 @@ impl Film {
 
     /// A player, with all frames below one another in one picture.
     pub(super) fn player(&self) -> Result<String, ReportError> {
-        let rows = self.frames.iter().map(|pictures| beside(pictures)).collect::<Result<Vec<_>, _>>()?;
+        let rows = self.frames.iter().map(|pictures| side_by_side(pictures)).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = rows.first() else { return Ok(String::new()) };
         let (width, height) = (first.width(), first.height());
         let samples: Vec<u8> = rows.iter().flat_map(ImageU8::samples).copied().collect();
@@ -64,7 +64,7 @@ impl Film {
 }
 
 /// Pictures of one height from left to right.
-fn beside(pictures: &[ImageU8]) -> Result<ImageU8, PixelError> {
+fn side_by_side(pictures: &[ImageU8]) -> Result<ImageU8, PixelError> {
     let height = pictures.first().map_or(0, ImageU8::height);
     let row = |picture: &ImageU8, row: usize| {
         let bytes = picture.width() as usize * 3;
@@ -85,14 +85,14 @@ mod tests {
 
     #[test]
     fn pictures_stand_beside_each_other_row_by_row() {
-        let joined = beside(&[picture(2, 7), picture(1, 9)]).unwrap();
+        let joined = side_by_side(&[picture(2, 7), picture(1, 9)]).unwrap();
         assert_eq!((joined.width(), joined.height()), (3, 2));
         assert_eq!(
             [joined.pixel(0, 1), joined.pixel(1, 0), joined.pixel(2, 1)],
             [Some([7, 2, 0]), Some([7, 1, 0]), Some([9, 1, 0])]
         );
         let uneven = [picture(2, 7), ImageU8::new(1, 1, vec![0; 3]).unwrap()];
-        assert!(beside(&uneven).is_err());
+        assert!(side_by_side(&uneven).is_err());
     }
 
     #[test]

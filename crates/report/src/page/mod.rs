@@ -26,6 +26,7 @@ pub use live::{LivePicture, LiveTrial};
 use crate::ReportError;
 use crate::emit::{TableFormat, json_of};
 use crate::plot::Drawing;
+use crate::plot::svg::escaped_except;
 use crate::table::{Source, Table};
 
 /// The contents of a page.
@@ -226,19 +227,7 @@ fn filled(page: &str, slots: &[(&str, String)]) -> String {
 
 /// Escapes text for HTML, in elements and in attributes with either kind of quote.
 fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '"' => safe.push_str("&quot;"),
-            '\'' => safe.push_str("&#39;"),
-            '\u{0}'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' => safe.push('\u{fffd}'),
-            letter => safe.push(letter),
-        }
-    }
-    safe
+    escaped_except(text, &['\t', '\n', '\r']).replace('\'', "&#39;")
 }
 
 /// JSON that is safe inside a script element.

@@ -27,7 +27,7 @@ mod series;
 mod shape;
 mod stage_time;
 mod stress_errors;
-mod svg;
+pub(crate) mod svg;
 mod svg_reader;
 #[cfg(test)]
 mod tests;

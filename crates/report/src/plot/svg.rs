@@ -139,8 +139,13 @@ fn hex(RGBColor(r, g, b): RGBColor) -> String {
     format!("#{r:02X}{g:02X}{b:02X}")
 }
 
-/// Text that is safe in elements and attributes; control characters, which XML does not allow, become U+FFFD.
 fn escaped(text: &str) -> String {
+    escaped_except(text, &[])
+}
+
+/// Text that is safe in elements and in attributes with double quotes; control characters, which XML does not allow, become
+/// U+FFFD, except those in `kept`.
+pub(crate) fn escaped_except(text: &str, kept: &[char]) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {
@@ -148,7 +153,7 @@ fn escaped(text: &str) -> String {
             '<' => safe.push_str("&lt;"),
             '>' => safe.push_str("&gt;"),
             '"' => safe.push_str("&quot;"),
-            letter if letter.is_control() => safe.push('\u{fffd}'),
+            letter if letter.is_control() && !kept.contains(&letter) => safe.push('\u{fffd}'),
             letter => safe.push(letter),
         }
     }

@@ -12,7 +12,7 @@ use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials
 use crate::ReportError;
 use crate::definition::{
     ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, by_quantile, has_own_training,
-    is_ablation, is_full, never_saw,
+    is_ablation, is_full, zero_shot_note,
 };
 use crate::plot::Origin;
 
@@ -295,7 +295,7 @@ fn remarks(
         if record.untrained && !record.title.contains("untrained") && !measured_on.text.contains("untrained") {
             remarks.push("untrained".to_owned());
         }
-        remarks.extend(never_saw(record, &part.protocol.dataset));
+        remarks.extend(zero_shot_note(record, &part.protocol.dataset));
         if let Some(thresholds) = by_quantile(record) {
             remarks.push(format!("thresholds {thresholds}"));
         }

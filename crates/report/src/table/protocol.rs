@@ -119,7 +119,7 @@ fn groups(protocol: &str, edition: &Edition<'_>) -> Vec<ColumnGroup> {
 
 /// The metrics that the targets have a score of, or a reason why not, in the order of definitions.
 fn metrics(edition: &Edition<'_>) -> Vec<&'static Definition> {
-    let asked = |metric: &&Definition| {
+    let requested = |metric: &&Definition| {
         edition.parts.iter().any(|part| {
             let targets = part.source.results.targets.iter().filter(|row| row.key.preset == part.preset.name);
             targets
@@ -127,7 +127,7 @@ fn metrics(edition: &Edition<'_>) -> Vec<&'static Definition> {
                 .any(|row| row.scores.contains_key(metric.id) || row.not_computed.contains_key(metric.id))
         })
     };
-    definitions().iter().filter(asked).collect()
+    definitions().iter().filter(requested).collect()
 }
 
 /// Inside the window, and up to three ranges of the distances outside it, of equal width; empty without targets outside.

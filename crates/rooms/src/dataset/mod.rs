@@ -6,6 +6,7 @@ mod re10k;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
+use atsplat_files::FileError;
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_pixels::{Rounding, encode_jpeg, encode_png};
 use atsplat_scene::torch::{ChunkScene, ChunkWriter};
@@ -162,23 +163,18 @@ pub fn write_dataset(
     }
     let manifest = Manifest { generator: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION"), scenes: &written };
     let path = folder.join("manifest.json");
-    let json = serde_json::to_vec_pretty(&manifest).map_err(|source| RoomsError::Io {
-        action: "writing a manifest",
-        path: path.clone(),
-        source: source.into(),
-    })?;
+    let json = serde_json::to_vec_pretty(&manifest).map_err(std::io::Error::from);
+    let json = json.map_err(FileError::during::<RoomsError>("writing a manifest", &path))?;
     write_file(&path, &json)?;
     Ok(written)
 }
 
 fn make_folder(folder: &Path) -> Result<(), RoomsError> {
-    let io = |source| RoomsError::Io { action: "creating", path: folder.to_owned(), source };
-    std::fs::create_dir_all(folder).map_err(io)
+    std::fs::create_dir_all(folder).map_err(FileError::during("creating a folder", folder))
 }
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {
-    let io = |source| RoomsError::Io { action: "writing", path: path.to_owned(), source };
-    atsplat_files::write_unsynced(path, bytes).map_err(io)
+    atsplat_files::write_unsynced(path, bytes).map_err(FileError::during("writing", path))
 }
 
 /// The encoded picture of a frame of [`encoded_scene`].

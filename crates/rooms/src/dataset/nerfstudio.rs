@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use atsplat_camera::{Camera, Distortion, ImageSize};
+use atsplat_files::FileError;
 use atsplat_scene::Scene;
 use serde_json::{Value, json};
 
@@ -28,11 +29,8 @@ pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureCoding, size: I
     let mut root = lens(&scene.frames[0].camera, size);
     root["frames"] = Value::Array(frames);
     let path = folder.join("transforms.json");
-    let text = serde_json::to_vec_pretty(&root).map_err(|source| RoomsError::Io {
-        action: "writing",
-        path: path.clone(),
-        source: source.into(),
-    })?;
+    let text = serde_json::to_vec_pretty(&root).map_err(std::io::Error::from);
+    let text = text.map_err(FileError::during::<RoomsError>("writing cameras", &path))?;
     write_file(&path, &text)
 }
 

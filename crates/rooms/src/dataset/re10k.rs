@@ -1,6 +1,7 @@
 use std::path::Path;
 
 use atsplat_camera::Distortion;
+use atsplat_files::FileError;
 use atsplat_scene::re10k::{Trajectory, TrajectoryRow, write_trajectory};
 use atsplat_scene::{Scene, WarningKind, Warnings};
 
@@ -35,10 +36,7 @@ pub(super) fn write(
     let trajectory = Trajectory { header, rows: rows.collect() };
     let path = folder.join(format!("{}.txt", scene.key));
     let mut text = Vec::new();
-    write_trajectory(&trajectory, &mut text).map_err(|source| RoomsError::Io {
-        action: "writing a trajectory",
-        path: path.clone(),
-        source,
-    })?;
+    let written = write_trajectory(&trajectory, &mut text);
+    written.map_err(FileError::during::<RoomsError>("writing a trajectory", &path))?;
     write_file(&path, &text)
 }

@@ -26,7 +26,7 @@ pub(super) fn cameras(bytes: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapC
         let parameters = (0..model.parameter_count()).map(|_| reader.number("params")).collect::<Result<_, _>>()?;
         Ok((id, ColmapCamera { model, size, parameters }, location))
     };
-    let cameras: Vec<_> = (0..count).map(&mut camera).collect::<Result<_, _>>()?;
+    let cameras: Vec<_> = (0..count).map(&mut camera).collect::<Result<_, SceneError>>()?;
     reader.finish()?;
     by_id(cameras.into_iter().map(Ok), path)
 }

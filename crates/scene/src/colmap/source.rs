@@ -93,7 +93,7 @@ impl SceneSource for ColmapScenes {
                 name: split_picture_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),
                 timestamp_micros: None,
                 camera: Camera { camera_from_world: image.camera_from_world, intrinsics, distortion },
-                stated_size: found.as_listed.then_some(camera.size),
+                stated_size: Some(camera.size),
                 picture: found.picture,
             });
         }

@@ -1,5 +1,5 @@
 use super::*;
-use atsplat_camera::Distortion;
+use atsplat_camera::{Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
 use proptest::prelude::*;
 
@@ -293,7 +293,11 @@ fn frames_are_sorted_by_name_and_find_their_pictures() {
     let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
     let crate::Picture::File(path) = &scene.frames[1].picture else { panic!("{:?}", scene.frames[1].picture) };
     assert!(path.ends_with("images_4/left/a.png"), "{}", path.display());
-    assert_eq!(scene.frames[1].stated_size, None);
+    let frame = &scene.frames[1];
+    assert_eq!(frame.stated_size, Some(ImageSize { width: 200, height: 100 }));
+    assert!(frame.mismatch(ImageSize { width: 50, height: 25 }).is_none());
+    let cropped = frame.mismatch(ImageSize { width: 50, height: 27 }).unwrap();
+    assert!(cropped.is_fatal() && cropped.to_string().contains("200×100"), "{cropped}");
 }
 
 #[test]

@@ -6,6 +6,8 @@ use arrow_array::{Array, ArrayRef, PrimitiveArray, RecordBatch, StringArray};
 use arrow_schema::DataType;
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 
+use atsplat_files::shortened;
+
 use super::schema::{INTRINSICS, LENS, POSE};
 use super::{ColumnsError, SCHEMA_VERSION};
 use crate::Picture;
@@ -122,7 +124,7 @@ impl<'a> Columns<'a> {
                 column: "distortion",
                 row,
                 expected: "none, opencv or fisheye",
-                found: shortened(found),
+                found: shortened(found, 40),
             }),
         }
     }
@@ -133,19 +135,15 @@ impl<'a> Columns<'a> {
             "absent" => Ok(Some(Picture::Absent)),
             "missing" => Ok(Some(Picture::Missing(path()?))),
             "file" => Ok(Some(Picture::File(path()?))),
-            "encoded" | "made" => Ok(None),
+            "encoded" | "generated" | "made" => Ok(None),
             found => Err(ColumnsError::UnknownValue {
                 column: "picture",
                 row,
-                expected: "absent, missing, file, encoded or made",
-                found: shortened(found),
+                expected: "absent, missing, file, encoded or generated",
+                found: shortened(found, 40),
             }),
         }
     }
-}
-
-fn shortened(text: &str) -> String {
-    text.chars().take(40).collect()
 }
 
 fn column<'a>(batch: &'a RecordBatch, name: &'static str) -> Result<&'a ArrayRef, ColumnsError> {

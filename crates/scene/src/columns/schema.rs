@@ -28,7 +28,7 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `t0` `t1` `t2` | `Float64` | its translation, in scene units |
 /// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; derived from the pose |
 /// | `stated_width` `stated_height` | `UInt32`? | picture size in pixels according to the metadata |
-/// | `picture` | Utf8 | `absent`, `missing`, `file`, `encoded` or `made` |
+/// | `picture` | Utf8 | `absent`, `missing`, `file`, `encoded` or `generated` |
 /// | `picture_path` | Utf8? | the file, found or missing; bytes that are not UTF-8 become U+FFFD |
 /// | `picture_bytes` | `UInt64`? | length of a picture encoded in a chunk |
 pub fn schema() -> SchemaRef {

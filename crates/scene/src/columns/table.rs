@@ -118,7 +118,7 @@ impl CameraTable {
             Picture::Missing(path) => ("missing", Some(path), None),
             Picture::File(path) => ("file", Some(path), None),
             Picture::Encoded(bytes) => ("encoded", None, Some(bytes.len() as u64)),
-            Picture::Made(_) => ("made", None, None),
+            Picture::Generated(_) => ("generated", None, None),
         };
         self.picture.append_value(kind);
         self.picture_path.append_option(path.map(|path| path.to_string_lossy()));
@@ -186,7 +186,7 @@ fn text_bytes(scene: &Scene, frame: &Frame) -> usize {
     // A byte that is not UTF-8 becomes U+FFFD, three bytes.
     let path = match &frame.picture {
         Picture::Missing(path) | Picture::File(path) => path.as_os_str().len().saturating_mul(3),
-        Picture::Absent | Picture::Encoded(_) | Picture::Made(_) => 0,
+        Picture::Absent | Picture::Encoded(_) | Picture::Generated(_) => 0,
     };
     [scene.url.as_ref().map_or(0, String::len), frame.name.len(), path]
         .into_iter()

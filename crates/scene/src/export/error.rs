@@ -1,6 +1,7 @@
 use std::path::PathBuf;
 
 use arrow_schema::ArrowError;
+use atsplat_files::FileError;
 use polars::error::PolarsError;
 use thiserror::Error;
 
@@ -15,8 +16,8 @@ pub enum ExportError {
     #[error("expected a file named .parquet, .arrow, .feather, .ipc or .csv ({})", path.display())]
     UnknownExtension { path: PathBuf },
     /// A file system operation failed.
-    #[error("{action}: {source} ({})", path.display())]
-    Io { action: &'static str, path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// A scene cannot be converted to columns.
     #[error(transparent)]
     Columns(#[from] ColumnsError),
@@ -30,7 +31,6 @@ pub enum ExportError {
 
 impl ExportError {
     pub(super) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        let path = path.into();
-        move |source| Self::Io { action, path, source }
+        FileError::during(action, path)
     }
 }

@@ -68,7 +68,7 @@ impl SceneMeasure {
         for frame in &scene.frames {
             *match frame.picture {
                 Picture::File(_) => &mut self.pictures.files,
-                Picture::Encoded(_) | Picture::Made(_) => &mut self.pictures.encoded,
+                Picture::Encoded(_) | Picture::Generated(_) => &mut self.pictures.encoded,
                 Picture::Missing(_) => &mut self.pictures.missing,
                 Picture::Absent => &mut self.pictures.absent,
             } += 1;
@@ -85,7 +85,7 @@ impl SceneMeasure {
 
     fn read_headers(&mut self, scene: &Scene, sampling: SizeSampling, warnings: &mut Warnings) {
         let with_picture: Vec<_> =
-            scene.frames.iter().enumerate().filter(|(_, frame)| frame.picture.is_there()).collect();
+            scene.frames.iter().enumerate().filter(|(_, frame)| frame.picture.is_available()).collect();
         for chosen in evenly_spread(with_picture.len(), sampling) {
             let Some((position, frame)) = with_picture.get(chosen) else { continue };
             match frame.header(&scene.key, *position) {

@@ -19,7 +19,7 @@ pub(crate) struct FoundPicture {
     pub(crate) picture: Picture,
     /// How the picture's path differs from the listed one, if it does.
     pub(crate) elsewhere: Option<String>,
-    /// Whether the folder is the listed one; only then the stated size applies.
+    /// Whether the folder is the listed one, not a downscaled copy.
     pub(crate) as_listed: bool,
 }
 

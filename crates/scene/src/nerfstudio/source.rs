@@ -139,7 +139,7 @@ fn frames(
                 intrinsics: lens.intrinsics,
                 distortion: lens.distortion,
             },
-            stated_size: lens.size.filter(|_| found.as_listed),
+            stated_size: lens.size,
             picture: found.picture,
         });
     }

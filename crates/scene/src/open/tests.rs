@@ -105,7 +105,7 @@ fn chunks_are_recognised_by_their_first_bytes() {
 
 #[test]
 fn missing_and_unknown_content_are_errors() {
-    assert!(matches!(open("/nowhere/at/all", &mut Warnings::new()), Err(SceneError::Io { .. })));
+    assert!(matches!(open("/nowhere/at/all", &mut Warnings::new()), Err(SceneError::Io(_))));
     assert!(matches!(opened(&[], ""), Err(SceneError::Unrecognized { .. })));
     assert!(matches!(opened(&[("x.bin", &[0; 64])], "x.bin"), Err(SceneError::Unrecognized { .. })));
 }

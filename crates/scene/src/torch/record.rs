@@ -122,7 +122,7 @@ impl ChunkScene {
             stored.images.push(match &frame.picture {
                 Picture::Encoded(bytes) => bytes.clone(),
                 Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),
-                Picture::Made(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
+                Picture::Generated(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
                 Picture::Missing(file) => return Err(no_picture(format!("no file {}", file.display()))),
                 Picture::Absent => return Err(no_picture("the source has no pictures".to_owned())),
             });

@@ -22,7 +22,7 @@ pub struct Explanation {
     /// Number of views that share what is decided once.
     pub views: usize,
     /// Median time of rendering the original request.
-    pub asked_ms: f64,
+    pub requested_ms: f64,
     /// Median time of rendering the reduced request.
     pub reduced_ms: f64,
     /// Largest change of a colour sample between the two, as rendered.
@@ -75,32 +75,32 @@ impl EffectPlan {
         let mut effects = Vec::with_capacity(EFFECTS.len());
         for ((effect, decision), secs) in EFFECTS.iter().zip(self.decisions()).zip(self.secs_each()) {
             let (mut pixels, mut ms, mut saved_ms) = (None, None, None);
-            if decision.verdict != Verdict::NotAsked {
+            if decision.verdict != Verdict::NotRequested {
                 let mut without = self.requested().clone();
                 effect.remove_from(&mut without);
                 let (times, images) = timer.pairs([self.requested(), &without])?;
                 pixels = Some(share_of_pixels(*effect, &images, self.tolerance()));
                 ms = Some(Interval::of_differences(&times));
             }
-            if matches!(decision.verdict, Verdict::Reduced | Verdict::LeftOut) {
+            if matches!(decision.verdict, Verdict::Reduced | Verdict::Skipped) {
                 let alone = effect.assess(scene, self.requested(), self.tolerance()).reduced;
                 saved_ms = match (alone, decision.verdict) {
                     (Some(alone), _) => Some(Interval::of_differences(&timer.pairs([self.requested(), &alone])?.0)),
-                    (None, Verdict::LeftOut) => ms,
+                    (None, Verdict::Skipped) => ms,
                     (None, _) => None,
                 };
             }
             effects.push(Cost { decision: decision.clone(), pixels, ms, saved_ms, spent_ms: 1e3 * secs });
         }
-        let (times, [asked, reduced]) = timer.pairs([self.requested(), self.reduced()])?;
+        let (times, [requested, reduced]) = timer.pairs([self.requested(), self.reduced()])?;
         Ok(Explanation {
             tolerance: self.tolerance(),
             effects,
             plan_ms: 1e3 * self.secs(),
             views: scene.views(),
-            asked_ms: median(times.iter().map(|[requested, _]| *requested)),
+            requested_ms: median(times.iter().map(|[requested, _]| *requested)),
             reduced_ms: median(times.iter().map(|[_, reduced]| *reduced)),
-            largest_change: changes(&asked, &reduced).fold(0.0, f64::maximum_of),
+            largest_change: changes(&requested, &reduced).fold(0.0, f64::maximum_of),
             pairs: timer.pairs,
             renderer: timer.renderer.name(),
         })
@@ -167,10 +167,10 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 impl Display for Verdict {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            Self::NotAsked => "not asked",
+            Self::NotRequested => "not requested",
             Self::Runs => "runs",
             Self::Reduced => "reduced",
-            Self::LeftOut => "left out",
+            Self::Skipped => "skipped",
         })
     }
 }
@@ -188,7 +188,7 @@ impl Display for Explanation {
         let [effect, decision] = ["effect", "decision"];
         writeln!(
             f,
-            "{effect:<16} {decision:<10} {:>9} {:>7} {:>8} {:>8} {:>8}  why",
+            "{effect:<16} {decision:<13} {:>9} {:>7} {:>8} {:>8} {:>8}  why",
             "bound", "pixels", "takes", "saves", "spent"
         )?;
         for Cost { decision, pixels, ms, saved_ms, spent_ms } in &self.effects {
@@ -202,7 +202,7 @@ impl Display for Explanation {
             let (takes, saves) = (time(ms), time(saved_ms));
             writeln!(
                 f,
-                "{:<16} {:<10} {bound:>9} {pixels:>7} {takes:>8} {saves:>8} {spent_ms:>8.2}  {}",
+                "{:<16} {:<13} {bound:>9} {pixels:>7} {takes:>8} {saves:>8} {spent_ms:>8.2}  {}",
                 decision.effect, decision.verdict, decision.reason
             )?;
         }
@@ -213,7 +213,7 @@ impl Display for Explanation {
              (milliseconds: medians of {} alternating pairs, `none` where half of them do not agree on the sign; pixels: \
              those that change by more than the tolerance without the effect)",
             self.renderer,
-            self.asked_ms,
+            self.requested_ms,
             self.reduced_ms,
             self.plan_ms,
             self.views,

@@ -21,7 +21,7 @@ impl Effect for ExposureEffect {
     }
 
     fn assess(&self, scene: &Scene<'_>, request: &Request, budget: f64) -> Assessment {
-        let Some(exposure) = request.options.exposure else { return Assessment::keep("not asked for") };
+        let Some(exposure) = request.options.exposure else { return Assessment::keep("not requested") };
         if exposure == Exposure::IDENTITY {
             return Assessment::remove(self, request, 0.0, "it is the identity");
         }

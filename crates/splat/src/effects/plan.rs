@@ -36,13 +36,13 @@ pub struct Decision {
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// The request does not include it.
-    NotAsked,
+    NotRequested,
     /// It runs as requested.
     Runs,
     /// Part of it runs.
     Reduced,
     /// It was requested, but is skipped.
-    LeftOut,
+    Skipped,
 }
 
 impl EffectPlan {
@@ -147,7 +147,7 @@ impl Planning<'_> {
     fn decide(&mut self, effect: &dyn Effect) -> Decision {
         let decision = |verdict, bound, reason: String| Decision { effect: effect.name(), verdict, bound, reason };
         if !effect.is_requested(self.scene.gaussians(), &self.reduced) {
-            return decision(Verdict::NotAsked, Some(0.0), "not asked for".to_owned());
+            return decision(Verdict::NotRequested, Some(0.0), "not requested".to_owned());
         }
         if *self.selection == EffectSelection::Auto {
             return self.assess(effect);
@@ -161,7 +161,7 @@ impl Planning<'_> {
             Some(_) => format!("left out by `{}`; {reason}", self.selection),
             None => format!("left out by `{}`, though {reason}", self.selection),
         };
-        decision(Verdict::LeftOut, bound, reason)
+        decision(Verdict::Skipped, bound, reason)
     }
 
     fn assess(&mut self, effect: &dyn Effect) -> Decision {
@@ -174,7 +174,7 @@ impl Planning<'_> {
         let verdict = if effect.is_requested(self.scene.gaussians(), &self.reduced) {
             Verdict::Reduced
         } else {
-            Verdict::LeftOut
+            Verdict::Skipped
         };
         Decision { effect: effect.name(), verdict, bound, reason }
     }

@@ -21,8 +21,8 @@ struct Row {
     effect: &'static str,
     runs: usize,
     reduced: usize,
-    left_out: usize,
-    not_asked: usize,
+    skipped: usize,
+    not_requested: usize,
     /// Over the frames in which it was reduced or skipped; `None` if it is unproved for one of them.
     largest_bound: Option<f64>,
 }
@@ -45,15 +45,15 @@ impl EffectSummary {
 
 impl Row {
     fn of<'a>(effect: &'static str, decisions: impl Iterator<Item = &'a Decision>) -> Self {
-        let mut row = Self { effect, runs: 0, reduced: 0, left_out: 0, not_asked: 0, largest_bound: Some(0.0) };
+        let mut row = Self { effect, runs: 0, reduced: 0, skipped: 0, not_requested: 0, largest_bound: Some(0.0) };
         for Decision { verdict, bound, .. } in decisions {
             match verdict {
                 Verdict::Runs => row.runs += 1,
                 Verdict::Reduced => row.reduced += 1,
-                Verdict::LeftOut => row.left_out += 1,
-                Verdict::NotAsked => row.not_asked += 1,
+                Verdict::Skipped => row.skipped += 1,
+                Verdict::NotRequested => row.not_requested += 1,
             }
-            if matches!(verdict, Verdict::Reduced | Verdict::LeftOut) {
+            if matches!(verdict, Verdict::Reduced | Verdict::Skipped) {
                 row.largest_bound = row.largest_bound.zip(*bound).map(|(largest, bound)| largest.maximum_of(bound));
             }
         }
@@ -63,8 +63,8 @@ impl Row {
 
 impl fmt::Display for EffectSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Row { effect, reduced, left_out, largest_bound, .. } in &self.effects {
-            if reduced + left_out == 0 {
+        for Row { effect, reduced, skipped, largest_bound, .. } in &self.effects {
+            if reduced + skipped == 0 {
                 continue;
             }
             let is_plane = matches!(*effect, "depth" | "scalar" | "median-depth");
@@ -76,10 +76,10 @@ impl fmt::Display for EffectSummary {
             };
             let frames = |count: usize| if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") };
             write!(f, "{effect}: ")?;
-            match (reduced, left_out) {
-                (0, _) => write!(f, "left out in {}", frames(*left_out))?,
+            match (reduced, skipped) {
+                (0, _) => write!(f, "skipped in {}", frames(*skipped))?,
                 (_, 0) => write!(f, "reduced in {}", frames(*reduced))?,
-                _ => write!(f, "left out in {left_out} and reduced in {}", frames(*reduced))?,
+                _ => write!(f, "skipped in {skipped} and reduced in {}", frames(*reduced))?,
             }
             writeln!(f, ", {bound}")?;
         }

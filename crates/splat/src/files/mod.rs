@@ -19,7 +19,7 @@ use std::fs;
 use std::io;
 use std::path::Path;
 
-use atsplat_files::Writer;
+use atsplat_files::{FileError, Writer};
 use serde::Serialize;
 
 use crate::sh::C0;
@@ -160,7 +160,7 @@ fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool
 
 /// All bytes of a regular file; a pipe or device could block or never end.
 fn read_bytes(path: &Path) -> Result<Vec<u8>, SplatError> {
-    let failed = |source| SplatError::Io { action: "reading", path: path.to_owned(), source };
+    let failed = |source| SplatError::from(FileError { action: "reading Gaussians", path: path.to_owned(), source });
     let metadata = fs::metadata(path).map_err(failed)?;
     if !metadata.is_file() {
         return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
@@ -170,8 +170,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, SplatError> {
 
 /// Writes a file that appears under its name when it is complete.
 fn write_file(path: &Path, contents: impl FnOnce(&mut Writer) -> io::Result<()>) -> Result<(), SplatError> {
-    let failed = |source| SplatError::Io { action: "writing", path: path.to_owned(), source };
-    atsplat_files::write_with(path, contents).map_err(failed)
+    atsplat_files::write_with(path, contents).map_err(FileError::during("writing Gaussians", path))
 }
 
 /// A malformed file, before its path is added.

@@ -221,7 +221,7 @@ fn a_scene_that_needs_no_effect_gets_none() {
     let bare = RenderOptions { max_sh_degree: 0, constants, harmonics, ..RenderOptions::default() };
     assert_eq!(plan.reduced().options, bare);
     for decision in plan.decisions() {
-        assert!(matches!(decision.verdict, Verdict::LeftOut | Verdict::NotAsked), "{decision:?}");
+        assert!(matches!(decision.verdict, Verdict::Skipped | Verdict::NotRequested), "{decision:?}");
         assert_eq!(decision.bound, Some(0.0), "{decision:?}");
     }
 }
@@ -297,7 +297,7 @@ fn an_infinite_change_has_no_bound() {
     let gaussians = Gaussians::new(parts).unwrap();
     let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "background");
     let decision = decision(&plan, "view-dependence");
-    assert_eq!((decision.verdict, decision.bound), (Verdict::LeftOut, None));
+    assert_eq!((decision.verdict, decision.bound), (Verdict::Skipped, None));
     assert!(decision.reason.contains("not finite"), "{}", decision.reason);
 }
 
@@ -323,7 +323,7 @@ fn changes_add_up() {
     let exposure = Some(Exposure { offset: [three_quarters, 0.0, 0.0], ..Exposure::IDENTITY });
     let options = RenderOptions { exposure, background: [three_quarters, 0.0, 0.0], ..RenderOptions::default() };
     let plan = plan(&gaussians, &view(Distortion::None), &options, "auto");
-    assert_eq!(decision(&plan, "exposure").verdict, Verdict::LeftOut);
+    assert_eq!(decision(&plan, "exposure").verdict, Verdict::Skipped);
     assert_eq!(decision(&plan, "background").verdict, Verdict::Runs);
     let bounds: f64 = plan.decisions().iter().filter_map(|decision| decision.bound).sum();
     assert!(bounds <= plan.tolerance());
@@ -338,7 +338,7 @@ fn exposure_amplifies_the_changes_of_other_effects() {
             Exposure { matrix: DMat3::from_diagonal(DVec3::splat(gain)).to_cols_array_2d(), offset: [0.0; 3] };
         RenderOptions { exposure: Some(exposure), ..RenderOptions::default() }
     };
-    for (gain, verdict) in [(2.0, Verdict::LeftOut), (1e4, Verdict::Runs)] {
+    for (gain, verdict) in [(2.0, Verdict::Skipped), (1e4, Verdict::Runs)] {
         let plan = plan(&gaussians, &view(Distortion::None), &brighter(gain), "auto");
         assert_eq!(decision(&plan, "view-dependence").verdict, verdict, "gain {gain}");
     }
@@ -402,9 +402,9 @@ fn an_explanation_has_a_row_per_effect() {
     let explanation = plan.explain(&mut ReferenceRenderer, &many_views(&gaussians), 3).unwrap();
     let timed: Vec<bool> = explanation.effects.iter().map(|cost| cost.ms.is_some()).collect();
     assert_eq!(timed, [false, true, false, false, true, true, true, true]);
-    assert!(explanation.asked_ms > 0.0 && explanation.reduced_ms > 0.0 && explanation.plan_ms > 0.0);
+    assert!(explanation.requested_ms > 0.0 && explanation.reduced_ms > 0.0 && explanation.plan_ms > 0.0);
     let text = explanation.to_string();
-    assert!(text.lines().nth(1).unwrap().starts_with("exposure         not asked"), "{text}");
+    assert!(text.lines().nth(1).unwrap().starts_with("exposure         not requested"), "{text}");
     let costs = &explanation.effects;
     assert_eq!(costs[4].pixels, Some(1.0), "every pixel shows some of the background");
     assert!(

@@ -124,7 +124,9 @@ impl RoomsSource {
             while cache.bytes > self.config.cache_mib << 20
                 && let Some(oldest) = cache.order.pop_front()
             {
-                cache.bytes -= cache.clips.remove(&oldest).map_or(0, |clip| clip.bytes());
+                #[expect(clippy::expect_used, reason = "both are filled together, above")]
+                let clip = cache.clips.remove(&oldest).expect("the order lists clips that are kept");
+                cache.bytes -= clip.bytes();
             }
         });
         Ok(clip)

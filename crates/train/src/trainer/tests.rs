@@ -1,3 +1,4 @@
+use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::WarningKind;
@@ -50,12 +51,14 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     let mut trainer = Trainer::new(config, &folder.path().join("run"), &Start::Fresh).unwrap();
     assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 1, "the evaluation's source");
     let mut notices = Vec::new();
-    let mut on_event = |event: &Event<'_>| {
-        if let Event::Notice(text) = event {
-            notices.push((*text).to_owned());
-        }
+    let mut evaluated = Vec::new();
+    let mut on_event = |event: &Event<'_>| match event {
+        Event::Notice(text) => notices.push((*text).to_owned()),
+        Event::Evaluation(record) => evaluated.push((*record).clone()),
+        _ => {}
     };
     assert!(trainer.run(Limits::default(), &mut on_event).unwrap());
+    assert_evaluated_once(&trainer, &evaluated, &folder.path().join("run"));
     assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 2, "both sources, however often they are read");
     assert_eq!(notices.len(), 2, "{notices:?}");
     for (notice, count) in notices.iter().zip(1..) {
@@ -63,4 +66,34 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
             format!("warning: {count} × missing-picture; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
         assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
     }
+}
+
+#[test]
+fn resuming_needs_a_log_or_checkpoints() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = ["log", "checkpoints", "neither"].map(|name| folder.path().join(name));
+    runs.iter().for_each(|run| std::fs::create_dir(run).unwrap());
+    let [log, checkpoints, neither] = &runs;
+    std::fs::write(log.join(STEPS), "").unwrap();
+    std::fs::create_dir(checkpoints.join("checkpoints")).unwrap();
+    assert!(require_run_to_resume(log, &Start::Resume).is_ok(), "killed before its first checkpoint");
+    assert!(require_run_to_resume(checkpoints, &Start::Resume).is_ok());
+    assert!(require_run_to_resume(neither, &Start::Fresh).is_ok());
+    let error = require_run_to_resume(neither, &Start::Resume).unwrap_err().to_string();
+    assert!(error.contains("neither: expected a run that was begun there"), "{error}");
+}
+
+/// After the last step, with the scores of the evaluation's own samples, reported and logged.
+fn assert_evaluated_once(trainer: &Trainer, reported: &[EvaluationRecord], folder: &Path) {
+    let [record] = reported else { panic!("{reported:?}") };
+    let evaluation = trainer.evaluation().unwrap();
+    let [sample] = evaluation.samples() else { panic!("{} samples", evaluation.samples().len()) };
+    let render = evaluation.renders(&trainer.network().unwrap(), sample).unwrap().remove(0);
+    let pairs = || render.samples().iter().zip(sample.targets.picture(0));
+    let squares: f64 = pairs().map(|(a, b)| (f64::from(a.clamp(0.0, 1.0)) - f64::from(*b)).powi(2)).sum();
+    let psnr = -10.0 * (squares / pairs().count() as f64).log10();
+    Tolerance::absolute(1e-6).assert([record.psnr], [psnr], "PSNR of the only target");
+    assert_eq!((record.step, record.targets), (6, 1));
+    let logged: Vec<EvaluationRecord> = crate::journal::read(&folder.join("evaluations.jsonl")).unwrap();
+    assert_eq!(logged.iter().map(|own| own.psnr.to_bits()).collect::<Vec<_>>(), [record.psnr.to_bits()]);
 }

@@ -144,6 +144,11 @@ fn a_dataset_on_disk_gives_samples() {
         assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
     }
+    // By the rule that was given, not by the preset's, which has another scale.
+    let rule = PoseNormalisation::BaselineOne { minimum: 0.0, maximum: None };
+    let sample = DatasetSource::open(config.clone(), rule, &mut Warnings::new()).unwrap().sample(draw(0)).unwrap();
+    let centres = [0, 1].map(|view| sample.context.cameras[view].camera_from_world.inverse().centre());
+    Tolerance::F64.assert([(centres[1] - centres[0]).length()], [1.0], "the baseline");
     let absent = DatasetConfig { path: folder.path().join("absent"), ..config.clone() };
     assert!(DatasetSource::open(absent, RULE, &mut Warnings::new()).is_err());
     let mut impossible = config;

@@ -91,8 +91,11 @@ fn intrinsics_are_divided_by_the_stated_size_for_any_copy_of_the_pictures() {
         let frame = &scene.frames[0];
         let k = frame.camera.intrinsics;
         Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.5], "normalised");
-        let listed = pictures == PictureFolder::Listed;
-        assert_eq!(frame.stated_size, listed.then_some(ImageSize { width: 200, height: 100 }));
+        assert_eq!(
+            frame.stated_size,
+            Some(ImageSize { width: 200, height: 100 }),
+            "what the intrinsics are stated for"
+        );
         assert_eq!(frame.timestamp_micros, Some(1));
         assert_eq!(warnings.total(), 0, "{:?}", warnings.kept());
     }
@@ -204,7 +207,7 @@ fn without_the_listed_folder_the_largest_copy_is_used_and_reported() {
     let Picture::File(path) = &scene.frames[0].picture else { panic!("{:?}", scene.frames[0].picture) };
     assert!(path.ends_with("images_4/f_1.png"), "{}", path.display());
     assert_eq!(warnings.count(WarningKind::PictureElsewhere), 1);
-    assert_eq!(scene.frames[0].stated_size, None);
+    assert_eq!(scene.frames[0].stated_size, Some(ImageSize { width: 200, height: 100 }));
 }
 
 #[test]
@@ -293,11 +296,15 @@ fn a_picture_of_another_shape_is_not_decoded() {
     assert_eq!(decoded(50, 25, "").unwrap(), (50, 25));
     for (width, height) in [(100, 100), (100, 200), (200, 120)] {
         let error = decoded(width, height, "").unwrap_err();
-        assert!(matches!(error, SceneError::Misfit { frame: 0, .. }), "{error}");
+        assert!(matches!(error, SceneError::PictureMismatch { frame: 0, .. }), "{error}");
         let message = error.to_string();
         assert!(message.contains("200×100") && message.contains(&format!("{width}×{height}")), "{message}");
     }
-    assert!(decoded(100, 200, "_2").is_err(), "a copy without a stated size");
+    assert_eq!(decoded(100, 50, "_2").unwrap(), (100, 50));
+    for (width, height) in [(100, 200), (100, 52)] {
+        let error = decoded(width, height, "_2").unwrap_err().to_string();
+        assert!(error.contains("200×100") && error.contains(&format!("{width}×{height}")), "a cropped copy: {error}");
+    }
 }
 
 #[test]

@@ -3,43 +3,45 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use atsplat_eval::frame_timings::FrameTiming;
-use atsplat_eval::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
-use atsplat_files::Writer;
+use atsplat_files::{FileError, Writer};
 use atsplat_pixels::{ImageU8, PixelError, Preview, Rounding, encode_png, preview_frame};
 use atsplat_splat::effects::{Decision, Scene};
 use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
-use super::effects::Look;
-use super::views::Shot;
-use crate::output::PendingFile;
-use crate::progress::Progress;
+use super::{Look, RenderingError, Shot};
+use crate::frame_timings::FrameTiming;
+use crate::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
 
 /// Memory limit of rendered frames waiting to be written.
 const MAX_PENDING_BYTES: usize = 1 << 30;
 
 /// Which files are written per frame, and where.
 #[derive(Debug)]
-pub(crate) struct FrameFiles {
-    pub(crate) folder: PathBuf,
-    pub(crate) png: bool,
-    pub(crate) exr: bool,
-    pub(crate) rounding: Rounding,
+pub struct FrameFiles {
+    /// An existing folder.
+    pub folder: PathBuf,
+    /// 8 bits.
+    pub png: bool,
+    /// Every rendered plane as f32.
+    pub exr: bool,
+    /// From f32 to 8 bits.
+    pub rounding: Rounding,
 }
 
 /// The outcome of a frame.
 #[derive(Debug)]
-pub(crate) struct Frame {
+pub struct Frame {
     /// Names of its files inside the folder.
-    pub(crate) files: Vec<String>,
+    pub files: Vec<String>,
     /// `None` if it was not rendered.
-    pub(crate) census: Option<Census>,
+    pub census: Option<Census>,
     /// Why it is incomplete.
-    pub(crate) fault: Option<String>,
+    pub fault: Option<String>,
     /// Decisions on effects.
-    pub(crate) decisions: Vec<Decision>,
-    pub(crate) timing: FrameTiming,
+    pub decisions: Vec<Decision>,
+    /// Seconds per stage.
+    pub timing: FrameTiming,
 }
 
 /// A rendered frame that is not written yet.
@@ -51,18 +53,22 @@ struct Pending<'a> {
 }
 
 /// Renders and writes every shot, in order. A frame that cannot be rendered or encoded is reported in its [`Frame`]; a file
-/// that cannot be written is an error. With `sequential`, nothing else runs while a frame is rendered.
-pub(crate) fn render_all(
+/// that cannot be written is an error. With `sequential`, nothing else runs while a frame is rendered. `on_frame` is
+/// called after each frame, from any thread.
+///
+/// # Errors
+/// [`RenderingError`] for files that cannot be written and images that cannot be encoded.
+pub fn render_all(
     renderer: &mut dyn Renderer,
     (scene, shots): (&Scene<'_>, &[Shot]),
     look: &Look,
     files: &FrameFiles,
     mut preview: Option<&mut Preview<Writer>>,
     sequential: bool,
-) -> anyhow::Result<Vec<Frame>> {
-    let progress = Progress::new("frames", shots.len());
+    on_frame: &(impl Fn() + Sync),
+) -> Result<Vec<Frame>, RenderingError> {
     let mut render = |shots| render_batch(renderer, scene, shots, look);
-    let mut write = |pending| write_batch(pending, files, preview.as_deref_mut(), &progress);
+    let mut write = |pending| write_batch(pending, files, preview.as_deref_mut(), on_frame);
     let mut frames = Vec::with_capacity(shots.len());
     let mut pending = Vec::new();
     for batch in shots.chunks(if sequential { 1 } else { batch_length(shots) }) {
@@ -116,12 +122,12 @@ fn write_batch(
     pending: Vec<Pending<'_>>,
     files: &FrameFiles,
     preview: Option<&mut Preview<Writer>>,
-    progress: &Progress,
-) -> anyhow::Result<Vec<Frame>> {
+    on_frame: &(impl Fn() + Sync),
+) -> Result<Vec<Frame>, RenderingError> {
     let size = preview.as_ref().map(|preview| preview.size());
     let write = |pending| {
         let outcome = write_frame(pending, files, size.is_some());
-        progress.step();
+        on_frame();
         let (frame, picture) = outcome?;
         let picture = match (picture, size) {
             (Some(picture), Some(size)) => Some(preview_frame(&picture, size)?),
@@ -129,7 +135,8 @@ fn write_batch(
         };
         Ok((frame, picture))
     };
-    let done: Vec<(Frame, Option<ImageU8>)> = pending.into_par_iter().map(write).collect::<anyhow::Result<_>>()?;
+    let done: Vec<(Frame, Option<ImageU8>)> =
+        pending.into_par_iter().map(write).collect::<Result<_, RenderingError>>()?;
     if let Some(preview) = preview {
         for (_, picture) in &done {
             preview.push(picture.as_ref())?;
@@ -142,7 +149,7 @@ fn write_frame(
     Pending { shot, rendering, decisions, timing }: Pending<'_>,
     files: &FrameFiles,
     needs_bytes: bool,
-) -> anyhow::Result<(Frame, Option<ImageU8>)> {
+) -> Result<(Frame, Option<ImageU8>), RenderingError> {
     let mut frame = Frame { files: Vec::new(), census: None, fault: None, decisions, timing };
     let rendering = match rendering {
         Ok(rendering) => rendering,
@@ -172,15 +179,22 @@ fn write_frame(
     Ok((frame, picture))
 }
 
-fn write(files: &FrameFiles, shot: &Shot, extension: &str, bytes: &[u8], frame: &mut Frame) -> anyhow::Result<()> {
+fn write(
+    files: &FrameFiles,
+    shot: &Shot,
+    extension: &str,
+    bytes: &[u8],
+    frame: &mut Frame,
+) -> Result<(), RenderingError> {
     let name = frame_file_name(shot.number, extension);
-    PendingFile::open(&files.folder.join(&name))?.finish(bytes)?;
+    let path = files.folder.join(&name);
+    atsplat_files::write(&path, bytes).map_err(FileError::during::<RenderingError>("writing an image", &path))?;
     frame.files.push(name);
     Ok(())
 }
 
 /// The warning about frames in which no Gaussian is drawn, though the scene has some.
-pub(crate) fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
+pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
     let rendered = frames.iter().filter_map(|frame| frame.census).collect::<Vec<_>>();
     let empty = rendered.iter().filter(|census| census.drawn == 0).count();
     (empty > 0 && !gaussians.is_empty()).then(|| {
@@ -192,14 +206,13 @@ pub(crate) fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> O
 }
 
 /// Number of image files in a folder that are named like frames but were written by another call.
-pub(crate) fn unknown_images(folder: &Path, frames: &[Frame]) -> anyhow::Result<usize> {
+///
+/// # Errors
+/// [`RenderingError::Io`].
+pub fn unknown_images(folder: &Path, frames: &[Frame]) -> Result<usize, RenderingError> {
     let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
-    let entries = std::fs::read_dir(folder)?.collect::<std::io::Result<Vec<_>>>()?;
+    let entries = std::fs::read_dir(folder).and_then(|entries| entries.collect::<std::io::Result<Vec<_>>>());
+    let entries = entries.map_err(FileError::during::<RenderingError>("listing images", folder))?;
     let names = entries.iter().map(std::fs::DirEntry::file_name);
     Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_file_name(name) && !is_ours(name))).count())
-}
-
-/// Creates the folder and opens `render.json` before long work starts.
-pub(crate) fn open_folder(folder: &Path) -> anyhow::Result<PendingFile> {
-    PendingFile::open(&folder.join("render.json"))
 }

@@ -9,7 +9,7 @@ use crate::{EvaluationIndex, IndexEntry, KnownIndex, Preset};
 /// to a different protocol than the preset's name suggests.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Misfit {
+pub struct IndexMismatch {
     /// What is wrong, without details.
     pub kind: String,
     /// Number of affected entries.
@@ -18,13 +18,13 @@ pub struct Misfit {
     pub example: String,
 }
 
-/// A kind of misfit, and a check that describes what is wrong with an entry.
+/// A kind of mismatch, and a check that describes what is wrong with an entry.
 type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 impl Preset {
     /// How `index` does not fit this preset: entries with a wrong number of context views, without targets or with
     /// repeated frames, and a published file that belongs to another dataset or protocol. `sha256` is the file's.
-    pub fn misfits(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<Misfit> {
+    pub fn mismatches(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<IndexMismatch> {
         let views = self.index.context_views;
         let context_kind = format!("entries without the preset's {views} context views");
         let rules: [Rule<'_>; 4] = [
@@ -42,14 +42,14 @@ impl Preset {
             let mut found = index.entries().filter_map(|(scene, at, entry)| Some((scene, at, wrong(entry)?)));
             let (scene, at, what) = found.next()?;
             let example = format!("scene {scene}, entry {at}, {what}");
-            Some(Misfit { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
+            Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
         };
         let own = rules.iter().filter_map(of_rule);
         self.of_another_protocol(index, sha256).into_iter().chain(own).collect()
     }
 
     /// Published files are recognised by hash, whatever their path.
-    fn of_another_protocol(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Option<Misfit> {
+    fn of_another_protocol(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Option<IndexMismatch> {
         let known = KnownIndex::by_sha256(sha256).or_else(|| KnownIndex::by_content(&index.content_hash()))?;
         if self.index.accepted.iter().any(|accepted| accepted.sha256 == known.sha256) {
             return None;
@@ -61,7 +61,7 @@ impl Preset {
         } else {
             format!("entries of another dataset's index: expected one of {}", self.dataset)
         };
-        Some(Misfit { kind, count, example })
+        Some(IndexMismatch { kind, count, example })
     }
 }
 
@@ -75,11 +75,11 @@ fn twice(field: &str, frames: &[usize]) -> Option<String> {
 mod tests {
     use super::*;
 
-    fn misfits(preset: &str, json: &str) -> Vec<(u64, String)> {
+    fn mismatches(preset: &str, json: &str) -> Vec<(u64, String)> {
         let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
         let sha256 = Sha256Digest::of(json.as_bytes());
-        let found = Preset::named(preset).unwrap().misfits(&index, &sha256);
-        found.into_iter().map(|misfit| (misfit.count, format!("{}: {}", misfit.kind, misfit.example))).collect()
+        let found = Preset::named(preset).unwrap().mismatches(&index, &sha256);
+        found.into_iter().map(|mismatch| (mismatch.count, format!("{}: {}", mismatch.kind, mismatch.example))).collect()
     }
 
     #[test]
@@ -104,8 +104,8 @@ mod tests {
                 "entries with a target twice: scene ok, entry 0, field target: expected every frame once, found frame 3 again",
             ),
         ];
-        assert_eq!(misfits("re10k-2v-256", json), expected.map(|(count, text)| (count, text.to_owned())));
-        assert_eq!(misfits("re10k-2v-256", r#"{"ok": {"context": [0, 9], "target": [3]}}"#), []);
+        assert_eq!(mismatches("re10k-2v-256", json), expected.map(|(count, text)| (count, text.to_owned())));
+        assert_eq!(mismatches("re10k-2v-256", r#"{"ok": {"context": [0, 9], "target": [3]}}"#), []);
     }
 
     /// Published files are recognised by their hash alone.
@@ -113,7 +113,7 @@ mod tests {
     fn recognises_published_files_of_other_protocols() {
         let index = EvaluationIndex::from_json(br#"{"ok": {"context": [0, 9], "target": [3]}}"#).unwrap();
         let preset = Preset::named("re10k-2v-256").unwrap();
-        let of = |name: &str| preset.misfits(&index, &KnownIndex::by_name(name).unwrap().sha256);
+        let of = |name: &str| preset.mismatches(&index, &KnownIndex::by_name(name).unwrap().sha256);
         assert_eq!(of("pixelsplat-re10k"), []);
         let acid = of("pixelsplat-acid");
         assert!(acid[0].kind.contains("another dataset's index") && acid[0].example.contains("acid"), "{acid:?}");

@@ -1,7 +1,6 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_scene::camera_file::CameraRecord;
 use atsplat_splat::Census;
 use atsplat_splat::effects::{EffectSummary, Explanation};
@@ -9,54 +8,67 @@ use atsplat_splat::round_trip::RoundTrips;
 use atsplat_splat::scene_file::{CensusTable, SceneFileRecord};
 use serde::Serialize;
 
-use super::frames::Frame;
-use super::look::LookRecord;
-use super::views::{PathRecord, Shot};
+use super::{Frame, LookRecord, PathRecord, Shot};
+use crate::frame_timings::FrameTimings;
 
 /// Contents of `render.json`: everything that the images depend on, and the outcome of each. Independent of date and speed
 /// of the machine.
 #[derive(Debug, Serialize)]
-pub(crate) struct RenderFile<'a> {
+pub struct RenderFile<'a> {
+    /// What all images have in common.
     #[serde(flatten)]
-    pub(crate) record: &'a Record,
-    pub(crate) views: Vec<ViewRecord>,
+    pub record: &'a Record,
+    /// Each view and its outcome.
+    pub views: Vec<ViewRecord>,
 }
 
 /// What all images have in common.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct Record {
-    pub(crate) atsplat: &'static str,
-    pub(crate) scene: SceneFileRecord,
-    pub(crate) path: PathRecord,
-    pub(crate) backend: String,
-    pub(crate) look: LookRecord,
-    pub(crate) effects: EffectSummary,
+pub struct Record {
+    /// Version of this toolkit.
+    pub atsplat: &'static str,
+    /// The Gaussians.
+    pub scene: SceneFileRecord,
+    /// The cameras.
+    pub path: PathRecord,
+    /// Name of the renderer.
+    pub backend: String,
+    /// Render options.
+    pub look: LookRecord,
+    /// Which effects ran.
+    pub effects: EffectSummary,
     /// Rounding from f32 to 8 bits.
-    pub(crate) rounding: atsplat_pixels::Rounding,
+    pub rounding: atsplat_pixels::Rounding,
     /// Meaning of the image values.
-    pub(crate) values: &'static str,
-    pub(crate) frames: FrameCounts,
+    pub values: &'static str,
+    /// Numbers of frames.
+    pub frames: FrameCounts,
     /// Counts of Gaussians over all frames.
-    pub(crate) census: Census,
+    pub census: Census,
+    /// Loss of exporting and importing, if measured.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) round_trip: Option<RoundTrips>,
-    pub(crate) warnings: Vec<String>,
+    pub round_trip: Option<RoundTrips>,
+    /// Warnings about scene, cameras and frames.
+    pub warnings: Vec<String>,
 }
 
+/// Numbers of frames.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct FrameCounts {
-    pub(crate) asked: usize,
+pub struct FrameCounts {
+    /// Frames of the path.
+    pub requested: usize,
     /// Rendered and written completely.
-    pub(crate) done: usize,
-    pub(crate) failed: usize,
+    pub done: usize,
+    /// The others.
+    pub failed: usize,
 }
 
 /// A view and its outcome.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct ViewRecord {
+pub struct ViewRecord {
     #[serde(flatten)]
     camera: CameraRecord,
     files: Vec<String>,
@@ -66,7 +78,8 @@ pub(crate) struct ViewRecord {
 }
 
 impl ViewRecord {
-    pub(crate) fn of(shot: &Shot, frame: &Frame) -> Self {
+    /// The record of a shot that was rendered as this frame.
+    pub fn of(shot: &Shot, frame: &Frame) -> Self {
         Self { camera: shot.record(), files: frame.files.clone(), census: frame.census, fault: frame.fault.clone() }
     }
 }
@@ -74,17 +87,21 @@ impl ViewRecord {
 /// The printed report; timings differ between runs.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct Report {
-    pub(crate) out: PathBuf,
+pub struct Report {
+    /// Folder of the images.
+    pub out: PathBuf,
+    /// The animation.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) preview: Option<PathBuf>,
+    pub preview: Option<PathBuf>,
+    /// The record.
     #[serde(flatten)]
-    pub(crate) record: Record,
+    pub record: Record,
+    /// Seconds per stage.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) timings: Option<FrameTimings>,
+    pub timings: Option<FrameTimings>,
     /// Effects of the first complete frame.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) explanation: Option<Explanation>,
+    pub explanation: Option<Explanation>,
 }
 
 impl fmt::Display for Report {
@@ -92,8 +109,8 @@ impl fmt::Display for Report {
         let record = &self.record;
         let scene = &record.scene;
         scene.fmt(f)?;
-        let FrameCounts { asked, done, failed } = record.frames;
-        write!(f, "{done} of {asked} frames by {} into {}", record.backend, self.out.display())?;
+        let FrameCounts { requested, done, failed } = record.frames;
+        write!(f, "{done} of {requested} frames by {} into {}", record.backend, self.out.display())?;
         if let Some(preview) = &self.preview {
             write!(f, ", animated in {}", preview.display())?;
         }

@@ -1,41 +1,60 @@
-//! The record written next to the scene file, and the printed report.
-
 use std::fmt;
+use std::path::PathBuf;
 use std::time::Instant;
 
-use atsplat_eval::reconstruct::{BlockRecord, InputRecord, ModelRecord, RendersRecord, TokenRecord, WeightsRecord};
 use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
 use atsplat_model::network::Processor;
 use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
-use super::output::{FrameArg, OutputRecord, PlotsRecord};
+use super::{
+    BlockRecord, GaussianFrame, InputRecord, ModelRecord, OutputRecord, RendersRecord, TokenRecord, WeightsRecord,
+};
 
 /// Everything that the Gaussians depend on, and the result. Independent of date and speed of the machine.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Record {
-    pub(super) atsplat: &'static str,
-    pub(super) input: InputRecord,
-    pub(super) model: ModelRecord,
-    pub(super) weights: WeightsRecord,
+pub struct Record {
+    /// Version of this toolkit.
+    pub atsplat: &'static str,
+    /// The photos.
+    pub input: InputRecord,
+    /// The network.
+    pub model: ModelRecord,
+    /// Its weights.
+    pub weights: WeightsRecord,
     /// Seed of random token selection.
-    pub(super) seed: u64,
+    pub seed: u64,
     /// Device of the network: devices round differently.
-    pub(super) device: Processor,
+    pub device: Processor,
     /// Height and width at which the network saw the photos, in pixels.
-    pub(super) seen_at: ImageSize,
-    pub(super) tokens: TokenRecord,
-    pub(super) output: OutputRecord,
-    pub(super) renders: Option<RendersRecord>,
-    pub(super) plots: Option<PlotsRecord>,
-    pub(super) warnings: Vec<String>,
+    pub seen_at: ImageSize,
+    /// Tokens and Gaussians of each block.
+    pub tokens: TokenRecord,
+    /// The scene file.
+    pub output: OutputRecord,
+    /// Renders, if requested.
+    pub renders: Option<RendersRecord>,
+    /// Plots, if requested.
+    pub plots: Option<PlotsRecord>,
+    /// Warnings about input and result.
+    pub warnings: Vec<String>,
+}
+
+/// The plots.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct PlotsRecord {
+    /// Folder of the files.
+    pub folder: PathBuf,
+    /// Their names inside the folder.
+    pub files: Vec<String>,
 }
 
 /// Wall-clock seconds per stage.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Clock {
+pub struct Clock {
     stages: Vec<(&'static str, f64)>,
 }
 
@@ -47,7 +66,7 @@ impl Serialize for Clock {
 
 impl Clock {
     /// Runs and times a stage.
-    pub(super) fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
+    pub fn time<T>(&mut self, stage: &'static str, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
         self.stages.push((stage, start.elapsed().as_secs_f64()));
@@ -55,7 +74,7 @@ impl Clock {
     }
 
     /// Adds stages that were timed elsewhere.
-    pub(super) fn extend(&mut self, stages: impl IntoIterator<Item = (&'static str, f64)>) {
+    pub fn extend(&mut self, stages: impl IntoIterator<Item = (&'static str, f64)>) {
         self.stages.extend(stages);
     }
 }
@@ -63,7 +82,7 @@ impl Clock {
 /// Memory in bytes.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct MemoryRecord {
+pub struct MemoryRecord {
     #[serde(flatten)]
     estimate: MemoryEstimate,
     estimated_peak_bytes: u64,
@@ -72,7 +91,8 @@ pub(super) struct MemoryRecord {
 }
 
 impl MemoryRecord {
-    pub(super) fn of(estimate: MemoryEstimate, measured_peak_bytes: Option<u64>) -> Self {
+    /// The estimate, and the peak of the process if it is known.
+    pub fn of(estimate: MemoryEstimate, measured_peak_bytes: Option<u64>) -> Self {
         Self { estimate, estimated_peak_bytes: estimate.peak_bytes(), measured_peak_bytes }
     }
 }
@@ -80,15 +100,20 @@ impl MemoryRecord {
 /// The printed report; timings and memory differ between runs.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Report {
+pub struct Report {
+    /// The record.
     #[serde(flatten)]
-    pub(super) record: Record,
-    pub(super) seconds: Clock,
-    pub(super) memory: MemoryRecord,
+    pub record: Record,
+    /// Seconds per stage.
+    pub seconds: Clock,
+    /// Memory of the network and of the process.
+    pub memory: MemoryRecord,
+    /// Height and width of the photos after preprocessing, in pixels.
     #[serde(skip)]
-    pub(super) size: ImageSize,
+    pub size: ImageSize,
+    /// Whether the printed report lists blocks, stages and memory.
     #[serde(skip)]
-    pub(super) explain: bool,
+    pub explain: bool,
 }
 
 impl fmt::Display for Report {
@@ -103,8 +128,8 @@ impl fmt::Display for Report {
         let seen = if seen_at == self.size { String::new() } else { format!(" seen at {seen_at}") };
         writeln!(f, "scene {scene}, frames {frames}, {}{seen} (height x width), model {model}", self.size)?;
         let frame = match output.frame {
-            FrameArg::Scene => "the dataset's frame",
-            FrameArg::Network => "the network's frame",
+            GaussianFrame::Scene => "the dataset's frame",
+            GaussianFrame::Network => "the network's frame",
         };
         let (count, degree, file) = (output.gaussians, output.sh_degree, output.file.display());
         writeln!(f, "{count} Gaussians of degree {degree} in {frame} into {file}")?;

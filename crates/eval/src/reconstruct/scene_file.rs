@@ -1,0 +1,74 @@
+//! Scene files of reconstructions.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::{Gaussians, SplatError};
+use serde::Serialize;
+
+/// Coordinate frame of the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GaussianFrame {
+    /// That of the dataset.
+    Scene,
+    /// That of the normalised poses.
+    Network,
+}
+
+/// Format of the scene file, by its extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SceneFormat {
+    /// `.ply`, binary.
+    Ply,
+    /// `.spz`, version 3.
+    Spz,
+}
+
+/// What was written.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct OutputRecord {
+    /// The scene file.
+    pub file: PathBuf,
+    format: Output,
+    /// Coordinate frame of the Gaussians.
+    pub frame: GaussianFrame,
+    /// Number of Gaussians.
+    pub gaussians: usize,
+    /// Degree of their spherical harmonics.
+    pub sh_degree: u8,
+}
+
+impl SceneFormat {
+    /// The format that a path's extension names.
+    ///
+    /// # Errors
+    /// The known extensions, and the path.
+    pub fn of_path(path: &Path) -> Result<Self, String> {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("ply") => Ok(Self::Ply),
+            Some("spz") => Ok(Self::Spz),
+            _ => Err(format!("expected a file that ends in .ply or .spz, found {}", path.display())),
+        }
+    }
+}
+
+/// Writes Gaussians that are given in this frame.
+///
+/// # Errors
+/// As [`files::write`].
+pub fn write_gaussians(
+    path: &Path,
+    gaussians: &Gaussians,
+    format: SceneFormat,
+    frame: GaussianFrame,
+) -> Result<OutputRecord, SplatError> {
+    let format = match format {
+        SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
+        SceneFormat::Spz => Output::Spz3 { antialiased: false },
+    };
+    files::write(path, gaussians, format)?;
+    let (file, sh_degree) = (path.to_owned(), gaussians.sh_degree());
+    Ok(OutputRecord { file, format, frame, gaussians: gaussians.len(), sh_degree })
+}

@@ -1,0 +1,77 @@
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use atsplat_files::{FileError, Malformed};
+use atsplat_splat::Exposure;
+use thiserror::Error;
+
+use super::Shot;
+
+/// The exposure of each view.
+#[derive(Debug)]
+pub enum Exposures {
+    /// From the camera file, if it has any.
+    OfCameras,
+    /// One for all views.
+    Uniform(Exposure),
+    /// By view name.
+    Listed {
+        /// Where they were read.
+        file: PathBuf,
+        /// The exposures.
+        by_name: BTreeMap<String, Exposure>,
+    },
+}
+
+/// Why exposures cannot be read or applied.
+#[derive(Debug, Error)]
+pub enum ExposuresError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Io(#[from] FileError),
+    /// The file does not hold exposures.
+    #[error(transparent)]
+    Malformed(#[from] Malformed),
+    /// A view is not in the file.
+    #[error("{} has no exposure for the view {view:?}", file.display())]
+    Missing {
+        /// The file.
+        file: PathBuf,
+        /// The view.
+        view: String,
+    },
+}
+
+impl Exposures {
+    /// Reads a file in the format of 3DGS' `exposure.json` (graphdeco-inria/gaussian-splatting `scene/__init__.py`): an
+    /// object with a 3×4 array per view name.
+    ///
+    /// # Errors
+    /// [`ExposuresError::Io`], [`ExposuresError::Malformed`].
+    pub fn read(file: &Path) -> Result<Self, ExposuresError> {
+        let bytes = std::fs::read(file).map_err(FileError::during::<ExposuresError>("reading exposures", file))?;
+        let arrays: BTreeMap<String, [[f64; 4]; 3]> = atsplat_scene::json::parse(&bytes)
+            .and_then(serde_json::from_value)
+            .map_err(|error| Malformed::new("exposures", "JSON", "a 3×4 array per view name", error).in_file(file))?;
+        let by_name = arrays.into_iter().map(|(name, array)| (name, Exposure::from_3dgs(array))).collect();
+        Ok(Self::Listed { file: file.to_owned(), by_name })
+    }
+
+    /// Sets the exposure of the views.
+    ///
+    /// # Errors
+    /// [`ExposuresError::Missing`].
+    pub fn expose(&self, shots: &mut [Shot]) -> Result<(), ExposuresError> {
+        for shot in shots {
+            match self {
+                Self::OfCameras => {}
+                Self::Uniform(exposure) => shot.exposure = Some(*exposure),
+                Self::Listed { file, by_name } => match by_name.get(&shot.name) {
+                    Some(exposure) => shot.exposure = Some(*exposure),
+                    None => return Err(ExposuresError::Missing { file: file.clone(), view: shot.name.clone() }),
+                },
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,82 @@
+use std::path::PathBuf;
+
+use atsplat_camera::{Camera, ImageSize, Spacing};
+use atsplat_scene::camera_file::CameraRecord;
+use atsplat_splat::{Exposure, RenderOptions, View};
+use serde::Serialize;
+
+/// One image to render.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Number in its file names.
+    pub number: usize,
+    /// Name of the view.
+    pub name: String,
+    /// Camera and size.
+    pub view: View,
+    /// Applied after compositing.
+    pub exposure: Option<Exposure>,
+}
+
+impl Shot {
+    /// Shots of one size without exposure, numbered and named from 0.
+    pub fn numbered(cameras: Vec<Camera>, size: ImageSize) -> Vec<Self> {
+        let shot = |(number, camera): (usize, Camera)| Self {
+            number,
+            name: number.to_string(),
+            view: View { camera, size },
+            exposure: None,
+        };
+        cameras.into_iter().enumerate().map(shot).collect()
+    }
+
+    /// The camera as recorded in `render.json`.
+    pub fn record(&self) -> CameraRecord {
+        let exposure = self.exposure.map(|exposure| exposure.to_3dgs());
+        CameraRecord::new(self.number, self.name.clone(), &self.view.camera, self.view.size, exposure)
+    }
+
+    /// The same options with the exposure of this shot.
+    pub fn exposed(&self, options: &RenderOptions) -> RenderOptions {
+        RenderOptions { exposure: self.exposure, ..options.clone() }
+    }
+}
+
+/// The images to render, and how their cameras were found.
+#[derive(Debug)]
+pub struct Plan {
+    /// The images.
+    pub shots: Vec<Shot>,
+    /// How the cameras were found.
+    pub path: PathRecord,
+    /// Warnings.
+    pub notes: Vec<String>,
+}
+
+/// How the cameras were found. Angles are in degrees, lengths in scene units.
+#[derive(Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
+#[expect(missing_docs, reason = "the names of `render.json`, as the options are called")]
+pub enum PathRecord {
+    /// Those of a file.
+    Cameras { file: PathBuf },
+    /// A circle around the scene.
+    Orbit {
+        target: [f64; 3],
+        up: [f64; 3],
+        distance: f64,
+        /// Radius of the sphere that the field of view just contains.
+        framed_radius: f64,
+        elevation_degrees: f64,
+        azimuth_degrees: f64,
+        sweep_degrees: f64,
+    },
+    /// A smooth path through the cameras of a file.
+    Spline {
+        file: PathBuf,
+        /// Number of cameras in the file.
+        keys: usize,
+        closed: bool,
+        spacing: Spacing,
+    },
+}
