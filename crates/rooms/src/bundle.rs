@@ -57,12 +57,12 @@ impl Bundle {
     /// The first `t` at which the rays can be in each box of a node, and a bit for each box that they can hit.
     fn enter(&self, node: &Node) -> ([f32; WIDTH], u32) {
         let (mut enter, mut leave) = (Vec4::ZERO, Vec4::splat(self.farthest));
-        for axis in 0..3 {
+        for ((sides, rises), planes) in self.sides.iter().zip(&self.rises).zip(&node.planes) {
             // The lower side must be below the box's upper plane, the upper side above its lower plane.
             for (at, plane) in [(0, 1), (1, 0)] {
-                let (start, inverse) = self.sides[axis][at];
-                let t = (node.planes[axis][plane] - start) * inverse;
-                if self.rises[axis][at] == (at == 0) {
+                let (start, inverse) = sides[at];
+                let t = (planes[plane] - start) * inverse;
+                if rises[at] == (at == 0) {
                     leave = leave.min(t);
                 } else {
                     enter = enter.max(t);
@@ -175,6 +175,12 @@ impl Candidates {
     #[cfg(test)]
     pub(crate) const fn is_listed(&self) -> bool {
         self.complete
+    }
+
+    /// The listed objects, nearest first.
+    pub(crate) fn objects(&self) -> impl Iterator<Item = usize> {
+        let links = self.nodes.iter().flat_map(|(_, node)| node.links);
+        links.filter(|link| link & OBJECT != 0).map(|link| (link & !OBJECT) as usize)
     }
 
     /// Whether nothing can be hit.

@@ -1,6 +1,9 @@
-//! Light of a frame by tiles. The rays of a tile that start near each other and go the same way first find the few objects
-//! that any of them can hit; where a lamp's rays can hit none, none is cast. Samples of a pixel on one face share its
-//! diffuse light.
+//! Light of a frame by tiles, with the effects that a stretch of the clip calls for.
+//!
+//! Rays of a tile that start near each other and go the same way first find together the few objects that any of them can
+//! hit. Where nothing can hide a lamp from a face, or one object always does, no shadow ray is cast. This changes no
+//! picture. Samples of a pixel on one face share light, and what a weak mirror shows, where its first and last sample
+//! nearly agree; this is what [`Stretch::shares`] turns off.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -48,7 +51,9 @@ struct Face {
 #[derive(Debug)]
 enum Shades {
     /// Nothing, or it does not matter.
-    None,
+    Nothing,
+    /// One object hides it from everywhere.
+    Whole,
     /// Few objects.
     Among(Candidates),
     /// Any object.
@@ -151,7 +156,7 @@ impl SharedLight<'_> {
         let mut faces: Vec<Face> = Vec::new();
         let lamps = frame.world.lamps.len();
         let traced = |at: usize| frame.effects.shadowed() && self.stretch.shadows[at];
-        let unknown = || (0..lamps).map(|at| if traced(at) { Shades::Any } else { Shades::None }).collect();
+        let unknown = || (0..lamps).map(|at| if traced(at) { Shades::Any } else { Shades::Nothing }).collect();
         let hits: Vec<Option<Hit>> = rays
             .iter()
             .map(|ray| {
@@ -171,11 +176,10 @@ impl SharedLight<'_> {
         for face in faces.iter_mut().filter(|face| face.count >= WORTH) {
             if effects.shadowed() {
                 for (at, lamp) in world.lamps.iter().enumerate().filter(|(at, _)| self.stretch.shadows[*at]) {
-                    let found = self.shades(face, lamp);
-                    face.shades[at] = if found.is_empty() { Shades::None } else { Shades::Among(found) };
+                    face.shades[at] = self.shades(face, lamp);
                 }
             }
-            if self.reflects(face.object) {
+            if face.flat && self.reflects(face.object) {
                 let bundle = Bundle::new(face.leaving, face.bounced, f64::INFINITY);
                 face.mirrors = Some(world.candidates(&bundle, |_| true));
             }
@@ -230,7 +234,7 @@ impl SharedLight<'_> {
         let ambient = effects.ambient(world, surface.point, surface.normal);
         let enough = ambient.max_element() * 0.01;
         let mut light = ambient;
-        for (lamp, _) in world.lamps.iter().zip(&face.shades).filter(|(_, shades)| matches!(shades, Shades::None)) {
+        for (lamp, _) in world.lamps.iter().zip(&face.shades).filter(|(_, shades)| matches!(shades, Shades::Nothing)) {
             let reached = lamp.reaches(surface.point, surface.normal);
             if reached.max_element() > enough {
                 light += reached;
@@ -262,10 +266,12 @@ impl SharedLight<'_> {
 
     fn shared_mirrored(&self, sure: &Shared<Sure>, first: &Hit, a: Mirrored, b: Mirrored) -> Shared<Mirrored> {
         let white = sure.of(Place::First).map_or(0.0, |sure| sure.light.max_element());
-        let apart = (a.radiance - b.radiance).abs().max_element();
+        let fresnel = first.view.fresnel(self.frame.world.material(&first.surface));
+        let apart = (a.radiance - b.radiance).abs().max_element() * fresnel;
         let mean = Mirrored { radiance: (a.radiance + b.radiance) * 0.5, ..a };
-        let weak = first.view.fresnel(self.frame.world.material(&first.surface)) < WEAK;
-        let near = weak && a.shown == b.shown && apart <= self.stretch.closeness() * white;
+        // Compared with the light of a surface of albedo 0.1. The sky may hide a window's bars between both.
+        let alike = a.shown.is_some() && a.shown == b.shown;
+        let near = fresnel < WEAK && alike && apart <= 0.1 * self.stretch.closeness() * white;
         Shared::Ends { first: a, last: b, between: near.then_some(mean) }
     }
 
@@ -274,7 +280,8 @@ impl SharedLight<'_> {
         let world = self.frame.world;
         let Hit { surface, view, .. } = hit;
         let mut arriving = sure.light;
-        for (lamp, shades) in world.lamps.iter().zip(&face.shades).filter(|(_, shades)| !matches!(shades, Shades::None))
+        for (lamp, shades) in
+            world.lamps.iter().zip(&face.shades).filter(|(_, shades)| matches!(shades, Shades::Among(_) | Shades::Any))
         {
             let reached = lamp.reaches(surface.point, surface.normal);
             if reached.max_element() > sure.enough {
@@ -297,25 +304,40 @@ impl SharedLight<'_> {
         })
     }
 
-    /// The objects that can hide a lamp from a face.
-    fn shades(&self, face: &Face, lamp: &Lamp) -> Candidates {
+    /// What can hide a lamp from a face.
+    fn shades(&self, face: &Face, lamp: &Lamp) -> Shades {
         let world = self.frame.world;
-        let (directions, height) = match lamp.extent() {
+        let from = face.leaving;
+        // Most lamps behind a face are recognised here, without a search.
+        let reaches = |point: DVec3| lamp.reaches(point, face.normal).max_element() > 0.0;
+        if face.flat && ![from.low, from.high, (from.low + from.high) * 0.5].into_iter().any(reaches) {
+            return Shades::Any;
+        }
+        let (directions, to, height) = match lamp.extent() {
             LampExtent::Near(to) => {
-                let from = face.leaving;
                 let directions = Extent { low: to.low - from.high, high: to.high - from.low };
-                (directions, to.along(face.normal)[0] - from.along(face.normal)[1])
+                (directions, to, to.along(face.normal)[0] - from.along(face.normal)[1])
             }
-            LampExtent::Far(directions) => (directions, directions.along(face.normal)[0]),
+            LampExtent::Far(directions) => {
+                let to = Extent { low: from.low + directions.low, high: from.high + directions.high };
+                (directions, to, directions.along(face.normal)[0])
+            }
         };
         // Towards a lamp above the face's plane, nothing below it is in the way.
         let above = face.flat && height > 0.0;
-        let ground = face.leaving.along(face.normal)[0] - 0.5 * LEAVE;
+        let ground = from.along(face.normal)[0] - 0.5 * LEAVE;
         let keep = |at: usize| {
             let object = &world.objects[at];
             !above || Extent::around(object.centre, object.half_extent()).along(face.normal)[1] > ground
         };
-        world.candidates(&Bundle::new(face.leaving, directions, 1.0), keep)
+        let found = world.candidates(&Bundle::new(from, directions, 1.0), keep);
+        if found.is_empty() {
+            Shades::Nothing
+        } else if found.objects().any(|at| world.objects[at].separates(&from, &to)) {
+            Shades::Whole
+        } else {
+            Shades::Among(found)
+        }
     }
 }
 
