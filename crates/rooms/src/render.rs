@@ -78,56 +78,211 @@ fn place_in_pixel(sample: u32) -> DVec2 {
     DVec2::new((0.5 + n * 0.754_877_666_246_692_8).fract(), (0.5 + n * 0.569_840_290_998_053_2).fract()) - 0.5
 }
 
-/// Renders linear light before exposure: the mean of `samples` rays per pixel.
-pub(crate) fn light(
-    world: &World,
-    effects: &Effects,
-    shot: &Shot,
-    size: ImageSize,
-    samples: u32,
-) -> Result<Vec<Vec3>, RoomsError> {
-    let rays = Rays::new(shot, effects.lens, size)?;
-    let from = shot.camera.camera_from_world.inverse();
-    let poses: Vec<WorldFromCamera> = (0..samples)
-        .map(|sample| {
-            interpolated_pose(&from, &shot.moving_to, effects.shutter * f64::from(sample) / f64::from(samples))
-        })
-        .collect::<Result<_, _>>()?;
-    let frame = mix(shot.timestamp_micros.cast_unsigned());
-    let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
-    let rows = (0..size.height).into_par_iter().map(|row| {
-        let pixel = |column: u32| {
-            let (centre, moves) = rays.pixel(column, row)?;
-            let index = u64::from(row) * u64::from(size.width) + u64::from(column);
-            let mut sum = Vec3::ZERO;
-            for (sample, pose) in (0..samples).zip(&poses) {
-                let plane = centre + moves * place_in_pixel(sample);
-                let direction = pose.transform_vector(plane.extend(1.0)).normalize();
-                let dice = PixelSample { pixel: mix(frame ^ index), sample };
-                sum += radiance(world, effects, pose.centre(), direction, spread, dice);
-            }
-            Ok(sum / samples as f32)
-        };
-        (0..size.width).map(pixel).collect::<Result<Vec<Vec3>, RoomsError>>()
-    });
-    Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
+/// One frame while it is rendered.
+pub(crate) struct Frame<'a> {
+    pub world: &'a World,
+    pub effects: &'a Effects,
+    pub size: ImageSize,
+    pub samples: u32,
+    /// Width of a pixel at a distance of 1.
+    pub spread: f64,
+    rays: Rays,
+    /// The camera's pose at each sample.
+    poses: Vec<WorldFromCamera>,
+    seed: u64,
 }
 
-/// Renders a picture: light, multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
-pub(crate) fn picture(
-    world: &World,
+/// A pixel's centre on the plane z = 1, and the derivative with respect to pixel coordinates.
+type PixelPlane = (DVec2, DMat2);
+
+/// A ray through a pixel.
+pub(crate) struct CameraRay {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    pub dice: PixelSample,
+}
+
+impl<'a> Frame<'a> {
+    pub(crate) fn new(
+        world: &'a World,
+        effects: &'a Effects,
+        shot: &Shot,
+        size: ImageSize,
+        samples: u32,
+    ) -> Result<Self, RoomsError> {
+        let rays = Rays::new(shot, effects.lens, size)?;
+        let from = shot.camera.camera_from_world.inverse();
+        let poses = (0..samples)
+            .map(|sample| {
+                interpolated_pose(&from, &shot.moving_to, effects.shutter * f64::from(sample) / f64::from(samples))
+            })
+            .collect::<Result<_, _>>()?;
+        let seed = mix(shot.timestamp_micros.cast_unsigned());
+        let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
+        Ok(Self { world, effects, size, samples, spread, rays, poses, seed })
+    }
+
+    pub(crate) fn pixel(&self, column: u32, row: u32) -> Result<PixelPlane, RoomsError> {
+        self.rays.pixel(column, row)
+    }
+
+    /// A sample's ray through a pixel with this [`Self::pixel`].
+    pub(crate) fn ray(&self, [column, row]: [u32; 2], (centre, moves): PixelPlane, sample: u32) -> CameraRay {
+        let pose = &self.poses[sample as usize];
+        let plane = centre + moves * place_in_pixel(sample);
+        let direction = pose.transform_vector(plane.extend(1.0)).normalize();
+        let index = u64::from(row) * u64::from(self.size.width) + u64::from(column);
+        CameraRay { origin: pose.centre(), direction, dice: PixelSample { pixel: mix(self.seed ^ index), sample } }
+    }
+
+    /// Linear light before exposure, row by row: the mean of the pixel's samples, of which each runs every effect.
+    pub(crate) fn light(&self) -> Result<Vec<Vec3>, RoomsError> {
+        let rows = (0..self.size.height).into_par_iter().map(|row| {
+            let pixel = |column: u32| {
+                let plane = self.pixel(column, row)?;
+                let sum: Vec3 =
+                    (0..self.samples).map(|sample| self.radiance(&self.ray([column, row], plane, sample))).sum();
+                Ok(sum / self.samples as f32)
+            };
+            (0..self.size.width).map(pixel).collect::<Result<Vec<Vec3>, RoomsError>>()
+        });
+        Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
+    }
+
+    /// Radiance along a ray.
+    fn radiance(&self, ray: &CameraRay) -> Vec3 {
+        let Self { world, effects, .. } = *self;
+        let Some(surface) = world.trace(ray.origin, ray.direction) else { return self.sky(ray) };
+        let view = Incidence::new(&surface, ray.direction, self.spread);
+        let material = world.material(&surface);
+        let diffuse = reflected_light(world, effects, &surface, material, view.footprint, Some(ray.dice));
+        if !effects.mirrors || material.mirror <= 0.0 {
+            return diffuse;
+        }
+        let fresnel = view.fresnel(material);
+        let shown = world.trace(surface.leave(), view.bounced);
+        diffuse * (1.0 - fresnel) + self.mirrored(shown.as_ref(), &view) * fresnel
+    }
+
+    /// What adds up to the radiance along a ray; `None` for the sky.
+    pub(crate) fn parts(&self, ray: &CameraRay) -> Option<Parts> {
+        let Self { world, effects, .. } = *self;
+        let surface = world.trace(ray.origin, ray.direction)?;
+        let view = Incidence::new(&surface, ray.direction, self.spread);
+        let material = world.material(&surface);
+        let ambient = effects.ambient(world, surface.point, surface.normal);
+        let reached = world.lamps.iter().enumerate().filter_map(|(at, lamp)| {
+            let reached = lamp.reaches(surface.point, surface.normal);
+            let counts = reached.max_element() > ambient.max_element() * 0.01;
+            counts.then(|| (at, reached, effects.visibility(world, lamp, &surface, ray.dice)))
+        });
+        let mirrored = (effects.mirrors && material.mirror > 0.0).then(|| {
+            let shown = world.trace(surface.leave(), view.bounced);
+            (self.mirrored(shown.as_ref(), &view), view.fresnel(material))
+        });
+        Some(Parts {
+            ambient,
+            lamps: reached.collect(),
+            albedo: material.albedo(&surface.texture_point(view.footprint)),
+            emission: material.emission,
+            mirrored,
+            material: world.objects[surface.object].material,
+        })
+    }
+
+    pub(crate) fn sky(&self, ray: &CameraRay) -> Vec3 {
+        self.world.sky.radiance(ray.direction, as_f32(self.spread))
+    }
+
+    /// Radiance from what a mirror shows; `None` is the sky.
+    pub(crate) fn mirrored(&self, shown: Option<&Surface>, view: &Incidence) -> Vec3 {
+        let Self { world, effects, spread, .. } = *self;
+        shown.map_or_else(
+            || world.sky.radiance(view.bounced, as_f32(spread)),
+            |shown| {
+                let wide = view.footprint + as_f32(spread * shown.distance);
+                reflected_light(world, effects, shown, world.material(shown), wide, None)
+            },
+        )
+    }
+}
+
+/// The parts of the light of one surface.
+pub(crate) struct Parts {
+    pub ambient: Vec3,
+    /// Number of each lamp that counts, its light, and the share that is visible.
+    pub lamps: Vec<(usize, Vec3, f32)>,
+    albedo: Vec3,
+    emission: Vec3,
+    /// Mirrored radiance and its share.
+    pub mirrored: Option<(Vec3, f32)>,
+    /// Index of the material.
+    pub material: usize,
+}
+
+impl Parts {
+    pub(crate) fn light(&self) -> Vec3 {
+        self.with_arriving(self.arriving())
+    }
+
+    pub(crate) fn arriving(&self) -> Vec3 {
+        self.lamps.iter().fold(self.ambient, |sum, (_, reached, visible)| sum + *reached * *visible)
+    }
+
+    /// The light without reflection.
+    pub(crate) fn diffuse(&self) -> Vec3 {
+        self.albedo * self.arriving() + self.emission
+    }
+
+    /// The light, had this arrived.
+    pub(crate) fn with_arriving(&self, arriving: Vec3) -> Vec3 {
+        let diffuse = self.albedo * arriving + self.emission;
+        self.mirrored.map_or(diffuse, |(mirrored, share)| diffuse * (1.0 - share) + mirrored * share)
+    }
+}
+
+/// How a ray meets a surface.
+pub(crate) struct Incidence {
+    /// Cosine between the normal and the ray back.
+    facing: f64,
+    /// Width of a pixel on the surface, in metres.
+    pub footprint: f32,
+    /// Direction of reflection.
+    pub bounced: DVec3,
+}
+
+impl Incidence {
+    pub(crate) fn new(surface: &Surface, direction: DVec3, spread: f64) -> Self {
+        let facing = -surface.normal.dot(direction);
+        let footprint = as_f32(spread * surface.distance / facing.clamp(0.05, 1.0).sqrt());
+        Self { facing, footprint, bounced: direction + surface.normal * (2.0 * facing) }
+    }
+
+    /// Share of light that a material reflects specularly, by Schlick's approximation.
+    pub(crate) fn fresnel(&self, material: &Material) -> f32 {
+        material.mirror
+            + (1.0 - material.mirror) * as_f32(1.0 - self.facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0)
+    }
+}
+
+/// The picture of linear light: multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
+pub(crate) fn developed(
+    light: &[Vec3],
     effects: &Effects,
     shot: &Shot,
     size: ImageSize,
-    samples: u32,
     gain: f32,
 ) -> Result<Image, RoomsError> {
-    let light = light(world, effects, shot, size, samples)?;
     let developed = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
-        let counted = effects.develop(shot, pixel as u64, (light * gain).map(tone_curve));
+        let counted = effects.develop(shot, pixel as u64, exposed(light, gain));
         counted.map(srgb_encoded).to_array()
     });
     Ok(Image::new(size.width, size.height, developed.collect())?)
+}
+
+/// Light on the sensor, 1 at white.
+pub(crate) fn exposed(light: Vec3, gain: f32) -> Vec3 {
+    (light * gain).map(tone_curve)
 }
 
 /// Computes depth, normals and instances behind the pixels' centres.
@@ -162,31 +317,6 @@ fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -
     }
     let turn = glam::DQuat::from_mat3(&from.rotation()).slerp(glam::DQuat::from_mat3(&to.rotation()), share);
     Ok(WorldFromCamera::new(glam::DMat3::from_quat(turn), from.centre().lerp(to.centre(), share))?)
-}
-
-/// Radiance along a unit direction. A pixel is `spread` wide at a distance of 1.
-fn radiance(world: &World, effects: &Effects, origin: DVec3, direction: DVec3, spread: f64, dice: PixelSample) -> Vec3 {
-    let Some(surface) = world.trace(origin, direction) else {
-        return world.sky.radiance(direction, as_f32(spread));
-    };
-    let material = world.material(&surface);
-    let facing = -surface.normal.dot(direction);
-    let footprint = as_f32(spread * surface.distance / facing.clamp(0.05, 1.0).sqrt());
-    let diffuse = reflected_light(world, effects, &surface, material, footprint, Some(dice));
-    if !effects.mirrors || material.mirror <= 0.0 {
-        return diffuse;
-    }
-    let fresnel = material.mirror
-        + (1.0 - material.mirror) * as_f32(1.0 - facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0);
-    let bounced = direction + surface.normal * (2.0 * facing);
-    let mirrored = world.trace(surface.leave(), bounced).map_or_else(
-        || world.sky.radiance(bounced, as_f32(spread)),
-        |other| {
-            let wide = footprint + as_f32(spread * other.distance);
-            reflected_light(world, effects, &other, world.material(&other), wide, None)
-        },
-    );
-    diffuse * (1.0 - fresnel) + mirrored * fresnel
 }
 
 /// Light reflected diffusely and emitted by a surface. Surfaces seen in a mirror have no shadows.

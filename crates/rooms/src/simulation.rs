@@ -1,19 +1,20 @@
 use std::fmt;
-use std::time::Instant;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
 
-use crate::effects::{CalledEffect, Conditions, EffectChoice, EffectKind, Effects, SceneContext};
+use crate::effects::{CalledEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
-use crate::render::{self, Geometry, View};
+use crate::plan::{self, Stretch};
+use crate::render::{self, Frame, Geometry, View};
 use crate::rng::Rng;
+use crate::shared_light::SharedLight;
 use crate::world::World;
 use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
 /// Name and version of the generator. The version is raised with every change of a pixel, so that results computed from a
 /// simulated picture can be reused without rendering it again.
-pub const GENERATOR: &str = "atsplat rooms 1";
+pub const GENERATOR: &str = "atsplat rooms 2";
 
 /// Route of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -63,20 +64,12 @@ impl Request {
 pub struct Simulation {
     request: Request,
     pub(crate) world: World,
-    conditions: Conditions,
-    effects: Effects,
+    pub(crate) conditions: Conditions,
+    pub(crate) effects: Effects,
+    plan: Vec<Stretch>,
     shots: Vec<Shot>,
     slowed_to: f64,
-    gain: f32,
-}
-
-/// Rendering time of one effect.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EffectCost {
-    /// The effect.
-    pub effect: EffectKind,
-    /// Seconds per frame with all of the scene's effects minus seconds without this one; noise may make it negative.
-    pub secs: f64,
+    pub(crate) gain: f32,
 }
 
 impl Simulation {
@@ -109,10 +102,15 @@ impl Simulation {
         };
         let conditions = conditions(request.kind, seed);
         let case = SceneContext { world: &world, conditions: &conditions, shots: &path.shots };
-        let effects = Effects::choose(&case, &request.effects);
+        let mut effects = Effects::choose(&case, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
+        let mut plan = Vec::new();
+        if request.effects == EffectChoice::Auto {
+            plan = plan::plan(&world, &effects, &path.shots, request.samples, gain)?;
+            effects.apply(&plan);
+        }
         let (shots, slowed_to) = (path.shots, path.slowed_to);
-        Ok(Self { request, world, conditions, effects, shots, slowed_to, gain })
+        Ok(Self { request, world, conditions, effects, plan, shots, slowed_to, gain })
     }
 
     /// A simulation of a given world with static cameras and no effects.
@@ -126,7 +124,7 @@ impl Simulation {
         let conditions = conditions(request.kind, seed.bits());
         let case = SceneContext { world: &world, conditions: &conditions, shots: &shots };
         let effects = Effects::choose(&case, &request.effects);
-        Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0 }
+        Self { request, world, conditions, effects, plan: Vec::new(), shots, slowed_to: 1.0, gain: 1.0 }
     }
 
     /// The scene's name.
@@ -149,6 +147,11 @@ impl Simulation {
         &self.effects.called
     }
 
+    /// What runs in each stretch of the path; empty unless effects are chosen by [`EffectChoice::Auto`].
+    pub fn plan(&self) -> &[Stretch] {
+        &self.plan
+    }
+
     /// The camera's speed as a share of the drawn or given one, reduced to fit the scene; 1 in most scenes.
     pub const fn slowed_to(&self) -> f64 {
         self.slowed_to
@@ -167,8 +170,7 @@ impl Simulation {
     /// # Errors
     /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
     pub fn picture(&self, frame: usize) -> Result<Image, RoomsError> {
-        let Request { size, samples, .. } = self.request;
-        render::picture(&self.world, &self.effects, self.shot(frame)?, size, samples, self.gain)
+        self.rendered(frame, &self.effects, true)
     }
 
     /// Computes the geometry behind each pixel's centre, without rendering.
@@ -187,33 +189,14 @@ impl Simulation {
         Ok(View { picture: self.picture(frame)?, geometry: self.geometry(frame)? })
     }
 
-    /// Rendering time of each effect in a frame: the best of three renderings with and without it.
-    ///
-    /// # Errors
-    /// As [`Self::picture`].
-    pub fn effect_costs(&self, frame: usize) -> Result<Vec<EffectCost>, RoomsError> {
+    /// Renders a frame with these effects, as planned or with every ray.
+    pub(crate) fn rendered(&self, frame: usize, effects: &Effects, planned: bool) -> Result<Image, RoomsError> {
+        let Request { size, samples, .. } = self.request;
         let shot = self.shot(frame)?;
-        let kinds: Vec<EffectKind> = self.effects.called.iter().map(|called| called.effect).collect();
-        let case = SceneContext { world: &self.world, conditions: &self.conditions, shots: &self.shots };
-        let secs = |effects: &Effects| {
-            let mut least = f64::INFINITY;
-            for _ in 0..3 {
-                let start = Instant::now();
-                render::picture(&self.world, effects, shot, self.request.size, self.request.samples, self.gain)?;
-                let secs = start.elapsed().as_secs_f64();
-                least = if secs < least { secs } else { least };
-            }
-            Ok::<_, RoomsError>(least)
-        };
-        let all = secs(&self.effects)?;
-        kinds
-            .iter()
-            .map(|&effect| {
-                let others = kinds.iter().copied().filter(|other| *other != effect).collect();
-                let without = Effects::choose(&case, &EffectChoice::Only(others));
-                Ok(EffectCost { effect, secs: all - secs(&without)? })
-            })
-            .collect()
+        let stretch = self.plan.iter().find(|stretch| planned && stretch.frames.contains(&frame));
+        let frame = Frame::new(&self.world, effects, shot, size, samples)?;
+        let light = stretch.map_or_else(|| frame.light(), |stretch| SharedLight { frame: &frame, stretch }.light())?;
+        render::developed(&light, effects, shot, size, self.gain)
     }
 
     pub(crate) fn shot(&self, frame: usize) -> Result<&Shot, RoomsError> {
@@ -259,7 +242,8 @@ fn auto_exposure_gain(world: &World, effects: &Effects, shots: &[Shot]) -> Resul
     let mut brightness = Vec::new();
     for part in 0..4 {
         let shot = &shots[part * (shots.len() - 1) / 3];
-        brightness.extend(render::light(world, effects, shot, SIDE, 1)?.iter().map(|light| light.element_sum() / 3.0));
+        brightness
+            .extend(Frame::new(world, effects, shot, SIDE, 1)?.light()?.iter().map(|light| light.element_sum() / 3.0));
     }
     brightness.sort_by(f32::total_cmp);
     let bright = brightness[brightness.len() * 4 / 5];

@@ -9,6 +9,8 @@ mod sensor_noise;
 mod soft_shadows;
 mod specular_reflection;
 
+pub(crate) use soft_shadows::place_on_lamp;
+
 use std::fmt;
 
 use atsplat_camera::Distortion;
@@ -17,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::lamp::Lamp;
 use crate::path::Shot;
+use crate::plan::Stretch;
 use crate::world::{Surface, World};
 
 /// Largest change of a display-referred value that does not call for an effect: half a step of 8 bits.
@@ -213,12 +216,43 @@ impl Effects {
         self.running.push(effect);
     }
 
+    /// Stops effects that run nowhere on the path, and adds what the pilot saw to the reasons of the others.
+    pub(crate) fn apply(&mut self, plan: &[Stretch]) {
+        let kinds: Vec<EffectKind> = self.called.iter().map(|called| called.effect).collect();
+        for kind in kinds {
+            if !plan.iter().any(|stretch| stretch.runs(kind)) {
+                self.stop(kind);
+            }
+        }
+        for called in &mut self.called {
+            let seen = plan.iter().flat_map(|stretch| &stretch.differences).filter(|seen| seen.effect == called.effect);
+            let largest = seen.map(|seen| seen.largest).reduce(|a, b| if b > a { b } else { a });
+            if let Some(largest) = largest {
+                called.reason += &format!(", a change of up to {:.0} of 255 in small pictures", largest * 255.0);
+            }
+        }
+    }
+
+    fn stop(&mut self, kind: EffectKind) {
+        match kind {
+            EffectKind::SoftShadows => self.shadows = None,
+            EffectKind::SpecularReflection => self.mirrors = false,
+            _ => return,
+        }
+        self.called.retain(|called| called.effect != kind);
+    }
+
     fn at(&self, index: Option<usize>) -> Option<&dyn Effect> {
         self.running.get(index?).map(AsRef::as_ref)
     }
 
     pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: PixelSample) -> f32 {
         self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, dice)).unwrap_or(1.0)
+    }
+
+    /// Whether shadow rays run.
+    pub(crate) const fn shadowed(&self) -> bool {
+        self.shadows.is_some()
     }
 
     pub(crate) fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Vec3 {
