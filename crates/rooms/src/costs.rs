@@ -1,5 +1,5 @@
-//! What a frame's effects cost, and what the plan saves: measured by pairs of renderings that take turns, so that whatever
-//! else the machine does slows both alike.
+//! What a frame's effects cost, and what leaving out the others saves: measured by pairs of renderings that take turns, so
+//! that whatever else the machine does slows both alike.
 
 use std::fmt;
 use std::time::Instant;
@@ -8,7 +8,6 @@ use atsplat_numeric::median;
 use serde::Serialize;
 
 use crate::effects::{EffectChoice, EffectKind, Effects, SceneContext};
-use crate::render::{self, Frame};
 use crate::{RoomsError, Simulation};
 
 /// A time in seconds, not negative: the median of pairs, and the interval that holds the true median with 96 % confidence.
@@ -37,7 +36,7 @@ pub struct EffectCost {
 pub struct FrameCosts {
     /// The frame with the scene's effects.
     pub frame: Timing,
-    /// The frame with every ray of every effect.
+    /// The frame with all effects.
     pub all: Timing,
     /// The second over the first: how many times as fast the scene's effects are.
     pub speedup: f64,
@@ -122,11 +121,11 @@ impl Simulation {
         let (mut own_secs, mut all_secs) = (Vec::new(), Vec::new());
         let mut more = vec![Vec::new(); kinds.len()];
         for _ in 0..PAIRS {
-            let own = self.secs(frame, &self.effects, true)?;
+            let own = self.secs(frame, &self.effects)?;
             own_secs.push(own);
-            all_secs.push(self.secs(frame, &all, false)?);
+            all_secs.push(self.secs(frame, &all)?);
             for (more, without) in more.iter_mut().zip(&without) {
-                more.push(own - self.secs(frame, without, true)?);
+                more.push(own - self.secs(frame, without)?);
             }
         }
         let ratios: Vec<f64> = all_secs.iter().zip(&own_secs).map(|(all, own)| all / own).collect();
@@ -146,9 +145,7 @@ impl Simulation {
     /// As [`Self::picture`].
     pub fn difference_from_all(&self, frame: usize) -> Result<PictureDifference, RoomsError> {
         let effects = Effects::choose(&self.context(), &EffectChoice::All);
-        let (shot, request) = (self.shot(frame)?, self.request());
-        let light = Frame::new(&self.world, &effects, shot, request.size, request.samples)?.light()?;
-        let all = render::developed(&light, &effects, shot, request.size, self.gain)?;
+        let all = self.rendered(frame, &effects)?;
         let own = self.picture(frame)?;
         let changes = || own.samples().iter().zip(all.samples()).map(|(a, b)| (a - b).abs());
         let values: Vec<f32> = changes().collect();
@@ -161,9 +158,9 @@ impl Simulation {
     }
 
     /// Seconds of one rendering.
-    fn secs(&self, frame: usize, effects: &Effects, planned: bool) -> Result<f64, RoomsError> {
+    fn secs(&self, frame: usize, effects: &Effects) -> Result<f64, RoomsError> {
         let start = Instant::now();
-        std::hint::black_box(self.rendered(frame, effects, planned)?);
+        std::hint::black_box(self.rendered(frame, effects)?);
         Ok(start.elapsed().as_secs_f64())
     }
 

@@ -160,7 +160,10 @@ impl Object {
             }
             Form::Leaf(_) => (DVec3::Z, p.truncate()),
         };
-        HitPoint { normal: (self.world_from_local * normal).normalize_or(DVec3::Z), local: p, uv }
+        let normal = self.world_from_local * normal;
+        // Rotations by multiples of 90° keep the length exactly.
+        let normal = if self.aligned.is_some() { normal } else { normal.normalize_or(DVec3::Z) };
+        HitPoint { normal, local: p, uv }
     }
 
     /// Half sides of the axis-aligned box in the world around [`Self::centre`].

@@ -20,14 +20,13 @@ mod material;
 pub mod motion_report;
 mod noise;
 mod path;
-mod plan;
 mod render;
 mod rng;
 mod seed;
-mod shared_light;
 mod simulation;
 mod sky;
 mod source;
+mod tiled_light;
 mod world;
 
 pub use costs::{EffectCost, FrameCosts, PictureDifference, Timing};
@@ -36,7 +35,6 @@ pub use dataset::{Layout, ManifestScene, PictureCoding, WriteOptions, encoded_sc
 pub use effects::{CalledEffect, EffectChoice, EffectKind, TOLERANCE};
 pub use error::RoomsError;
 pub use path::{ClipMotion, Motion, Shot};
-pub use plan::{Difference, Stretch};
 pub use render::{Geometry, View};
 pub use seed::{SceneKind, SceneSeed, Split};
 pub use simulation::{GENERATOR, Request, Route, Simulation};

@@ -1,3 +1,5 @@
+use std::sync::OnceLock;
+
 use atsplat_camera::{Distortion, ImageSize, Lens, PixelIntrinsics, WorldFromCamera};
 use atsplat_pixels::Image;
 use glam::{DMat2, DVec2, DVec3, Vec3};
@@ -87,13 +89,33 @@ pub(crate) struct Frame<'a> {
     /// Width of a pixel at a distance of 1.
     pub spread: f64,
     rays: Rays,
-    /// The camera's pose at each sample.
-    poses: Vec<WorldFromCamera>,
+    lens_table: Option<&'a LensTable>,
+    /// The camera's pose and the place in the pixel of each sample.
+    samples_at: Vec<(WorldFromCamera, DVec2)>,
     seed: u64,
 }
 
 /// A pixel's centre on the plane z = 1, and the derivative with respect to pixel coordinates.
 type PixelPlane = (DVec2, DMat2);
+
+/// All pixels through a lens, whose inverse is iterative and takes up to a fifth of a frame. Frames of a clip share it.
+#[derive(Debug)]
+pub(crate) struct LensTable {
+    k: PixelIntrinsics,
+    lens: Distortion,
+    size: ImageSize,
+    /// Row by row.
+    pixels: Vec<PixelPlane>,
+}
+
+impl LensTable {
+    fn new(frame: &Frame<'_>) -> Result<Self, RoomsError> {
+        let size = frame.size;
+        let row = |row| (0..size.width).map(|column| frame.rays.pixel(column, row)).collect::<Result<Vec<_>, _>>();
+        let rows = (0..size.height).into_par_iter().map(row).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { k: frame.rays.k, lens: frame.effects.lens, size, pixels: rows.concat() })
+    }
+}
 
 /// A ray through a pixel.
 pub(crate) struct CameraRay {
@@ -112,24 +134,42 @@ impl<'a> Frame<'a> {
     ) -> Result<Self, RoomsError> {
         let rays = Rays::new(shot, effects.lens, size)?;
         let from = shot.camera.camera_from_world.inverse();
-        let poses = (0..samples)
-            .map(|sample| {
-                interpolated_pose(&from, &shot.moving_to, effects.shutter * f64::from(sample) / f64::from(samples))
-            })
-            .collect::<Result<_, _>>()?;
+        let sample_at = |sample| {
+            let open = effects.shutter * f64::from(sample) / f64::from(samples);
+            Ok((interpolated_pose(&from, &shot.moving_to, open)?, place_in_pixel(sample)))
+        };
+        let samples_at = (0..samples).map(sample_at).collect::<Result<_, RoomsError>>()?;
         let seed = mix(shot.timestamp_micros.cast_unsigned());
         let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
-        Ok(Self { world, effects, size, samples, spread, rays, poses, seed })
+        Ok(Self { world, effects, size, samples, spread, rays, lens_table: None, samples_at, seed })
+    }
+
+    /// The frame with its lens looked up in `table`, which is filled by the first frame with a lens.
+    pub(crate) fn with_lens_table(self, table: &'a OnceLock<LensTable>) -> Result<Self, RoomsError> {
+        if self.rays.lens.is_none() {
+            return Ok(self);
+        }
+        let filled = if let Some(filled) = table.get() {
+            filled
+        } else {
+            let made = LensTable::new(&self)?;
+            table.get_or_init(|| made)
+        };
+        let fits = (filled.k, filled.lens, filled.size) == (self.rays.k, self.effects.lens, self.size);
+        Ok(Self { lens_table: fits.then_some(filled), ..self })
     }
 
     pub(crate) fn pixel(&self, column: u32, row: u32) -> Result<PixelPlane, RoomsError> {
-        self.rays.pixel(column, row)
+        match self.lens_table {
+            Some(table) => Ok(table.pixels[row as usize * self.size.width as usize + column as usize]),
+            None => self.rays.pixel(column, row),
+        }
     }
 
     /// A sample's ray through a pixel with this [`Self::pixel`].
     pub(crate) fn ray(&self, [column, row]: [u32; 2], (centre, moves): PixelPlane, sample: u32) -> CameraRay {
-        let pose = &self.poses[sample as usize];
-        let plane = centre + moves * place_in_pixel(sample);
+        let (pose, place) = &self.samples_at[sample as usize];
+        let plane = centre + moves * *place;
         let direction = pose.transform_vector(plane.extend(1.0)).normalize();
         let index = u64::from(row) * u64::from(self.size.width) + u64::from(column);
         CameraRay { origin: pose.centre(), direction, dice: PixelSample { pixel: mix(self.seed ^ index), sample } }
@@ -164,32 +204,6 @@ impl<'a> Frame<'a> {
         diffuse * (1.0 - fresnel) + self.mirrored(shown.as_ref(), &view) * fresnel
     }
 
-    /// What adds up to the radiance along a ray; `None` for the sky.
-    pub(crate) fn parts(&self, ray: &CameraRay) -> Option<Parts> {
-        let Self { world, effects, .. } = *self;
-        let surface = world.trace(ray.origin, ray.direction)?;
-        let view = Incidence::new(&surface, ray.direction, self.spread);
-        let material = world.material(&surface);
-        let ambient = effects.ambient(world, surface.point, surface.normal);
-        let reached = world.lamps.iter().enumerate().filter_map(|(at, lamp)| {
-            let reached = lamp.reaches(surface.point, surface.normal);
-            let counts = reached.max_element() > ambient.max_element() * 0.01;
-            counts.then(|| (at, reached, effects.visibility(world, lamp, &surface, ray.dice)))
-        });
-        let mirrored = (effects.mirrors && material.mirror > 0.0).then(|| {
-            let shown = world.trace(surface.leave(), view.bounced);
-            (self.mirrored(shown.as_ref(), &view), view.fresnel(material))
-        });
-        Some(Parts {
-            ambient,
-            lamps: reached.collect(),
-            albedo: material.albedo(&surface.texture_point(view.footprint)),
-            emission: material.emission,
-            mirrored,
-            material: world.objects[surface.object].material,
-        })
-    }
-
     pub(crate) fn sky(&self, ray: &CameraRay) -> Vec3 {
         self.world.sky.radiance(ray.direction, as_f32(self.spread))
     }
@@ -204,40 +218,6 @@ impl<'a> Frame<'a> {
                 reflected_light(world, effects, shown, world.material(shown), wide, None)
             },
         )
-    }
-}
-
-/// The parts of the light of one surface.
-pub(crate) struct Parts {
-    pub ambient: Vec3,
-    /// Number of each lamp that counts, its light, and the share that is visible.
-    pub lamps: Vec<(usize, Vec3, f32)>,
-    albedo: Vec3,
-    emission: Vec3,
-    /// Mirrored radiance and its share.
-    pub mirrored: Option<(Vec3, f32)>,
-    /// Index of the material.
-    pub material: usize,
-}
-
-impl Parts {
-    pub(crate) fn light(&self) -> Vec3 {
-        self.with_arriving(self.arriving())
-    }
-
-    pub(crate) fn arriving(&self) -> Vec3 {
-        self.lamps.iter().fold(self.ambient, |sum, (_, reached, visible)| sum + *reached * *visible)
-    }
-
-    /// The light without reflection.
-    pub(crate) fn diffuse(&self) -> Vec3 {
-        self.albedo * self.arriving() + self.emission
-    }
-
-    /// The light, had this arrived.
-    pub(crate) fn with_arriving(&self, arriving: Vec3) -> Vec3 {
-        let diffuse = self.albedo * arriving + self.emission;
-        self.mirrored.map_or(diffuse, |(mirrored, share)| diffuse * (1.0 - share) + mirrored * share)
     }
 }
 
@@ -274,15 +254,10 @@ pub(crate) fn developed(
     gain: f32,
 ) -> Result<Image, RoomsError> {
     let developed = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
-        let counted = effects.develop(shot, pixel as u64, exposed(light, gain));
+        let counted = effects.develop(shot, pixel as u64, (light * gain).map(tone_curve));
         counted.map(srgb_encoded).to_array()
     });
     Ok(Image::new(size.width, size.height, developed.collect())?)
-}
-
-/// Light on the sensor, 1 at white.
-pub(crate) fn exposed(light: Vec3, gain: f32) -> Vec3 {
-    (light * gain).map(tone_curve)
 }
 
 /// Computes depth, normals and instances behind the pixels' centres.

@@ -1,20 +1,20 @@
 use std::fmt;
+use std::sync::OnceLock;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
 
 use crate::effects::{CalledEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
-use crate::plan::{self, Stretch};
-use crate::render::{self, Frame, Geometry, View};
+use crate::render::{self, Frame, Geometry, LensTable, View};
 use crate::rng::Rng;
-use crate::shared_light::SharedLight;
+use crate::tiled_light::TiledLight;
 use crate::world::World;
 use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
 /// Name and version of the generator. The version is raised with every change of a pixel, so that results computed from a
 /// simulated picture can be reused without rendering it again.
-pub const GENERATOR: &str = "atsplat rooms 2";
+pub const GENERATOR: &str = "atsplat rooms 1";
 
 /// Route of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -66,10 +66,10 @@ pub struct Simulation {
     pub(crate) world: World,
     pub(crate) conditions: Conditions,
     pub(crate) effects: Effects,
-    plan: Vec<Stretch>,
     shots: Vec<Shot>,
     slowed_to: f64,
-    pub(crate) gain: f32,
+    gain: f32,
+    lens_table: OnceLock<LensTable>,
 }
 
 impl Simulation {
@@ -102,15 +102,10 @@ impl Simulation {
         };
         let conditions = conditions(request.kind, seed);
         let case = SceneContext { world: &world, conditions: &conditions, shots: &path.shots };
-        let mut effects = Effects::choose(&case, &request.effects);
+        let effects = Effects::choose(&case, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
-        let mut plan = Vec::new();
-        if request.effects == EffectChoice::Auto {
-            plan = plan::plan(&world, &effects, &path.shots, request.samples, gain)?;
-            effects.apply(&plan);
-        }
         let (shots, slowed_to) = (path.shots, path.slowed_to);
-        Ok(Self { request, world, conditions, effects, plan, shots, slowed_to, gain })
+        Ok(Self { request, world, conditions, effects, shots, slowed_to, gain, lens_table: OnceLock::new() })
     }
 
     /// A simulation of a given world with static cameras and no effects.
@@ -124,7 +119,7 @@ impl Simulation {
         let conditions = conditions(request.kind, seed.bits());
         let case = SceneContext { world: &world, conditions: &conditions, shots: &shots };
         let effects = Effects::choose(&case, &request.effects);
-        Self { request, world, conditions, effects, plan: Vec::new(), shots, slowed_to: 1.0, gain: 1.0 }
+        Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0, lens_table: OnceLock::new() }
     }
 
     /// The scene's name.
@@ -147,11 +142,6 @@ impl Simulation {
         &self.effects.called
     }
 
-    /// What runs in each stretch of the path; empty unless effects are chosen by [`EffectChoice::Auto`].
-    pub fn plan(&self) -> &[Stretch] {
-        &self.plan
-    }
-
     /// The camera's speed as a share of the drawn or given one, reduced to fit the scene; 1 in most scenes.
     pub const fn slowed_to(&self) -> f64 {
         self.slowed_to
@@ -170,7 +160,7 @@ impl Simulation {
     /// # Errors
     /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
     pub fn picture(&self, frame: usize) -> Result<Image, RoomsError> {
-        self.rendered(frame, &self.effects, true)
+        self.rendered(frame, &self.effects)
     }
 
     /// Computes the geometry behind each pixel's centre, without rendering.
@@ -189,14 +179,16 @@ impl Simulation {
         Ok(View { picture: self.picture(frame)?, geometry: self.geometry(frame)? })
     }
 
-    /// Renders a frame with these effects, as planned or with every ray.
-    pub(crate) fn rendered(&self, frame: usize, effects: &Effects, planned: bool) -> Result<Image, RoomsError> {
+    /// Renders a frame with these effects.
+    pub(crate) fn rendered(&self, frame: usize, effects: &Effects) -> Result<Image, RoomsError> {
+        let light = TiledLight { frame: &self.frame(frame, effects)? }.light()?;
+        render::developed(&light, effects, self.shot(frame)?, self.request.size, self.gain)
+    }
+
+    /// A frame to be rendered with these effects.
+    pub(crate) fn frame<'a>(&'a self, frame: usize, effects: &'a Effects) -> Result<Frame<'a>, RoomsError> {
         let Request { size, samples, .. } = self.request;
-        let shot = self.shot(frame)?;
-        let stretch = self.plan.iter().find(|stretch| planned && stretch.frames.contains(&frame));
-        let frame = Frame::new(&self.world, effects, shot, size, samples)?;
-        let light = stretch.map_or_else(|| frame.light(), |stretch| SharedLight { frame: &frame, stretch }.light())?;
-        render::developed(&light, effects, shot, size, self.gain)
+        Frame::new(&self.world, effects, self.shot(frame)?, size, samples)?.with_lens_table(&self.lens_table)
     }
 
     pub(crate) fn shot(&self, frame: usize) -> Result<&Shot, RoomsError> {

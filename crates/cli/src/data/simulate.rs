@@ -53,8 +53,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=256))]
     samples: u32,
 
-    /// auto (the effects that change a scene's images, where a pilot of small images says so), all (every ray of
-    /// every effect), none, or a list, as soft-shadows,motion-blur.
+    /// auto (the effects that can change a scene's images), all, none, or a list, as soft-shadows,motion-blur.
     #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto", value_parser = effects)]
     effects: EffectChoice,
 

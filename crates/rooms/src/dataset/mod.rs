@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::effects::CalledEffect;
-use crate::{Request, RoomsError, SceneKind, Simulation, Split, Stretch};
+use crate::{Request, RoomsError, SceneKind, Simulation, Split};
 
 /// Layout of a dataset on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,9 +79,6 @@ pub struct ManifestScene {
     pub slowed_to: f64,
     /// The effects that ran, with reasons.
     pub effects: Vec<CalledEffect>,
-    /// What ran in each stretch of the path ([`Simulation::plan`]).
-    #[serde(skip_serializing_if = "<[Stretch]>::is_empty")]
-    pub plan: Vec<Stretch>,
 }
 
 #[derive(Serialize)]
@@ -205,7 +202,6 @@ fn entry(simulation: &Simulation) -> ManifestScene {
         samples: *samples,
         slowed_to: simulation.slowed_to(),
         effects: simulation.called_effects().to_vec(),
-        plan: simulation.plan().to_vec(),
     }
 }
 

@@ -1,9 +1,9 @@
-//! Light of a frame by tiles, with the effects that a stretch of the clip calls for.
+//! Light of a frame by tiles, to the bit that of [`Frame::light`].
 //!
 //! Rays of a tile that start near each other and go the same way first find together the few objects that any of them can
-//! hit. Where nothing can hide a lamp from a face, or one object always does, no shadow ray is cast. This changes no
-//! picture. Samples of a pixel on one face share light, and what a weak mirror shows, where its first and last sample
-//! nearly agree; this is what [`Stretch::shares`] turns off.
+//! hit. Where nothing can hide a lamp from a face, or one object always does, no shadow ray is cast.
+
+use std::iter;
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -12,7 +12,6 @@ use crate::RoomsError;
 use crate::bundle::{Bundle, Candidates, Extent};
 use crate::effects::place_on_lamp;
 use crate::lamp::{Lamp, LampExtent};
-use crate::plan::Stretch;
 use crate::render::{CameraRay, Frame, Incidence};
 use crate::world::{LEAVE, Surface};
 
@@ -20,15 +19,12 @@ use crate::world::{LEAVE, Surface};
 const TILE: u32 = 8;
 /// Fewest samples on a face for which a search pays.
 const WORTH: usize = 12;
-/// Share of reflected light below which samples may share it.
-const WEAK: f32 = 0.055;
 /// The cosine between normals from which two points are on one face.
 const FLAT: f64 = 1.0 - 1e-9;
 
-/// Renders the light of a frame with the effects that a stretch of the clip calls for.
-pub(crate) struct SharedLight<'a> {
+/// Renders the light of a frame.
+pub(crate) struct TiledLight<'a> {
     pub frame: &'a Frame<'a>,
-    pub stretch: &'a Stretch,
 }
 
 /// The samples of a tile that hit one side of an object.
@@ -67,57 +63,7 @@ struct Hit {
     face: usize,
 }
 
-impl Hit {
-    /// Whether both lie on one flat face.
-    fn is_beside(&self, other: &Self) -> bool {
-        self.face == other.face && self.surface.normal.dot(other.surface.normal) > FLAT
-    }
-}
-
-/// Ambient light and that of lamps that nothing hides.
-#[derive(Clone, Copy)]
-struct Sure {
-    light: Vec3,
-    /// Below this, the light of another lamp does not count.
-    enough: f32,
-}
-
-/// Light from the direction of reflection.
-#[derive(Clone, Copy)]
-struct Mirrored {
-    radiance: Vec3,
-    /// The object that the mirror shows.
-    shown: Option<usize>,
-}
-
-/// A quantity of a pixel's first and last sample, and of those between if both are close.
-enum Shared<T> {
-    Ends { first: T, last: T, between: Option<T> },
-    Apart,
-}
-
-/// Which of a pixel's samples.
-#[derive(Clone, Copy)]
-enum Place {
-    First,
-    Last,
-    /// Another one on the same face.
-    Between,
-    Elsewhere,
-}
-
-impl<T: Copy> Shared<T> {
-    fn of(&self, place: Place) -> Option<T> {
-        match (self, place) {
-            (Self::Ends { first, .. }, Place::First) => Some(*first),
-            (Self::Ends { last, .. }, Place::Last) => Some(*last),
-            (Self::Ends { between, .. }, Place::Between) => *between,
-            _ => None,
-        }
-    }
-}
-
-impl SharedLight<'_> {
+impl TiledLight<'_> {
     /// Linear light before exposure of the whole picture, row by row.
     pub(crate) fn light(&self) -> Result<Vec<Vec3>, RoomsError> {
         let (width, height) = (self.frame.size.width, self.frame.size.height);
@@ -155,8 +101,10 @@ impl SharedLight<'_> {
         let ahead = frame.world.candidates(&Bundle::new(origins, directions, f64::INFINITY), |_| true);
         let mut faces: Vec<Face> = Vec::new();
         let lamps = frame.world.lamps.len();
-        let traced = |at: usize| frame.effects.shadowed() && self.stretch.shadows[at];
-        let unknown = || (0..lamps).map(|at| if traced(at) { Shades::Any } else { Shades::Nothing }).collect();
+        let unknown = || {
+            let shades = || if frame.effects.shadowed() { Shades::Any } else { Shades::Nothing };
+            iter::repeat_with(shades).take(lamps).collect()
+        };
         let hits: Vec<Option<Hit>> = rays
             .iter()
             .map(|ray| {
@@ -170,12 +118,12 @@ impl SharedLight<'_> {
         Ok(rays.chunks(samples).zip(hits.chunks(samples)).map(|(rays, hits)| self.pixel(rays, hits, &faces)).collect())
     }
 
-    /// Finds what can hide lamps from the larger faces, and what these can mirror.
+    /// Finds what can hide lamps from the larger faces and what these can mirror.
     fn prepare(&self, faces: &mut [Face]) {
         let Frame { world, effects, .. } = *self.frame;
         for face in faces.iter_mut().filter(|face| face.count >= WORTH) {
             if effects.shadowed() {
-                for (at, lamp) in world.lamps.iter().enumerate().filter(|(at, _)| self.stretch.shadows[*at]) {
+                for (at, lamp) in world.lamps.iter().enumerate() {
                     face.shades[at] = self.shades(face, lamp);
                 }
             }
@@ -188,120 +136,69 @@ impl SharedLight<'_> {
 
     fn reflects(&self, object: usize) -> bool {
         let Frame { world, effects, .. } = *self.frame;
-        effects.mirrors && self.stretch.mirrors[world.objects[object].material]
+        effects.mirrors && world.materials[world.objects[object].material].mirror > 0.0
     }
 
-    /// The mean light of a pixel's samples. Where the first and the last agree, those between take their mean.
+    /// The mean light of a pixel's samples.
     fn pixel(&self, rays: &[CameraRay], hits: &[Option<Hit>], faces: &[Face]) -> Vec3 {
-        let (mut sure, mut mirrored) = (Shared::Apart, Shared::Apart);
-        if let (Some(Some(first)), Some(Some(last))) = (hits.first(), hits.last())
-            && hits.len() > 2
-            && first.is_beside(last)
-        {
-            let face = &faces[first.face];
-            sure = self.shared_sure(self.sure(first, face), self.sure(last, face));
-            if let (Some(a), Some(b)) = (self.mirrored(first, face), self.mirrored(last, face)) {
-                mirrored = self.shared_mirrored(&sure, first, a, b);
-            }
-        }
-        let mut sum = Vec3::ZERO;
-        for (at, (ray, hit)) in rays.iter().zip(hits).enumerate() {
-            let Some(hit) = hit else {
-                sum += self.frame.sky(ray);
-                continue;
-            };
-            let face = &faces[hit.face];
-            let place = if at == 0 {
-                Place::First
-            } else if at + 1 == hits.len() {
-                Place::Last
-            } else if hits[0].as_ref().is_some_and(|first| first.is_beside(hit)) {
-                Place::Between
-            } else {
-                Place::Elsewhere
-            };
-            let sure = sure.of(place).unwrap_or_else(|| self.sure(hit, face));
-            let mirrored = mirrored.of(place).or_else(|| self.mirrored(hit, face));
-            sum += self.outgoing(ray, hit, face, &sure, mirrored.map(|mirrored| mirrored.radiance));
-        }
-        sum / hits.len() as f32
-    }
-
-    /// Ambient light and that of lamps that nothing hides.
-    fn sure(&self, hit: &Hit, face: &Face) -> Sure {
-        let Frame { world, effects, .. } = *self.frame;
-        let surface = &hit.surface;
-        let ambient = effects.ambient(world, surface.point, surface.normal);
-        let enough = ambient.max_element() * 0.01;
-        let mut light = ambient;
-        for (lamp, _) in world.lamps.iter().zip(&face.shades).filter(|(_, shades)| matches!(shades, Shades::Nothing)) {
-            let reached = lamp.reaches(surface.point, surface.normal);
-            if reached.max_element() > enough {
-                light += reached;
-            }
-        }
-        Sure { light, enough }
-    }
-
-    /// What a mirror shows; `None` for a matte surface.
-    fn mirrored(&self, hit: &Hit, face: &Face) -> Option<Mirrored> {
-        let world = self.frame.world;
-        let (surface, view) = (&hit.surface, &hit.view);
-        self.reflects(surface.object).then(|| {
-            let shown = match &face.mirrors {
-                Some(candidates) => world.trace_among(candidates, surface.leave(), view.bounced),
-                None => world.trace(surface.leave(), view.bounced),
-            };
-            let radiance = self.frame.mirrored(shown.as_ref(), view);
-            Mirrored { radiance, shown: shown.map(|shown| shown.object) }
-        })
-    }
-
-    fn shared_sure(&self, a: Sure, b: Sure) -> Shared<Sure> {
-        let apart = (a.light - b.light).abs().max_element();
-        let mean = Sure { light: (a.light + b.light) * 0.5, enough: a.enough };
-        let between = (apart <= self.stretch.closeness() * a.light.max_element()).then_some(mean);
-        Shared::Ends { first: a, last: b, between }
-    }
-
-    fn shared_mirrored(&self, sure: &Shared<Sure>, first: &Hit, a: Mirrored, b: Mirrored) -> Shared<Mirrored> {
-        let white = sure.of(Place::First).map_or(0.0, |sure| sure.light.max_element());
-        let fresnel = first.view.fresnel(self.frame.world.material(&first.surface));
-        let apart = (a.radiance - b.radiance).abs().max_element() * fresnel;
-        let mean = Mirrored { radiance: (a.radiance + b.radiance) * 0.5, ..a };
-        // Compared with the light of a surface of albedo 0.1. The sky may hide a window's bars between both.
-        let alike = a.shown.is_some() && a.shown == b.shown;
-        let near = fresnel < WEAK && alike && apart <= 0.1 * self.stretch.closeness() * white;
-        Shared::Ends { first: a, last: b, between: near.then_some(mean) }
+        let light = rays.iter().zip(hits).map(|(ray, hit)| match hit {
+            Some(hit) => self.outgoing(ray, hit, &faces[hit.face]),
+            None => self.frame.sky(ray),
+        });
+        light.sum::<Vec3>() / hits.len() as f32
     }
 
     /// Light towards the camera.
-    fn outgoing(&self, ray: &CameraRay, hit: &Hit, face: &Face, sure: &Sure, mirrored: Option<Vec3>) -> Vec3 {
+    fn outgoing(&self, ray: &CameraRay, hit: &Hit, face: &Face) -> Vec3 {
         let world = self.frame.world;
         let Hit { surface, view, .. } = hit;
-        let mut arriving = sure.light;
+        let material = world.material(surface);
+        let arriving = self.arriving(ray, surface, face);
+        let diffuse = material.albedo(&surface.texture_point(view.footprint)) * arriving + material.emission;
+        if !self.reflects(surface.object) {
+            return diffuse;
+        }
+        let shown = match &face.mirrors {
+            Some(candidates) => world.trace_among(candidates, surface.leave(), view.bounced),
+            None => world.trace(surface.leave(), view.bounced),
+        };
+        let fresnel = view.fresnel(material);
+        diffuse * (1.0 - fresnel) + self.frame.mirrored(shown.as_ref(), view) * fresnel
+    }
+
+    /// Light that arrives at a surface.
+    fn arriving(&self, ray: &CameraRay, surface: &Surface, face: &Face) -> Vec3 {
+        let Frame { world, effects, .. } = *self.frame;
+        let ambient = effects.ambient(world, surface.point, surface.normal);
+        let enough = ambient.max_element() * 0.01;
+        let mut arriving = ambient;
         for (lamp, shades) in
-            world.lamps.iter().zip(&face.shades).filter(|(_, shades)| matches!(shades, Shades::Among(_) | Shades::Any))
+            world.lamps.iter().zip(&face.shades).filter(|(_, shades)| !matches!(shades, Shades::Whole))
         {
             let reached = lamp.reaches(surface.point, surface.normal);
-            if reached.max_element() > sure.enough {
-                let from = surface.leave();
-                let to_lamp = lamp.towards(from, place_on_lamp(ray.dice));
-                let blocked = match shades {
-                    Shades::Among(shades) => world.blocked_among(shades, from, to_lamp),
-                    _ => world.blocked(from, to_lamp),
-                };
-                if !blocked {
-                    arriving += reached;
-                }
+            if reached.max_element() > enough && !self.hidden(ray, surface, lamp, shades) {
+                arriving += reached;
             }
         }
-        let material = world.material(surface);
-        let diffuse = material.albedo(&surface.texture_point(view.footprint)) * arriving + material.emission;
-        mirrored.map_or(diffuse, |mirrored| {
-            let fresnel = view.fresnel(material);
-            diffuse * (1.0 - fresnel) + mirrored * fresnel
-        })
+        arriving
+    }
+
+    /// Whether anything hides a sample's point of a lamp.
+    fn hidden(&self, ray: &CameraRay, surface: &Surface, lamp: &Lamp, shades: &Shades) -> bool {
+        let world = self.frame.world;
+        let towards = || (surface.leave(), lamp.towards(surface.leave(), place_on_lamp(ray.dice)));
+        match shades {
+            Shades::Nothing => false,
+            Shades::Whole => true,
+            Shades::Among(shades) => {
+                let (from, to_lamp) = towards();
+                world.blocked_among(shades, from, to_lamp)
+            }
+            Shades::Any => {
+                let (from, to_lamp) = towards();
+                world.blocked(from, to_lamp)
+            }
+        }
     }
 
     /// What can hide a lamp from a face.
@@ -363,4 +260,41 @@ fn face_of(faces: &mut Vec<Face>, surface: &Surface, view: &Incidence, fresh: im
     face.leaving.add(surface.leave());
     face.bounced.add(view.bounced);
     number
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::ImageSize;
+
+    use super::*;
+    use crate::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
+
+    /// The oracle traces each ray through the whole tree and casts every shadow ray. Sides are no multiples of a tile's.
+    #[test]
+    fn tiles_give_the_same_bits_as_single_rays() {
+        let size = ImageSize { width: 75, height: 53 };
+        let mut lit = 0;
+        for number in 0..12 {
+            let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
+            let choices = [
+                EffectChoice::All,
+                EffectChoice::None,
+                EffectChoice::Only(vec![EffectKind::SoftShadows, EffectKind::SpecularReflection]),
+            ];
+            for effects in choices {
+                let seed = SceneSeed { split: Split::Test, number };
+                let request = Request { effects, size, samples: 3, ..Request::new(kind, seed) };
+                let simulation = Simulation::new(request).unwrap();
+                let frame = simulation.frame(40, &simulation.effects).unwrap();
+                let shot = simulation.shot(40).unwrap();
+                let plain = Frame::new(&simulation.world, &simulation.effects, shot, size, 3).unwrap().light().unwrap();
+                let tiled = TiledLight { frame: &frame }.light().unwrap();
+                let bits =
+                    |light: &[Vec3]| light.iter().map(|light| light.to_array().map(f32::to_bits)).collect::<Vec<_>>();
+                assert!(bits(&tiled) == bits(&plain), "{simulation}");
+                lit += tiled.iter().filter(|light| light.element_sum() > 0.0).count();
+            }
+        }
+        assert!(lit > 75 * 53 * 30, "only {lit} pixels have light");
+    }
 }
