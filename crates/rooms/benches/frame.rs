@@ -1,5 +1,5 @@
 //! A 256×256 frame with 4 samples a pixel on two threads: the picture with the effects that its scene calls for,
-//! the picture without any, the geometry alone, and the building of a scene.
+//! with all and without any, the geometry alone, and the building of a scene.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
@@ -18,7 +18,9 @@ fn requests(kind: SceneKind, effects: &EffectChoice) -> Vec<Request> {
 fn frames(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     for kind in [SceneKind::Rooms, SceneKind::Yards] {
-        for (name, effects) in [("called for", EffectChoice::Auto), ("none", EffectChoice::None)] {
+        for (name, effects) in
+            [("called for", EffectChoice::Auto), ("all", EffectChoice::All), ("none", EffectChoice::None)]
+        {
             let scenes: Vec<Simulation> =
                 requests(kind, &effects).into_iter().map(|r| Simulation::new(r).expect("a scene")).collect();
             let mut next = scenes.iter().cycle();

@@ -26,9 +26,7 @@ fn main() -> anyhow::Result<()> {
         let request = Request::new(kind, SceneSeed { split, number });
         let simulation = Simulation::new(Request { size: ImageSize { width: side, height: side }, ..request })?;
         println!("{simulation}");
-        for cost in simulation.effect_costs(0)? {
-            println!("    {}: {:+.1} ms a frame", cost.effect, cost.secs * 1e3);
-        }
+        print!("{}", simulation.costs(0)?);
         let last = simulation.shots().len() - 1;
         let mut tiles: Vec<Image> =
             (0..VIEWS).map(|view| simulation.picture(view * last / (VIEWS - 1))).collect::<Result<_, _>>()?;

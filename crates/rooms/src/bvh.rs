@@ -6,20 +6,20 @@ use crate::form::{Object, RaySegment};
 /// object, which is tested exactly if a ray hits the box.
 #[derive(Clone, Debug)]
 pub(crate) struct Bvh {
-    nodes: Vec<Node>,
+    pub nodes: Vec<Node>,
 }
 
 /// A node of four boxes.
 #[derive(Clone, Copy, Debug)]
-struct Node {
+pub(crate) struct Node {
     /// Lower and upper planes per axis.
-    planes: [[Vec4; 2]; 3],
+    pub planes: [[Vec4; 2]; 3],
     /// Content of each box: an object, marked by [`OBJECT`], or a node.
-    links: [u32; WIDTH],
+    pub links: [u32; WIDTH],
 }
 
-const WIDTH: usize = 4;
-const OBJECT: u32 = 1 << 31;
+pub(crate) const WIDTH: usize = 4;
+pub(crate) const OBJECT: u32 = 1 << 31;
 /// Levels split by the heuristic; below them, splitting in halves bounds the depth.
 const SHAPED: usize = 12;
 /// Size of the traversal stack: at most three boxes per level, and few levels of halves.
@@ -132,7 +132,7 @@ impl Bvh {
 
 impl Node {
     /// Boxes that no ray hits.
-    const EMPTY: Self =
+    pub(crate) const EMPTY: Self =
         Self { planes: [[Vec4::splat(f32::INFINITY), Vec4::splat(f32::NEG_INFINITY)]; 3], links: [0; WIDTH] };
 
     fn put(&mut self, slot: usize, low: Vec3A, high: Vec3A, link: u32) {
@@ -144,7 +144,7 @@ impl Node {
 }
 
 /// A ray prepared for slab tests of four boxes.
-struct Slabs {
+pub(crate) struct Slabs {
     origin: [Vec4; 3],
     inverse: [Vec4; 3],
     /// Which of a node's planes is hit first, per axis.
@@ -152,7 +152,7 @@ struct Slabs {
 }
 
 impl Slabs {
-    fn new(ray: &RaySegment) -> Self {
+    pub(crate) fn new(ray: &RaySegment) -> Self {
         let (origin, inverse) = (ray.origin.as_vec3(), ray.inverse.as_vec3());
         Self {
             origin: origin.to_array().map(Vec4::splat),
@@ -162,7 +162,7 @@ impl Slabs {
     }
 
     /// Where the ray enters each box, and a bit for each box hit before `limit`.
-    fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
+    pub(crate) fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let plane = |axis: usize, side: usize| (node.planes[axis][side] - self.origin[axis]) * self.inverse[axis];
         let [x, y, z] = self.first;
         let enter = plane(0, x).max(plane(1, y)).max(plane(2, z));
@@ -174,7 +174,7 @@ impl Slabs {
 
 /// The largest entry of a box that can hold hits nearer than `farthest`.
 #[expect(clippy::cast_possible_truncation, reason = "boxes have a margin for f32")]
-fn limit(farthest: f64) -> f32 {
+pub(crate) fn limit(farthest: f64) -> f32 {
     farthest as f32 * 1.000_001 + MARGIN
 }
 
@@ -243,8 +243,53 @@ mod tests {
     use glam::DMat3;
 
     use super::*;
+    use crate::bundle::{Bundle, Candidates, Extent};
     use crate::form::Form;
     use crate::rng::Rng;
+
+    /// Bundles of rays of all widths, to near and far ends, through three hundred objects.
+    #[test]
+    fn a_bundles_candidates_give_the_same_hits_as_the_tree() {
+        let mut rng = Rng::new(9);
+        let objects: Vec<Object> = (0..300)
+            .map(|at| {
+                let form = match at % 3 {
+                    0 => Form::Box(DVec3::new(rng.within(0.01, 1.0), 0.3, 0.002)),
+                    1 => Form::Ball(rng.within(0.01, 0.5)),
+                    _ => Form::Cylinder { radius: 0.01, half_height: 1.0 },
+                };
+                let turn = DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0));
+                Object::new(form, turn, rng.direction() * rng.within(0.0, 6.0), 0, 1)
+            })
+            .collect();
+        let bvh = Bvh::new(&objects);
+        let [mut hits, mut short] = [0, 0];
+        for at in 0..300 {
+            let wide = rng.within(0.0, 0.2);
+            let (start, way) = (rng.direction() * rng.within(0.0, 7.0), rng.direction() * rng.within(0.5, 5.0));
+            let farthest = if at % 2 == 0 { f64::INFINITY } else { 1.0 };
+            let (mut origins, mut directions) = (Extent::EMPTY, Extent::EMPTY);
+            let rays: Vec<RaySegment> = (0..40)
+                .map(|_| {
+                    let (origin, direction) = (start + rng.direction() * wide, way + rng.direction() * wide);
+                    origins.add(origin);
+                    directions.add(direction);
+                    RaySegment::new(origin, direction, 1e-6, farthest)
+                })
+                .collect();
+            let candidates = Candidates::new(&bvh, &Bundle::new(origins, directions, farthest), |_| true);
+            short += usize::from(candidates.is_listed());
+            for ray in &rays {
+                let expected = bvh.closest(&objects, ray);
+                assert_eq!(candidates.closest(&bvh, &objects, ray), expected, "bundle {at}");
+                assert_eq!(candidates.blocked(&bvh, &objects, ray), expected.is_some(), "bundle {at}");
+                hits += usize::from(expected.is_some());
+            }
+            let refused = Candidates::new(&bvh, &Bundle::new(origins, directions, farthest), |_| false);
+            assert!(refused.is_empty(), "objects that are known not to be hit are left out");
+        }
+        assert!((1000..11_000).contains(&hits) && short > 200, "{hits} hits, {short} lists");
+    }
 
     #[test]
     fn the_tree_agrees_with_testing_every_object() {

@@ -1,5 +1,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
+use crate::bundle::Extent;
+
 /// Shape of an object, about the origin of its own frame. Lengths in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Form {
@@ -98,6 +100,37 @@ impl Object {
         }
     }
 
+    /// Whether every line from a point of one box to a point of another surely passes through the object: only ever of
+    /// walls, slabs and panels that are aligned with the axes.
+    ///
+    /// On a plane between both boxes, the lines meet a region whose extent is that of the lines between the boxes' corners.
+    pub(crate) fn separates(&self, from: &Extent, to: &Extent) -> bool {
+        const MARGIN: f64 = 1e-4;
+        let Some(half) = self.aligned else { return false };
+        let [x, y, z] = half.to_array();
+        let (axis, others) = if x <= y && x <= z {
+            (0, [1, 2])
+        } else if y <= z {
+            (1, [0, 2])
+        } else {
+            (2, [0, 1])
+        };
+        let (middle, reach) = (self.centre[axis], half[axis] + MARGIN);
+        let below = |extent: &Extent| extent.high[axis] < middle - reach;
+        let above = |extent: &Extent| extent.low[axis] > middle + reach;
+        if !(below(from) && above(to) || above(from) && below(to)) {
+            return false;
+        }
+        let ends = |extent: &Extent| [extent.low[axis], extent.high[axis]];
+        ends(from).into_iter().flat_map(|start| ends(to).map(|end| (middle - start) / (end - start))).all(|share| {
+            others.into_iter().all(|other| {
+                let low = from.low[other] + (to.low[other] - from.low[other]) * share;
+                let high = from.high[other] + (to.high[other] - from.high[other]) * share;
+                low > self.centre[other] - half[other] + MARGIN && high < self.centre[other] + half[other] - MARGIN
+            })
+        })
+    }
+
     /// Normal and surface coordinates at a point that [`Self::hit`] found.
     pub(crate) fn touch(&self, point: DVec3) -> HitPoint {
         let p = self.world_from_local.transpose() * (point - self.centre);
@@ -127,7 +160,10 @@ impl Object {
             }
             Form::Leaf(_) => (DVec3::Z, p.truncate()),
         };
-        HitPoint { normal: (self.world_from_local * normal).normalize_or(DVec3::Z), local: p, uv }
+        let normal = self.world_from_local * normal;
+        // Rotations by multiples of 90° keep the length exactly.
+        let normal = if self.aligned.is_some() { normal } else { normal.normalize_or(DVec3::Z) };
+        HitPoint { normal, local: p, uv }
     }
 
     /// Half sides of the axis-aligned box in the world around [`Self::centre`].
@@ -200,6 +236,37 @@ mod tests {
             side().prop_map(Form::Ball),
             (side(), side()).prop_map(|(radius, half_height)| Form::Cylinder { radius, half_height }),
         ]
+    }
+
+    /// A wall with 1 m on all sides of the lines' middle: random lines between the boxes are all blocked, and a wall that
+    /// is lower, off to the side or not between the boxes hides less than all.
+    #[test]
+    fn a_wall_between_two_boxes_separates_them() {
+        let wall = |centre: DVec3, half: DVec3| Object::new(Form::Box(half), DMat3::IDENTITY, centre, 0, 1);
+        let from = Extent::around(DVec3::new(0.0, 0.0, 0.0), DVec3::new(0.2, 0.3, 0.1));
+        let to = Extent::around(DVec3::new(0.5, 6.0, 1.0), DVec3::new(0.4, 0.1, 0.6));
+        let shields = wall(DVec3::new(0.2, 2.0, 0.3), DVec3::new(1.0, 0.05, 1.0));
+        assert!(shields.separates(&from, &to) && shields.separates(&to, &from));
+        let mut rng = crate::rng::Rng::new(4);
+        let mut inside = |extent: &Extent| {
+            let share = DVec3::new(rng.unit(), rng.unit(), rng.unit());
+            extent.low + (extent.high - extent.low) * share
+        };
+        for _ in 0..500 {
+            let (start, end) = (inside(&from), inside(&to));
+            assert!(shields.hit(&RaySegment::new(start, end - start, 1e-6, 1.0)).is_some());
+        }
+        let gaps = [
+            (wall(DVec3::new(0.2, 2.0, -0.75), DVec3::new(1.0, 0.05, 1.0)), "the highest lines pass above"),
+            (wall(DVec3::new(1.1, 2.0, 0.3), DVec3::new(1.0, 0.05, 1.0)), "lines pass on the left"),
+            (wall(DVec3::new(0.2, 7.0, 0.3), DVec3::new(9.0, 0.05, 9.0)), "it is behind the other box"),
+            (wall(DVec3::new(0.2, 0.2, 0.3), DVec3::new(9.0, 0.05, 9.0)), "it touches the first box"),
+        ];
+        for (wall, why) in gaps {
+            assert!(!wall.separates(&from, &to) && !wall.separates(&to, &from), "{why}");
+        }
+        let turned = Object::new(shields.form, DMat3::from_rotation_z(0.1), shields.centre, 0, 1);
+        assert!(!turned.separates(&from, &to), "only aligned walls are sure");
     }
 
     fn unit(seed: (f64, f64)) -> DVec3 {

@@ -1,5 +1,6 @@
 use glam::{DVec2, DVec3, Vec3};
 
+use crate::bundle::Extent;
 use crate::noise::as_f32;
 use crate::rng::sphere_point;
 
@@ -13,6 +14,17 @@ pub(crate) enum Lamp {
     /// The sun: direction to it, angular radius in radians, and irradiance of a surface that faces it.
     Sun { direction: DVec3, radius: f64, irradiance: Vec3 },
 }
+
+/// The ends of shadow rays.
+pub(crate) enum LampExtent {
+    /// A box of positions.
+    Near(Extent),
+    /// A box of vectors from any origin.
+    Far(Extent),
+}
+
+/// Length of shadow rays to the sun, in metres.
+const FAR: f64 = 1e3;
 
 /// Shadow rays end this far before a lamp, in metres.
 const SHORT: f64 = 1e-3;
@@ -50,6 +62,20 @@ impl Lamp {
         }
     }
 
+    /// The box that holds `origin + towards(origin, …)`, or for the sun `towards` itself, for any origin.
+    pub(crate) fn extent(&self) -> LampExtent {
+        match *self {
+            Self::Panel { centre, half_u, half_v, .. } => {
+                LampExtent::Near(Extent::around(centre, half_u.abs() + half_v.abs()))
+            }
+            // The rim of the visible disc is √2 radii from the centre.
+            Self::Bulb { centre, radius, .. } => LampExtent::Near(Extent::around(centre, DVec3::splat(1.5 * radius))),
+            Self::Sun { direction, radius, .. } => {
+                LampExtent::Far(Extent::around(direction * FAR, DVec3::splat(2.5 * radius * FAR)))
+            }
+        }
+    }
+
     /// Vector from `point` to a random point of the lamp, not normalised: a shadow ray with `t` up to 1.
     /// `uniform` is uniform in [0, 1)².
     pub(crate) fn towards(&self, point: DVec3, uniform: DVec2) -> DVec3 {
@@ -65,7 +91,7 @@ impl Lamp {
                 centre - away * radius + (right * cos + up * sin) * (radius * uniform.x.sqrt())
             }
             Self::Sun { direction, radius, .. } => {
-                return (direction + sphere_point(uniform) * radius).normalize() * 1e3;
+                return (direction + sphere_point(uniform) * radius).normalize() * FAR;
             }
         };
         let offset = place - point;

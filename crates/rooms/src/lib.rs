@@ -7,7 +7,9 @@
 #[cfg(test)]
 mod analytic_tests;
 mod build;
+mod bundle;
 mod bvh;
+mod costs;
 mod covisibility;
 mod dataset;
 mod effects;
@@ -24,8 +26,10 @@ mod seed;
 mod simulation;
 mod sky;
 mod source;
+mod tiled_light;
 mod world;
 
+pub use costs::{EffectCost, FrameCosts, PictureDifference, Timing};
 pub use covisibility::Covisibility;
 pub use dataset::{Layout, ManifestScene, PictureCoding, WriteOptions, encoded_scene, write_dataset};
 pub use effects::{CalledEffect, EffectChoice, EffectKind, TOLERANCE};
@@ -33,5 +37,5 @@ pub use error::RoomsError;
 pub use path::{ClipMotion, Motion, Shot};
 pub use render::{Geometry, View};
 pub use seed::{SceneKind, SceneSeed, Split};
-pub use simulation::{EffectCost, GENERATOR, Request, Route, Simulation};
+pub use simulation::{GENERATOR, Request, Route, Simulation};
 pub use source::SimulatedScenes;

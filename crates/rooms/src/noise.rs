@@ -1,12 +1,18 @@
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 
 /// Hashes integer lattice coordinates to 32 bits by a few multiplications and shifts (after Jarzynski and Olano, "Hash
 /// functions for GPU rendering", 2020).
 pub(crate) const fn lattice(x: i32, y: i32, z: i32, seed: u32) -> u32 {
-    let mut h = seed
-        .wrapping_add(x.cast_unsigned().wrapping_mul(0x9e37_79b1))
+    scrambled(folded(x, y, z, seed))
+}
+
+const fn folded(x: i32, y: i32, z: i32, seed: u32) -> u32 {
+    seed.wrapping_add(x.cast_unsigned().wrapping_mul(0x9e37_79b1))
         .wrapping_add(y.cast_unsigned().wrapping_mul(0x85eb_ca77))
-        .wrapping_add(z.cast_unsigned().wrapping_mul(0xc2b2_ae3d));
+        .wrapping_add(z.cast_unsigned().wrapping_mul(0xc2b2_ae3d))
+}
+
+const fn scrambled(mut h: u32) -> u32 {
     h ^= h >> 15;
     h = h.wrapping_mul(0x2c1b_3c6d);
     h ^= h >> 12;
@@ -33,10 +39,16 @@ pub(crate) fn value_noise(p: Vec3, seed: u32) -> f32 {
     let (x, y, z) = (below(p.x), below(p.y), below(p.z));
     let f = p - Vec3::new(x as f32, y as f32, z as f32);
     let s = f * f * (Vec3::splat(3.0) - 2.0 * f);
-    let at = |dx, dy, dz| unit(lattice(x + dx, y + dy, z + dz, seed));
+    // The corners with the lower x and those with the upper, ordered by y, then z: four lanes of vector arithmetic.
+    let base = folded(x, y, z, seed);
+    let corners = |dx: i32| {
+        let offsets = [folded(dx, 0, 0, 0), folded(dx, 1, 0, 0), folded(dx, 0, 1, 0), folded(dx, 1, 1, 0)];
+        Vec4::from(offsets.map(|offset| unit(scrambled(base.wrapping_add(offset)))))
+    };
+    let lower = corners(0);
+    let edges = (lower + (corners(1) - lower) * s.x).to_array();
     let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
-    let plane = |dz| mix(mix(at(0, 0, dz), at(1, 0, dz), s.x), mix(at(0, 1, dz), at(1, 1, dz), s.x), s.y);
-    2.0 * mix(plane(0), plane(1), s.z) - 1.0
+    2.0 * mix(mix(edges[0], edges[1], s.y), mix(edges[2], edges[3], s.y), s.z) - 1.0
 }
 
 /// Octaves of value noise, each half as wide and half as strong, in about [−1, 1]. Octaves finer than two `footprint`s are

@@ -1,3 +1,5 @@
+use std::sync::OnceLock;
+
 use atsplat_camera::{Distortion, ImageSize, Lens, PixelIntrinsics, WorldFromCamera};
 use atsplat_pixels::Image;
 use glam::{DMat2, DVec2, DVec3, Vec3};
@@ -78,51 +80,179 @@ fn place_in_pixel(sample: u32) -> DVec2 {
     DVec2::new((0.5 + n * 0.754_877_666_246_692_8).fract(), (0.5 + n * 0.569_840_290_998_053_2).fract()) - 0.5
 }
 
-/// Renders linear light before exposure: the mean of `samples` rays per pixel.
-pub(crate) fn light(
-    world: &World,
-    effects: &Effects,
-    shot: &Shot,
-    size: ImageSize,
-    samples: u32,
-) -> Result<Vec<Vec3>, RoomsError> {
-    let rays = Rays::new(shot, effects.lens, size)?;
-    let from = shot.camera.camera_from_world.inverse();
-    let poses: Vec<WorldFromCamera> = (0..samples)
-        .map(|sample| {
-            interpolated_pose(&from, &shot.moving_to, effects.shutter * f64::from(sample) / f64::from(samples))
-        })
-        .collect::<Result<_, _>>()?;
-    let frame = mix(shot.timestamp_micros.cast_unsigned());
-    let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
-    let rows = (0..size.height).into_par_iter().map(|row| {
-        let pixel = |column: u32| {
-            let (centre, moves) = rays.pixel(column, row)?;
-            let index = u64::from(row) * u64::from(size.width) + u64::from(column);
-            let mut sum = Vec3::ZERO;
-            for (sample, pose) in (0..samples).zip(&poses) {
-                let plane = centre + moves * place_in_pixel(sample);
-                let direction = pose.transform_vector(plane.extend(1.0)).normalize();
-                let dice = PixelSample { pixel: mix(frame ^ index), sample };
-                sum += radiance(world, effects, pose.centre(), direction, spread, dice);
-            }
-            Ok(sum / samples as f32)
-        };
-        (0..size.width).map(pixel).collect::<Result<Vec<Vec3>, RoomsError>>()
-    });
-    Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
+/// One frame while it is rendered.
+pub(crate) struct Frame<'a> {
+    pub world: &'a World,
+    pub effects: &'a Effects,
+    pub size: ImageSize,
+    pub samples: u32,
+    /// Width of a pixel at a distance of 1.
+    pub spread: f64,
+    rays: Rays,
+    lens_table: Option<&'a LensTable>,
+    /// The camera's pose and the place in the pixel of each sample.
+    samples_at: Vec<(WorldFromCamera, DVec2)>,
+    seed: u64,
 }
 
-/// Renders a picture: light, multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
-pub(crate) fn picture(
-    world: &World,
+/// A pixel's centre on the plane z = 1, and the derivative with respect to pixel coordinates.
+type PixelPlane = (DVec2, DMat2);
+
+/// All pixels through a lens, whose inverse is iterative and takes up to a fifth of a frame. Frames of a clip share it.
+#[derive(Debug)]
+pub(crate) struct LensTable {
+    k: PixelIntrinsics,
+    lens: Distortion,
+    size: ImageSize,
+    /// Row by row.
+    pixels: Vec<PixelPlane>,
+}
+
+impl LensTable {
+    fn new(frame: &Frame<'_>) -> Result<Self, RoomsError> {
+        let size = frame.size;
+        let row = |row| (0..size.width).map(|column| frame.rays.pixel(column, row)).collect::<Result<Vec<_>, _>>();
+        let rows = (0..size.height).into_par_iter().map(row).collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { k: frame.rays.k, lens: frame.effects.lens, size, pixels: rows.concat() })
+    }
+}
+
+/// A ray through a pixel.
+pub(crate) struct CameraRay {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    pub dice: PixelSample,
+}
+
+impl<'a> Frame<'a> {
+    pub(crate) fn new(
+        world: &'a World,
+        effects: &'a Effects,
+        shot: &Shot,
+        size: ImageSize,
+        samples: u32,
+    ) -> Result<Self, RoomsError> {
+        let rays = Rays::new(shot, effects.lens, size)?;
+        let from = shot.camera.camera_from_world.inverse();
+        let sample_at = |sample| {
+            let open = effects.shutter * f64::from(sample) / f64::from(samples);
+            Ok((interpolated_pose(&from, &shot.moving_to, open)?, place_in_pixel(sample)))
+        };
+        let samples_at = (0..samples).map(sample_at).collect::<Result<_, RoomsError>>()?;
+        let seed = mix(shot.timestamp_micros.cast_unsigned());
+        let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
+        Ok(Self { world, effects, size, samples, spread, rays, lens_table: None, samples_at, seed })
+    }
+
+    /// The frame with its lens looked up in `table`, which is filled by the first frame with a lens.
+    pub(crate) fn with_lens_table(self, table: &'a OnceLock<LensTable>) -> Result<Self, RoomsError> {
+        if self.rays.lens.is_none() {
+            return Ok(self);
+        }
+        let filled = if let Some(filled) = table.get() {
+            filled
+        } else {
+            let made = LensTable::new(&self)?;
+            table.get_or_init(|| made)
+        };
+        let fits = (filled.k, filled.lens, filled.size) == (self.rays.k, self.effects.lens, self.size);
+        Ok(Self { lens_table: fits.then_some(filled), ..self })
+    }
+
+    pub(crate) fn pixel(&self, column: u32, row: u32) -> Result<PixelPlane, RoomsError> {
+        match self.lens_table {
+            Some(table) => Ok(table.pixels[row as usize * self.size.width as usize + column as usize]),
+            None => self.rays.pixel(column, row),
+        }
+    }
+
+    /// A sample's ray through a pixel with this [`Self::pixel`].
+    pub(crate) fn ray(&self, [column, row]: [u32; 2], (centre, moves): PixelPlane, sample: u32) -> CameraRay {
+        let (pose, place) = &self.samples_at[sample as usize];
+        let plane = centre + moves * *place;
+        let direction = pose.transform_vector(plane.extend(1.0)).normalize();
+        let index = u64::from(row) * u64::from(self.size.width) + u64::from(column);
+        CameraRay { origin: pose.centre(), direction, dice: PixelSample { pixel: mix(self.seed ^ index), sample } }
+    }
+
+    /// Linear light before exposure, row by row: the mean of the pixel's samples, of which each runs every effect.
+    pub(crate) fn light(&self) -> Result<Vec<Vec3>, RoomsError> {
+        let rows = (0..self.size.height).into_par_iter().map(|row| {
+            let pixel = |column: u32| {
+                let plane = self.pixel(column, row)?;
+                let sum: Vec3 =
+                    (0..self.samples).map(|sample| self.radiance(&self.ray([column, row], plane, sample))).sum();
+                Ok(sum / self.samples as f32)
+            };
+            (0..self.size.width).map(pixel).collect::<Result<Vec<Vec3>, RoomsError>>()
+        });
+        Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
+    }
+
+    /// Radiance along a ray.
+    fn radiance(&self, ray: &CameraRay) -> Vec3 {
+        let Self { world, effects, .. } = *self;
+        let Some(surface) = world.trace(ray.origin, ray.direction) else { return self.sky(ray) };
+        let view = Incidence::new(&surface, ray.direction, self.spread);
+        let material = world.material(&surface);
+        let diffuse = reflected_light(world, effects, &surface, material, view.footprint, Some(ray.dice));
+        if !effects.mirrors || material.mirror <= 0.0 {
+            return diffuse;
+        }
+        let fresnel = view.fresnel(material);
+        let shown = world.trace(surface.leave(), view.bounced);
+        diffuse * (1.0 - fresnel) + self.mirrored(shown.as_ref(), &view) * fresnel
+    }
+
+    pub(crate) fn sky(&self, ray: &CameraRay) -> Vec3 {
+        self.world.sky.radiance(ray.direction, as_f32(self.spread))
+    }
+
+    /// Radiance from what a mirror shows; `None` is the sky.
+    pub(crate) fn mirrored(&self, shown: Option<&Surface>, view: &Incidence) -> Vec3 {
+        let Self { world, effects, spread, .. } = *self;
+        shown.map_or_else(
+            || world.sky.radiance(view.bounced, as_f32(spread)),
+            |shown| {
+                let wide = view.footprint + as_f32(spread * shown.distance);
+                reflected_light(world, effects, shown, world.material(shown), wide, None)
+            },
+        )
+    }
+}
+
+/// How a ray meets a surface.
+pub(crate) struct Incidence {
+    /// Cosine between the normal and the ray back.
+    facing: f64,
+    /// Width of a pixel on the surface, in metres.
+    pub footprint: f32,
+    /// Direction of reflection.
+    pub bounced: DVec3,
+}
+
+impl Incidence {
+    pub(crate) fn new(surface: &Surface, direction: DVec3, spread: f64) -> Self {
+        let facing = -surface.normal.dot(direction);
+        let footprint = as_f32(spread * surface.distance / facing.clamp(0.05, 1.0).sqrt());
+        Self { facing, footprint, bounced: direction + surface.normal * (2.0 * facing) }
+    }
+
+    /// Share of light that a material reflects specularly, by Schlick's approximation.
+    pub(crate) fn fresnel(&self, material: &Material) -> f32 {
+        material.mirror
+            + (1.0 - material.mirror) * as_f32(1.0 - self.facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0)
+    }
+}
+
+/// The picture of linear light: multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
+pub(crate) fn developed(
+    light: &[Vec3],
     effects: &Effects,
     shot: &Shot,
     size: ImageSize,
-    samples: u32,
     gain: f32,
 ) -> Result<Image, RoomsError> {
-    let light = light(world, effects, shot, size, samples)?;
     let developed = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
         let counted = effects.develop(shot, pixel as u64, (light * gain).map(tone_curve));
         counted.map(srgb_encoded).to_array()
@@ -162,31 +292,6 @@ fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -
     }
     let turn = glam::DQuat::from_mat3(&from.rotation()).slerp(glam::DQuat::from_mat3(&to.rotation()), share);
     Ok(WorldFromCamera::new(glam::DMat3::from_quat(turn), from.centre().lerp(to.centre(), share))?)
-}
-
-/// Radiance along a unit direction. A pixel is `spread` wide at a distance of 1.
-fn radiance(world: &World, effects: &Effects, origin: DVec3, direction: DVec3, spread: f64, dice: PixelSample) -> Vec3 {
-    let Some(surface) = world.trace(origin, direction) else {
-        return world.sky.radiance(direction, as_f32(spread));
-    };
-    let material = world.material(&surface);
-    let facing = -surface.normal.dot(direction);
-    let footprint = as_f32(spread * surface.distance / facing.clamp(0.05, 1.0).sqrt());
-    let diffuse = reflected_light(world, effects, &surface, material, footprint, Some(dice));
-    if !effects.mirrors || material.mirror <= 0.0 {
-        return diffuse;
-    }
-    let fresnel = material.mirror
-        + (1.0 - material.mirror) * as_f32(1.0 - facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0);
-    let bounced = direction + surface.normal * (2.0 * facing);
-    let mirrored = world.trace(surface.leave(), bounced).map_or_else(
-        || world.sky.radiance(bounced, as_f32(spread)),
-        |other| {
-            let wide = footprint + as_f32(spread * other.distance);
-            reflected_light(world, effects, &other, world.material(&other), wide, None)
-        },
-    );
-    diffuse * (1.0 - fresnel) + mirrored * fresnel
 }
 
 /// Light reflected diffusely and emitted by a surface. Surfaces seen in a mirror have no shadows.

@@ -1,13 +1,14 @@
 use std::fmt;
-use std::time::Instant;
+use std::sync::OnceLock;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
 
-use crate::effects::{CalledEffect, Conditions, EffectChoice, EffectKind, Effects, SceneContext};
+use crate::effects::{CalledEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
-use crate::render::{self, Geometry, View};
+use crate::render::{self, Frame, Geometry, LensTable, View};
 use crate::rng::Rng;
+use crate::tiled_light::TiledLight;
 use crate::world::World;
 use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
@@ -63,20 +64,12 @@ impl Request {
 pub struct Simulation {
     request: Request,
     pub(crate) world: World,
-    conditions: Conditions,
-    effects: Effects,
+    pub(crate) conditions: Conditions,
+    pub(crate) effects: Effects,
     shots: Vec<Shot>,
     slowed_to: f64,
     gain: f32,
-}
-
-/// Rendering time of one effect.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EffectCost {
-    /// The effect.
-    pub effect: EffectKind,
-    /// Seconds per frame with all of the scene's effects minus seconds without this one; noise may make it negative.
-    pub secs: f64,
+    lens_table: OnceLock<LensTable>,
 }
 
 impl Simulation {
@@ -112,7 +105,7 @@ impl Simulation {
         let effects = Effects::choose(&case, &request.effects);
         let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
         let (shots, slowed_to) = (path.shots, path.slowed_to);
-        Ok(Self { request, world, conditions, effects, shots, slowed_to, gain })
+        Ok(Self { request, world, conditions, effects, shots, slowed_to, gain, lens_table: OnceLock::new() })
     }
 
     /// A simulation of a given world with static cameras and no effects.
@@ -126,7 +119,7 @@ impl Simulation {
         let conditions = conditions(request.kind, seed.bits());
         let case = SceneContext { world: &world, conditions: &conditions, shots: &shots };
         let effects = Effects::choose(&case, &request.effects);
-        Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0 }
+        Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0, lens_table: OnceLock::new() }
     }
 
     /// The scene's name.
@@ -167,8 +160,7 @@ impl Simulation {
     /// # Errors
     /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
     pub fn picture(&self, frame: usize) -> Result<Image, RoomsError> {
-        let Request { size, samples, .. } = self.request;
-        render::picture(&self.world, &self.effects, self.shot(frame)?, size, samples, self.gain)
+        self.rendered(frame, &self.effects)
     }
 
     /// Computes the geometry behind each pixel's centre, without rendering.
@@ -187,33 +179,16 @@ impl Simulation {
         Ok(View { picture: self.picture(frame)?, geometry: self.geometry(frame)? })
     }
 
-    /// Rendering time of each effect in a frame: the best of three renderings with and without it.
-    ///
-    /// # Errors
-    /// As [`Self::picture`].
-    pub fn effect_costs(&self, frame: usize) -> Result<Vec<EffectCost>, RoomsError> {
-        let shot = self.shot(frame)?;
-        let kinds: Vec<EffectKind> = self.effects.called.iter().map(|called| called.effect).collect();
-        let case = SceneContext { world: &self.world, conditions: &self.conditions, shots: &self.shots };
-        let secs = |effects: &Effects| {
-            let mut least = f64::INFINITY;
-            for _ in 0..3 {
-                let start = Instant::now();
-                render::picture(&self.world, effects, shot, self.request.size, self.request.samples, self.gain)?;
-                let secs = start.elapsed().as_secs_f64();
-                least = if secs < least { secs } else { least };
-            }
-            Ok::<_, RoomsError>(least)
-        };
-        let all = secs(&self.effects)?;
-        kinds
-            .iter()
-            .map(|&effect| {
-                let others = kinds.iter().copied().filter(|other| *other != effect).collect();
-                let without = Effects::choose(&case, &EffectChoice::Only(others));
-                Ok(EffectCost { effect, secs: all - secs(&without)? })
-            })
-            .collect()
+    /// Renders a frame with these effects.
+    pub(crate) fn rendered(&self, frame: usize, effects: &Effects) -> Result<Image, RoomsError> {
+        let light = TiledLight { frame: &self.frame(frame, effects)? }.light()?;
+        render::developed(&light, effects, self.shot(frame)?, self.request.size, self.gain)
+    }
+
+    /// A frame to be rendered with these effects.
+    pub(crate) fn frame<'a>(&'a self, frame: usize, effects: &'a Effects) -> Result<Frame<'a>, RoomsError> {
+        let Request { size, samples, .. } = self.request;
+        Frame::new(&self.world, effects, self.shot(frame)?, size, samples)?.with_lens_table(&self.lens_table)
     }
 
     pub(crate) fn shot(&self, frame: usize) -> Result<&Shot, RoomsError> {
@@ -259,7 +234,8 @@ fn auto_exposure_gain(world: &World, effects: &Effects, shots: &[Shot]) -> Resul
     let mut brightness = Vec::new();
     for part in 0..4 {
         let shot = &shots[part * (shots.len() - 1) / 3];
-        brightness.extend(render::light(world, effects, shot, SIDE, 1)?.iter().map(|light| light.element_sum() / 3.0));
+        brightness
+            .extend(Frame::new(world, effects, shot, SIDE, 1)?.light()?.iter().map(|light| light.element_sum() / 3.0));
     }
     brightness.sort_by(f32::total_cmp);
     let bright = brightness[brightness.len() * 4 / 5];

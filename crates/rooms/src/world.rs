@@ -1,5 +1,6 @@
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
+use crate::bundle::{Bundle, Candidates};
 use crate::bvh::Bvh;
 use crate::form::{Form, Object, RaySegment};
 use crate::lamp::Lamp;
@@ -52,7 +53,20 @@ impl World {
     /// The nearest surface along a unit direction.
     pub(crate) fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Surface> {
         let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
-        let (distance, object) = self.bvh.closest(&self.objects, &ray)?;
+        self.touched(&ray, self.bvh.closest(&self.objects, &ray)?)
+    }
+
+    /// As [`Self::trace`], for a ray whose possible hits are known.
+    pub(crate) fn trace_among(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Option<Surface> {
+        let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
+        self.touched(&ray, candidates.closest(&self.bvh, &self.objects, &ray)?)
+    }
+
+    fn touched(
+        &self,
+        &RaySegment { origin, direction, .. }: &RaySegment,
+        (distance, object): (f64, usize),
+    ) -> Option<Surface> {
         let hit = &self.objects[object];
         let point = origin + direction * distance;
         let touch = hit.touch(point);
@@ -65,6 +79,20 @@ impl World {
     pub(crate) fn blocked(&self, point: DVec3, offset: DVec3) -> bool {
         let nearest = LEAVE / offset.length();
         self.bvh.blocked(&self.objects, &RaySegment::new(point, offset, nearest, 1.0))
+    }
+
+    /// As [`Self::blocked`], for a ray whose possible hits are known.
+    pub(crate) fn blocked_among(&self, candidates: &Candidates, point: DVec3, offset: DVec3) -> bool {
+        if candidates.is_empty() {
+            return false;
+        }
+        let nearest = LEAVE / offset.length();
+        candidates.blocked(&self.bvh, &self.objects, &RaySegment::new(point, offset, nearest, 1.0))
+    }
+
+    /// What the rays of a bundle can hit; objects that `keep` refuses are known not to be hit.
+    pub(crate) fn candidates(&self, bundle: &Bundle, keep: impl Fn(usize) -> bool) -> Candidates {
+        Candidates::new(&self.bvh, bundle, keep)
     }
 
     /// Distance to the nearest surface; not positive inside a solid.

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
+use atsplat_numeric::median;
 use atsplat_rooms::{
-    EffectChoice, EffectKind, Layout, ManifestScene, PictureCoding, Request, Route, SceneKind, SceneSeed, Simulation,
-    Split, WriteOptions, write_dataset,
+    EffectChoice, EffectKind, FrameCosts, Layout, ManifestScene, PictureCoding, Request, Route, SceneKind, SceneSeed,
+    Simulation, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, Warnings, scene_key};
 use serde::Serialize;
@@ -76,7 +77,7 @@ pub(crate) struct Args {
     #[arg(long)]
     depth: bool,
 
-    /// Measure the cost of each effect in the middle frame of each scene.
+    /// Measure in the middle frame of each scene what each effect costs, and what auto saves against all and changes.
     #[arg(long)]
     costs: bool,
 
@@ -100,15 +101,8 @@ struct SceneRecord {
     /// Description: the scene's size, its effects and why they run.
     #[serde(skip)]
     description: String,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    costs: Vec<CostRecord>,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct CostRecord {
-    effect: &'static str,
-    secs_a_frame: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    costs: Option<FrameCosts>,
 }
 
 /// Simulates; always `true`, because nothing is skipped.
@@ -169,12 +163,9 @@ impl Args {
         Ok(Route::Given(cameras.collect()))
     }
 
-    fn costs_of(&self, simulation: &Simulation) -> anyhow::Result<Vec<CostRecord>> {
-        if !self.costs {
-            return Ok(Vec::new());
-        }
-        let costs = simulation.effect_costs(simulation.shots().len() / 2)?;
-        Ok(costs.iter().map(|cost| CostRecord { effect: cost.effect.name(), secs_a_frame: cost.secs }).collect())
+    fn costs_of(&self, simulation: &Simulation) -> anyhow::Result<Option<FrameCosts>> {
+        let costs = self.costs.then(|| simulation.costs(simulation.shots().len() / 2));
+        Ok(costs.transpose()?)
     }
 }
 
@@ -200,14 +191,42 @@ const fn native_size(layout: Layout) -> ImageSize {
     }
 }
 
+impl Report {
+    /// A table of what was measured in all scenes.
+    fn summary(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let costs: Vec<&FrameCosts> = self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect();
+        if costs.is_empty() {
+            return Ok(());
+        }
+        writeln!(f, "{:<20} {:>7}  {:>16}", "effect", "scenes", "median ms a frame")?;
+        let millis = |secs: Vec<f64>| median(secs).map_or_else(|| "-".to_owned(), |secs| format!("{:.1}", secs * 1e3));
+        for effect in EffectKind::ALL {
+            let of = costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
+            let times: Vec<_> = of.map(|cost| cost.time).collect();
+            let measured = millis(times.iter().filter_map(|time| time.secs).collect());
+            writeln!(f, "{:<20} {:>3}/{:<3}  {measured:>16}", effect.to_string(), times.len(), costs.len())?;
+        }
+        let total = |read: fn(&FrameCosts) -> Option<f64>| costs.iter().filter_map(|costs| read(costs)).sum::<f64>();
+        let (own, all) = (total(|costs| costs.frame.secs), total(|costs| costs.all.secs));
+        let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, |a, b| if b > a { b } else { a });
+        let beyond = costs.iter().map(|costs| costs.difference.beyond).sum::<f64>() / costs.len() as f64;
+        writeln!(
+            f,
+            "all effects take {:.2} times as long; the largest difference is {:.1} of 255, and {:.3} % of pixels differ by more than 1",
+            all / own,
+            largest * 255.0,
+            beyond * 100.0
+        )
+    }
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for SceneRecord { description, costs, .. } in &self.scenes {
             f.write_str(description)?;
-            for CostRecord { effect, secs_a_frame } in costs {
-                writeln!(f, "    {effect}: {:+.1} ms per frame", secs_a_frame * 1e3)?;
-            }
+            costs.iter().try_for_each(|costs| write!(f, "{costs}"))?;
         }
+        self.summary(f)?;
         let frames: usize = self.scenes.iter().map(|record| record.scene.frames).sum();
         writeln!(f, "{} scenes, {frames} frames, in {}", self.scenes.len(), self.folder.display())
     }

@@ -9,6 +9,8 @@ mod sensor_noise;
 mod soft_shadows;
 mod specular_reflection;
 
+pub(crate) use soft_shadows::place_on_lamp;
+
 use std::fmt;
 
 use atsplat_camera::Distortion;
@@ -221,6 +223,11 @@ impl Effects {
         self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, dice)).unwrap_or(1.0)
     }
 
+    /// Whether shadow rays run.
+    pub(crate) const fn shadowed(&self) -> bool {
+        self.shadows.is_some()
+    }
+
     pub(crate) fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Vec3 {
         self.at(self.ambient).and_then(|effect| effect.ambient(world, point, normal)).unwrap_or(world.ambient)
     }
@@ -264,4 +271,64 @@ fn stratified(dice: PixelSample, salt: u64) -> DVec2 {
     );
     let cell = dice.sample % 4;
     (DVec2::new(f64::from(cell % 2), f64::from(cell / 2)) + jitter) * 0.5
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics, WorldFromCamera};
+    use glam::DMat3;
+
+    use super::*;
+    use crate::material::{Material, Pattern};
+    use crate::sky::Sky;
+    use crate::world::Builder;
+
+    /// A floor; `mirror` and `lamps` are its reflectance and the lamps above it.
+    fn world(mirror: f32, lamps: Vec<Lamp>) -> World {
+        let mut builder = Builder::new();
+        let material = Material { mirror, ..Material::matte(Pattern::Plain(Vec3::ONE), 0) };
+        let material = builder.material(material);
+        builder.instance(DVec3::ZERO, 0.0);
+        builder.block(DVec3::new(-5.0, -5.0, -1.0), DVec3::new(5.0, 5.0, 0.0), material);
+        builder.lamps = lamps;
+        let none = Vec3::ZERO;
+        let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
+        builder.finish(sky, Vec3::ONE, [DVec3::splat(-5.0), DVec3::splat(5.0)])
+    }
+
+    fn called(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
+        let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
+        let shots = [0, 33_333].map(|timestamp_micros| Shot { timestamp_micros, camera, moving_to });
+        let turned = Camera { camera_from_world: moving_to.inverse(), ..camera };
+        let shots = [shots[0], Shot { camera: turned, ..shots[1] }];
+        let effects = Effects::choose(&SceneContext { world, conditions, shots: &shots }, &EffectChoice::Auto);
+        effects.called.iter().map(|called| called.effect).collect()
+    }
+
+    /// Each condition calls for its own effect and for no other, just above its bound and not below.
+    #[test]
+    fn a_scene_runs_the_effects_that_it_calls_for_and_no_others() {
+        let plain = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
+        let (matte, bulb) = (world(0.0, Vec::new()), Lamp::Bulb { centre: DVec3::Z, radius: 0.1, radiance: Vec3::ONE });
+        assert_eq!(called(&matte, &plain), []);
+        assert_eq!(called(&world(0.0, vec![bulb]), &plain), [EffectKind::SoftShadows]);
+        assert_eq!(called(&world(0.04, Vec::new()), &plain), [EffectKind::SpecularReflection]);
+        let cases = [
+            (Conditions { bounce: 1.0, ..plain }, plain, EffectKind::IndirectLight),
+            (Conditions { drift: 0.007, ..plain }, Conditions { drift: 0.006, ..plain }, EffectKind::ExposureDrift),
+            (
+                Conditions { lens: [0.0005, 0.0], ..plain },
+                Conditions { lens: [0.0004, 0.0], ..plain },
+                EffectKind::LensDistortion,
+            ),
+            (Conditions { shutter: 0.1, ..plain }, Conditions { shutter: 0.01, ..plain }, EffectKind::MotionBlur),
+            (Conditions { noise: 0.0017, ..plain }, Conditions { noise: 0.0016, ..plain }, EffectKind::SensorNoise),
+        ];
+        for (enough, less, effect) in cases {
+            assert_eq!(called(&matte, &enough), [effect], "{enough:?}");
+            assert_eq!(called(&matte, &less), [], "{less:?}");
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! Shadows with penumbrae: each sample tests one point of each lamp.
 
+use glam::DVec2;
+
 use super::{Effect, EffectKind, PixelSample, SceneContext, stratified};
 use crate::lamp::Lamp;
 use crate::world::{Surface, World};
@@ -19,7 +21,12 @@ impl Effect for SoftShadows {
 
     fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: PixelSample) -> Option<f32> {
         let from = surface.leave();
-        let to_lamp = lamp.towards(from, stratified(dice, 1));
+        let to_lamp = lamp.towards(from, place_on_lamp(dice));
         Some(if world.blocked(from, to_lamp) { 0.0 } else { 1.0 })
     }
+}
+
+/// The uniform point of a lamp that a sample's shadow rays test.
+pub(crate) fn place_on_lamp(dice: PixelSample) -> DVec2 {
+    stratified(dice, 1)
 }

@@ -1,0 +1,188 @@
+//! What a frame's effects cost, and what leaving out the others saves: measured by pairs of renderings that take turns, so
+//! that whatever else the machine does slows both alike.
+
+use std::fmt;
+use std::time::Instant;
+
+use atsplat_numeric::median;
+use serde::Serialize;
+
+use crate::effects::{EffectChoice, EffectKind, Effects, SceneContext};
+use crate::{RoomsError, Simulation};
+
+/// A time in seconds, not negative: the median of pairs, and the interval that holds the true median with 96 % confidence.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Timing {
+    /// The median; `None` if the interval reaches zero, so that nothing was measured.
+    pub secs: Option<f64>,
+    /// The second smallest and the second largest of nine values.
+    pub interval: [f64; 2],
+}
+
+/// Rendering time of one effect.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct EffectCost {
+    /// The effect.
+    pub effect: EffectKind,
+    /// Seconds per frame with the scene's effects minus seconds without this one.
+    pub time: Timing,
+}
+
+/// What one frame costs, and how it differs from the frame with all effects.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct FrameCosts {
+    /// The frame with the scene's effects.
+    pub frame: Timing,
+    /// The frame with all effects.
+    pub all: Timing,
+    /// The second over the first: how many times as fast the scene's effects are.
+    pub speedup: f64,
+    /// The effects that run.
+    pub effects: Vec<EffectCost>,
+    /// Against the frame with all effects.
+    pub difference: PictureDifference,
+}
+
+/// How a picture differs from the one with all effects.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct PictureDifference {
+    /// Largest difference of a displayed value, as a share of white.
+    pub largest: f32,
+    /// Share of pixels of which a channel differs by more than 1/255.
+    pub beyond: f64,
+    /// Mean squared difference of the displayed values.
+    pub mse: f64,
+}
+
+impl PictureDifference {
+    /// Peak signal-to-noise ratio in dB; infinite for equal pictures.
+    pub fn psnr(&self) -> f64 {
+        -10.0 * self.mse.log10()
+    }
+}
+
+impl fmt::Display for Timing {
+    /// `12.3 ms (11.8 to 13.1)`, or the bound of what cannot be measured.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [low, high] = self.interval.map(|secs| secs * 1e3);
+        match self.secs {
+            Some(secs) => write!(f, "{:.1} ms ({low:.1} to {high:.1})", secs * 1e3),
+            None => write!(f, "not measurable, below {high:.1} ms"),
+        }
+    }
+}
+
+impl fmt::Display for FrameCosts {
+    /// One line for each effect, then the frame against all effects.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for EffectCost { effect, time } in &self.effects {
+            writeln!(f, "    {:<20} {time}", effect.to_string())?;
+        }
+        writeln!(f, "    {:<20} {}", "the frame", self.frame)?;
+        writeln!(f, "    {:<20} {}: {:.2} times as long", "with all effects", self.all, self.speedup)?;
+        let PictureDifference { largest, beyond, .. } = self.difference;
+        let (largest, beyond, psnr) = (largest * 255.0, beyond * 100.0, self.difference.psnr());
+        writeln!(
+            f,
+            "    {:<20} at most {largest:.1} of 255; {beyond:.3} % of pixels above 1; PSNR {psnr:.1} dB",
+            "difference"
+        )
+    }
+}
+
+/// Pairs of renderings.
+const PAIRS: usize = 9;
+
+impl Timing {
+    fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let at = |at: usize| values.get(at).copied().unwrap_or(f64::NAN).clamp(0.0, f64::MAX);
+        let interval = [at(1), at(PAIRS - 2)];
+        Self { secs: median(values.iter().copied()).filter(|_| interval[0] > 0.0), interval }
+    }
+}
+
+impl Simulation {
+    /// Measures a frame: nine rounds, in each of which it is rendered with the scene's effects, with all effects, and
+    /// without one effect after another.
+    ///
+    /// # Errors
+    /// As [`Self::picture`].
+    pub fn costs(&self, frame: usize) -> Result<FrameCosts, RoomsError> {
+        let kinds: Vec<EffectKind> = self.called_effects().iter().map(|called| called.effect).collect();
+        let others = |kind: EffectKind| kinds.iter().copied().filter(|other| *other != kind).collect();
+        let chosen = |choice: &EffectChoice| Effects::choose(&self.context(), choice);
+        let without: Vec<Effects> = kinds.iter().map(|kind| chosen(&EffectChoice::Only(others(*kind)))).collect();
+        let all = chosen(&EffectChoice::All);
+        let (mut own_secs, mut all_secs) = (Vec::new(), Vec::new());
+        let mut more = vec![Vec::new(); kinds.len()];
+        for _ in 0..PAIRS {
+            let own = self.secs(frame, &self.effects)?;
+            own_secs.push(own);
+            all_secs.push(self.secs(frame, &all)?);
+            for (more, without) in more.iter_mut().zip(&without) {
+                more.push(own - self.secs(frame, without)?);
+            }
+        }
+        let ratios: Vec<f64> = all_secs.iter().zip(&own_secs).map(|(all, own)| all / own).collect();
+        let effects = kinds.iter().zip(more).map(|(&effect, more)| EffectCost { effect, time: Timing::of(more) });
+        Ok(FrameCosts {
+            frame: Timing::of(own_secs),
+            all: Timing::of(all_secs),
+            speedup: median(ratios).unwrap_or(f64::NAN),
+            effects: effects.collect(),
+            difference: self.difference_from_all(frame)?,
+        })
+    }
+
+    /// Compares a frame with the one that all effects give.
+    ///
+    /// # Errors
+    /// As [`Self::picture`].
+    pub fn difference_from_all(&self, frame: usize) -> Result<PictureDifference, RoomsError> {
+        let effects = Effects::choose(&self.context(), &EffectChoice::All);
+        let all = self.rendered(frame, &effects)?;
+        let own = self.picture(frame)?;
+        let changes = || own.samples().iter().zip(all.samples()).map(|(a, b)| (a - b).abs());
+        let values: Vec<f32> = changes().collect();
+        let beyond = values.chunks(3).filter(|pixel| pixel.iter().any(|change| *change > 1.0 / 255.0)).count();
+        Ok(PictureDifference {
+            largest: changes().fold(0.0, |largest, change| if change > largest { change } else { largest }),
+            beyond: 3.0 * beyond as f64 / values.len() as f64,
+            mse: changes().map(|change| f64::from(change).powi(2)).sum::<f64>() / values.len() as f64,
+        })
+    }
+
+    /// Seconds of one rendering.
+    fn secs(&self, frame: usize, effects: &Effects) -> Result<f64, RoomsError> {
+        let start = Instant::now();
+        std::hint::black_box(self.rendered(frame, effects)?);
+        Ok(start.elapsed().as_secs_f64())
+    }
+
+    fn context(&self) -> SceneContext<'_> {
+        SceneContext { world: &self.world, conditions: &self.conditions, shots: self.shots() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    #[test]
+    fn a_cost_that_is_not_measurable_has_no_value_and_no_negative_bound() {
+        let clear = Timing::of(vec![5.0, 9.0, 1.0, 4.0, 6.0, 3.0, 7.0, 2.0, 8.0]);
+        Tolerance::EXACT.assert(clear.secs, [5.0], "the median");
+        Tolerance::EXACT.assert(clear.interval, [2.0, 8.0], "second smallest and second largest");
+        let noise = Timing::of(vec![-3.0, 2.0, -2.0, 1.0, 3.0, 4.0, -1.0, 5.0, 0.5]);
+        assert_eq!(noise.secs, None, "two of nine pairs are negative");
+        Tolerance::EXACT.assert(noise.interval, [0.0, 4.0], "no negative bound");
+        assert!(Timing::of(vec![-1.0, 2.0, 3.0, 1.0, 3.0, 4.0, 2.0, 5.0, 0.5]).secs.is_some(), "one of nine");
+    }
+}
