@@ -5,6 +5,7 @@ mod methods;
 pub(crate) mod protocols;
 pub(crate) mod score;
 pub(crate) mod settings;
+mod shard;
 
 use std::path::PathBuf;
 
