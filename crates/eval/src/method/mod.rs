@@ -23,7 +23,7 @@ use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
-pub use exec::{Exec, ExecSettings, VERSION as EXEC_VERSION};
+pub use exec::{Exec, ExecSettings};
 pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
 pub use optimised::{Optimised, START_POINTS};

@@ -7,7 +7,7 @@ use atsplat_pixels::Image;
 use atsplat_splat::{Gaussians, files};
 
 use super::npy;
-use crate::method::{TrialInput, renders};
+use crate::method::{TrialInput, ply, renders};
 
 /// The folder of one trial.
 #[derive(Debug)]
@@ -58,7 +58,7 @@ impl Exchange {
     pub(super) fn gaussians(&self, name: &str, as_stored: bool) -> Result<(Gaussians, Vec<String>), String> {
         let path = self.file(name)?;
         let (gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
-        let mut notes = super::super::ply::notes(&import, Path::new(name));
+        let mut notes = ply::notes(&import, Path::new(name));
         if as_stored {
             return Ok((gaussians.with_linear_opacities(), notes));
         }

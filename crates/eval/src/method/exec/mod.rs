@@ -23,9 +23,7 @@ use crate::{EvalError, MethodRecord};
 use files::Exchange;
 use pool::{Pool, Slot};
 use process::Process;
-use wire::{Answer, Gives, Hello, Request};
-
-pub use wire::VERSION;
+use wire::{Answer, Gives, Hello, Request, VERSION};
 
 /// A method that runs as a process: it is started once, given one trial after the other, and answers with pictures or with
 /// Gaussians (`docs/methods.md`).

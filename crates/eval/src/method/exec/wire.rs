@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::method::TrialInput;
 
 /// Version of the protocol, which a process states first.
-pub const VERSION: u32 = 1;
+pub(super) const VERSION: u32 = 1;
 /// Characters of a line that are quoted in a message.
 const QUOTED: usize = 160;
 
@@ -57,7 +57,7 @@ pub(super) struct Request<'a> {
     scene: &'a str,
     entry: usize,
     /// Where the pictures are, and where the answer's files go.
-    pub(super) folder: String,
+    folder: String,
     context: Vec<View>,
     targets: Vec<View>,
     near: f64,
