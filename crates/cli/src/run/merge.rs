@@ -19,7 +19,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
-    /// Merge even if shards are missing; the result is marked as partial.
+    /// Merge even if shards are missing or not done; the result is marked as partial.
     #[arg(long)]
     partial: bool,
 
@@ -30,17 +30,19 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
-    let Merged { results, missing_shards, repeated } = Results::merge(read(&args.stores)?)?;
-    if !missing_shards.is_empty() && !args.partial {
-        let missing: Vec<String> = missing_shards.iter().map(ToString::to_string).collect();
-        bail!("shards {} are missing: --partial merges the others", missing.join(", "));
+    let Merged { results, missing_shards, unfinished, repeated } = Results::merge(read(&args.stores)?)?;
+    let missing: Vec<String> = missing_shards.iter().map(ToString::to_string).collect();
+    let missing = (!missing.is_empty()).then(|| format!("shards {} are missing", missing.join(", ")));
+    let lacking: Vec<String> = missing.into_iter().chain(unfinished.iter().map(ToString::to_string)).collect();
+    if !lacking.is_empty() && !args.partial {
+        bail!("{}: --partial merges the other results", lacking.join("; "));
     }
     results.write(&args.out)?;
     print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {
         warn(&format!("warning: {repeated} results stood in several stores with equal values, and were taken once"));
     }
-    Ok(missing_shards.is_empty())
+    Ok(lacking.is_empty())
 }
 
 /// Rejects stores that are given twice, even by different paths.

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use anyhow::Context as _;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, GaussianFrame, Method, NearestView, Optimised, Ply, Renders, Splatting, Warp,
+    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, Method, NearestView, Optimised, Ply, Renders,
+    Splatting, Warp,
 };
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::network::Device;
@@ -35,16 +37,45 @@ pub(super) enum Kind {
     Warp,
     Renders(PathBuf),
     Ply(PathBuf),
+    /// A process with this command.
+    Exec(String),
+}
+
+/// The methods of one argument, separated by commas. A command is the last one: it may hold commas itself.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct MethodList(Vec<MethodArg>);
+
+impl FromStr for MethodList {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut methods = Vec::new();
+        let mut rest = Some(text);
+        while let Some(text) = rest {
+            let is_command = parts(text).1.starts_with("exec:");
+            let (first, others) =
+                text.split_once(',').filter(|_| !is_command).map_or((text, None), |(a, b)| (a, Some(b)));
+            methods.push(first.parse()?);
+            rest = others;
+        }
+        Ok(Self(methods))
+    }
+}
+
+/// Name and method of `NAME=METHOD`; a method may hold an equals sign after its colon.
+fn parts(text: &str) -> (Option<&str>, &str) {
+    match text.split_once('=') {
+        Some((name, method)) if !name.contains([':', ',']) => (Some(name), method),
+        _ => (None, text),
+    }
 }
 
 impl FromStr for MethodArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (name, method) = match text.split_once('=') {
-            Some((name, method)) => (Some(named(name)?), method),
-            None => (None, text),
-        };
+        let (name, method) = parts(text);
+        let name = name.map(named).transpose()?;
         let folder = |path: &str| Some(PathBuf::from(path)).filter(|path| !path.as_os_str().is_empty());
         let kind = match method.split_once(':') {
             None if method == "atsplat" => Some(Kind::AtSplat),
@@ -52,6 +83,7 @@ impl FromStr for MethodArg {
             None if method == "warp" => Some(Kind::Warp),
             Some(("renders", path)) => folder(path).map(Kind::Renders),
             Some(("ply", path)) => folder(path).map(Kind::Ply),
+            Some(("exec", command)) if !command.trim().is_empty() => Some(Kind::Exec(command.to_owned())),
             Some(("atsplat+refine", budget)) => Some(Kind::Refined(parse::budget(budget)?)),
             Some(("3dgs", budget)) => Some(Kind::Optimised(Strategy::Gaussians3d, parse::budget(budget)?)),
             Some(("mip-splatting", budget)) => Some(Kind::Optimised(Strategy::MipSplatting, parse::budget(budget)?)),
@@ -60,7 +92,7 @@ impl FromStr for MethodArg {
         };
         let kind = kind.ok_or_else(|| {
             format!(
-                "expected atsplat, nearest-view, warp, renders:DIR, ply:DIR, or 3dgs, mip-splatting, mcmc or \
+                "expected atsplat, nearest-view, warp, renders:DIR, ply:DIR, exec:COMMAND, or 3dgs, mip-splatting, mcmc or \
                  atsplat+refine with a budget, as 3dgs:3000 (steps) or mcmc:10s, optionally after NAME=, found {text:?}"
             )
         })?;
@@ -91,6 +123,14 @@ pub(super) struct MethodArgs {
     /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all.
     #[arg(long, value_name = "N", default_value_t = 100_000)]
     max_gaussians: usize,
+
+    /// Seconds that a process of exec may take to start, and for each trial; then it is killed and started again.
+    #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = parse::positive)]
+    method_timeout: f64,
+
+    /// Most processes of each exec at once. Each answers one trial at a time, and no more trials than --threads run at once.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
+    method_processes: u16,
 
     #[command(flatten)]
     gaussians: GaussianArgs,
@@ -144,8 +184,8 @@ impl MethodArgs {
     }
 
     /// Loads the methods.
-    pub(super) fn methods(&self, args: &[MethodArg]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        args.iter().map(|arg| self.method(arg)).collect()
+    pub(super) fn methods(&self, lists: &[MethodList]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
+        lists.iter().flat_map(|MethodList(methods)| methods).map(|arg| self.method(arg)).collect()
     }
 
     fn method(&self, MethodArg { name, kind }: &MethodArg) -> anyhow::Result<Arc<dyn Method>> {
@@ -172,6 +212,14 @@ impl MethodArgs {
                 let name = name.as_deref();
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
             }
+            Kind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {
+                command: command.clone(),
+                name: name.clone(),
+                limit: Duration::try_from_secs_f64(self.method_timeout).context("--method-timeout")?,
+                processes: self.method_processes.into(),
+                opacities_as_stored: self.gaussians.opacities_as_stored,
+                splatting: self.gaussians.splatting()?,
+            })?)),
             other => self.gaussians.imported(name.as_deref(), other),
         }
     }
@@ -181,7 +229,7 @@ impl GaussianArgs {
     /// A method without a network.
     pub(super) fn imported(&self, name: Option<&str>, kind: &Kind) -> anyhow::Result<Arc<dyn Method>> {
         Ok(match kind {
-            Kind::AtSplat | Kind::Refined(_) | Kind::Optimised(..) => {
+            Kind::AtSplat | Kind::Refined(_) | Kind::Optimised(..) | Kind::Exec(_) => {
                 anyhow::bail!("only imported methods can be scored")
             }
             Kind::NearestView => Arc::new(NearestView),
@@ -230,6 +278,13 @@ mod tests {
         assert_eq!("MVSplat=ply:out:1".parse(), method(Some("MVSplat"), Kind::Ply("out:1".into())));
         assert_eq!("mcmc:10s".parse(), method(None, Kind::Optimised(Strategy::Mcmc, Budget::Seconds(10.0))));
         assert_eq!("long=atsplat+refine:300".parse(), method(Some("long"), Kind::Refined(Budget::Steps(300))));
+        assert_eq!("exec:a --b=1".parse(), method(None, Kind::Exec("a --b=1".to_owned())));
+        assert_eq!("x=exec:a --b=1".parse(), method(Some("x"), Kind::Exec("a --b=1".to_owned())));
+        let list = |text: &str| text.parse::<MethodList>().map(|list| list.0);
+        let methods = list("warp,x=renders:a,y=exec:b 1,2").unwrap();
+        assert_eq!(methods[1], method(Some("x"), Kind::Renders("a".into())).unwrap());
+        assert_eq!(methods[2..], [method(Some("y"), Kind::Exec("b 1,2".to_owned())).unwrap()]);
+        assert!(list("warp,").is_err() && list("exec: ").is_err() && list("").is_err());
         for broken in ["3dgs", "3dgs:", "3dgs:0", "mcmc:-1s", "mip-splatting:ten", "3dgs:1.5"] {
             assert!(broken.parse::<MethodArg>().is_err(), "{broken:?}");
         }

@@ -5,6 +5,7 @@ mod methods;
 pub(crate) mod protocols;
 pub(crate) mod score;
 pub(crate) mod settings;
+mod shard;
 
 use std::path::PathBuf;
 
@@ -17,7 +18,7 @@ use atsplat_scene::Warnings;
 use crate::output::{print_findings, print_report, print_warnings, warn};
 use crate::progress::Progress;
 use crate::provenance;
-use methods::{MethodArg, MethodArgs};
+use methods::{MethodArgs, MethodList};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
 
@@ -34,9 +35,10 @@ pub(crate) struct Args {
 
     /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its Gaussians);
     /// optimised for each trial, with a budget as 3000 (steps) or 10s: 3dgs:BUDGET, mip-splatting:BUDGET, mcmc:BUDGET,
-    /// atsplat+refine:BUDGET (what the network made). NAME=METHOD sets the name in the results.
-    #[arg(long = "method", value_name = "METHOD", required = true, value_delimiter = ',')]
-    methods: Vec<MethodArg>,
+    /// atsplat+refine:BUDGET (what the network made); exec:COMMAND, a process that answers trials (docs/methods.md), which
+    /// takes the rest of the argument. NAME=METHOD sets the name in the results.
+    #[arg(long = "method", value_name = "METHOD", required = true)]
+    methods: Vec<MethodList>,
 
     #[command(flatten, next_help_heading = "Methods")]
     sources: MethodArgs,

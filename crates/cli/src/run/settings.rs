@@ -1,15 +1,15 @@
 //! Settings of a run.
 
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use atsplat_eval::runner::{Dataset, KeepPictures, Selection, metric_ids, named_metrics};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{EvalError, Provenance, Shard, Store};
+use atsplat_eval::{EvalError, Provenance, Store};
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
 
+use super::shard::ShardArg;
 use crate::parse::named;
 
 /// Cache of ground-truth features for learned metrics, in bytes.
@@ -21,8 +21,9 @@ pub(crate) struct SettingArgs {
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
-    /// Only the K-th of N parts of the scenes, as 2/8; `atsplat merge` merges the parts.
-    #[arg(long, value_name = "K/N")]
+    /// Only the K-th of N parts of the scenes, as 2/8, or env: as the environment of a Slurm array, an indexed Kubernetes job
+    /// (with ATSPLAT_SHARDS), torchrun or MPI says. `atsplat merge` merges the parts.
+    #[arg(long, value_name = "K/N|env")]
     shard: Option<ShardArg>,
 
     /// Only N scenes of each dataset, spread evenly over the index.
@@ -100,20 +101,6 @@ impl TimingArgs {
 const KEPT: [(&str, KeepPictures); 3] =
     [("none", KeepPictures::Nothing), ("worst", KeepPictures::Worst), ("all", KeepPictures::All)];
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct ShardArg(Shard);
-
-impl FromStr for ShardArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
-        let shard =
-            parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
-        shard.map(Self).ok_or_else(|| format!("expected K/N with K from 1 to N, found {text:?}"))
-    }
-}
-
 impl SettingArgs {
     pub(crate) fn out(&self) -> &Path {
         &self.out
@@ -160,13 +147,5 @@ mod tests {
         assert_eq!(timing_args(true, None).plan().unwrap(), Some(TimingPlan::default()));
         assert_eq!(timing_args(true, Some(9)).plan().unwrap().map(|plan| plan.repetitions), Some(9));
         assert!(timing_args(false, Some(9)).plan().unwrap_err().to_string().contains("--timing"));
-    }
-
-    #[test]
-    fn parses_shards() {
-        assert_eq!("2/8".parse(), Ok(ShardArg(Shard { number: 2, of: 8 })));
-        for broken in ["0/3", "4/3", "1", "1/0", "a/b", "-1/2", "1/2/3", ""] {
-            assert!(broken.parse::<ShardArg>().is_err(), "{broken:?}");
-        }
     }
 }

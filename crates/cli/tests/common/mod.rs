@@ -1,6 +1,7 @@
 //! Runs the binary and writes small datasets for it.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![allow(dead_code, reason = "each test takes what it needs")]
 
 use std::fmt::Write as _;
 use std::path::Path;

@@ -2,6 +2,7 @@
 
 mod atsplat;
 mod constants;
+mod exec;
 mod layout;
 mod nearest_view;
 mod optimised;
@@ -22,6 +23,7 @@ use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
+pub use exec::{Exec, ExecSettings};
 pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
 pub use optimised::{Optimised, START_POINTS};
@@ -40,7 +42,7 @@ pub trait Method: Debug + Send + Sync {
 
     /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
     /// ([`Preset::setting_for`]).
-    fn setting(&self) -> &'static str {
+    fn setting(&self) -> &str {
         "ATSplat"
     }
 
@@ -57,6 +59,12 @@ pub trait Method: Debug + Send + Sync {
 
     /// Where an imported method's files for these scenes are; `None` for a method that runs in this process.
     fn survey(&self, _scenes: &[RequestedScene<'_>]) -> Option<Survey> {
+        None
+    }
+
+    /// Processor time in seconds that processes of its own have used so far; `None` for a method that runs in this process,
+    /// and where the system does not report it.
+    fn own_processor_secs(&self) -> Option<f64> {
         None
     }
 
@@ -123,6 +131,9 @@ pub struct Cost {
     pub stages: BTreeMap<String, f64>,
     /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
+    /// Measured peak of the resident memory of the method's own processes since they were started, in bytes; `None` for a
+    /// method that runs in this process, and where the system does not report it.
+    pub own_peak_bytes: Option<u64>,
     /// Remarks for the reader of the results.
     pub notes: Vec<String>,
 }

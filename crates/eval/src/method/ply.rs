@@ -100,7 +100,7 @@ fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
 }
 
 /// Defects of a file that do not prevent rendering.
-fn notes(import: &Import, path: &Path) -> Vec<String> {
+pub(super) fn notes(import: &Import, path: &Path) -> Vec<String> {
     let mut notes = Vec::new();
     let found = &import.validation;
     if !found.is_clean() {

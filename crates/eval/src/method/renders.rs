@@ -49,17 +49,8 @@ impl Renders {
         for scene in names_of(trial) {
             let folder = below(&self.folder, &scene).ok_or_else(|| format!("{scene:?} is not a valid folder name"))?;
             for folder in [folder.join("color"), folder] {
-                let found: Vec<PathBuf> = names(frame).map(|name| folder.join(name)).filter(|p| p.is_file()).collect();
-                let stem = |path: &PathBuf| path.file_stem().map(std::ffi::OsStr::to_owned);
-                match found.as_slice() {
-                    [] => {}
-                    [first, others @ ..] if others.iter().all(|other| stem(other) == stem(first)) => {
-                        return Ok(first.clone());
-                    }
-                    [first, others @ ..] => {
-                        let last = others.last().unwrap_or(first);
-                        return Err(format!("two files for frame {frame}: {} and {}", first.display(), last.display()));
-                    }
+                if let Some(path) = file_of(&folder, frame)? {
+                    return Ok(path);
                 }
             }
         }
@@ -68,6 +59,20 @@ impl Renders {
             "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {}",
             self.folder.display()
         ))
+    }
+}
+
+/// The picture of a frame in a scene's folder; `None` if there is none.
+pub(super) fn file_of(folder: &Path, frame: usize) -> Result<Option<PathBuf>, String> {
+    let found: Vec<PathBuf> = names(frame).map(|name| folder.join(name)).filter(|path| path.is_file()).collect();
+    let stem = |path: &PathBuf| path.file_stem().map(std::ffi::OsStr::to_owned);
+    match found.as_slice() {
+        [] => Ok(None),
+        [first, others @ ..] if others.iter().all(|other| stem(other) == stem(first)) => Ok(Some(first.clone())),
+        [first, others @ ..] => {
+            let last = others.last().unwrap_or(first);
+            Err(format!("two files for frame {frame}: {} and {}", first.display(), last.display()))
+        }
     }
 }
 
@@ -142,7 +147,7 @@ impl Prediction for Imported<'_> {
     }
 }
 
-fn read(path: &Path) -> Result<Image, String> {
+pub(super) fn read(path: &Path) -> Result<Image, String> {
     let bytes = fs::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {

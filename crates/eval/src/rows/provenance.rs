@@ -113,7 +113,7 @@ impl PresetRecord {
 pub struct MethodRecord {
     /// Name in the rows: `atsplat`, `nearest-view`, a folder's name for imported renders.
     pub name: String,
-    /// `atsplat`, `renders`, `ply`, `nearest-view` or `warp`.
+    /// `atsplat`, `renders`, `ply`, `exec`, `nearest-view` or `warp`.
     pub kind: String,
     /// Title in tables.
     pub title: String,

@@ -21,7 +21,7 @@ mod worst;
 pub use findings::Findings;
 pub use index::PlannedIndex;
 pub use metrics::{metric_ids, metric_records, named_metrics};
-pub use pictures::{KeepPictures, TRUTH, picture_path};
+pub use pictures::{CONTEXT, KeepPictures, TRUTH, picture_path};
 pub use plan::{Dataset, Plan, Summary, current_provenance};
 pub use run::run;
 pub use selection::{Selection, spread};

@@ -11,7 +11,7 @@ use crate::{EvalError, TargetRow, TrialKey};
 /// The method name under which ground-truth pictures are stored.
 pub const TRUTH: &str = "truth";
 /// The method name under which context pictures are stored.
-pub(super) const CONTEXT: &str = "context";
+pub const CONTEXT: &str = "context";
 
 /// Which pictures a store keeps in addition to its rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

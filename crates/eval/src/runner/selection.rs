@@ -1,4 +1,4 @@
-use std::collections::HashSet;
+use std::collections::HashMap;
 
 use atsplat_protocol::EvaluationIndex;
 
@@ -23,18 +23,23 @@ pub(crate) struct Selected {
 }
 
 impl Selection {
-    /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes every n-th.
-    /// All entries of a scene stay in one shard.
+    /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes those that lie
+    /// together in the dataset: it opens no more chunks than it needs. All entries of a scene stay in one shard.
     pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {
-        let known: HashSet<&str> = keys.iter().map(String::as_str).collect();
+        let known: HashMap<&str, usize> = keys.iter().enumerate().map(|(at, key)| (key.as_str(), at)).collect();
         let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
-        let (present, missing): (Vec<_>, Vec<_>) = with_entries.partition(|(key, _)| known.contains(key.as_str()));
+        let (present, missing): (Vec<_>, Vec<_>) = with_entries.partition(|(key, _)| known.contains_key(key.as_str()));
         let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(present.len());
         let positions = spread(present.len(), limit);
         let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
-        let selected = positions.into_iter().skip(number.saturating_sub(1) as usize).step_by(of.max(1) as usize);
-        let scenes =
-            selected.filter_map(|at| present.get(at)).map(|(key, entries)| ((*key).clone(), (*entries).clone()));
+        let mut scenes: Vec<_> = positions.into_iter().filter_map(|at| present.get(at)).enumerate().collect();
+        scenes.sort_by_key(|(_, (key, _))| known.get(key.as_str()));
+        let border = |part: u32| part as usize * scenes.len() / of.max(1) as usize;
+        let (first, past) = (border(number.saturating_sub(1)), border(number));
+        let mut scenes = scenes.get(first..past).unwrap_or_default().to_vec();
+        // In the index's order again.
+        scenes.sort_by_key(|(at, _)| *at);
+        let scenes = scenes.into_iter().map(|(_, (key, entries))| ((*key).clone(), (*entries).clone()));
         let index = EvaluationIndex { scenes: scenes.collect() };
         Selected { index, missing: missing.into_iter().map(|(key, _)| key.clone()).collect() }
     }
@@ -83,5 +88,19 @@ mod tests {
         let mut expected: Vec<String> = whole.index.scenes.into_keys().collect();
         expected.sort();
         assert_eq!(together, expected);
+    }
+
+    /// The index is in another order than the data, whose chunks hold two scenes each.
+    #[test]
+    fn a_shard_takes_scenes_that_lie_together_in_the_data() {
+        let index = index(8);
+        let keys: Vec<String> = [3, 1, 7, 5, 0, 2, 4, 6].map(|scene| format!("s{scene}")).to_vec();
+        let parts = (1..=4).map(|number| Selection { limit: None, shard: Some(Shard { number, of: 4 }) });
+        let parts: Vec<Vec<String>> =
+            parts.map(|selection| selection.of(&index, &keys).index.scenes.into_keys().collect()).collect();
+        assert_eq!(parts, [["s1", "s3"], ["s5", "s7"], ["s0", "s2"], ["s4", "s6"]]);
+        let uneven = (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, of: 3 }) });
+        let sizes: Vec<usize> = uneven.map(|selection| selection.of(&index, &keys).index.scenes.len()).collect();
+        assert_eq!(sizes, [2, 3, 3]);
     }
 }

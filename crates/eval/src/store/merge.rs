@@ -1,8 +1,9 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 
 use super::SCHEMA_VERSION;
 use crate::timing::{TimingRow, merged};
-use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
+use crate::{EvalError, Provenance, Results, Shard, TargetRow, TrialKey, TrialRow};
 
 /// Several stores merged into one.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,11 +12,59 @@ pub struct Merged {
     pub results: Results,
     /// Numbers of missing shards, from 1.
     pub missing_shards: Vec<u32>,
+    /// Stores whose run has not ended.
+    pub unfinished: Vec<Unfinished>,
     /// Number of trials that an earlier store already had.
     pub repeated: u64,
 }
 
+/// A store that lacks results of its run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unfinished {
+    /// Which part of the run, if it is divided.
+    pub shard: Option<Shard>,
+    /// Name of the preset in the rows.
+    pub preset: String,
+    /// Name of the method in the rows.
+    pub method: String,
+    /// Index entries with a result, or with a reason why there is none.
+    pub entries: u64,
+    /// Index entries of the part.
+    pub of: u64,
+}
+
+impl fmt::Display for Unfinished {
+    /// `shard 2 of 8 is not done: 14 of 20 entries of rooms-2v-128 under warp`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { shard, preset, method, entries, of } = self;
+        match shard {
+            Some(Shard { number, of }) => write!(f, "shard {number} of {of}")?,
+            None => f.write_str("a store")?,
+        }
+        write!(f, " is not done: {entries} of {of} entries of {preset} under {method}")
+    }
+}
+
 impl Results {
+    /// The protocols and methods whose run into this store has not ended: entries have neither a row nor a reason.
+    pub fn unfinished(&self) -> Vec<Unfinished> {
+        let Provenance { shard, presets, methods, skipped, .. } = &self.provenance;
+        let mut unfinished = Vec::new();
+        for (preset, method) in presets.iter().flat_map(|preset| methods.iter().map(move |method| (preset, method))) {
+            let of_both = |key: &&TrialKey| key.preset == preset.name && key.method == method.name;
+            let rows = self.trials.iter().map(|trial| &trial.key).filter(of_both);
+            let mut known: BTreeSet<(&str, u32)> = rows.map(|key| (key.scene.as_str(), key.entry)).collect();
+            let skipped = skipped.iter().filter(|skipped| skipped.preset == preset.name);
+            known.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
+            let entries = known.len() as u64;
+            if entries < preset.entries {
+                let (preset, method, of) = (preset.name.clone(), method.name.clone(), preset.entries);
+                unfinished.push(Unfinished { shard: *shard, preset, method, entries, of });
+            }
+        }
+        unfinished
+    }
+
     /// Merges shards of one run. Rows that several shards hold must agree; timings stay separate by machine.
     ///
     /// # Errors
@@ -25,13 +74,16 @@ impl Results {
         let mut parts = parts.into_iter();
         let nothing =
             || EvalError::Settings { what: "merge", expected: "results".to_owned(), found: "none".to_owned() };
-        let Self { mut provenance, trials, targets, timings } = parts.next().ok_or_else(nothing)?;
+        let first = parts.next().ok_or_else(nothing)?;
+        let mut unfinished = first.unfinished();
+        let Self { mut provenance, trials, targets, timings } = first;
         let mut shards: BTreeSet<u32> = provenance.shard.map(|shard| shard.number).into_iter().collect();
         let of = provenance.shard.map(|shard| shard.of);
         let mut rows = Rows::default();
         rows.add(trials, targets, timings)?;
         for part in parts {
             let shard = part.provenance.shard;
+            unfinished.extend(part.unfinished());
             if shard.map(|shard| shard.of) != of {
                 let describe =
                     |of: Option<u32>| of.map_or_else(|| "a whole run".to_owned(), |of| format!("{of} shards"));
@@ -48,13 +100,13 @@ impl Results {
         }
         let all = of.into_iter().flat_map(|of| 1..=of);
         let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
-        if missing_shards.is_empty() {
+        if missing_shards.is_empty() && unfinished.is_empty() {
             provenance.shard = None;
         }
         provenance.schema_version = SCHEMA_VERSION;
         provenance.schema_hash = super::schema_hash();
         let repeated = rows.repeated;
-        Ok(Merged { results: rows.into_results(provenance)?, missing_shards, repeated })
+        Ok(Merged { results: rows.into_results(provenance)?, missing_shards, unfinished, repeated })
     }
 }
 

@@ -35,7 +35,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_protocol::trial::PictureDigests;
-pub use merge::Merged;
+pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
 use crate::{EvalError, Provenance, Results, TargetRow, TrialRow, TrialStatus};

@@ -64,12 +64,13 @@ impl<'a> LoadMonitor<'a> {
         Self { pool, own, start: Instant::now(), average, mhz, cpu: cpu_time(), own_secs: own_secs(pool, own) }
     }
 
-    pub(super) fn finish(self) -> Load {
+    /// `outside` are processor seconds of the pass that other processes of its own have used.
+    pub(super) fn finish(self, outside: f64) -> Load {
         let wall = self.start.elapsed().as_secs_f64();
         let (busy, own) = (cpu_time(), own_secs(self.pool, self.own));
         let others = || {
             let (before, after) = (self.cpu?, busy?);
-            share_of_others(after.busy_secs - before.busy_secs, own? - self.own_secs?, wall * after.cpus)
+            share_of_others(after.busy_secs - before.busy_secs, own? - self.own_secs? + outside, wall * after.cpus)
         };
         Load {
             average_before: self.average,
@@ -120,7 +121,7 @@ fn of_stat(stat: &str) -> Option<CpuTime> {
 fn own_secs(pool: &ThreadPool, own: OwnTime) -> Option<f64> {
     match own {
         OwnTime::Pool => pool.broadcast(|_| thread_secs()).into_iter().sum(),
-        OwnTime::Process => of_process(&fs::read_to_string("/proc/self/stat").ok()?),
+        OwnTime::Process => processor_secs_of_stat(&fs::read_to_string("/proc/self/stat").ok()?),
     }
 }
 
@@ -131,8 +132,8 @@ fn thread_secs() -> Option<f64> {
     Some(1e-9 * nanos)
 }
 
-/// `/proc/self/stat`: the name ends with the last parenthesis; user and system time are the 14th and 15th fields (`proc_pid_stat(5)`).
-fn of_process(stat: &str) -> Option<f64> {
+/// `/proc/PID/stat` in seconds: the name ends with the last parenthesis; user and system time are the 14th and 15th fields (`proc_pid_stat(5)`).
+pub(crate) fn processor_secs_of_stat(stat: &str) -> Option<f64> {
     let (_, fields) = stat.rsplit_once(')')?;
     let mut fields = fields.split_whitespace().skip(11);
     let mut ticks = || fields.next()?.parse::<f64>().ok();
@@ -174,8 +175,8 @@ mod tests {
     #[test]
     fn reads_process_times_and_clocks() {
         let stat = "42 (a (b) c) R 1 1 1 0 -1 0 7 8 9 10 150 50 3 4 20 0 1 0 5 6 7";
-        Tolerance::F64.assert(of_process(stat), [2.0], "user and system time");
-        assert_eq!(of_process("42 no name"), None);
+        Tolerance::F64.assert(processor_secs_of_stat(stat), [2.0], "user and system time");
+        assert_eq!(processor_secs_of_stat("42 no name"), None);
         Tolerance::F64.assert(of_cpuinfo("cpu MHz\t\t: 2600.0\nflags\t: x\ncpu MHz\t\t: 2000.0\n"), [2300.0], "MHz");
         assert_eq!(of_cpuinfo("BogoMIPS : 50"), None);
     }
@@ -208,7 +209,7 @@ mod tests {
             }
             let monitor = LoadMonitor::start(&pool, OwnTime::Pool);
             std::thread::sleep(std::time::Duration::from_millis(400));
-            let load = monitor.finish();
+            let load = monitor.finish(0.0);
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
             load
         });

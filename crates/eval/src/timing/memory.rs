@@ -4,12 +4,12 @@ use std::fs;
 
 /// Peak resident memory in bytes since [`forget_peak`] or the start of the process; `None` if the system does not report it.
 pub fn peak_bytes() -> Option<u64> {
-    of_status(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
+    status_bytes(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
 
 /// Resident memory in bytes; `None` if the system does not report it.
 pub fn held_bytes() -> Option<u64> {
-    of_status(&fs::read_to_string("/proc/self/status").ok()?, "VmRSS:")
+    status_bytes(&fs::read_to_string("/proc/self/status").ok()?, "VmRSS:")
 }
 
 /// Resets the peak to the current value; `false` if the system does not allow it.
@@ -18,7 +18,8 @@ pub fn forget_peak() -> bool {
     fs::write("/proc/self/clear_refs", "5").is_ok()
 }
 
-fn of_status(status: &str, field: &str) -> Option<u64> {
+/// A field of `/proc/PID/status` in bytes.
+pub(crate) fn status_bytes(status: &str, field: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix(field))?;
     let kibibytes: u64 = line.split_whitespace().next()?.parse().ok()?;
     kibibytes.checked_mul(1024)
@@ -43,7 +44,7 @@ mod tests {
     #[test]
     fn reads_fields_of_a_status_file() {
         let status = "VmPeak:\t   9 kB\nVmHWM:\t    7 kB\nVmRSS:\t    3 kB\n";
-        assert_eq!((of_status(status, "VmHWM:"), of_status(status, "VmRSS:")), (Some(7168), Some(3072)));
-        assert_eq!(of_status(status, "VmSwap:"), None);
+        assert_eq!((status_bytes(status, "VmHWM:"), status_bytes(status, "VmRSS:")), (Some(7168), Some(3072)));
+        assert_eq!(status_bytes(status, "VmSwap:"), None);
     }
 }

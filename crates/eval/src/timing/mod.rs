@@ -21,6 +21,8 @@ pub use pass::TimingPlan;
 pub use row::TimingRow;
 pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
 
+pub(crate) use load::processor_secs_of_stat;
+pub(crate) use memory::status_bytes;
 pub(crate) use pass::pass;
 pub(crate) use quiet::evaluating;
 pub(crate) use row::merged;

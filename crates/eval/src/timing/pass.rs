@@ -1,6 +1,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use atsplat_numeric::Extremes as _;
 use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use rayon::ThreadPool;
@@ -99,12 +100,16 @@ impl Pass<'_> {
         let mut rows = Vec::new();
         // Pictures are decoded first: decoding is part of neither the times nor the load.
         trials.prepare(self.timing.trials as usize);
+        let outside = |methods: &[&Arc<dyn Method>]| -> f64 {
+            methods.iter().filter_map(|method| method.own_processor_secs()).sum()
+        };
+        let outside_before = outside(&new);
         let monitor = LoadMonitor::start(self.pool, own);
-        for method in new {
+        for method in &new {
             rows.extend(self.method(dataset, &mut trials, method.as_ref()));
             (self.step)();
         }
-        let load = monitor.finish();
+        let load = monitor.finish((outside(&new) - outside_before).maximum_of(0.0));
         for row in &mut rows {
             row.load = load;
         }
@@ -145,7 +150,7 @@ impl Pass<'_> {
             let mut row = self.row(dataset, prepared, method, available);
             match measured {
                 Ok(samples) => {
-                    let Samples { encode, render, stages, held_bytes, peak_bytes } = samples;
+                    let Samples { encode, render, stages, held_bytes, peak_bytes, .. } = samples;
                     rows.push(TimingRow { encode, render, stages, held_bytes, peak_bytes, ..row });
                 }
                 Err(detail) => {

@@ -28,9 +28,9 @@ pub struct TimingRow {
     pub render: Vec<f64>,
     /// Seconds of each encoding stage by name, one per repetition.
     pub stages: BTreeMap<String, Vec<f64>>,
-    /// Memory of the process before, in bytes.
+    /// Memory of the process before, in bytes; `None` for a method with processes of its own.
     pub held_bytes: Option<u64>,
-    /// Peak memory of the process during the repetitions, in bytes.
+    /// Peak memory of the process during the repetitions, or of the method's own processes since they were started, in bytes.
     pub peak_bytes: Option<u64>,
     /// Load of the machine while the protocol was timed.
     pub load: Load,

@@ -41,6 +41,8 @@ pub(super) struct Samples {
     pub(super) stages: BTreeMap<String, Vec<f64>>,
     pub(super) held_bytes: Option<u64>,
     pub(super) peak_bytes: Option<u64>,
+    /// That of the method's own processes.
+    pub(super) own_peak_bytes: Option<u64>,
 }
 
 impl Samples {
@@ -77,6 +79,9 @@ impl Samples {
             }
         }
         samples.peak_bytes = memory::peak_bytes().filter(|_| is_peak_reset);
+        if samples.own_peak_bytes.is_some() {
+            (samples.held_bytes, samples.peak_bytes) = (None, samples.own_peak_bytes);
+        }
         let timed = method.timed();
         if !timed.encoding {
             samples.encode.clear();
@@ -93,7 +98,9 @@ impl Samples {
         let start = Instant::now();
         let prediction = method.predict(input).map_err(|error| error.to_string())?;
         self.encode.push(start.elapsed().as_secs_f64());
-        for (name, secs) in prediction.cost().stages {
+        let cost = prediction.cost();
+        self.own_peak_bytes = cost.own_peak_bytes.or(self.own_peak_bytes);
+        for (name, secs) in cost.stages {
             self.stages.entry(name).or_default().push(secs);
         }
         for target in targets {

@@ -1,0 +1,214 @@
+//! `--shard K/N`, or `--shard env`: which part of the scenes this process evaluates.
+
+use std::str::FromStr;
+
+use atsplat_eval::Shard;
+
+/// Number of parts, for schedulers that number their jobs without saying how many there are.
+const COUNT: &str = "ATSPLAT_SHARDS";
+
+/// Rank and size as launchers of parallel programs set them.
+const RANKS: [(&str, &str); 3] =
+    [("RANK", "WORLD_SIZE"), ("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"), ("PMI_RANK", "PMI_SIZE")];
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ShardArg(pub(super) Shard);
+
+impl FromStr for ShardArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "env" {
+            return of_environment(&|name| std::env::var(name).ok()).map(Self);
+        }
+        let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+        let shard =
+            parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
+        shard.map(Self).ok_or_else(|| format!("expected K/N with K from 1 to N, or env, found {text:?}"))
+    }
+}
+
+/// A part, and the variables that say so.
+#[derive(Clone, Debug)]
+struct Stated {
+    shard: Shard,
+    by: String,
+}
+
+/// The part that the environment states: of a Slurm array, of an indexed Kubernetes job, or by the rank of torchrun or MPI. A
+/// launcher of a single process says nothing if another one divides the work.
+fn of_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, String> {
+    let environment = Environment(variable);
+    let mut stated: Vec<Stated> = Vec::new();
+    stated.extend(environment.slurm()?);
+    stated.extend(environment.kubernetes()?);
+    for (rank, size) in RANKS {
+        stated.extend(environment.rank(rank, size)?);
+    }
+    let divided: Vec<Stated> = stated.iter().filter(|stated| stated.shard.of > 1).cloned().collect();
+    let stated = if divided.is_empty() { stated } else { divided };
+    let Some((first, others)) = stated.split_first() else {
+        return Err(format!(
+            "expected a Slurm array (SLURM_ARRAY_TASK_ID), an indexed Kubernetes job (JOB_COMPLETION_INDEX and {COUNT}), \
+             torchrun (RANK, WORLD_SIZE) or MPI (OMPI_COMM_WORLD_RANK, PMI_RANK), found none of these variables"
+        ));
+    };
+    match others.iter().find(|other| other.shard != first.shard) {
+        None => Ok(first.shard),
+        Some(other) => {
+            let text = |Stated { shard, by }: &Stated| format!("{}/{} by {by}", shard.number, shard.of);
+            Err(format!("expected one part, found {} and {}: give --shard K/N", text(first), text(other)))
+        }
+    }
+}
+
+struct Environment<'a>(&'a dyn Fn(&str) -> Option<String>);
+
+impl Environment<'_> {
+    fn number(&self, name: &str) -> Result<Option<u32>, String> {
+        let Some(text) = (self.0)(name) else { return Ok(None) };
+        let number = text.trim().parse();
+        number.map(Some).map_err(|_error| format!("{name}: expected a whole number of at least 0, found {text:?}"))
+    }
+
+    fn required(&self, name: &str, because: &str) -> Result<u32, String> {
+        self.number(name)?.ok_or_else(|| format!("{because} is set: expected {name} too, found none"))
+    }
+
+    /// `sbatch --array`: identifiers from a minimum, in steps. An array with gaps does not say which part is which.
+    fn slurm(&self) -> Result<Option<Stated>, String> {
+        const ID: &str = "SLURM_ARRAY_TASK_ID";
+        let Some(id) = self.number(ID)? else { return Ok(None) };
+        let of_array = |name| self.required(name, ID);
+        let (min, max) = (of_array("SLURM_ARRAY_TASK_MIN")?, of_array("SLURM_ARRAY_TASK_MAX")?);
+        let (count, step) = (of_array("SLURM_ARRAY_TASK_COUNT")?, self.number("SLURM_ARRAY_TASK_STEP")?.unwrap_or(1));
+        let text = format!("{ID}={id}, _MIN={min}, _MAX={max}, _COUNT={count}, _STEP={step}");
+        let is_even =
+            step > 0 && (min..=max).contains(&id) && (id - min) % step == 0 && (max - min) / step + 1 == count;
+        if !is_even {
+            return Err(format!("expected an array without gaps, as --array=0-7, found {text}: give --shard K/N"));
+        }
+        self.agreeing(Stated { shard: Shard { number: (id - min) / step + 1, of: count }, by: text }).map(Some)
+    }
+
+    /// `completionMode: Indexed`, whose pods do not know how many there are.
+    fn kubernetes(&self) -> Result<Option<Stated>, String> {
+        const INDEX: &str = "JOB_COMPLETION_INDEX";
+        let Some(index) = self.number(INDEX)? else { return Ok(None) };
+        let of = self.required(COUNT, INDEX)?;
+        stated(index, of, format!("{INDEX}={index}, {COUNT}={of}")).map(Some)
+    }
+
+    fn rank(&self, rank: &str, size: &str) -> Result<Option<Stated>, String> {
+        let (number, of) = match (self.number(rank)?, self.number(size)?) {
+            (None, None) => return Ok(None),
+            (Some(number), Some(of)) => (number, of),
+            (Some(_), None) => return Err(format!("{rank} is set: expected {size} too, found none")),
+            (None, Some(_)) => return Err(format!("{size} is set: expected {rank} too, found none")),
+        };
+        self.agreeing(stated(number, of, format!("{rank}={number}, {size}={of}"))?).map(Some)
+    }
+
+    /// Rejects a part of another number than `$ATSPLAT_SHARDS`, where it is set.
+    fn agreeing(&self, stated: Stated) -> Result<Stated, String> {
+        match self.number(COUNT)?.filter(|count| *count != stated.shard.of) {
+            None => Ok(stated),
+            Some(count) => Err(format!("expected {COUNT}={count} parts, found {} by {}", stated.shard.of, stated.by)),
+        }
+    }
+}
+
+/// The part with this position, from 0.
+fn stated(position: u32, of: u32, by: String) -> Result<Stated, String> {
+    if position < of {
+        return Ok(Stated { shard: Shard { number: position + 1, of }, by });
+    }
+    Err(format!("expected a position below the number of parts, found {by}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(variables: &[(&str, &str)]) -> Result<(u32, u32), String> {
+        let find = |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned());
+        of_environment(&find).map(|shard| (shard.number, shard.of))
+    }
+
+    fn slurm<'a>(id: &'a str, min: &'a str, max: &'a str, count: &'a str, step: &'a str) -> [(&'a str, &'a str); 5] {
+        let names = ["ID", "MIN", "MAX", "COUNT", "STEP"];
+        let names = names.map(|name| match name {
+            "ID" => "SLURM_ARRAY_TASK_ID",
+            "MIN" => "SLURM_ARRAY_TASK_MIN",
+            "MAX" => "SLURM_ARRAY_TASK_MAX",
+            "COUNT" => "SLURM_ARRAY_TASK_COUNT",
+            _ => "SLURM_ARRAY_TASK_STEP",
+        });
+        let [a, b, c, d, e] = names;
+        [(a, id), (b, min), (c, max), (d, count), (e, step)]
+    }
+
+    #[test]
+    fn parses_shards() {
+        assert_eq!("2/8".parse(), Ok(ShardArg(Shard { number: 2, of: 8 })));
+        for broken in ["0/3", "4/3", "1", "1/0", "a/b", "-1/2", "1/2/3", "", "ENV"] {
+            assert!(broken.parse::<ShardArg>().is_err(), "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn each_scheduler_numbers_its_parts() {
+        assert_eq!(of(&slurm("0", "0", "7", "8", "1")), Ok((1, 8)));
+        assert_eq!(of(&slurm("3", "1", "8", "8", "1")), Ok((3, 8)));
+        assert_eq!(of(&slurm("14", "10", "16", "4", "2")), Ok((3, 4)));
+        assert_eq!(of(&[("JOB_COMPLETION_INDEX", "2"), ("ATSPLAT_SHARDS", "5")]), Ok((3, 5)));
+        assert_eq!(of(&[("RANK", "0"), ("WORLD_SIZE", "4")]), Ok((1, 4)));
+        assert_eq!(of(&[("OMPI_COMM_WORLD_RANK", "3"), ("OMPI_COMM_WORLD_SIZE", "4")]), Ok((4, 4)));
+        assert_eq!(of(&[("PMI_RANK", "1"), ("PMI_SIZE", "2")]), Ok((2, 2)));
+        assert_eq!(of(&[("RANK", "0"), ("WORLD_SIZE", "1")]), Ok((1, 1)));
+    }
+
+    /// `srun` of one task within an array sets PMI's variables to a world of one; `mpirun` sets its own and PMI's.
+    #[test]
+    fn launchers_that_agree_or_start_one_process_do_not_disturb() {
+        let one = [("PMI_RANK", "0"), ("PMI_SIZE", "1")];
+        assert_eq!(of(&[&slurm("5", "0", "7", "8", "1")[..], &one].concat()), Ok((6, 8)));
+        let both = [("OMPI_COMM_WORLD_RANK", "1"), ("OMPI_COMM_WORLD_SIZE", "3"), ("PMI_RANK", "1"), ("PMI_SIZE", "3")];
+        assert_eq!(of(&both), Ok((2, 3)));
+        assert_eq!(of(&[&slurm("5", "0", "7", "8", "1")[..], &[("ATSPLAT_SHARDS", "8")]].concat()), Ok((6, 8)));
+    }
+
+    #[test]
+    fn contradictions_name_their_variables() {
+        let refused = |variables: &[(&str, &str)], names: &[&str]| {
+            let error = of(variables).unwrap_err();
+            for name in names {
+                assert!(error.contains(name), "{name}: {error}");
+            }
+        };
+        let ranks = [("RANK", "1"), ("WORLD_SIZE", "4")];
+        refused(
+            &[&slurm("1", "0", "7", "8", "1")[..], &ranks].concat(),
+            &["SLURM_ARRAY_TASK_ID=1", "RANK=1", "2/8", "2/4"],
+        );
+        refused(&slurm("5", "1", "7", "3", "1"), &["without gaps", "_COUNT=3"]);
+        refused(
+            &slurm("3", "3", "3", "1", "1").iter().copied().chain([("ATSPLAT_SHARDS", "8")]).collect::<Vec<_>>(),
+            &["ATSPLAT_SHARDS=8", "found 1"],
+        );
+        refused(
+            &slurm("5", "0", "7", "8", "1")[..4]
+                .iter()
+                .copied()
+                .filter(|(name, _)| !name.ends_with("COUNT"))
+                .collect::<Vec<_>>(),
+            &["SLURM_ARRAY_TASK_COUNT"],
+        );
+        refused(&[("JOB_COMPLETION_INDEX", "2")], &["JOB_COMPLETION_INDEX", "ATSPLAT_SHARDS"]);
+        refused(&[("RANK", "1")], &["RANK", "WORLD_SIZE"]);
+        refused(&[("WORLD_SIZE", "4")], &["WORLD_SIZE", "expected RANK"]);
+        refused(&[("RANK", "4"), ("WORLD_SIZE", "4")], &["RANK=4"]);
+        refused(&[("RANK", "one"), ("WORLD_SIZE", "4")], &["RANK", "one"]);
+        refused(&[], &["SLURM_ARRAY_TASK_ID", "JOB_COMPLETION_INDEX", "WORLD_SIZE"]);
+    }
+}

@@ -1,0 +1,114 @@
+//! `--method exec:COMMAND` as a user runs it.
+
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod evaluation;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
+
+use atsplat_eval::Results;
+use atsplat_tests::skip;
+use common::{atsplat, succeed};
+use evaluation::write_noise;
+
+const HELLO: &str = r#"echo '{"atsplat": 1, "name": "shell", "version": "1", "gives": "pictures"}'"#;
+
+/// A script that answers with the renders of another run, `$1` below the working folder.
+fn write_copying(here: &Path) {
+    let body = r#"
+while IFS= read -r line; do
+  field() { printf '%s' "$line" | sed "s/.*\"$1\":\"*\([^\",]*\).*/\1/"; }
+  cp -r "$1/$(field scene)-0" "$(field folder)/out"
+  echo "{\"trial\": $(field trial), \"pictures\": \"out\"}"
+done"#;
+    fs::write(here.join("method.sh"), format!("{HELLO}\n{body}\n")).unwrap();
+}
+
+/// Equal to the bit: the process is given a folder of pictures that `score` reads too.
+#[test]
+fn a_process_and_score_give_equal_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    write_copying(here);
+    let data = ["tiny.toml", "--data", "data"];
+    succeed(
+        here,
+        &[&["run"], &data[..], &["--method", "warp", "--keep-pictures", "all", "--out", "baseline"]].concat(),
+    );
+    let renders = "baseline/pictures/tiny/warp";
+    succeed(here, &[&["score"], &data[..], &["--renders", renders, "--name", "mine", "--out", "scores"]].concat());
+    let method = format!("nearest-view,mine=exec:sh method.sh {renders} 'a, b'");
+    let run = [&["run"], &data[..], &["--method", &method, "--method-processes", "2", "--out", "store"]].concat();
+    succeed(here, &run);
+    let scores = Results::read(&here.join("scores")).unwrap().targets;
+    let mine: Vec<_> = Results::read(&here.join("store"))
+        .unwrap()
+        .targets
+        .into_iter()
+        .filter(|row| row.key.method == "mine")
+        .collect();
+    assert_eq!((mine.len(), mine), (3 * 8, scores));
+    assert!(succeed(here, &run).contains("0 results computed"), "resumed");
+    // Another script is another method.
+    fs::write(here.join("method.sh"), fs::read_to_string(here.join("method.sh")).unwrap() + "# changed\n").unwrap();
+    let changed = atsplat(here, &run);
+    assert!(changed.code == 1 && changed.stderr.contains("methods mine"), "{}", changed.stderr);
+}
+
+#[test]
+fn a_command_that_is_no_method_is_an_error_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let run =
+        |method: &str| atsplat(here, &["run", "tiny.toml", "--data", "data", "--out", "store", "--method", method]);
+    let silent = run("exec:sh -c 'echo missing module >&2; exit 4'");
+    assert!(silent.code == 1 && silent.stderr.contains("exit status: 4"), "{}", silent.stderr);
+    assert!(silent.stderr.contains("missing module") && !here.join("store").exists(), "{}", silent.stderr);
+    assert_eq!(run("exec:").code, 2);
+}
+
+/// A process that never reads its input again; it is killed with its parent by the kernel.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_killed_run_leaves_no_process_behind() {
+    if !Command::new("setpriv")
+        .args(["--pdeathsig", "KILL", "--", "true"])
+        .status()
+        .is_ok_and(|status| status.success())
+    {
+        skip("a_killed_run_leaves_no_process_behind", "no setpriv of util-linux");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    fs::write(here.join("hung.sh"), format!("{HELLO}\nread -r line\necho $$ > pid\nwhile :; do sleep 1; done\n"))
+        .unwrap();
+    let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    run.args(["run", "tiny.toml", "--data", "data", "--method", "exec:sh hung.sh", "--out", "store"]);
+    let mut run = run.current_dir(here).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let eventually = |condition: &dyn Fn() -> bool| {
+        (0..300).any(|_| {
+            condition() || {
+                sleep(Duration::from_millis(50));
+                false
+            }
+        })
+    };
+    let pid = || fs::read_to_string(here.join("pid")).ok().filter(|pid| pid.ends_with('\n'));
+    assert!(eventually(&|| pid().is_some()), "the process is asked");
+    let process = format!("/proc/{}/status", pid().unwrap().trim());
+    let lives = || fs::read_to_string(&process).is_ok_and(|status| !status.contains("State:\tZ"));
+    assert!(lives());
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert!(eventually(&|| !lives()), "it lives on");
+}

@@ -1,0 +1,111 @@
+//! Parts of a run: numbered by the environment, reading no more than they need, merged when all are done.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod evaluation;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use atsplat_eval::{Results, Shard};
+use atsplat_scene::Warnings;
+use atsplat_scene::torch::export_chunks;
+use common::{atsplat, succeed};
+use evaluation::{bare, write_noise};
+
+fn run_with(here: &Path, variables: &[(&str, &str)], args: &[&str]) -> (Option<i32>, String) {
+    let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    run.args(["run", "tiny.toml", "--data", "data", "--method", "nearest-view"]).args(args).current_dir(here);
+    let output = run.envs(variables.iter().copied()).output().unwrap();
+    (output.status.code(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn a_slurm_array_numbers_its_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    let array = |id| {
+        let (of, step) = (("SLURM_ARRAY_TASK_COUNT", "2"), ("SLURM_ARRAY_TASK_STEP", "1"));
+        [("SLURM_ARRAY_TASK_ID", id), ("SLURM_ARRAY_TASK_MIN", "5"), ("SLURM_ARRAY_TASK_MAX", "6"), of, step]
+    };
+    for (id, out) in [("5", "first"), ("6", "second")] {
+        let (code, message) = run_with(here, &array(id), &["--shard", "env", "--out", out]);
+        assert_eq!(code, Some(0), "{message}");
+    }
+    let second = Results::read(&here.join("second")).unwrap();
+    assert_eq!(second.provenance.shard, Some(Shard { number: 2, of: 2 }));
+    assert_eq!(second.trials.len(), 2);
+    succeed(here, &["merge", "first", "second", "--out", "merged"]);
+    assert_eq!(Results::read(&here.join("merged")).unwrap().trials.len(), 3);
+    let (code, message) = run_with(here, &[("RANK", "1")], &["--shard", "env", "--out", "third"]);
+    assert!(code == Some(2) && message.contains("WORLD_SIZE"), "{message}");
+}
+
+#[test]
+fn a_part_that_is_not_done_is_named_and_not_merged() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 6);
+    for (shard, out) in [("1/3", "one"), ("2/3", "two"), ("3/3", "three")] {
+        assert_eq!(run_with(here, &[], &["--shard", shard, "--out", out]).0, Some(0));
+    }
+    // As a killed run leaves it: one of its two scenes has no row.
+    let results = Results::read(&here.join("two")).unwrap();
+    let scene = results.trials[0].key.scene.clone();
+    let half = Results {
+        trials: results.trials.into_iter().filter(|row| row.key.scene == scene).collect(),
+        targets: results.targets.into_iter().filter(|row| row.key.scene == scene).collect(),
+        ..results
+    };
+    half.write(&here.join("killed")).unwrap();
+    let merge = ["merge", "one", "killed", "three", "--out", "merged"];
+    let refused = atsplat(here, &merge);
+    assert_eq!(refused.code, 1, "{}", refused.stderr);
+    let named = "shard 2 of 3 is not done: 1 of 2 entries of tiny under nearest-view";
+    assert!(refused.stderr.contains(named) && !here.join("merged").exists(), "{}", refused.stderr);
+    let both = atsplat(here, &["merge", "one", "killed", "--out", "merged"]);
+    assert!(both.stderr.contains("shards 3 are missing; shard 2"), "{}", both.stderr);
+    succeed(here, &[&merge[..], &["--partial"]].concat());
+    assert!(Results::read(&here.join("merged")).unwrap().provenance.shard.is_some(), "marked as partial");
+    succeed(here, &["merge", "one", "two", "three", "--out", "whole"]);
+}
+
+/// Eight scenes in four chunks, of which three are no chunks any more when the second of four parts is run.
+#[test]
+fn a_part_opens_the_chunks_of_its_scenes_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 8);
+    let source = atsplat_scene::open(&here.join("data"), &mut Warnings::default()).unwrap();
+    let scene: u64 =
+        fs::read_dir(here.join("data/scene-00")).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
+    let exported =
+        export_chunks(&source, &here.join("chunks"), scene * 3 / 2, &mut Warnings::default(), &|| ()).unwrap();
+    assert_eq!(exported.written.chunks.len(), 4);
+    fs::copy(here.join("data/evaluation_index.json"), here.join("chunks/evaluation_index.json")).unwrap();
+    fs::rename(here.join("data"), here.join("frames")).unwrap();
+    fs::rename(here.join("chunks"), here.join("data")).unwrap();
+    assert_eq!(run_with(here, &[], &["--out", "whole"]).0, Some(0));
+    let whole = Results::read(&here.join("whole")).unwrap();
+    for (number, chunk) in exported.written.chunks.iter().enumerate() {
+        if number != 1 {
+            fs::write(here.join("data").join(chunk.file_name().unwrap()), b"no chunk").unwrap();
+        }
+    }
+    let (code, message) = run_with(here, &[], &["--shard", "2/4", "--out", "part", "--strict"]);
+    assert_eq!(code, Some(0), "{message}");
+    let part = Results::read(&here.join("part")).unwrap();
+    let scenes: BTreeSet<&str> = part.trials.iter().map(|row| row.key.scene.as_str()).collect();
+    assert_eq!(scenes, BTreeSet::from(["scene-02", "scene-03"]));
+    let (trials, _) = bare(&part);
+    assert!(trials.iter().all(|trial| whole.trials.contains(trial)), "the same rows as of the whole run");
+    assert_eq!(
+        run_with(here, &[], &["--shard", "1/4", "--out", "other", "--strict"]).0,
+        Some(1),
+        "another part needs them"
+    );
+}

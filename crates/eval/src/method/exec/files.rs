@@ -1,0 +1,111 @@
+//! The files that atsplat and a method's process exchange for one trial: a folder of its own, removed afterwards.
+
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+use atsplat_pixels::Image;
+use atsplat_splat::{Gaussians, files};
+
+use super::npy;
+use crate::method::{TrialInput, ply, renders};
+
+/// The folder of one trial.
+#[derive(Debug)]
+pub(super) struct Exchange(PathBuf);
+
+impl Exchange {
+    /// Writes the context pictures as `context-0.npy` and so on; their paths.
+    pub(super) fn of(parent: &Path, trial: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), String> {
+        let exchange = Self(parent.join(format!("trial-{trial}")));
+        let failed = |error: std::io::Error| format!("{}: {error}", exchange.0.display());
+        fs::create_dir_all(&exchange.0).map_err(failed)?;
+        let mut paths = Vec::with_capacity(input.pictures.len());
+        for (at, picture) in input.pictures.iter().enumerate() {
+            let path = exchange.0.join(format!("context-{at}.npy"));
+            fs::write(&path, npy::of_picture(picture)).map_err(failed)?;
+            paths.push(path.display().to_string());
+        }
+        Ok((exchange, paths))
+    }
+
+    pub(super) fn path(&self) -> String {
+        self.0.display().to_string()
+    }
+
+    /// The pictures of an answer, in the order of the targets: of one array, or of a folder in which each may be missing or
+    /// broken.
+    pub(super) fn pictures(&self, name: &str, input: &TrialInput<'_>) -> Result<Vec<Result<Image, String>>, String> {
+        let path = self.file(name)?;
+        let targets = input.trial.targets();
+        if path.is_dir() {
+            let read = |frame| {
+                let file = renders::file_of(&path, frame)?;
+                let file = file.ok_or_else(|| format!("no file for frame {frame}: expected {frame:06}.png or .exr"))?;
+                renders::read(&file).map_err(|error| format!("frame {frame}: {error}"))
+            };
+            return Ok(targets.iter().map(|target| read(target.frame)).collect());
+        }
+        let Some(first) = targets.first() else { return Ok(Vec::new()) };
+        if let Some(other) = targets.iter().find(|target| target.size != first.size) {
+            let (one, another) = (first.size, other.size);
+            return Err(format!("targets of {one} and of {another} do not fit into one array: answer with a folder"));
+        }
+        let shape = [targets.len(), first.size.height as usize, first.size.width as usize, 3];
+        Ok(npy::read_pictures(&path, shape)?.into_iter().map(Ok).collect())
+    }
+
+    /// The Gaussians of an answer, in the trial's world, and remarks on their file.
+    pub(super) fn gaussians(&self, name: &str, as_stored: bool) -> Result<(Gaussians, Vec<String>), String> {
+        let path = self.file(name)?;
+        let (gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
+        let mut notes = ply::notes(&import, Path::new(name));
+        if as_stored {
+            return Ok((gaussians.with_linear_opacities(), notes));
+        }
+        if import.opacities_may_be_no_logits {
+            notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
+        }
+        Ok((gaussians, notes))
+    }
+
+    /// A file of the folder; its name may be given as a path.
+    fn file(&self, name: &str) -> Result<PathBuf, String> {
+        let path = self.0.join(name);
+        let below = path.strip_prefix(&self.0).ok();
+        let is_below = below.is_some_and(|below| {
+            let mut parts = below.components().peekable();
+            parts.peek().is_some() && parts.all(|part| matches!(part, Component::Normal(_)))
+        });
+        if !is_below {
+            return Err(format!("expected a file in the trial's folder, found {name:?}"));
+        }
+        if path.exists() { Ok(path) } else { Err(format!("expected the file {name:?} that it named, found none")) }
+    }
+}
+
+impl Drop for Exchange {
+    fn drop(&mut self) {
+        // What stays behind is removed with the folder of all trials.
+        fs::remove_dir_all(&self.0).ok();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers_stay_in_their_folder() {
+        let parent = tempfile::tempdir().unwrap();
+        let exchange = Exchange(parent.path().join("trial-1"));
+        fs::create_dir_all(parent.path().join("trial-1/renders")).unwrap();
+        fs::write(parent.path().join("secret"), "").unwrap();
+        let whole = exchange.0.join("renders").display().to_string();
+        assert_eq!(exchange.file("renders"), exchange.file(&whole));
+        assert!(exchange.file("renders").is_ok());
+        for name in ["../secret", "renders/../../secret", "/etc/passwd", "", "."] {
+            assert!(exchange.file(name).is_err_and(|why| why.contains("trial's folder")), "{name:?}");
+        }
+        assert!(exchange.file("missing").unwrap_err().contains("found none"));
+    }
+}

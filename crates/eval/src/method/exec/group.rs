@@ -1,0 +1,87 @@
+//! A method's processes as a group: the one that was started and those that it started in turn.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+
+use crate::timing::{processor_secs_of_stat, status_bytes};
+
+/// The command in a group of its own. On Linux with util-linux's `setpriv` the kernel kills the process when the calling
+/// thread ends, however it ends; elsewhere the process sees its standard input end.
+pub(super) fn ending_with_this_thread(command: Command) -> Command {
+    let mut command = if has_setpriv() { with_setpriv(&command) } else { command };
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    command
+}
+
+const SETPRIV: [&str; 4] = ["setpriv", "--pdeathsig", "KILL", "--"];
+
+fn with_setpriv(command: &Command) -> Command {
+    let [setpriv, options @ ..] = SETPRIV;
+    let mut wrapped = Command::new(setpriv);
+    wrapped.args(options).arg(command.get_program()).args(command.get_args());
+    wrapped
+}
+
+/// Whether `setpriv` knows the option; busybox's does not.
+fn has_setpriv() -> bool {
+    static FOUND: OnceLock<bool> = OnceLock::new();
+    let quiet = |mut command: Command| {
+        let command = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command.status().is_ok_and(|status| status.success())
+    };
+    *FOUND.get_or_init(|| cfg!(target_os = "linux") && quiet(with_setpriv(&Command::new("true"))))
+}
+
+/// Kills all processes of a group; does nothing where there are no groups.
+pub(super) fn kill(group: u32) {
+    if cfg!(unix) {
+        // The shell's own `kill`: the standard library can only kill the first process.
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "kill -s KILL -- \"-$0\"", &group.to_string()]);
+        shell.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).status().ok();
+    }
+}
+
+/// Sum of the peaks of resident memory of a group's processes in bytes, each since its start; `None` if the system does not
+/// report it.
+pub(super) fn peak_bytes(group: u32) -> Option<u64> {
+    let peaks = members(group).into_iter();
+    let peaks =
+        peaks.filter_map(|(process, _)| status_bytes(&fs::read_to_string(process.join("status")).ok()?, "VmHWM:"));
+    peaks.reduce(u64::saturating_add)
+}
+
+/// Seconds for which a group's processes have been running on processors; `None` if the system does not report it.
+pub(super) fn processor_secs(group: u32) -> Option<f64> {
+    members(group).iter().filter_map(|(_, stat)| processor_secs_of_stat(stat)).reduce(|sum, secs| sum + secs)
+}
+
+/// The folders of a group's processes in `/proc`, each with its `stat`.
+fn members(group: u32) -> Vec<(PathBuf, String)> {
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten().map(|entry| entry.path());
+    let member = |process: PathBuf| {
+        let stat = fs::read_to_string(process.join("stat")).ok()?;
+        (group_of(&stat)? == group).then_some((process, stat))
+    };
+    processes.filter_map(member).collect()
+}
+
+/// The group in `/proc/PID/stat`, the fifth field; the name in parentheses may hold anything (`proc_pid_stat(5)`).
+fn group_of(stat: &str) -> Option<u32> {
+    let (_, fields) = stat.rsplit_once(')')?;
+    fields.split_whitespace().nth(2)?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_the_group_behind_any_name() {
+        assert_eq!(group_of("42 (a) 7 (b) S 1 9 8 0 -1"), Some(9));
+        assert_eq!(group_of("42 sh S 1 9"), None);
+    }
+}

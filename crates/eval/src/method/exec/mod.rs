@@ -1,0 +1,246 @@
+//! Any method as a process of its own, in its own environment.
+
+mod files;
+mod group;
+mod npy;
+mod pool;
+mod process;
+mod wire;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use atsplat_files::Sha256Digest;
+use atsplat_pixels::Image;
+use tempfile::TempDir;
+
+use super::splatting::{Splatting, parameters};
+use super::{Cost, Method, MethodError, Prediction, Rendered, Timed, TrialInput};
+use crate::runner::{CONTEXT, TRUTH};
+use crate::{EvalError, MethodRecord};
+use files::Exchange;
+use pool::{Pool, Slot};
+use process::Process;
+use wire::{Answer, Gives, Hello, Request, VERSION};
+
+/// A method that runs as a process: it is started once, given one trial after the other, and answers with pictures or with
+/// Gaussians (`docs/methods.md`).
+///
+/// A process that crashes, hangs or writes anything but answers fails the trial that it was given; it is killed, and another
+/// one is started for the next trial. All processes end with this value, and on Linux with this process.
+#[derive(Debug)]
+pub struct Exec {
+    words: Vec<String>,
+    hello: Hello,
+    limit: Duration,
+    opacities_as_stored: bool,
+    splatting: Splatting,
+    record: MethodRecord,
+    requests: AtomicU64,
+    /// Before the folder: processes end before it is removed.
+    pool: Pool,
+    folder: TempDir,
+}
+
+/// How a method's process is started and read.
+#[derive(Debug)]
+pub struct ExecSettings {
+    /// Program and arguments, quoted as for a POSIX shell, of which nothing else is interpreted.
+    pub command: String,
+    /// The method's name in the rows; by default the one that it states.
+    pub name: Option<String>,
+    /// How long it may take to start, and for each trial.
+    pub limit: Duration,
+    /// Most processes at once; at least one.
+    pub processes: usize,
+    /// Whether a PLY file stores opacities themselves instead of logits.
+    pub opacities_as_stored: bool,
+    /// How its Gaussians are rendered.
+    pub splatting: Splatting,
+}
+
+impl Exec {
+    /// Starts the first process and reads what it says of itself.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for a command that is no command, and for a process that does not start or says something else;
+    /// [`EvalError::Io`] if a word of the command is a file that cannot be read, and without a temporary folder.
+    pub fn start(settings: ExecSettings) -> Result<Self, EvalError> {
+        let ExecSettings { command, name, limit, processes, opacities_as_stored, splatting } = settings;
+        let words = words(&command)?;
+        let refused = |found| EvalError::Settings {
+            what: "method exec",
+            expected: format!("a method that starts as {command:?}"),
+            found,
+        };
+        let (process, hello) = start(&words, 0, limit).map_err(refused)?;
+        let name = name.unwrap_or_else(|| hello.name.clone());
+        if name.trim().is_empty() || [TRUTH, CONTEXT].contains(&name.as_str()) {
+            return Err(refused(format!("the name {name:?}")));
+        }
+        let record = record(name, &command, &words, &hello, &splatting)?;
+        let folder = tempfile::Builder::new().prefix("atsplat-method-").tempdir();
+        let folder = folder.map_err(EvalError::io("creating a folder for a method", &std::env::temp_dir()))?;
+        let (requests, pool) = (AtomicU64::new(0), Pool::new(processes, process));
+        Ok(Self { words, hello, limit, opacities_as_stored, splatting, record, requests, pool, folder })
+    }
+
+    /// Asks a process; no thread of rayon's may take other work meanwhile, which might wait for the same process.
+    fn ask(&self, slot: &mut Slot, request: &Request<'_>) -> Result<(Answer, Cost), MethodError> {
+        if slot.process.as_mut().is_some_and(Process::has_ended) {
+            slot.process = None;
+        }
+        let mut process = match slot.process.take() {
+            Some(process) => process,
+            None => self.restarted(slot.number).map_err(MethodError::Failed)?,
+        };
+        let begin = Instant::now();
+        let line = process.ask(request.line(), self.limit).map_err(|fault| fault.to_string());
+        match line.and_then(|line| Answer::parse(&line, request.trial)) {
+            Ok((answer, stages)) => {
+                let (secs, own_peak_bytes) = (begin.elapsed().as_secs_f64(), group::peak_bytes(process.id()));
+                tracing::debug!(method = self.record.name, request.trial, secs, ?stages, own_peak_bytes, "answered");
+                slot.process = Some(process);
+                Ok((answer, Cost { stages, own_peak_bytes, ..Cost::default() }))
+            }
+            Err(why) => Err(MethodError::Failed(with_last_words(&why, &process.kill()))),
+        }
+    }
+
+    fn restarted(&self, number: usize) -> Result<Process, String> {
+        let (process, hello) = start(&self.words, number, self.limit)?;
+        if hello == self.hello {
+            return Ok(process);
+        }
+        Err(format!("the method's process: started again, it says {hello:?}, after {:?}", self.hello))
+    }
+}
+
+fn words(command: &str) -> Result<Vec<String>, EvalError> {
+    let words = shlex::split(command).filter(|words| !words.is_empty());
+    words.ok_or_else(|| EvalError::Settings {
+        what: "method exec",
+        expected: "a program and its arguments, quoted as for a shell".to_owned(),
+        found: format!("{command:?}"),
+    })
+}
+
+/// A process that has said what it is.
+fn start(words: &[String], number: usize, limit: Duration) -> Result<(Process, Hello), String> {
+    tracing::info!(?words, number, "starting a method's process");
+    let mut process = Process::start(words, number).map_err(|fault| format!("the method's process: {fault}"))?;
+    let line = process.line(limit).map_err(|fault| fault.to_string());
+    match line.and_then(|line| Hello::parse(&line)) {
+        Ok(hello) => Ok((process, hello)),
+        Err(why) => Err(with_last_words(&why, &process.kill())),
+    }
+}
+
+fn with_last_words(why: &str, lines: &[String]) -> String {
+    match lines {
+        [] => format!("the method's process: {why}; it wrote nothing to standard error"),
+        lines => format!("the method's process: {why}; its last lines on standard error: {}", lines.join(" | ")),
+    }
+}
+
+/// The record names the command, the version that the process states, and each file among the command's words with its hash:
+/// results of a changed script do not join those of another one.
+fn record(
+    name: String,
+    command: &str,
+    words: &[String],
+    hello: &Hello,
+    splatting: &Splatting,
+) -> Result<MethodRecord, EvalError> {
+    let mut files = BTreeMap::new();
+    for word in words.iter().filter(|word| Path::new(word).is_file()) {
+        let path = Path::new(word);
+        let bytes = std::fs::read(path).map_err(EvalError::io("reading a file of a method's command", path))?;
+        files.insert(word.clone(), Sha256Digest::of(&bytes).to_string());
+    }
+    let mut record = MethodRecord {
+        title: name.clone(),
+        name,
+        kind: "exec".to_owned(),
+        parameters: parameters([
+            ("command", command.into()),
+            ("files", serde_json::json!(files)),
+            ("states-name", hello.name.clone().into()),
+            ("version", hello.version.clone().into()),
+            ("setting", hello.setting.clone().into()),
+            ("protocol", VERSION.into()),
+        ]),
+        weights_sha256: hello.weights_sha256.clone(),
+        untrained: hello.untrained,
+        ..MethodRecord::default()
+    };
+    if hello.gives == Gives::Gaussians {
+        splatting.describe(&mut record);
+    }
+    record.deterministic = hello.deterministic && (hello.gives == Gives::Pictures || record.deterministic);
+    Ok(record)
+}
+
+impl Method for Exec {
+    fn record(&self) -> MethodRecord {
+        self.record.clone()
+    }
+
+    fn setting(&self) -> &str {
+        self.hello.setting.as_deref().unwrap_or("ATSplat")
+    }
+
+    fn timed(&self) -> Timed {
+        // Its pictures are finished when it answers.
+        Timed { encoding: true, rendering: self.hello.gives == Gives::Gaussians }
+    }
+
+    fn own_processor_secs(&self) -> Option<f64> {
+        let each = self.pool.of_idle(|process| group::processor_secs(process.id()));
+        each.into_iter().flatten().reduce(|sum, secs| sum + secs)
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let number = self.requests.fetch_add(1, Ordering::Relaxed);
+        let (exchange, files) = Exchange::of(self.folder.path(), number, &input).map_err(MethodError::Failed)?;
+        let request = Request::new(number, &input, exchange.path(), files);
+        let (answer, cost) = self.ask(self.pool.take().slot(), &request)?;
+        let why = match (answer, self.hello.gives) {
+            (Answer::Pictures(name), Gives::Pictures) => {
+                let pictures = exchange.pictures(&name, &input).map_err(MethodError::Failed)?;
+                return Ok(Box::new(Pictures { pictures, cost }));
+            }
+            (Answer::Gaussians(name), Gives::Gaussians) => {
+                let (gaussians, notes) =
+                    exchange.gaussians(&name, self.opacities_as_stored).map_err(MethodError::Failed)?;
+                return Ok(self.splatting.predict(input, gaussians, Cost { notes, ..cost }));
+            }
+            (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),
+            (Answer::Error(why), _) => format!("the method says: {why}"),
+            (other, gives) => format!("expected {gives:?}, as it said when it started, found {other:?}"),
+        };
+        Err(MethodError::Failed(why))
+    }
+}
+
+/// Pictures of all targets, or why one is missing.
+struct Pictures {
+    pictures: Vec<Result<Image, String>>,
+    cost: Cost,
+}
+
+impl Prediction for Pictures {
+    fn cost(&self) -> Cost {
+        self.cost.clone()
+    }
+
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        let one = |&target: &usize| {
+            let image = self.pictures.get(target).cloned().ok_or_else(|| format!("no target {target}"))??;
+            Ok(Rendered { image, drawn: None, effects: Vec::new() })
+        };
+        targets.iter().map(one).collect()
+    }
+}

@@ -1,0 +1,78 @@
+//! The processes of a method: as many as were asked for, each used by one trial at a time.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use super::process::Process;
+
+/// Places for processes, each of which is started when it is first needed.
+#[derive(Debug)]
+pub(super) struct Pool {
+    idle: Mutex<Vec<Slot>>,
+    returned: Condvar,
+}
+
+/// A place for a process.
+#[derive(Debug)]
+pub(super) struct Slot {
+    /// From 0.
+    pub(super) number: usize,
+    /// The process, if it runs.
+    pub(super) process: Option<Process>,
+}
+
+/// A slot in use, which returns to the pool when it is dropped.
+#[derive(Debug)]
+pub(super) struct Taken<'a> {
+    pool: &'a Pool,
+    slot: Option<Slot>,
+}
+
+impl Pool {
+    /// A pool of `count` places, at least one, the first with a running process.
+    pub(super) fn new(count: usize, first: Process) -> Self {
+        let empty = (1..count).rev().map(|number| Slot { number, process: None });
+        let idle = empty.chain([Slot { number: 0, process: Some(first) }]).collect();
+        Self { idle: Mutex::new(idle), returned: Condvar::new() }
+    }
+
+    /// Waits for a place; the one that was used last comes first, so that no process is started without need.
+    pub(super) fn take(&self) -> Taken<'_> {
+        let mut idle = self.lock();
+        loop {
+            if let Some(slot) = idle.pop() {
+                return Taken { pool: self, slot: Some(slot) };
+            }
+            idle = self.returned.wait(idle).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Something of each process that runs and is idle.
+    pub(super) fn of_idle<T>(&self, of: impl Fn(&Process) -> T) -> Vec<T> {
+        self.lock().iter().filter_map(|slot| slot.process.as_ref()).map(of).collect()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Slot>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Taken<'_> {
+    #[expect(clippy::expect_used, reason = "the slot is taken out on drop alone")]
+    pub(super) const fn slot(&mut self) -> &mut Slot {
+        self.slot.as_mut().expect("a slot in use")
+    }
+}
+
+impl Drop for Taken<'_> {
+    fn drop(&mut self) {
+        self.pool.lock().extend(self.slot.take());
+        self.pool.returned.notify_one();
+    }
+}
+
+impl Drop for Pool {
+    /// Asks all processes to end before the first of them is waited for.
+    fn drop(&mut self) {
+        self.lock().iter_mut().filter_map(|slot| slot.process.as_mut()).for_each(Process::close);
+    }
+}

@@ -1,0 +1,242 @@
+//! The process of a method: started once, asked line by line, killed when it no longer answers.
+
+use std::collections::VecDeque;
+use std::io::{self, BufRead as _, BufReader, Read, Write as _};
+use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use thiserror::Error;
+
+use super::group;
+
+/// Longest line that is read.
+const MAX_LINE: u64 = 1 << 20;
+/// Last lines on standard error that are kept for messages, and their longest length in bytes.
+const KEPT_LINES: usize = 6;
+const KEPT_BYTES: u64 = 300;
+/// How long a process may take to end after its standard input was closed.
+const GRACE: Duration = Duration::from_secs(2);
+/// How long to wait for what an ended process leaves: its status and its last words.
+const REMAINS: Duration = Duration::from_millis(500);
+/// Tells copies of a process apart, for instance to choose a graphics card: 0, 1 and so on.
+const NUMBER: &str = "ATSPLAT_PROCESS";
+
+/// Why a process gives no line.
+#[derive(Debug, Error)]
+pub(super) enum Fault {
+    #[error("it cannot be started: {0}")]
+    Start(#[from] io::Error),
+    #[error("it did not answer within {} s and was killed", limit.as_secs_f64())]
+    TimedOut { limit: Duration },
+    #[error("it ended with {0}")]
+    Ended(ExitStatus),
+    #[error("it closed its standard output and was killed")]
+    Closed,
+    #[error("expected a line of text of at most {MAX_LINE} bytes on its standard output, found {0}; it was killed")]
+    Line(&'static str),
+}
+
+/// A running process.
+#[derive(Debug)]
+pub(super) struct Process {
+    child: Child,
+    /// Lines for its standard input, which is closed when this is dropped.
+    requests: Option<Sender<String>>,
+    lines: Receiver<Result<String, &'static str>>,
+    last_words: LastWords,
+    /// Ends the thread that started the process; see [`keep`].
+    _alive: Sender<()>,
+}
+
+impl Process {
+    /// Starts the program `words[0]` with the other words as its arguments.
+    pub(super) fn start(words: &[String], number: usize) -> Result<Self, Fault> {
+        let (started, start) = channel();
+        let (requests, for_child) = channel();
+        let (alive, ending) = channel();
+        let words = words.to_vec();
+        thread::spawn(move || keep(command(&words, number), &started, &for_child, &ending));
+        let mut child: Child = start.recv().unwrap_or_else(|_gone| Err(io::ErrorKind::Other.into()))?;
+        let (sender, lines) = channel();
+        if let Some(stdout) = child.stdout.take() {
+            thread::spawn(move || read_lines(stdout, &sender));
+        }
+        let last_words = LastWords::of(child.stderr.take());
+        Ok(Self { child, requests: Some(requests), lines, last_words, _alive: alive })
+    }
+
+    pub(super) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Closes its standard input, which asks it to end.
+    pub(super) fn close(&mut self) {
+        self.requests = None;
+    }
+
+    /// Whether it has ended on its own.
+    pub(super) fn has_ended(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(Some(_)))
+    }
+
+    /// Writes a line and waits for the next one.
+    pub(super) fn ask(&mut self, request: String, limit: Duration) -> Result<String, Fault> {
+        // A thread that has ended has seen the process end, which the missing answer shows.
+        self.requests.as_ref().map(|requests| requests.send(request).ok());
+        self.line(limit)
+    }
+
+    /// Waits for its next line.
+    pub(super) fn line(&mut self, limit: Duration) -> Result<String, Fault> {
+        match self.lines.recv_timeout(limit) {
+            Ok(Ok(line)) => Ok(line),
+            Ok(Err(found)) => Err(Fault::Line(found)),
+            Err(RecvTimeoutError::Timeout) => Err(Fault::TimedOut { limit }),
+            Err(RecvTimeoutError::Disconnected) => Err(self.status(REMAINS).map_or(Fault::Closed, Fault::Ended)),
+        }
+    }
+
+    /// Kills it; its last lines on standard error.
+    pub(super) fn kill(mut self) -> Vec<String> {
+        self.kill_all();
+        self.last_words.take()
+    }
+
+    /// Waits until it has ended; `None` if it goes on.
+    fn status(&mut self, limit: Duration) -> Option<ExitStatus> {
+        let deadline = Instant::now() + limit;
+        loop {
+            match self.child.try_wait() {
+                Ok(None) if Instant::now() < deadline => thread::sleep(Duration::from_millis(5)),
+                outcome => return outcome.ok().flatten(),
+            }
+        }
+    }
+
+    /// Kills the process and those that it started, unless it has ended.
+    fn kill_all(&mut self) {
+        if !self.has_ended() {
+            group::kill(self.child.id());
+            self.child.kill().ok();
+            self.child.wait().ok();
+        }
+    }
+}
+
+impl Drop for Process {
+    /// Asks it to end, and kills it if it does not.
+    fn drop(&mut self) {
+        self.close();
+        if self.status(GRACE).is_none() {
+            self.kill_all();
+        }
+    }
+}
+
+/// The command of a process that ends with this one where the system allows it, in a group of its own.
+fn command(words: &[String], number: usize) -> Command {
+    let mut words = words.iter();
+    let mut command = Command::new(words.next().map_or("", String::as_str));
+    command.args(words);
+    let mut command = group::ending_with_this_thread(command);
+    command.env(NUMBER, number.to_string());
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// Starts a process and writes its lines. The thread lives as long as the process may: Linux takes the thread that started
+/// a process for its parent, with which it ends.
+fn keep(mut command: Command, started: &Sender<io::Result<Child>>, requests: &Receiver<String>, ending: &Receiver<()>) {
+    let mut stdin = None;
+    let child = command.spawn().map(|mut child| {
+        stdin = child.stdin.take();
+        child
+    });
+    if started.send(child).is_err() {
+        return;
+    }
+    if let Some(mut stdin) = stdin {
+        for request in requests {
+            if stdin.write_all(request.as_bytes()).and_then(|()| stdin.flush()).is_err() {
+                break;
+            }
+        }
+    }
+    ending.recv().ok();
+}
+
+/// Sends the lines of standard output until it ends or a line is too long or no text.
+fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>) {
+    let mut reader = BufReader::new(stdout);
+    loop {
+        let mut bytes = Vec::new();
+        match reader.by_ref().take(MAX_LINE).read_until(b'\n', &mut bytes) {
+            Ok(0) | Err(_) => return,
+            Ok(_) => {}
+        }
+        let line = match String::from_utf8(bytes) {
+            Ok(line) if line.ends_with('\n') => Ok(line),
+            Ok(line) if line.len() as u64 >= MAX_LINE => Err("a longer one"),
+            Ok(_unfinished) => return,
+            Err(_bytes) => Err("bytes that are no UTF-8"),
+        };
+        let is_last = line.is_err();
+        if lines.send(line).is_err() || is_last {
+            return;
+        }
+    }
+}
+
+/// The last lines that a process wrote to standard error.
+#[derive(Debug)]
+struct LastWords {
+    lines: Arc<Mutex<VecDeque<String>>>,
+    /// Disconnected when standard error has ended.
+    end: Receiver<()>,
+}
+
+impl LastWords {
+    fn of(stderr: Option<ChildStderr>) -> Self {
+        let lines = Arc::new(Mutex::new(VecDeque::new()));
+        let (at_end, end) = channel();
+        if let Some(stderr) = stderr {
+            let lines = Arc::clone(&lines);
+            thread::spawn(move || {
+                read_last(stderr, &lines);
+                drop(at_end);
+            });
+        }
+        Self { lines, end }
+    }
+
+    fn take(&self) -> Vec<String> {
+        // A process that was started in turn may hold standard error open.
+        self.end.recv_timeout(REMAINS).ok();
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
+    }
+}
+
+fn read_last(stderr: ChildStderr, lines: &Mutex<VecDeque<String>>) {
+    let mut reader = BufReader::new(stderr);
+    loop {
+        let mut bytes = Vec::new();
+        // What is longer is continued as another line.
+        match reader.by_ref().take(KEPT_BYTES).read_until(b'\n', &mut bytes) {
+            Ok(0) | Err(_) => return,
+            Ok(_) => {}
+        }
+        let line = String::from_utf8_lossy(&bytes).trim_end().to_owned();
+        tracing::debug!(line, "a method's standard error");
+        if line.is_empty() {
+            continue;
+        }
+        let mut lines = lines.lock().unwrap_or_else(PoisonError::into_inner);
+        if lines.len() == KEPT_LINES {
+            lines.pop_front();
+        }
+        lines.push_back(line);
+    }
+}

@@ -1,0 +1,236 @@
+//! The messages between atsplat and a method's process: one JSON object per line.
+//!
+//! The process begins with a [`Hello`]. Then it is given a [`Request`] for each trial on its standard input, and writes an
+//! [`Answer`] to its standard output. `docs/methods.md` describes them for authors of methods.
+
+use std::collections::BTreeMap;
+
+use atsplat_camera::{Camera, ImageSize};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::method::TrialInput;
+
+/// Version of the protocol, which a process states first.
+pub(super) const VERSION: u32 = 1;
+/// Characters of a line that are quoted in a message.
+const QUOTED: usize = 160;
+
+/// What a process says of itself when it has started.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Hello {
+    /// [`VERSION`].
+    pub(super) atsplat: u32,
+    pub(super) name: String,
+    /// Version of the method; results of two versions do not share a store.
+    pub(super) version: String,
+    pub(super) gives: Gives,
+    /// The published method whose pose normalisation and planes it uses, as in the preset's `[[methods]]`.
+    #[serde(default)]
+    pub(super) setting: Option<String>,
+    #[serde(default)]
+    pub(super) weights_sha256: Option<String>,
+    #[serde(default)]
+    pub(super) untrained: bool,
+    #[serde(default)]
+    pub(super) deterministic: bool,
+}
+
+/// What a process answers with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Gives {
+    /// Pictures of the targets.
+    Pictures,
+    /// Gaussians, which atsplat renders.
+    Gaussians,
+}
+
+/// A trial, without target pictures.
+#[derive(Debug, Serialize)]
+pub(super) struct Request<'a> {
+    /// Number of the request.
+    pub(super) trial: u64,
+    /// Name of the protocol.
+    preset: &'a str,
+    scene: &'a str,
+    entry: usize,
+    /// Where the pictures are, and where the answer's files go.
+    folder: String,
+    context: Vec<View>,
+    targets: Vec<View>,
+    near: f64,
+    far: f64,
+}
+
+/// A camera with the size of its picture.
+#[derive(Debug, Serialize)]
+struct View {
+    frame: usize,
+    width: u32,
+    height: u32,
+    /// Rows of the 3×3 matrix, in pixels; the centre of the first pixel is at (0.5, 0.5).
+    intrinsics: [[f64; 3]; 3],
+    /// Rows of the 4×4 matrix; OpenCV axes.
+    world_from_camera: [[f64; 4]; 4],
+    /// The context picture's file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    picture: Option<String>,
+}
+
+/// What a process found out about a trial.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Answer {
+    /// The name of a `.npy` file or of a folder.
+    Pictures(String),
+    /// The name of a file of Gaussians.
+    Gaussians(String),
+    /// It cannot do this kind of trial.
+    NotApplicable(String),
+    /// It failed.
+    Error(String),
+}
+
+/// An answer with the seconds of its stages, by name.
+pub(super) type Timed = (Answer, BTreeMap<String, f64>);
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AnswerLine {
+    trial: u64,
+    pictures: Option<String>,
+    gaussians: Option<String>,
+    not_applicable: Option<String>,
+    error: Option<String>,
+    #[serde(default)]
+    seconds: BTreeMap<String, f64>,
+}
+
+impl Hello {
+    pub(super) fn parse(line: &str) -> Result<Self, String> {
+        let stated: serde_json::Value = parsed(line, "a first line as {\"atsplat\": 1, \"name\": …}")?;
+        // The version comes first: a newer one may have other fields.
+        if stated.get("atsplat").and_then(serde_json::Value::as_u64) != Some(VERSION.into()) {
+            return Err(format!(
+                "expected \"atsplat\": {VERSION}, the version of the protocol, found {}",
+                quoted(line)
+            ));
+        }
+        parsed(line, "a first line as {\"atsplat\": 1, \"name\": …}")
+    }
+}
+
+impl<'a> Request<'a> {
+    /// The message of a trial whose context pictures lie in `folder` as `files`.
+    pub(super) fn new(trial: u64, input: &TrialInput<'a>, folder: String, files: Vec<String>) -> Self {
+        let context = input.trial.context().iter().zip(files);
+        let context = context.map(|(view, file)| View::of(view.frame, &view.camera, view.size, Some(file)));
+        let targets = input.trial.targets().iter();
+        let targets = targets.map(|target| View::of(target.frame, &target.camera, target.size, None));
+        Self {
+            trial,
+            preset: &input.preset.name,
+            scene: input.trial.scene(),
+            entry: input.trial.entry_number(),
+            folder,
+            context: context.collect(),
+            targets: targets.collect(),
+            near: input.trial.near_far().near,
+            far: input.trial.near_far().far,
+        }
+    }
+
+    /// The message's line.
+    #[expect(clippy::expect_used, reason = "numbers, texts and lists of them")]
+    pub(super) fn line(&self) -> String {
+        let mut line = serde_json::to_string(self).expect("a request is representable in JSON");
+        line.push('\n');
+        line
+    }
+}
+
+impl View {
+    fn of(frame: usize, camera: &Camera, size: ImageSize, picture: Option<String>) -> Self {
+        let pixels = camera.intrinsics.pixel_from_normalized(size);
+        let [a, b, c, x, d, e, f, y, g, h, i, z] = camera.camera_from_world.inverse().to_rows();
+        Self {
+            frame,
+            width: size.width,
+            height: size.height,
+            intrinsics: [[pixels.fx, 0.0, pixels.cx], [0.0, pixels.fy, pixels.cy], [0.0, 0.0, 1.0]],
+            world_from_camera: [[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]],
+            picture,
+        }
+    }
+}
+
+impl Answer {
+    /// The answer to the request of this number.
+    pub(super) fn parse(line: &str, trial: u64) -> Result<Timed, String> {
+        let expected = format!("a line as {{\"trial\": {trial}, \"pictures\": …}} on its standard output");
+        let answer: AnswerLine = parsed(line, &expected)?;
+        if answer.trial != trial {
+            return Err(format!("expected the answer to trial {trial}, found that to trial {}", answer.trial));
+        }
+        if let Some((name, secs)) = answer.seconds.iter().find(|(_, secs)| !secs.is_finite() || **secs < 0.0) {
+            return Err(format!("expected seconds of {name} of at least 0, found {secs}"));
+        }
+        let parts = [
+            answer.pictures.map(Self::Pictures),
+            answer.gaussians.map(Self::Gaussians),
+            answer.not_applicable.map(Self::NotApplicable),
+            answer.error.map(Self::Error),
+        ];
+        let mut parts = parts.into_iter().flatten();
+        match (parts.next(), parts.next()) {
+            (Some(part), None) => Ok((part, answer.seconds)),
+            _ => Err(format!("expected one of pictures, gaussians, not_applicable and error, found {}", quoted(line))),
+        }
+    }
+}
+
+fn parsed<T: DeserializeOwned>(line: &str, expected: &str) -> Result<T, String> {
+    serde_json::from_str(line).map_err(|error| format!("expected {expected}, found {} ({error})", quoted(line)))
+}
+
+fn quoted(line: &str) -> String {
+    let line = line.trim_end();
+    let mut quoted: String = line.chars().take(QUOTED).collect();
+    if quoted.len() < line.len() {
+        quoted.push('…');
+    }
+    format!("{quoted:?}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hello_states_the_version_first() {
+        let hello = Hello::parse(r#"{"atsplat": 1, "name": "a", "version": "2", "gives": "gaussians"}"#).unwrap();
+        assert_eq!((hello.name.as_str(), hello.gives, hello.untrained), ("a", Gives::Gaussians, false));
+        let refused = |line: &str| Hello::parse(line).unwrap_err();
+        assert!(refused(r#"{"atsplat": 2, "names": ["a"]}"#).contains("\"atsplat\": 1"));
+        assert!(refused(r#"{"atsplat": 1, "name": "a", "version": "2", "gives": "meshes"}"#).contains("meshes"));
+        assert!(refused(r#"{"atsplat": 1, "name": "a", "gives": "pictures"}"#).contains("version"));
+        assert!(refused("Loading weights\n").contains("Loading weights\""));
+    }
+
+    #[test]
+    fn an_answer_is_one_of_four_and_belongs_to_its_trial() {
+        let (answer, seconds) =
+            Answer::parse(r#"{"trial": 3, "pictures": "a.npy", "seconds": {"encode": 0.5}}"#, 3).unwrap();
+        assert_eq!((answer, seconds["encode"]), (Answer::Pictures("a.npy".to_owned()), 0.5));
+        let refused = |line: &str| Answer::parse(line, 3).unwrap_err();
+        assert!(refused(r#"{"trial": 2, "pictures": "a.npy"}"#).contains("trial 2"));
+        assert!(refused(r#"{"trial": 3}"#).contains("one of pictures"));
+        assert!(refused(r#"{"trial": 3, "pictures": "a", "error": "b"}"#).contains("one of pictures"));
+        assert!(refused(r#"{"trial": 3, "pictures": "a", "time": 1}"#).contains("time"));
+        assert!(refused(r#"{"trial": 3, "pictures": "a", "seconds": {"encode": -1}}"#).contains("-1"));
+        assert!(refused(r#"{"trial": 3, "pictures": NaN}"#).contains("NaN"));
+        let long = refused(&"x".repeat(1000));
+        assert!(long.len() < 400 && long.contains('…'), "{long}");
+    }
+}

@@ -1,0 +1,343 @@
+//! Methods that run as processes of their own: shell scripts that answer with files made before.
+
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use atsplat_eval::method::{Exec, ExecSettings, GaussianFrame, Method, Ply, Renders, Splatting, Warp};
+use atsplat_eval::runner::KeepPictures;
+use atsplat_eval::timing::TimingPlan;
+use atsplat_eval::{EvalError, Results, TargetRow, TargetStatus, TrialStatus};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{DecodeLimits, Image, decode};
+use atsplat_splat::files::{Encoding, Output, write};
+use atsplat_splat::{GaussianParts, Gaussians};
+use common::{Run, SIZE, Walls, dataset, entry, picture};
+
+/// A shell script that answers each trial with `body`, which sees `$trial`, `$folder` and `$scene`.
+fn script(here: &Path, gives: &str, body: &str) -> String {
+    let path = here.join("method.sh");
+    let hello = format!(r#"{{"atsplat": 1, "name": "shell", "version": "1", "gives": "{gives}"}}"#);
+    let text = format!(
+        r#"cd '{}'
+echo '{hello}'
+field() {{ printf '%s' "$line" | sed "s/.*\"$1\":\"*\([^\",]*\).*/\1/"; }}
+answer() {{ echo "{{\"trial\": $trial, $1}}"; }}
+while IFS= read -r line; do
+  trial=$(field trial) folder=$(field folder) scene=$(field scene)
+  {body}
+done
+"#,
+        here.display()
+    );
+    fs::write(&path, text).unwrap();
+    format!("sh '{}'", path.display())
+}
+
+fn settings(command: &str) -> ExecSettings {
+    ExecSettings {
+        command: command.to_owned(),
+        name: None,
+        limit: Duration::from_secs(60),
+        processes: 1,
+        opacities_as_stored: false,
+        splatting: Splatting::default(),
+    }
+}
+
+fn exec(command: &str) -> Arc<dyn Method> {
+    Arc::new(Exec::start(settings(command)).unwrap())
+}
+
+/// Targets 1 and 3 between the context views 0 and 4.
+fn run_of(scenes: usize, method: Arc<dyn Method>) -> Run {
+    Run::new(vec![dataset(Walls::new(scenes, 8), &[entry(&[0, 4], &[1, 3])])], vec![method])
+}
+
+fn results_of(scenes: usize, method: Arc<dyn Method>) -> Results {
+    let folder = tempfile::tempdir().unwrap();
+    run_of(scenes, method).run(&folder.path().join("store")).unwrap().0
+}
+
+/// Scores and renders, by scene and target.
+fn outcomes(results: &Results) -> Vec<(String, u32, Option<String>, Option<f64>)> {
+    let outcome =
+        |row: &TargetRow| (row.key.scene.clone(), row.target, row.render_hash.clone(), row.scores.get("psnr").copied());
+    results.targets.iter().map(outcome).collect()
+}
+
+/// Pictures of the warp below `here/warp`, and as arrays `here/wall-0.npy`; their scores as a folder of renders.
+fn prepared(here: &Path, scenes: usize) -> Results {
+    let mut run = run_of(scenes, Arc::new(Warp));
+    run.pictures = KeepPictures::All;
+    run.run(&here.join("store")).unwrap();
+    fs::rename(here.join("store/pictures/walls/warp"), here.join("warp")).unwrap();
+    for scene in 0..scenes {
+        let frames = [1, 3].map(|frame| {
+            let path = here.join(format!("warp/wall-{scene}-0/{frame:06}.png"));
+            Image::from_u8(&decode(&fs::read(path).unwrap(), &DecodeLimits::default()).unwrap())
+        });
+        fs::write(here.join(format!("wall-{scene}.npy")), array(&frames)).unwrap();
+        let [first, second] = frames;
+        fs::write(here.join(format!("swapped-wall-{scene}.npy")), array(&[second, first.clone()])).unwrap();
+        fs::write(here.join(format!("few-wall-{scene}.npy")), array(&[first])).unwrap();
+    }
+    results_of(scenes, Arc::new(Renders::new(&here.join("warp"), Some("shell")).unwrap()))
+}
+
+/// A `.npy` file of `<f4`, as `numpy.save` writes it but for the padding of its header.
+fn array(pictures: &[Image]) -> Vec<u8> {
+    let shape = format!("({}, {}, {}, 3)", pictures.len(), SIZE.height, SIZE.width);
+    let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");
+    let length = u16::try_from(header.len()).unwrap().to_le_bytes();
+    let samples = pictures.iter().flat_map(|picture| picture.samples()).flat_map(|sample| sample.to_le_bytes());
+    [b"\x93NUMPY\x01\x00".as_slice(), &length, header.as_bytes(), &samples.collect::<Vec<u8>>()].concat()
+}
+
+#[test]
+fn pictures_of_a_process_score_as_the_same_files_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let expected = prepared(here, 3);
+    let array = r#"cp $scene.npy "$folder/a.npy"; answer "\"pictures\": \"$folder/a.npy\"""#;
+    let found = results_of(3, exec(&script(here, "pictures", array)));
+    assert_eq!(outcomes(&found), outcomes(&expected));
+    let files = r#"cp -r warp/$scene-0 "$folder/out"; answer '"pictures": "out"'"#;
+    assert_eq!(outcomes(&results_of(3, exec(&script(here, "pictures", files)))), outcomes(&expected));
+    // Targets in another order are other results.
+    let swapped = results_of(3, exec(&script(here, "pictures", &array.replace("cp ", "cp swapped-"))));
+    for (found, expected) in outcomes(&swapped).iter().zip(outcomes(&expected)) {
+        assert!(found.2 != expected.2 && found.3.unwrap() < expected.3.unwrap() - 1.0, "{found:?} {expected:?}");
+    }
+    let record = &found.provenance.methods[0];
+    assert_eq!((record.kind.as_str(), &record.parameters["version"]), ("exec", &"1".into()));
+    assert_eq!(record.parameters["files"].as_object().unwrap().len(), 1, "the script's hash");
+}
+
+/// The cameras stand side by side, 0.2 apart; a wall of 64×64 pixels is seen with a focal length of one width.
+#[test]
+fn a_process_is_given_cameras_in_pixels_and_the_context_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 1);
+    let body = r#"printf '%s' "$line" > seen.json; cp "$folder"/context-*.npy .
+        cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
+    let method = exec(&script(here, "pictures\", \"setting\": \"MVSplat", body));
+    let run = Run::new(vec![dataset(Walls::new(1, 8), &[entry(&[4, 0], &[1, 3])])], vec![method]);
+    run.run(&here.join("other")).unwrap();
+    let seen: serde_json::Value = serde_json::from_slice(&fs::read(here.join("seen.json")).unwrap()).unwrap();
+    let numbers = |value: &serde_json::Value| -> Vec<f64> {
+        let rows = value.as_array().unwrap().iter().flat_map(|row| row.as_array().unwrap());
+        rows.map(|number| number.as_f64().unwrap()).collect()
+    };
+    for (views, frames) in [("context", [4, 0]), ("targets", [1, 3])] {
+        for (at, frame) in frames.into_iter().enumerate() {
+            let view = &seen[views][at];
+            assert_eq!((view["frame"].as_u64(), view["width"].as_u64()), (Some(frame), Some(64)));
+            let x = 0.2 * frame as f64;
+            let pose = [1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+            Tolerance::F64.assert(numbers(&view["world_from_camera"]), pose, "camera to world");
+            let intrinsics = [64.0, 0.0, 32.0, 0.0, 64.0, 32.0, 0.0, 0.0, 1.0];
+            Tolerance::F64.assert(numbers(&view["intrinsics"]), intrinsics, "pixels");
+            assert_eq!(view["picture"].is_string(), views == "context", "no target's picture");
+            if views == "context" {
+                let bytes = fs::read(here.join(format!("context-{at}.npy"))).unwrap();
+                assert!(bytes.ends_with(picture(0, usize::try_from(frame).unwrap()).samples()), "{at}");
+            }
+        }
+    }
+    // MVSplat's planes under this protocol, which differ from ATSplat's.
+    assert_eq!((seen["near"].as_f64(), seen["far"].as_f64()), (Some(1.0), Some(100.0)));
+    assert_eq!(seen["preset"], "re10k-2v-256");
+}
+
+#[test]
+fn gaussians_of_a_process_score_as_the_same_file_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir(here.join("ply")).unwrap();
+    for (scene, x) in [(0, 0.3), (1, -0.4)] {
+        let parts = GaussianParts {
+            means: vec![[x, 0.1, 4.0], [0.0, -0.5, 6.0]],
+            log_scales: vec![[-1.5, -2.0, -1.0]; 2],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+            opacity_logits: vec![2.0, 1.0],
+            sh: vec![[0.9, -0.3, 0.2], [-0.5, 0.4, 1.0]],
+            sh_degree: 0,
+            scalars: None,
+            filter_3d: None,
+        };
+        let path = here.join(format!("ply/wall-{scene}.ply"));
+        write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+    }
+    let body = r#"cp ply/$scene.ply "$folder/"; answer "\"gaussians\": \"$scene.ply\"""#;
+    let found = results_of(2, exec(&script(here, "gaussians", body)));
+    let ply = Ply::new(&here.join("ply"), Some("shell"), GaussianFrame::Trial, false, Splatting::default()).unwrap();
+    let expected = results_of(2, Arc::new(ply));
+    assert_eq!(found.trials[0].gaussians, Some(2));
+    let both = [&found, &expected].map(|results| (outcomes(results), results.trials[1].gaussians_drawn));
+    assert_eq!(both[0], both[1]);
+    assert!(found.trials[1].gaussians_drawn.unwrap() > 1.0, "they are seen");
+}
+
+/// One process, which does something else wrong in each scene.
+#[test]
+fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let expected = prepared(here, 12);
+    let nan = vec![f32::NAN; (SIZE.width * SIZE.height * 3) as usize];
+    let nan = Image::new(SIZE.width, SIZE.height, nan).unwrap();
+    fs::write(here.join("nan.npy"), array(&[nan.clone(), nan])).unwrap();
+    let body = r#"
+      case $scene in
+        wall-1) echo 'CUDA out of memory' >&2; exit 3;;
+        wall-2) sleep 60 & echo $! > sleeper; echo thinking >&2; wait;;
+        wall-3) echo 'Loading model ...';;
+        wall-4) tail -c +3 nan.npy > "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        wall-5) cp few-wall-0.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        wall-6) cp nan.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        wall-7) answer '"error": "no parallax"';;
+        wall-8) answer '"not_applicable": "two views are too few"';;
+        wall-9) answer '"pictures": "b.npy"';;
+        wall-10) kill -KILL $$;;
+        *) cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+      esac"#;
+    let command = script(here, "pictures", body);
+    let limit = Duration::from_secs(3);
+    let method = Arc::new(Exec::start(ExecSettings { limit, ..settings(&command) }).unwrap());
+    let found = results_of(12, method);
+    let of = |scene: usize| {
+        let key = format!("wall-{scene}");
+        let trial = found.trials.iter().find(|trial| trial.key.scene == key).unwrap();
+        let target = found.targets.iter().find(|row| row.key.scene == key).unwrap();
+        (trial.status, target.status, trial.detail.clone().unwrap_or_default())
+    };
+    let reasons = [
+        (1, "exit status: 3; its last lines on standard error: CUDA out of memory"),
+        (2, "did not answer within 3 s and was killed; its last lines on standard error: thinking"),
+        (3, "on its standard output, found \"Loading model ...\""),
+        (4, "a.npy: expected a .npy file"),
+        (5, "expected the shape (2, 64, 64, 3), found (1, 64, 64, 3)"),
+        (7, "the method says: no parallax"),
+        (9, "expected the file \"b.npy\""),
+        (10, "signal: 9"),
+    ];
+    for (scene, reason) in reasons {
+        let (trial, target, detail) = of(scene);
+        assert_eq!((trial, target), (TrialStatus::Failed, TargetStatus::Failed), "{scene}: {detail}");
+        assert!(detail.contains(reason), "{scene}: {detail}");
+    }
+    assert_eq!(of(6).1, TargetStatus::NonFinite);
+    let (status, _, why) = of(8);
+    assert_eq!((status, why.as_str()), (TrialStatus::NotApplicable, "two views are too few"));
+    let good = |results: &Results| -> Vec<_> {
+        let is_good = |scene: &str| scene == "wall-0" || scene == "wall-11";
+        outcomes(results).into_iter().filter(|(scene, ..)| is_good(scene)).collect()
+    };
+    assert_eq!(good(&found), good(&expected));
+    if Path::new("/proc/self").exists() {
+        let sleeper = fs::read_to_string(here.join("sleeper")).unwrap();
+        let status = fs::read_to_string(format!("/proc/{}/status", sleeper.trim())).unwrap_or_default();
+        // One that nobody has waited for yet stays as a zombie.
+        assert!(status.is_empty() || status.contains("State:\tZ"), "what the process started is killed with it");
+    }
+}
+
+/// Whatever order the trials come in, a process that crashes at its third answers two: of seven, the third and sixth fail.
+#[test]
+fn a_process_is_started_again_after_each_crash() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let expected = prepared(here, 7);
+    let body = r#"n=$((n + 1)); if [ $n = 3 ]; then exit 1; fi
+        cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
+    let found = results_of(7, exec(&script(here, "pictures", body)));
+    let failed = found.trials.iter().filter(|trial| trial.status == TrialStatus::Failed).count();
+    assert_eq!(failed, 2, "{:?}", found.trials);
+    let (found, expected) = (outcomes(&found), outcomes(&expected));
+    let equal = found.iter().zip(&expected).filter(|(found, expected)| found == expected).count();
+    assert_eq!(equal, 2 * 5);
+}
+
+#[test]
+fn two_processes_answer_at_once_with_the_same_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let expected = prepared(here, 6);
+    let body = r#"echo $ATSPLAT_PROCESS >> numbers; sleep 0.2
+        cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
+    let command = script(here, "pictures", body);
+    let method = Arc::new(Exec::start(ExecSettings { processes: 2, ..settings(&command) }).unwrap());
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let found = pool.install(|| results_of(6, method));
+    assert_eq!(outcomes(&found), outcomes(&expected));
+    let numbers = fs::read_to_string(here.join("numbers")).unwrap();
+    assert_eq!(numbers.lines().collect::<BTreeSet<_>>(), BTreeSet::from(["0", "1"]));
+}
+
+#[test]
+fn a_timing_pass_records_wall_time_stages_and_the_processes_own_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 1);
+    let body = r#"sleep 0.02; cp $scene.npy "$folder/a.npy"
+        answer '"pictures": "a.npy", "seconds": {"encode": 0.25, "render": 0.125}'"#;
+    let mut run = run_of(1, exec(&script(here, "pictures", body)));
+    run.timing = Some(TimingPlan { trials: 1, warm_up: 1, repetitions: 5 });
+    let (results, _) = run.run(&here.join("timed")).unwrap();
+    let row = &results.timings[0];
+    assert!(row.encode.len() >= 5 && row.encode.iter().all(|secs| *secs >= 0.02), "{row:?}");
+    assert!(row.render.is_empty(), "its pictures are finished");
+    assert_eq!((row.stages["encode"][0], row.stages["render"][0]), (0.25, 0.125));
+    if Path::new("/proc/self/status").exists() {
+        // A shell needs far less memory than this process.
+        assert!((1..50 << 20).contains(&row.peak_bytes.unwrap()), "{row:?}");
+    }
+    assert!(results.trials.iter().all(|trial| trial.peak_bytes.is_none()), "rows are the same in every run");
+}
+
+#[test]
+fn what_does_not_start_as_a_method_is_refused_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let refused = |command: &str| {
+        let limit = Duration::from_secs(20);
+        let outcome = Exec::start(ExecSettings { limit, ..settings(command) });
+        outcome.map(|_| ()).unwrap_err()
+    };
+    let text = |error: EvalError| error.to_string();
+    assert!(text(refused("sh -c 'echo no such module >&2; exit 7'")).contains("exit status: 7"));
+    assert!(text(refused("sh -c 'echo no such module >&2; exit 7'")).contains("no such module"));
+    assert!(text(refused("echo ready")).contains("found \"ready\""));
+    assert!(text(refused("'unclosed")).contains("quoted"));
+    assert!(text(refused("/nowhere/method")).contains("/nowhere/method"));
+    let other = script(here, "pictures", "exit").replace("method.sh", "no.sh");
+    assert!(text(refused(&other)).contains("no.sh"));
+    // A word is a word: no shell expands it.
+    let literal = text(refused("sh -c 'echo \"$1\"' sh '$(id)'"));
+    assert!(literal.contains("$(id)"), "{literal}");
+}
+
+/// Results of a changed script do not join those of another one.
+#[test]
+fn a_changed_method_does_not_resume_a_store() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 1);
+    let body = r#"cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
+    let store = here.join("resumed");
+    run_of(1, exec(&script(here, "pictures", body))).run(&store).unwrap();
+    let (_, summary) = run_of(1, exec(&script(here, "pictures", body))).run(&store).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed), (0, 1));
+    let changed = run_of(1, exec(&script(here, "pictures", &format!("sleep 0; {body}")))).run(&store).map(drop);
+    let message = changed.unwrap_err().to_string();
+    assert!(message.contains("methods shell of the two runs differ") && message.contains("method.sh"), "{message}");
+}
