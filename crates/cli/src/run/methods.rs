@@ -6,7 +6,8 @@ use std::sync::{Arc, Mutex};
 
 use anyhow::Context as _;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, GaussianFrame, Method, NearestView, Optimised, Ply, Renders, Splatting, Warp,
+    AtSplat, Backend, ConstantsChoice, GaussianFrame, MAX_GAUSSIANS, Method, NearestView, Optimised, Ply, Renders,
+    Splatting, Warp,
 };
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::network::Device;
@@ -89,7 +90,7 @@ pub(super) struct MethodArgs {
     network: NetworkArgs,
 
     /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all.
-    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    #[arg(long, value_name = "N", default_value_t = MAX_GAUSSIANS)]
     max_gaussians: usize,
 
     #[command(flatten)]

@@ -24,7 +24,7 @@ pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
-pub use optimised::{Optimised, START_POINTS};
+pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;
 pub use splatting::{Backend, Splatting};
