@@ -1,6 +1,5 @@
 //! `atsplat stress` as a user runs it.
 
-#[expect(dead_code, reason = "hard cases need no dataset")]
 mod common;
 
 use atsplat_tests::graphics_required;

@@ -3,13 +3,14 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use atsplat_fit::{Budget, Strategy};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::Selection;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
-use crate::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsSource};
+use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, Splatting, Warp, WeightsSource};
 use crate::runner::Dataset;
 use crate::{EvalError, TrainingRecord, thresholds};
 
@@ -45,6 +46,22 @@ impl TrainedNetwork {
         let large = self.bare(&self.config.for_high_resolution()?)?.without_resizing();
         let atsplat = self.network("atsplat", &self.config)?.with_high_resolution(large)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
+    }
+
+    /// Optimisation of each trial within a budget: 3DGS, Mip-Splatting and MCMC from random points, and refinement of what
+    /// this network makes.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] if the weights do not fit the configuration.
+    pub fn optimised(&self, budget: Budget) -> Result<Vec<Arc<dyn Method>>, EvalError> {
+        let network = self.bare(&self.config)?;
+        let refined = Optimised::refined(None, network, &self.weights, budget, 0, Splatting::default())?;
+        let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(refined)];
+        for strategy in [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc] {
+            let splatting = Splatting::default();
+            methods.push(Arc::new(Optimised::from_scratch(None, strategy, budget, MAX_GAUSSIANS, 0, splatting)));
+        }
+        Ok(methods)
     }
 
     /// This network under another name in the rows, with `variant` in its title.

@@ -5,7 +5,7 @@
 mod common;
 
 use atsplat_eval::Results;
-use atsplat_eval::method::{ConstantsChoice, TrialInput, WeightsSource};
+use atsplat_eval::method::{ConstantsChoice, START_POINTS, TrialInput, WeightsSource};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, across, parts, tradeoffs};
@@ -35,17 +35,19 @@ fn every_knob_changes_what_it_should() {
          [[settings]]\nlabel = 'no expansion'\nknobs = { ratios = [0.0, 0.0, 0.0] }\n\
          [[settings]]\nlabel = 'thresholds'\nknobs = { thresholds = [1e9, 1e9, 1e9] }\n\
          [[settings]]\nlabel = 'alpha from a tenth'\nknobs = { renderer = { min-alpha = 0.1 } }\n\
+         [[settings]]\nlabel = 'refined'\nknobs = { steps = 2 }\n\
+         [[settings]]\nlabel = 'from scratch'\nknobs = { strategy = 'mip-splatting', steps = 2 }\n\
          [[settings]]\nlabel = 'two views'\nknobs = { views = 2 }\n",
     );
     let datasets = [dataset(Walls::new(2, 7), &[entry(&[0, 3, 6], &[2])])];
     let folder = tempfile::tempdir().unwrap();
     let parts = parts(&sweep, &swept(), &datasets).unwrap();
-    assert_eq!(parts.iter().map(|part| part.methods.len()).collect::<Vec<_>>(), [5, 1]);
+    assert_eq!(parts.iter().map(|part| part.methods.len()).collect::<Vec<_>>(), [7, 1]);
     for Part { datasets, methods } in parts {
         Run { timing: Some(TimingPlan::default()), ..Run::new(datasets, methods) }.run(folder.path()).unwrap();
     }
     let results = Results::read(folder.path()).unwrap();
-    assert_eq!((results.trials.len(), results.targets.len()), (12, 12));
+    assert_eq!((results.trials.len(), results.targets.len()), (16, 16));
 
     let gaussians = |method: &str| results.trials.iter().find(|trial| trial.key.method == method).unwrap().gaussians;
     let renders = |method: &str| -> Vec<Option<String>> {
@@ -59,6 +61,8 @@ fn every_knob_changes_what_it_should() {
         ("no expansion", 48 * 16),
         ("thresholds", 48 * 16),
         ("alpha from a tenth", 135 * 16),
+        ("refined", 135 * 16),
+        ("from scratch", START_POINTS as u64),
         ("two views", 90 * 16),
     ] {
         assert_eq!(gaussians(method), Some(count), "{method}");
@@ -66,14 +70,15 @@ fn every_knob_changes_what_it_should() {
     }
     assert_eq!(renders("thresholds"), renders("no expansion"), "nothing is that uncertain");
     let record = |name: &str| results.provenance.methods.iter().find(|method| method.name == name).unwrap();
+    assert_eq!(["refined", "from scratch"].map(|name| record(name).kind.as_str()), ["atsplat+refine", "mip-splatting"]);
     assert_eq!(record("alpha from a tenth").constants.as_deref(), Some("of the preset, min-alpha 0.1"));
 
     let apart = tradeoffs(&results, &["psnr"], Leaked::Included).unwrap();
     let names: Vec<&str> = apart.iter().map(|tradeoff| tradeoff.preset.as_str()).collect();
     assert_eq!(names, ["walls", "walls-2-views"]);
-    assert_eq!(apart[0].frontiers.iter().map(|frontier| frontier.points.len()).collect::<Vec<_>>(), [5, 5]);
+    assert_eq!(apart[0].frontiers.iter().map(|frontier| frontier.points.len()).collect::<Vec<_>>(), [7, 7]);
     let across = across(&results, "psnr", Leaked::Included).unwrap();
-    assert_eq!(across.frontiers[0].points.len(), 6);
+    assert_eq!(across.frontiers[0].points.len(), 8);
     for point in &across.frontiers[0].points {
         let against = point.against.as_ref().unwrap();
         assert!(point.secs.unwrap() > 0.0 && against.difference.interval.is_some(), "{point:?}");
@@ -89,6 +94,11 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
         ("resolution = [32, 0]", "resolution"),
         ("tolerance = -0.5", "tolerance"),
         ("ratios = [0.5]", "ratios"),
+        ("steps = 0", "steps"),
+        ("steps = 3, seconds = 1.0", "seconds"),
+        ("seconds = -1.0", "seconds"),
+        ("strategy = 'mcmc'", "strategy"),
+        ("strategy = 'fixed', steps = 3", "strategy"),
         ("renderer = { min-alpha = 2.0 }", "renderer"),
         ("renderer = { constants = 'none' }", "constants"),
         ("weights = '/nowhere.safetensors'", "nowhere"),
@@ -148,6 +158,8 @@ fn shipped_sweeps_expand() {
                 used_knobs.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
                 used_knobs.extend(knobs.views.map(|_| "views"));
                 used_knobs.extend(knobs.resolution.map(|_| "size"));
+                used_knobs.extend(knobs.steps.map(|_| "steps"));
+                used_knobs.extend(knobs.seconds.map(|_| "seconds"));
                 used_knobs.extend(knobs.tolerance.map(|_| "tolerance"));
                 used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
             }
@@ -155,5 +167,8 @@ fn shipped_sweeps_expand() {
     }
     used_knobs.sort_unstable();
     used_knobs.dedup();
-    assert_eq!(used_knobs, ["Gaussians per token", "renderer", "size", "thresholds", "tolerance", "views"]);
+    assert_eq!(
+        used_knobs,
+        ["Gaussians per token", "renderer", "seconds", "size", "steps", "thresholds", "tolerance", "views"]
+    );
 }

@@ -1,4 +1,5 @@
 use atsplat_splat::{Gradients, sh_coefficients};
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use crate::scene::{Scene, narrowed};
@@ -28,97 +29,114 @@ const EPSILON: f32 = 1e-15;
 const COLOUR_RATIO: f64 = 20.0;
 
 /// Values per task.
-const CHUNK: usize = 1 << 13;
+const CHUNK: usize = 1 << 11;
 
 impl Adam {
     /// Moves every parameter against its gradient.
     pub fn update(&self, scene: &mut Scene, gradients: &Gradients<f32>) {
         let Scene { parts, first, second } = scene;
-        let stored = sh_coefficients(parts.sh_degree);
-        let used = sh_coefficients(self.sh_degree.min(parts.sh_degree));
-        self.flat(self.means).update(
+        self.flat(
+            self.means,
             parts.means.as_flattened_mut(),
             gradients.means.as_flattened(),
             first.means.as_flattened_mut(),
             second.means.as_flattened_mut(),
         );
-        self.flat(self.rotations).update(
+        self.flat(
+            self.rotations,
             parts.quaternions.as_flattened_mut(),
             gradients.quaternions.as_flattened(),
             first.quaternions.as_flattened_mut(),
             second.quaternions.as_flattened_mut(),
         );
-        self.flat(self.scales).update(
+        self.flat(
+            self.scales,
             parts.log_scales.as_flattened_mut(),
             gradients.log_scales.as_flattened(),
             first.log_scales.as_flattened_mut(),
             second.log_scales.as_flattened_mut(),
         );
-        self.flat(self.opacities).update(
+        self.flat(
+            self.opacities,
             &mut parts.opacity_logits,
             &gradients.opacity_logits,
             &mut first.opacity_logits,
             &mut second.opacity_logits,
         );
-        self.colours((stored, used), &mut parts.sh, &gradients.sh, (&mut first.sh, &mut second.sh));
+        // The constant coefficient of each Gaussian, then the others. Unused ones have neither gradients nor moments; if
+        // there are none, all Gaussians of a chunk are one row.
+        let stored = 3 * sh_coefficients(parts.sh_degree);
+        let used = 3 * sh_coefficients(self.sh_degree.min(parts.sh_degree));
+        let chunk = (CHUNK / stored).max(1) * stored;
+        let (row, length) = if used == stored { (chunk, chunk) } else { (stored, used) };
+        let rate = |at| if at % stored < 3 { self.colours } else { self.colours / COLOUR_RATIO };
+        let rates: Vec<f64> = (0..length).map(rate).collect();
+        self.rows(
+            (chunk, row),
+            &rates,
+            parts.sh.as_flattened_mut(),
+            gradients.sh.as_flattened(),
+            first.sh.as_flattened_mut(),
+            second.sh.as_flattened_mut(),
+        );
     }
 
-    fn flat(&self, rate: f64) -> Update {
-        let power = i32::try_from(self.step).unwrap_or(i32::MAX);
-        let [first, second] = BETAS.map(|beta| 1.0 - beta.powi(power));
-        Update { rate: narrowed(rate / first), root: narrowed(second.sqrt()) }
+    /// Updates parameters that share a rate.
+    fn flat(&self, rate: f64, values: &mut [f32], gradients: &[f32], first: &mut [f32], second: &mut [f32]) {
+        self.rows((CHUNK, CHUNK), &[rate; CHUNK], values, gradients, first, second);
     }
 
-    /// Spherical harmonics, Gaussian by Gaussian: the constant coefficient, then the others up to the degree in use.
-    fn colours(
+    /// Updates parameters in tasks of `chunk` values, row by row with the rates of a row.
+    fn rows(
         &self,
-        (stored, used): (usize, usize),
-        values: &mut [[f32; 3]],
-        gradients: &[[f32; 3]],
-        (first, second): (&mut [[f32; 3]], &mut [[f32; 3]]),
+        (chunk, row): (usize, usize),
+        rates: &[f64],
+        values: &mut [f32],
+        gradients: &[f32],
+        first: &mut [f32],
+        second: &mut [f32],
     ) {
-        let (constant, others) = (self.flat(self.colours), self.flat(self.colours / COLOUR_RATIO));
-        let length = (CHUNK / 3 / stored).max(1) * stored;
-        let moments = first.par_chunks_mut(length).zip(second.par_chunks_mut(length));
-        let chunks = values.par_chunks_mut(length).zip(gradients.par_chunks(length)).zip(moments);
+        let power = i32::try_from(self.step).unwrap_or(i32::MAX);
+        let [bias, root] = BETAS.map(|beta| 1.0 - beta.powi(power));
+        let rates: Vec<f32> = rates.iter().map(|rate| narrowed(rate / bias)).collect();
+        let (rates, over_root) = (rates.as_slice(), narrowed(root.sqrt().recip()));
+        let moments = first.par_chunks_mut(chunk).zip(second.par_chunks_mut(chunk));
+        let chunks = values.par_chunks_mut(chunk).zip(gradients.par_chunks(chunk)).zip(moments);
         chunks.for_each(|((values, gradients), (first, second))| {
-            let moments = first.chunks_exact_mut(stored).zip(second.chunks_exact_mut(stored));
-            let each = values.chunks_exact_mut(stored).zip(gradients.chunks_exact(stored)).zip(moments);
-            for ((values, gradients), (first, second)) in each {
-                for (at, ((value, gradient), (m, v))) in
-                    values.iter_mut().zip(gradients).zip(first.iter_mut().zip(second)).take(used).enumerate()
-                {
-                    let update = if at == 0 { &constant } else { &others };
-                    update.run(value, gradient, m, v);
-                }
-            }
+            Arch::new().dispatch(Rows { row, rates, over_root, values, gradients, first, second });
         });
     }
 }
 
-/// The update of parameters that share a rate.
-#[derive(Clone, Copy)]
-struct Update {
-    /// Rate over the first bias correction.
-    rate: f32,
-    /// Root of the second bias correction.
-    root: f32,
+/// The update of one task.
+struct Rows<'a> {
+    row: usize,
+    /// Rates over the first bias correction.
+    rates: &'a [f32],
+    /// One over the root of the second bias correction.
+    over_root: f32,
+    values: &'a mut [f32],
+    gradients: &'a [f32],
+    first: &'a mut [f32],
+    second: &'a mut [f32],
 }
 
-impl Update {
-    fn update(self, values: &mut [f32], gradients: &[f32], first: &mut [f32], second: &mut [f32]) {
-        let moments = first.par_chunks_mut(CHUNK).zip(second.par_chunks_mut(CHUNK));
-        let chunks = values.par_chunks_mut(CHUNK).zip(gradients.par_chunks(CHUNK)).zip(moments);
-        chunks.for_each(|((values, gradients), (first, second))| self.run(values, gradients, first, second));
-    }
+impl WithSimd for Rows<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn run(self, values: &mut [f32], gradients: &[f32], first: &mut [f32], second: &mut [f32]) {
-        let [b1, b2] = BETAS.map(narrowed);
-        for ((value, gradient), (m, v)) in values.iter_mut().zip(gradients).zip(first.iter_mut().zip(second)) {
-            *m = b1 * *m + (1.0 - b1) * gradient;
-            *v = b2 * *v + (1.0 - b2) * gradient * gradient;
-            *value -= self.rate * *m / (v.sqrt() / self.root + EPSILON);
+    fn with_simd<S: Simd>(self, _simd: S) {
+        const KEPT: [f32; 2] = [narrowed(BETAS[0]), narrowed(BETAS[1])];
+        const NEW: [f32; 2] = [1.0 - KEPT[0], 1.0 - KEPT[1]];
+        let Self { row, rates, over_root, values, gradients, first, second } = self;
+        let moments = first.chunks_mut(row).zip(second.chunks_mut(row));
+        for ((values, gradients), (first, second)) in values.chunks_mut(row).zip(gradients.chunks(row)).zip(moments) {
+            let each = values.iter_mut().zip(gradients).zip(first.iter_mut().zip(second));
+            for (((value, gradient), (m, v)), rate) in each.zip(rates) {
+                *m = KEPT[0] * *m + NEW[0] * gradient;
+                *v = KEPT[1] * *v + NEW[1] * gradient * gradient;
+                *value -= rate * *m / (v.sqrt() * over_root + EPSILON);
+            }
         }
     }
 }

@@ -1,5 +1,7 @@
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
 use atsplat_splat::{Cleaning, Gaussians, Gradients, ImageGradients, RasterMode, RenderOptions, Rendering, View};
+use pulp::Arch;
+use rayon::prelude::*;
 
 use crate::adam::Adam;
 use crate::density::{Adaptive, At, Changes, Density, DensityError, Fixed, Mcmc, Seen};
@@ -9,6 +11,8 @@ use crate::random::{Purpose, stream, uniform};
 use crate::view::{TrainingView, scene_extent};
 use crate::{Background, Diagnosis, Fault, FitConfig, FitError, Scene, Schedule, Strategy, memory};
 
+/// Gradients that are checked at once.
+const CHUNK: usize = 1 << 14;
 /// Steps between two computations of the 3D filter after density control has ended; none in the last ones of a run.
 const FILTER_EVERY: u64 = 100;
 
@@ -305,9 +309,9 @@ impl Fit {
         let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh"];
         let fields = self.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
         fields.into_iter().find_map(|(parameter, values)| {
-            // A sum that is finite has finite terms only; opposite infinities give NaN.
-            let sum: f32 = values.iter().map(|value| value * 0.0).sum();
-            let count = if sum == 0.0 { 0 } else { values.iter().filter(|value| !value.is_finite()).count() };
+            let broken = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
+            let count =
+                values.par_chunks(CHUNK).map(|values| if all_finite(values) { 0 } else { broken(values) }).sum();
             (count > 0).then_some(Fault::Gradients { parameter, count })
         })
     }
@@ -316,6 +320,13 @@ impl Fit {
         let view = self.views.get(view).map_or_else(String::new, |view| view.name.clone());
         FitError::Stopped(Box::new(Diagnosis { step, view, gaussians: self.scene.len(), fault }))
     }
+}
+
+/// Whether all values are finite: infinities and NaN have the largest exponents.
+fn all_finite(values: &[f32]) -> bool {
+    const MAGNITUDE: u32 = u32::MAX >> 1;
+    let largest = |most: u32, value: &f32| most.max(value.to_bits() & MAGNITUDE);
+    Arch::new().dispatch(|| values.iter().fold(0, largest)) < f32::INFINITY.to_bits()
 }
 
 fn psnr(mse: f64) -> f64 {

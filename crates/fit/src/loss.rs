@@ -1,23 +1,15 @@
 //! The loss of 3DGS, `(1 − λ) · L1 + λ · (1 − SSIM)`, and its gradient with respect to the rendered picture.
-//!
-//! SSIM is that of graphdeco-inria/gaussian-splatting `utils/loss_utils.py`: an 11×11 Gaussian window of standard deviation
-//! 1.5, black outside the picture, variances of the population; the mean over pixels and channels. Rows are computed in
-//! parallel, each in a fixed order, so that results do not depend on the number of threads.
 
 use atsplat_camera::ImageSize;
-use pulp::Arch;
+use atsplat_metrics::DSsim;
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-const TAPS: usize = 11;
-const RADIUS: usize = TAPS / 2;
-const CHANNELS: usize = 3;
-const C1: f32 = 0.01 * 0.01;
-const C2: f32 = 0.03 * 0.03;
+use crate::scene::narrowed;
 
-/// Quantities whose blurred values SSIM needs: `x`, `y`, `x² + y²`, `xy`.
-const BLURRED: usize = 4;
-/// Derivatives of `1 − SSIM` with respect to the blurred `x`, `x²` and `xy`.
-const DERIVATIVES: usize = 3;
+/// Values per task: of whole vectors, so that the order of sums is fixed.
+const CHUNK: usize = 1 << 12;
+const LANES: usize = 8;
 
 /// The terms of the loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,25 +25,10 @@ pub struct Terms {
 }
 
 /// Evaluates losses and reuses its buffers.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Photometric {
-    taps: [f32; TAPS],
-    /// Rows of [`BLURRED`] horizontally blurred quantities, with black rows above and below.
-    across: Vec<f32>,
-    /// As `across`, of the derivatives.
-    derivatives: Vec<f32>,
-    /// Sums over each row: of `1 − SSIM`, of absolute and of squared errors.
-    sums: Vec<[f64; 3]>,
-}
-
-impl Default for Photometric {
-    fn default() -> Self {
-        let weights: [f64; TAPS] =
-            std::array::from_fn(|tap| (-0.5 * ((tap as f64 - RADIUS as f64) / 1.5).powi(2)).exp());
-        let sum: f64 = weights.iter().sum();
-        let taps = weights.map(|weight| crate::scene::narrowed(weight / sum));
-        Self { taps, across: Vec::new(), derivatives: Vec::new(), sums: Vec::new() }
-    }
+    d_ssim: DSsim,
+    dissimilar: Vec<f32>,
 }
 
 impl Photometric {
@@ -64,170 +41,59 @@ impl Photometric {
         weight: f64,
         gradient: &mut Vec<[f32; 3]>,
     ) -> Terms {
-        let row = size.width as usize * CHANNELS;
-        let height = size.height as usize;
-        let count = (row * height) as f64;
-        let taps = self.taps;
-        let padded = (height + 2 * RADIUS) * row;
-        // The rows above and below are never written.
-        if self.across.len() != padded * BLURRED {
-            self.across = vec![0.0; padded * BLURRED];
-            self.derivatives = vec![0.0; padded * DERIVATIVES];
-        }
-        self.sums.resize(height, [0.0; 3]);
-        gradient.resize(size.width as usize * height, [0.0; 3]);
         let (render, truth) = (render.as_flattened(), truth.as_flattened());
-
-        let lines = render.par_chunks_exact(row).zip(truth.par_chunks_exact(row));
-        let into = self.across.par_chunks_exact_mut(row * BLURRED).skip(RADIUS);
-        into.zip(lines).for_each_init(
-            || Scratch::new(row),
-            |scratch, (into, (render, truth))| Arch::new().dispatch(|| scratch.quantities(&taps, render, truth, into)),
-        );
-
-        let across = &self.across;
-        let into = self.derivatives.par_chunks_exact_mut(row * DERIVATIVES).skip(RADIUS).take(height);
-        into.zip(&mut self.sums).enumerate().for_each_init(
-            || Scratch::new(row),
-            |scratch, (at, (into, sums))| {
-                sums[0] =
-                    Arch::new().dispatch(|| scratch.dissimilarity(&taps, window(across, at, row * BLURRED), into));
-            },
-        );
-
-        let derivatives = &self.derivatives;
-        #[expect(clippy::cast_possible_truncation, reason = "gradients are f32")]
-        let weights = [(1.0 - weight) / count, weight / count].map(|weight| weight as f32);
-        let lines = render.par_chunks_exact(row).zip(truth.par_chunks_exact(row));
-        let into = gradient.as_flattened_mut().par_chunks_exact_mut(row).zip(&mut self.sums);
-        into.zip(lines).enumerate().for_each_init(
-            || Scratch::new(row),
-            |scratch, (at, ((into, sums), lines))| {
-                let window = window(derivatives, at, row * DERIVATIVES);
-                [sums[1], sums[2]] = Arch::new().dispatch(|| scratch.gradient(&taps, window, lines, weights, into));
-            },
-        );
-        let [d_ssim, l1, mse] = self.sums.iter().fold([0.0; 3], |[a, b, c], [x, y, z]| [a + x, b + y, c + z]);
-        let (d_ssim, l1, mse) = (d_ssim / count, l1 / count, mse / count);
+        let count = render.len() as f64;
+        let sides = [size.width as usize, size.height as usize];
+        let d_ssim = self.d_ssim.evaluate(render, truth, sides, &mut self.dissimilar) / count;
+        gradient.resize(render.len() / 3, [0.0; 3]);
+        let weights = [(1.0 - weight) / count, weight / count].map(narrowed);
+        let pictures = render.par_chunks(CHUNK).zip(truth.par_chunks(CHUNK));
+        let into = gradient.as_flattened_mut().par_chunks_mut(CHUNK).zip(self.dissimilar.par_chunks(CHUNK));
+        let sums: Vec<[f64; 2]> = pictures
+            .zip(into)
+            .map(|(pictures, (into, dissimilar))| {
+                Arch::new().dispatch(AbsoluteError { pictures, dissimilar, weights, into })
+            })
+            .collect();
+        let [l1, mse] = sums.into_iter().fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]).map(|sum| sum / count);
         Terms { l1, d_ssim, mse, total: (1.0 - weight) * l1 + weight * d_ssim }
     }
 }
 
-/// The rows from `at - RADIUS` to `at + RADIUS` of a padded buffer.
-fn window(rows: &[f32], at: usize, length: usize) -> [&[f32]; TAPS] {
-    std::array::from_fn(|tap| rows.get((at + tap) * length..(at + tap + 1) * length).unwrap_or(&[]))
+/// Writes the gradient; returns the sums of absolute and of squared errors.
+struct AbsoluteError<'a> {
+    pictures: (&'a [f32], &'a [f32]),
+    dissimilar: &'a [f32],
+    weights: [f32; 2],
+    into: &'a mut [f32],
 }
 
-/// Buffers of one task.
-struct Scratch {
-    row: usize,
-    padded: Vec<f32>,
-    blurred: Vec<f32>,
-    derivatives: Vec<f32>,
-}
+impl WithSimd for AbsoluteError<'_> {
+    type Output = [f64; 2];
 
-impl Scratch {
-    fn new(row: usize) -> Self {
-        Self {
-            row,
-            padded: vec![0.0; row + 2 * RADIUS * CHANNELS],
-            blurred: vec![0.0; row * BLURRED],
-            derivatives: vec![0.0; row * DERIVATIVES],
-        }
-    }
-
-    /// Blurs the four quantities of a row.
     #[inline(always)]
-    fn quantities(&mut self, taps: &[f32; TAPS], render: &[f32], truth: &[f32], into: &mut [f32]) {
-        let quantities: [fn(f32, f32) -> f32; BLURRED] = [|x, _| x, |_, y| y, |x, y| x * x + y * y, |x, y| x * y];
-        for (quantity, into) in quantities.into_iter().zip(into.chunks_exact_mut(self.row)) {
-            for ((slot, x), y) in self.padded.iter_mut().skip(RADIUS * CHANNELS).zip(render).zip(truth) {
-                *slot = quantity(*x, *y);
-            }
-            blur_row(taps, &self.padded, into);
-        }
-    }
-
-    /// Completes the blur down the columns, and blurs the derivatives of the row; returns the sum of `1 − SSIM`.
-    #[inline(always)]
-    fn dissimilarity(&mut self, taps: &[f32; TAPS], window: [&[f32]; TAPS], into: &mut [f32]) -> f64 {
-        weighted_sum(taps, window, &mut self.blurred);
-        let row = self.row;
-        let (mean_x, rest) = self.blurred.split_at(row);
-        let (mean_y, rest) = rest.split_at(row);
-        let (squares, products) = rest.split_at(row);
-        let (by_mean, rest) = self.derivatives.split_at_mut(row);
-        let (by_square, by_product) = rest.split_at_mut(row);
-        let mut sum = 0.0;
-        let inputs = mean_x.iter().zip(mean_y).zip(squares.iter().zip(products));
-        let outputs = by_mean.iter_mut().zip(by_square.iter_mut().zip(by_product));
-        for (((mx, my), (square, product)), (by_mean, (by_square, by_product))) in inputs.zip(outputs) {
-            let (means, cross) = (mx * mx + my * my, mx * my);
-            let (a1, a2) = (2.0 * cross + C1, 2.0 * (product - cross) + C2);
-            let (b1, b2) = (means + C1, square - means + C2);
-            let (over, similarity) = (1.0 / (b1 * b2), a1 * a2 / (b1 * b2));
-            sum += f64::from(1.0 - similarity);
-            *by_mean = 2.0 * (mx * similarity * (1.0 / b1 - 1.0 / b2) - my * (a2 - a1) * over);
-            *by_square = similarity / b2;
-            *by_product = -2.0 * a1 * over;
-        }
-        for (from, into) in self.derivatives.chunks_exact(row).zip(into.chunks_exact_mut(row)) {
-            for (slot, value) in self.padded.iter_mut().skip(RADIUS * CHANNELS).zip(from) {
-                *slot = *value;
-            }
-            blur_row(taps, &self.padded, into);
-        }
-        sum
-    }
-
-    /// The gradient of a row; returns the sums of absolute and of squared errors.
-    #[inline(always)]
-    fn gradient(
-        &mut self,
-        taps: &[f32; TAPS],
-        window: [&[f32]; TAPS],
-        (render, truth): (&[f32], &[f32]),
-        [l1, d_ssim]: [f32; 2],
-        into: &mut [f32],
-    ) -> [f64; 2] {
-        let blurred = &mut self.derivatives;
-        weighted_sum(taps, window, blurred);
-        let (mean, rest) = blurred.split_at(self.row);
-        let (square, product) = rest.split_at(self.row);
-        let (mut absolute, mut squared) = (0.0, 0.0);
-        let derivatives = mean.iter().zip(square.iter().zip(product));
-        for ((slot, (x, y)), (mean, (square, product))) in
-            into.iter_mut().zip(render.iter().zip(truth)).zip(derivatives)
-        {
-            let error = x - y;
-            absolute += f64::from(error.abs());
-            squared += f64::from(x.clamp(0.0, 1.0) - y).powi(2);
+    fn with_simd<S: Simd>(self, _simd: S) -> [f64; 2] {
+        let Self { pictures: (render, truth), dissimilar, weights: [l1, d_ssim], into } = self;
+        for ((slot, (x, y)), dissimilar) in into.iter_mut().zip(render.iter().zip(truth)).zip(dissimilar) {
             // The derivative of |error| at 0 is 0, as PyTorch's.
-            let sign = if error > 0.0 { l1 } else { 0.0 } - if error < 0.0 { l1 } else { 0.0 };
-            *slot = sign + d_ssim * (mean + 2.0 * x * square + y * product);
+            let sign = if x > y { l1 } else { 0.0 } - if x < y { l1 } else { 0.0 };
+            *slot = sign + d_ssim * dissimilar;
         }
-        [absolute, squared]
+        let ((vectors, rest), (truths, rest_of_truth)) = (render.as_chunks::<LANES>(), truth.as_chunks::<LANES>());
+        let mut sums = [[0.0; LANES]; 2];
+        for (x, y) in vectors.iter().zip(truths) {
+            for (lane, (x, y)) in x.iter().zip(y).enumerate() {
+                add(&mut sums, lane, *x, *y);
+            }
+        }
+        rest.iter().zip(rest_of_truth).for_each(|(x, y)| add(&mut sums, 0, *x, *y));
+        sums.map(|sums| sums.into_iter().sum())
     }
 }
 
-/// Blurs a row, given with [`RADIUS`] black pixels at each end.
 #[inline(always)]
-fn blur_row(taps: &[f32; TAPS], padded: &[f32], into: &mut [f32]) {
-    let length = into.len();
-    let shifted = std::array::from_fn(|tap| padded.get(tap * CHANNELS..tap * CHANNELS + length).unwrap_or(&[]));
-    weighted_sum(taps, shifted, into);
-}
-
-/// `Σ taps[k] · rows[k]` for symmetric taps.
-#[inline(always)]
-fn weighted_sum(taps: &[f32; TAPS], rows: [&[f32]; TAPS], into: &mut [f32]) {
-    let length = into.len();
-    let rows = rows.map(|row| &row[..length]);
-    for (at, slot) in into.iter_mut().enumerate() {
-        let mut sum = taps[RADIUS] * rows[RADIUS][at];
-        for tap in 0..RADIUS {
-            sum += taps[tap] * (rows[tap][at] + rows[TAPS - 1 - tap][at]);
-        }
-        *slot = sum;
-    }
+fn add([absolute, squared]: &mut [[f64; LANES]; 2], lane: usize, x: f32, y: f32) {
+    absolute[lane] += f64::from((x - y).abs());
+    let error = f64::from(x.clamp(0.0, 1.0) - y);
+    squared[lane] += error * error;
 }

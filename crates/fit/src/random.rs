@@ -35,6 +35,11 @@ pub(crate) fn normals(random: &mut SplitMix64) -> [f64; 3] {
     [x, y, z]
 }
 
+/// Draws the numbers of [`normals`] without using them.
+pub(crate) fn skip_normals(random: &mut SplitMix64) {
+    (0..4).for_each(|_| _ = random.next_u64());
+}
+
 /// Positions drawn with replacement, with probabilities proportional to the weights; empty if they sum to zero.
 pub(crate) fn weighted(random: &mut SplitMix64, weights: impl IntoIterator<Item = f64>, count: usize) -> Vec<usize> {
     let mut total = 0.0;
@@ -71,6 +76,14 @@ mod tests {
         close(0.02).assert([moment(1)], [0.0], "mean");
         close(0.03).assert([moment(2)], [1.0], "variance");
         close(0.15).assert([moment(4)], [3.0], "kurtosis");
+    }
+
+    #[test]
+    fn skipped_normals_leave_the_stream_where_drawn_ones_do() {
+        let [mut drawn, mut skipped] = [(); 2].map(|()| stream(1, Purpose::Noise, 3));
+        normals(&mut drawn);
+        skip_normals(&mut skipped);
+        assert_eq!(drawn.next_u64(), skipped.next_u64());
     }
 
     #[test]

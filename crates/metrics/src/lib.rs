@@ -8,6 +8,7 @@
 //! [`NotComputed::WeightsAbsent`] with instructions to get them; there is no substitute value.
 
 mod average;
+mod d_ssim;
 mod definition;
 mod depth;
 mod error;
@@ -24,6 +25,7 @@ mod sums;
 mod values;
 
 pub use average::{Average, DECIBEL_CAP};
+pub use d_ssim::DSsim;
 pub use definition::{Definition, Direction, Measure, definition, definitions};
 pub use depth::{DepthError, DepthMap, DepthRange, DepthScale, depth_error};
 pub use error::MetricError;

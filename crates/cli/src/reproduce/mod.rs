@@ -14,12 +14,14 @@ use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{Results, Store};
+use atsplat_fit::Budget;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
 
 use self::weights::{Group, Listed};
 use crate::output::{print_findings, print_warnings};
+use crate::parse;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::run::settings::suite;
@@ -42,6 +44,11 @@ pub(crate) struct Args {
     /// quick takes a few scenes of each protocol, full all of them.
     #[arg(long, value_name = "SUITE", default_value = "quick")]
     suite: SuiteArg,
+
+    /// Also optimise every trial on its context views for so many steps (3000) or seconds (10s): 3DGS, Mip-Splatting and MCMC
+    /// from random points, and refinement of what the network made.
+    #[arg(long, value_name = "BUDGET", value_parser = parse::budget)]
+    fit: Option<Budget>,
 
     /// Folder for results and report; an unfinished run in it is resumed.
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
@@ -110,7 +117,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let (mut stores, mut complete, mut empty) = (Vec::new(), true, Vec::new());
     for (at, Group { trained, datasets }) in groups.iter().enumerate() {
         let name = numbered("results", at);
-        let evaluated = args.evaluate(&name, datasets, &trained.methods()?, Some(TimingPlan::default()))?;
+        let mut methods = trained.methods()?;
+        methods.extend(args.fit.map(|budget| trained.optimised(budget)).transpose()?.unwrap_or_default());
+        let evaluated = args.evaluate(&name, datasets, &methods, Some(TimingPlan::default()))?;
         complete &= evaluated.summary.is_complete();
         empty.extend(evaluated.nothing);
         stores.push((name, evaluated.results));

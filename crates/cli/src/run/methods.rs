@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, Method, NearestView, Optimised, Ply, Renders,
-    Splatting, Warp,
+    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, MAX_GAUSSIANS, Method, NearestView,
+    Optimised, Ply, Renders, Splatting, Warp,
 };
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::network::Device;
@@ -121,7 +121,7 @@ pub(super) struct MethodArgs {
     network: NetworkArgs,
 
     /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all.
-    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    #[arg(long, value_name = "N", default_value_t = MAX_GAUSSIANS)]
     max_gaussians: usize,
 
     /// Seconds that a process of exec may take to start, and for each trial; then it is killed and started again.

@@ -26,7 +26,7 @@ pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use exec::{Exec, ExecSettings};
 pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
-pub use optimised::{Optimised, START_POINTS};
+pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;
 pub use splatting::{Backend, Splatting};

@@ -13,6 +13,8 @@ use crate::{EvalError, MethodRecord, network_views};
 
 /// Points of a random start.
 pub const START_POINTS: usize = 5000;
+/// Most Gaussians of an optimisation from a random start, unless a caller has another limit.
+pub const MAX_GAUSSIANS: usize = 100_000;
 
 /// Gaussians optimised for each trial on its context views: 3DGS, Mip-Splatting and MCMC from a random start, or the
 /// refinement of what a network made.

@@ -1,3 +1,4 @@
+use atsplat_fit::{Budget, Strategy};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::{BlockExpansion, SelectionRatio};
 use atsplat_protocol::{EvaluationIndex, Preset};
@@ -36,6 +37,15 @@ pub struct Knobs {
     /// quarter of a grey level by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
+    /// Optimise each trial's Gaussians on its context views for so many steps: the network's, or random ones with `strategy`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps: Option<u64>,
+    /// As `steps`, for about so many seconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// Optimise random points with this strategy instead of refining what the network made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strategy: Option<Strategy>,
     /// Overrides of the renderer's constants.
     #[serde(default, skip_serializing_if = "RendererKnobs::is_empty")]
     pub renderer: RendererKnobs,
@@ -155,6 +165,28 @@ impl Knobs {
                 invalid("tolerance", "a finite number of at least 0", tolerance)
             }
             tolerance => Ok(tolerance),
+        }
+    }
+
+    /// How long each trial is optimised, if it is.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for both steps and seconds, for numbers that are not positive, for a strategy without either,
+    /// and for one that cannot start from random points.
+    pub fn budget(&self) -> Result<Option<Budget>, EvalError> {
+        if self.strategy == Some(Strategy::Fixed) {
+            return invalid("strategy", "3dgs, mip-splatting or mcmc; without it, the network is refined", "fixed");
+        }
+        match (self.steps, self.seconds) {
+            (Some(0), None) => invalid("steps", "at least 1", 0),
+            (Some(steps), None) => Ok(Some(Budget::Steps(steps))),
+            (None, Some(seconds)) if seconds.is_finite() && seconds > 0.0 => Ok(Some(Budget::Seconds(seconds))),
+            (None, Some(seconds)) => invalid("seconds", "a positive number", seconds),
+            (Some(_), Some(seconds)) => invalid("seconds", "steps or seconds, not both", seconds),
+            (None, None) if self.strategy.is_some() => {
+                invalid("strategy", "steps or seconds with it", self.strategy.map(Strategy::name))
+            }
+            (None, None) => Ok(None),
         }
     }
 

@@ -10,7 +10,9 @@ use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use super::{Knobs, Setting, Sweep};
 use crate::EvalError;
-use crate::method::{AtSplat, ChangedConstants, ConstantsChoice, Method, Splatting, WeightsSource};
+use crate::method::{
+    AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
+};
 use crate::runner::{Dataset, PlannedIndex};
 
 /// The base setting of a sweep, before any knob is applied.
@@ -66,6 +68,11 @@ impl SweepBase {
     /// The method at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
+        let (splatting, budget) = (self.splatting(knobs)?, knobs.budget()?);
+        if let (Some(strategy), Some(budget)) = (knobs.strategy, budget) {
+            let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
+            return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
+        }
         let (config, tensors, weights, trained_at) = match &knobs.weights {
             None => (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at),
             Some(path) => {
@@ -83,6 +90,14 @@ impl SweepBase {
             Some(size) => network.trained_at(size),
             None => network,
         };
+        let (name, seed) = (setting.label.as_str(), self.call_seed);
+        Ok(match budget {
+            Some(budget) => Arc::new(Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?),
+            None => Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?),
+        })
+    }
+
+    fn splatting(&self, knobs: &Knobs) -> Result<Splatting, EvalError> {
         let constants = if knobs.renderer.is_empty() {
             self.constants.clone()
         } else {
@@ -90,8 +105,7 @@ impl SweepBase {
         };
         let tolerance = knobs.effects_tolerance()?.unwrap_or(EffectPlan::TOLERANCE);
         let (background, effects) = (self.background, EffectSelection::Auto);
-        let splatting = Splatting { constants, background, effects, tolerance, ..Splatting::default() };
-        Ok(Arc::new(AtSplat::new(&setting.label, network, &weights, self.call_seed, splatting)?))
+        Ok(Splatting { constants, background, effects, tolerance, ..Splatting::default() })
     }
 }
 

@@ -102,7 +102,7 @@ impl Density for Adaptive {
                 (seen.means_2d.get(position), self.sums.get_mut(position), self.counts.get_mut(position))
             {
                 let [x, y] = [f64::from(*x) * 0.5 * seen.size[0], f64::from(*y) * 0.5 * seen.size[1]];
-                *sum += narrowed(x.hypot(y));
+                *sum += narrowed((x * x + y * y).sqrt());
                 *count += 1.0;
             }
         }

@@ -3,7 +3,7 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::{At, Changes, Density, DensityError};
-use crate::random::{Purpose, normals, stream, weighted};
+use crate::random::{Purpose, normals, skip_normals, stream, weighted};
 use crate::scene::{logit, narrowed, set, sigmoid};
 use crate::{Fault, Scene};
 
@@ -15,6 +15,8 @@ const GROWTH: f64 = 1.05;
 const REGULARISERS: [f64; 2] = [0.01, 0.01];
 /// Scale of the noise in units of the means' rate.
 const NOISE: f64 = 5e5;
+/// Share of the noise below which it is left out: opacities above 0.28, whose means it would not move by a rounding error.
+const LEAST_SHARE: f64 = 1e-12;
 /// Most Gaussians in one place that the correction of opacity and scale is made for.
 const MOST_TOGETHER: usize = 51;
 /// Gaussians per task and per stream of random numbers.
@@ -31,18 +33,26 @@ impl Density for Mcmc {
     fn regularise(&self, scene: &Scene, gradients: &mut Gradients<f32>) -> f64 {
         let count = scene.len() as f64;
         let [opacity_weight, scale_weight] = [REGULARISERS[0] / count, REGULARISERS[1] / (3.0 * count)];
-        let mut sum = 0.0;
-        for (gradient, opacity) in gradients.opacity_logits.iter_mut().zip(scene.opacities()) {
-            *gradient += narrowed(opacity_weight * opacity * (1.0 - opacity));
-            sum += opacity_weight * opacity;
-        }
-        let logs = scene.parts.log_scales.as_flattened();
-        for (gradient, log) in gradients.log_scales.as_flattened_mut().iter_mut().zip(logs) {
-            let scale = scale_weight * f64::from(*log).exp();
-            *gradient += narrowed(scale);
-            sum += scale;
-        }
-        sum
+        let opacities =
+            gradients.opacity_logits.par_chunks_mut(BLOCK).zip(scene.parts.opacity_logits.par_chunks(BLOCK));
+        let scales = gradients.log_scales.par_chunks_mut(BLOCK).zip(scene.parts.log_scales.par_chunks(BLOCK));
+        let block =
+            |((gradients, logits), (by_scale, scales)): ((&mut [f32], &[f32]), (&mut [[f32; 3]], &[[f32; 3]]))| {
+                let mut sum = 0.0;
+                for (gradient, logit) in gradients.iter_mut().zip(logits) {
+                    let opacity = sigmoid(*logit);
+                    *gradient += narrowed(opacity_weight * opacity * (1.0 - opacity));
+                    sum += opacity_weight * opacity;
+                }
+                for (gradient, log) in by_scale.as_flattened_mut().iter_mut().zip(scales.as_flattened()) {
+                    let scale = scale_weight * f64::from(*log).exp();
+                    *gradient += narrowed(scale);
+                    sum += scale;
+                }
+                sum
+            };
+        let sums: Vec<f64> = opacities.zip(scales).map(block).collect();
+        sums.into_iter().sum()
     }
 
     fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
@@ -156,7 +166,12 @@ fn add_noise(parts: &mut GaussianParts, at: &At) {
     blocks.enumerate().for_each(|(block, (means, ((quaternions, scales), logits)))| {
         let mut random = stream(seed, Purpose::Noise, block as u64);
         for ((mean, (quaternion, scales)), logit) in means.iter_mut().zip(quaternions.iter().zip(scales)).zip(logits) {
-            let noise = DVec3::from_array(normals(&mut random)) * (scale * faintness(sigmoid(*logit)));
+            let share = faintness(sigmoid(*logit));
+            if share < LEAST_SHARE {
+                skip_normals(&mut random);
+                continue;
+            }
+            let noise = DVec3::from_array(normals(&mut random)) * (scale * share);
             let [w, x, y, z] = quaternion.map(f64::from);
             let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
             let variances = DVec3::from_array(scales.map(|log| (2.0 * f64::from(log)).exp()));

@@ -148,7 +148,7 @@ pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map
 }
 
 /// Taps of [`Window::Gaussian11`].
-fn gaussian() -> [f64; 11] {
+pub(crate) fn gaussian() -> [f64; 11] {
     let mut taps = [0.0; 11];
     for (tap, offset) in taps.iter_mut().zip(-5i8..=5) {
         *tap = (-0.5 * (f64::from(offset) / 1.5).powi(2)).exp();

@@ -7,7 +7,6 @@
 //! Pictures are view by view, row by row, red, green, blue. The order of sums is fixed, so that results do not depend on the
 //! number of threads.
 
-mod blur;
 mod d_ssim;
 mod distance;
 mod learned;

@@ -10,6 +10,8 @@ use serde::Deserialize;
 const PROMISED: f64 = 1e-4;
 /// Accuracy that f32 gradients of f64 sums should reach.
 const REACHED: f64 = 1e-6;
+/// As `REACHED`, of D-SSIM in f32.
+const REACHED_F32: f64 = 5e-6;
 
 #[derive(Deserialize)]
 struct Case {
@@ -28,11 +30,11 @@ struct Case {
     uncertainty_gradient: Vec<f64>,
 }
 
-fn close(actual: &[f32], expected: &[f64], what: &str) {
+fn close(reached: f64, actual: &[f32], expected: &[f64], what: &str) {
     let largest = expected.iter().map(|value| value.abs()).fold(0.0, f64::maximum_of);
-    const { assert!(REACHED < PROMISED) };
+    const { assert!(REACHED < REACHED_F32 && REACHED_F32 < PROMISED) };
     let actual = actual.iter().copied().map(f64::from);
-    Tolerance::absolute(REACHED * largest).assert(actual, expected.iter().copied(), what);
+    Tolerance::absolute(reached * largest).assert(actual, expected.iter().copied(), what);
 }
 
 #[test]
@@ -42,14 +44,14 @@ fn losses_agree_with_pytorch() {
     for case in &cases {
         let stack = Stack { views: case.views, height: case.height, width: case.width };
         let error = mse(&case.render, &case.truth);
-        close(&error.gradient, &case.mse_gradient, "MSE's gradient");
+        close(REACHED, &error.gradient, &case.mse_gradient, "MSE's gradient");
         let dissimilarity = d_ssim(&case.render, &case.truth, stack);
-        close(&dissimilarity.loss.gradient, &case.d_ssim_gradient, "D-SSIM's gradient");
-        close(&dissimilarity.map, &case.d_ssim_map, "D-SSIM's map");
+        close(REACHED_F32, &dissimilarity.loss.gradient, &case.d_ssim_gradient, "D-SSIM's gradient");
+        close(REACHED_F32, &dissimilarity.map, &case.d_ssim_map, "D-SSIM's map");
         let unsure = uncertainty(&case.scalar, &dissimilarity.map);
-        close(&unsure.gradient, &case.uncertainty_gradient, "uncertainty's gradient");
+        close(REACHED, &unsure.gradient, &case.uncertainty_gradient, "uncertainty's gradient");
         let values = [error.value, dissimilarity.loss.value, unsure.value];
-        Tolerance::relative(REACHED).assert(values, [case.mse, case.d_ssim, case.uncertainty], "values");
+        Tolerance::relative(REACHED_F32).assert(values, [case.mse, case.d_ssim, case.uncertainty], "values");
     }
 }
 
@@ -140,7 +142,7 @@ fn adam_w_and_clipping_agree_with_pytorch() {
         for (position, (values, moments)) in parameters.iter_mut().zip(&mut moments).enumerate() {
             let update = Update { number: update, learning_rate: step.rate, scale };
             optimiser.step(update, values, &step.gradients[position], moments, position == 0);
-            close(values, &step.after[position], "parameters");
+            close(REACHED, values, &step.after[position], "parameters");
         }
     }
 }
