@@ -13,7 +13,6 @@ pub fn log_distance(predicted: &[f32], exact: &[f32]) -> Loss {
         let difference = predicted.ln() - exact.ln();
         sum += difference.abs();
         // As in PyTorch, the gradient is 0 where they are equal.
-        #[expect(clippy::float_cmp, reason = "an exact zero is meant")]
         let sign = if difference == 0.0 { 0.0 } else { difference.signum() };
         #[expect(clippy::cast_possible_truncation, reason = "gradients are f32")]
         let slope = (sign / (predicted * count)) as f32;

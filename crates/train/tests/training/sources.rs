@@ -72,6 +72,7 @@ fn distances_of_both_views_agree_about_the_scene() {
         let k = second.intrinsics.pixel_from_normalized(size);
         let [x, y] = [k.fx * seen.x / seen.z + k.cx, k.fy * seen.y / seen.z + k.cy];
         if seen.z > 0.0 && (0.0..32.0).contains(&x) && (0.0..32.0).contains(&y) {
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a pixel of the picture")]
             let there = f64::from(distances[32 * 32 + y as usize * 32 + x as usize]);
             errors.push((there / seen.length()).ln().abs());
         }
