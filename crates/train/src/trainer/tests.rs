@@ -58,7 +58,7 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
         _ => {}
     };
     assert!(trainer.run(Limits::default(), &mut on_event).unwrap());
-    assert_evaluated_once(&trainer, &evaluated, &folder.path().join("run"));
+    assert_evaluated_before_and_after(&trainer, &evaluated, &folder.path().join("run"));
     assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 2, "both sources, however often they are read");
     assert_eq!(notices.len(), 2, "{notices:?}");
     for (notice, count) in notices.iter().zip(1..) {
@@ -83,9 +83,9 @@ fn resuming_needs_a_log_or_checkpoints() {
     assert!(error.contains("neither: expected a run that was begun there"), "{error}");
 }
 
-/// After the last step, with the scores of the evaluation's own samples, reported and logged.
-fn assert_evaluated_once(trainer: &Trainer, reported: &[EvaluationRecord], folder: &Path) {
-    let [record] = reported else { panic!("{reported:?}") };
+/// Before the first and after the last step, with the scores of the evaluation's own sample, reported and logged.
+fn assert_evaluated_before_and_after(trainer: &Trainer, reported: &[EvaluationRecord], folder: &Path) {
+    let [start, record] = reported else { panic!("{reported:?}") };
     let evaluation = trainer.evaluation().unwrap();
     let [sample] = evaluation.samples() else { panic!("{} samples", evaluation.samples().len()) };
     let render = evaluation.renders(&trainer.network().unwrap(), sample).unwrap().remove(0);
@@ -93,7 +93,8 @@ fn assert_evaluated_once(trainer: &Trainer, reported: &[EvaluationRecord], folde
     let squares: f64 = pairs().map(|(a, b)| (f64::from(a.clamp(0.0, 1.0)) - f64::from(*b)).powi(2)).sum();
     let psnr = -10.0 * (squares / pairs().count() as f64).log10();
     Tolerance::absolute(1e-6).assert([record.psnr], [psnr], "PSNR of the only target");
-    assert_eq!((record.step, record.targets), (6, 1));
+    assert_eq!((start.step, record.step, record.targets), (0, 6, 1));
     let logged: Vec<EvaluationRecord> = crate::journal::read(&folder.join("evaluations.jsonl")).unwrap();
-    assert_eq!(logged.iter().map(|own| own.psnr.to_bits()).collect::<Vec<_>>(), [record.psnr.to_bits()]);
+    let bits = |records: &[EvaluationRecord]| records.iter().map(|own| own.psnr.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&logged), bits(reported));
 }
