@@ -217,6 +217,36 @@ fn simulated_scenes_are_readable_in_every_layout() {
     assert!(!here.join("new").exists(), "usage errors create no folder");
 }
 
+/// What an effect costs is a time with an interval or not measurable, never negative; what auto leaves out is within bounds.
+#[test]
+fn costs_of_effects_are_not_negative_and_compared_with_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = ["--scenes", "2", "--frames", "3", "--size", "48x32", "--costs"];
+    let simulate =
+        |out: &str, more: &[&str]| succeed(folder.path(), &[&["data", "simulate", out], &plain[..], more].concat());
+    let text = simulate("text", &[]);
+    let measured: Vec<&str> = text.lines().filter(|line| line.starts_with("    ")).collect();
+    for name in ["soft shadows", "the frame", "with all effects", "difference"] {
+        assert!(measured.iter().any(|line| line.trim_start().starts_with(name)), "{name}: {text}");
+    }
+    assert!(measured.iter().all(|line| !line.contains(" -") && !line.contains("(-")), "a negative cost: {text}");
+    assert!(text.contains("median ms a frame") && text.contains("all effects take "), "{text}");
+    let report: serde_json::Value = serde_json::from_str(&simulate("json", &["--json"])).unwrap();
+    for scene in report["scenes"].as_array().unwrap() {
+        let costs = &scene["costs"];
+        assert!(costs["difference"]["beyond"].as_f64().unwrap() <= 1e-3, "{costs}");
+        let effects = costs["effects"].as_array().unwrap();
+        assert_eq!(effects.len(), scene["effects"].as_array().unwrap().len(), "each effect that runs is measured");
+        for time in effects.iter().map(|effect| &effect["time"]).chain([&costs["frame"], &costs["all"]]) {
+            let [low, high] = [0, 1].map(|end| time["interval"][end].as_f64().unwrap());
+            assert!(0.0 <= low && low <= high && time["secs"].is_null() == (low <= 0.0), "{time}");
+            assert!(time["secs"].as_f64().is_none_or(|secs| low <= secs && secs <= high), "{time}");
+        }
+    }
+    let none = simulate("none", &["--effects", "none"]);
+    assert!(none.contains("0/2") && !none.contains("    soft shadows"), "{none}");
+}
+
 #[test]
 fn simulated_cameras_follow_a_given_route() {
     let folder = tempfile::tempdir().unwrap();

@@ -38,7 +38,7 @@ struct Face {
     leaving: Extent,
     /// Directions of reflection.
     bounced: Extent,
-    /// What can hide each lamp, and be seen in the mirror; found when first needed.
+    /// What can hide each lamp, and be seen in the mirror; searched for larger faces.
     shades: Vec<Shades>,
     mirrors: Option<Candidates>,
 }
@@ -46,7 +46,7 @@ struct Face {
 /// What can hide a lamp from a face.
 #[derive(Debug)]
 enum Shades {
-    /// Nothing, or it does not matter.
+    /// Nothing, or shadows do not run.
     Nothing,
     /// One object hides it from everywhere.
     Whole,
@@ -69,7 +69,7 @@ impl TiledLight<'_> {
         let (width, height) = (self.frame.size.width, self.frame.size.height);
         let bands = (0..height.div_ceil(TILE)).into_par_iter().map(|band| {
             let rows = band * TILE..((band + 1) * TILE).min(height);
-            let mut light = vec![Vec3::ZERO; (rows.len()) * width as usize];
+            let mut light = vec![Vec3::ZERO; rows.len() * width as usize];
             for tile in 0..width.div_ceil(TILE) {
                 let columns = tile * TILE..((tile + 1) * TILE).min(width);
                 let pixels: Vec<[u32; 2]> =
