@@ -25,4 +25,4 @@ mod sample;
 pub mod table;
 
 pub use error::ReportError;
-pub use report::{Report, Request};
+pub use report::{Report, Request, labels};

@@ -125,3 +125,27 @@ fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
         Err(source) => Err(ReportError::File { action: "writing", source, path }),
     }
 }
+
+/// Labels of stores: the folder's name, with a number if several have the same.
+pub fn labels(stores: &[PathBuf]) -> Vec<String> {
+    let name = |path: &Path| {
+        path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+    };
+    let names: Vec<String> = stores.iter().map(|path| name(path)).collect();
+    let label = |(at, own): (usize, &String)| {
+        let twins = names.iter().filter(|other| *other == own).count();
+        if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() }
+    };
+    names.iter().enumerate().map(label).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stores_of_the_same_name_get_distinct_labels() {
+        let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
+        assert_eq!(labels(&stores), ["run (1)", "run (2)", "other"]);
+    }
+}

@@ -1,7 +1,7 @@
 //! `atsplat report`: writes tables, plots and an HTML page of results stores.
 
 use std::io::IsTerminal as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context as _;
 use atsplat_eval::Results;
@@ -9,7 +9,7 @@ use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, verdict};
-use atsplat_report::{Report, Request};
+use atsplat_report::{Report, Request, labels};
 use clap::ValueEnum;
 use serde_json::json;
 
@@ -178,28 +178,9 @@ fn terminal() -> Terminal {
     Terminal { width: width.unwrap_or(DEFAULT_WIDTH), styled: is_terminal && !plain }
 }
 
-/// Labels of stores: the folder's name, with a number if several have the same.
-fn labels(stores: &[PathBuf]) -> Vec<String> {
-    let name = |path: &Path| {
-        path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
-    };
-    let names: Vec<String> = stores.iter().map(|path| name(path)).collect();
-    let label = |(at, own): (usize, &String)| {
-        let twins = names.iter().filter(|other| *other == own).count();
-        if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() }
-    };
-    names.iter().enumerate().map(label).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn stores_of_the_same_name_get_distinct_labels() {
-        let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
-        assert_eq!(labels(&stores), ["run (1)", "run (2)", "other"]);
-    }
 
     #[test]
     fn parses_table_names() {

@@ -22,7 +22,6 @@ use self::weights::{Group, Listed};
 use crate::output::{print_findings, print_warnings};
 use crate::progress::Progress;
 use crate::provenance;
-use crate::run::settings::suite;
 
 /// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
@@ -216,7 +215,7 @@ impl Args {
         methods: &[Arc<dyn Method>],
         timing: Option<TimingPlan>,
     ) -> anyhow::Result<Evaluated> {
-        let suite = suite(datasets, &[], self.metric_weights.as_deref())?;
+        let suite = runner::suite(datasets, &[], self.metric_weights.as_deref())?;
         let limit = if self.data.is_some() { self.suite.limit() } else { None };
         let plan = Plan {
             datasets,

@@ -40,7 +40,7 @@ pub trait Method: Debug + Send + Sync {
 
     /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
     /// ([`Preset::setting_for`]).
-    fn setting(&self) -> &'static str {
+    fn setting(&self) -> &str {
         "ATSplat"
     }
 

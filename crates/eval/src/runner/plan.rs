@@ -15,6 +15,7 @@ use crate::timing::{Machine, TimingPlan};
 use crate::{EvalError, PresetRecord, Provenance};
 
 /// A dataset with the protocol that it is evaluated under.
+#[derive(Clone)]
 pub struct Dataset {
     /// Name in the rows.
     pub name: String,

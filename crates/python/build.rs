@@ -1,0 +1,3 @@
+//! Passes the commit, as the binary's build does.
+
+include!("../cli/build.rs");
