@@ -1,3 +1,8 @@
 //! Passes the commit, as the binary's build does.
 
-include!("../cli/build.rs");
+#[path = "../cli/build.rs"]
+mod commit;
+
+fn main() {
+    commit::main();
+}
