@@ -139,7 +139,7 @@ fn answer(py: Python<'_>, trial: Trial, callable: &Py<PyAny>) -> PyResult<Outcom
     match output(py, trial, callable) {
         Ok(output) => Ok(Ok(output)),
         Err(error) if !error.is_instance_of::<PyException>(py) => Err(error),
-        Err(error) => Ok(Err(failure(py, &error)?)),
+        Err(error) => Ok(Err(failure(py, error)?)),
     }
 }
 
@@ -154,8 +154,8 @@ fn output(py: Python<'_>, trial: Trial, callable: &Py<PyAny>) -> PyResult<Output
 }
 
 /// `ValueError: what it says (file.py:12)`.
-fn failure(py: Python<'_>, error: &PyErr) -> PyResult<MethodError> {
+fn failure(py: Python<'_>, error: PyErr) -> PyResult<MethodError> {
     let (kind, why): (String, String) =
-        py.import("atsplat._methods")?.call_method1("describe", (error.value(py),))?.extract()?;
+        py.import("atsplat._methods")?.call_method1("describe", (error.into_value(py),))?.extract()?;
     Ok(if kind == "not-applicable" { MethodError::NotApplicable(why) } else { MethodError::Failed(why) })
 }

@@ -32,7 +32,7 @@ def binary():
 def rooms(tmp_path_factory, binary):
     """RE10K-like scenes of 128 × 128."""
     folder = tmp_path_factory.mktemp("data") / "rooms"
-    binary("data", "simulate", folder, "--scenes", SCENES, "--size", "128x128")
+    binary("data", "simulate", folder, "--scenes", SCENES, "--size", "128x128", "--samples", 1)
     return folder / "test"
 
 

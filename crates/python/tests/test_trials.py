@@ -24,7 +24,7 @@ def test_images_are_the_files_pixels(trials, rooms):
     trial = trials[0]
     for image, frame in zip(trial.context.images, trial.context.cameras.frames):
         folder = next(path for path in rooms.rglob(trial.scene) if path.is_dir())
-        stored = np.asarray(Image.open(sorted(folder.glob("*.png"))[frame]))
+        stored = np.asarray(Image.open(sorted(folder.glob("*.png"), key=lambda path: int(path.stem))[frame]))
         assert np.array_equal(np.round(image * 255).astype(np.uint8), stored)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import _native
+from .metrics import metrics
 from .protocols import with_metrics
 
 Path = str | PathLike
@@ -55,7 +56,8 @@ class Store:
         """The rows by column: floats, with NaN where there is no number, integers, booleans, or objects."""
         rows = self.rows()
         names = dict.fromkeys(name for row in rows for name in row if name != "not_computed")
-        return {name: _column([row.get(name) for row in rows]) for name in names}
+        scored = {metric["id"] for metric in metrics()}
+        return {name: _column([row.get(name) for row in rows], name in scored) for name in names}
 
     def failures(self) -> list[dict[str, Any]]:
         """Trials that failed or have failed targets, and targets with samples that are not finite, each with its ``detail``."""
@@ -78,7 +80,9 @@ def folder_of(store: Path | Store) -> str:
     return store.path if isinstance(store, Store) else fspath(store)
 
 
-def _column(values: list[Any]) -> np.ndarray:
+def _column(values: list[Any], is_score: bool) -> np.ndarray:
+    if is_score:
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
     present = [value for value in values if value is not None]
     kinds = {type(value) for value in present}
     if kinds and kinds <= {int, float}:
