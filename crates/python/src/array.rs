@@ -1,6 +1,7 @@
 //! NumPy arrays, by bytes: written once into the memory that the array then uses, read from one contiguous copy.
 //!
-//! The package makes arrays contiguous and of the requested type in `_arrays.py`.
+//! The package makes arrays contiguous and of the requested type in `_arrays.py`. The `numpy` crate would save a copy, but it asks for
+//! a feature of `num-integer` with which all of `arrow` is built again.
 
 use atsplat_pixels::{Image, ImageU8};
 use pyo3::prelude::*;
@@ -8,15 +9,19 @@ use pyo3::types::PyByteArray;
 
 use crate::error::Failure;
 
-/// A new array of f32, whose memory `numbers` fill in order.
-pub(crate) fn floats<'py>(
+/// A new array of f32: the `parts` one after the other, each number converted.
+pub(crate) fn floats<'py, 'a, T: Copy + 'a>(
     py: Python<'py>,
     shape: &[usize],
-    numbers: impl Iterator<Item = f32>,
+    parts: impl IntoIterator<Item = &'a [T]>,
+    convert: impl Fn(T) -> f32,
 ) -> PyResult<Bound<'py, PyAny>> {
     let bytes = PyByteArray::new_with(py, 4 * shape.iter().product::<usize>(), |memory| {
-        for (place, number) in memory.as_chunks_mut::<4>().0.iter_mut().zip(numbers) {
-            *place = number.to_ne_bytes();
+        let mut memory = memory.as_chunks_mut::<4>().0.iter_mut();
+        for part in parts {
+            for (number, place) in part.iter().zip(&mut memory) {
+                *place = convert(*number).to_ne_bytes();
+            }
         }
         Ok(())
     })?;

@@ -18,16 +18,10 @@ pub(crate) struct Gaussians(pub(crate) Arc<atsplat_splat::Gaussians>);
 
 #[pymethods]
 impl Gaussians {
-    /// From the bytes of contiguous f32 arrays.
+    /// From the bytes of contiguous f32 arrays: means, quaternions, log-scales, opacity logits and harmonics.
     #[staticmethod]
-    fn from_bytes(
-        means: &Bound<'_, PyBytes>,
-        quaternions: &Bound<'_, PyBytes>,
-        log_scales: &Bound<'_, PyBytes>,
-        opacity_logits: &Bound<'_, PyBytes>,
-        sh: &Bound<'_, PyBytes>,
-        coefficients: usize,
-    ) -> Result<Self, Failure> {
+    fn from_bytes(arrays: [Bound<'_, PyBytes>; 5], coefficients: usize) -> Result<Self, Failure> {
+        let [means, quaternions, log_scales, opacity_logits, sh] = arrays;
         let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_coefficients(*degree) == coefficients);
         let sh_degree = degree.ok_or_else(|| {
             Failure::invalid(
@@ -88,27 +82,27 @@ impl Gaussians {
 
     #[getter]
     fn means<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        floats(py, &[self.0.len(), 3], self.0.parts().means.as_flattened().iter().copied())
+        floats(py, &[self.0.len(), 3], [self.0.parts().means.as_flattened()], |number| number)
     }
 
     #[getter]
     fn quaternions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        floats(py, &[self.0.len(), 4], self.0.parts().quaternions.as_flattened().iter().copied())
+        floats(py, &[self.0.len(), 4], [self.0.parts().quaternions.as_flattened()], |number| number)
     }
 
     #[getter]
     fn log_scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        floats(py, &[self.0.len(), 3], self.0.parts().log_scales.as_flattened().iter().copied())
+        floats(py, &[self.0.len(), 3], [self.0.parts().log_scales.as_flattened()], |number| number)
     }
 
     #[getter]
     fn opacity_logits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        floats(py, &[self.0.len()], self.0.parts().opacity_logits.iter().copied())
+        floats(py, &[self.0.len()], [self.0.parts().opacity_logits.as_slice()], |number| number)
     }
 
     #[getter]
     fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let shape = [self.0.len(), sh_coefficients(self.0.sh_degree()), 3];
-        floats(py, &shape, self.0.parts().sh.as_flattened().iter().copied())
+        floats(py, &shape, [self.0.parts().sh.as_flattened()], |number| number)
     }
 }

@@ -39,12 +39,13 @@ pub(crate) fn render<'py>(
     let (width, height) = cameras.first().map_or((0, 0), |(.., width, height)| (*width as usize, *height as usize));
     let plane = [renderings.len(), height, width];
     let [count, height, width] = plane;
-    let colour = renderings.iter().flat_map(|rendering| rendering.rgb.as_flattened()).copied();
-    let mut images = vec![floats(py, &[count, height, width, 3], colour)?];
-    images.push(floats(py, &plane, renderings.iter().flat_map(|rendering| &rendering.alpha).copied())?);
+    let same = |number| number;
+    let colour = renderings.iter().map(|rendering| rendering.rgb.as_flattened());
+    let mut images = vec![floats(py, &[count, height, width, 3], colour, same)?];
+    images.push(floats(py, &plane, renderings.iter().map(|rendering| rendering.alpha.as_slice()), same)?);
     if depth {
-        let composited = renderings.iter().flat_map(|rendering| rendering.depth.iter().flatten());
-        images.push(floats(py, &plane, composited.copied())?);
+        let composited = renderings.iter().filter_map(|rendering| rendering.depth.as_deref());
+        images.push(floats(py, &plane, composited, same)?);
     }
     Ok(images)
 }

@@ -67,8 +67,7 @@ impl Input {
         if !pictures.iter().all(same) {
             return Err(Failure::invalid("context", "pictures of different sizes make no array").into());
         }
-        let samples = pictures.iter().flat_map(|picture| picture.samples()).map(|sample| f32::from(*sample) / 255.0);
-        floats(py, &[pictures.len(), size.0, size.1, 3], samples)
+        array_of(py, &pictures, size)
     }
 
     /// The cameras of the context views and their frames.
@@ -84,6 +83,16 @@ impl Input {
         let cameras = views.iter().map(|view| numbers(&view.camera, view.size)).collect();
         (cameras, views.iter().map(|view| view.frame).collect())
     }
+}
+
+/// Pictures of one size as an array, in [0, 1].
+fn array_of<'py>(
+    py: Python<'py>,
+    pictures: &[Arc<ImageU8>],
+    (height, width): (usize, usize),
+) -> PyResult<Bound<'py, PyAny>> {
+    let samples = pictures.iter().map(|picture| picture.samples());
+    floats(py, &[pictures.len(), height, width, 3], samples, |sample| f32::from(sample) / 255.0)
 }
 
 /// A trial with its target pictures.
@@ -106,8 +115,7 @@ impl Trial {
         let pictures: Vec<Arc<ImageU8>> =
             work(py, || all().collect::<Result<_, ProtocolError>>().map_err(Failure::from))?;
         let size = pictures.first().map_or((0, 0), |picture| (picture.height() as usize, picture.width() as usize));
-        let samples = pictures.iter().flat_map(|picture| picture.samples()).map(|sample| f32::from(*sample) / 255.0);
-        floats(py, &[pictures.len(), size.0, size.1, 3], samples)
+        array_of(py, &pictures, size)
     }
 
     /// Scores pictures; the rows as JSON.

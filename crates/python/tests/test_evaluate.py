@@ -160,7 +160,6 @@ def test_shards_merge_into_the_whole(rooms, tmp_path):
 
 
 def test_ctrl_c_stops_and_the_next_run_resumes(rooms, tmp_path):
-    """Once inside the method, once while it waits in code that holds no interpreter lock."""
     script = textwrap.dedent(f"""
         import sys, time
         import numpy as np

@@ -91,6 +91,13 @@ def test_identical_images_have_no_finite_psnr(trials, rooms):
     assert all(row["status"] == "identical" and row["psnr"] == np.inf and row["ssim"] == 1 for row in scored.targets)
 
 
+def test_open_data_keeps_its_protocol_and_index(data):
+    for protocol, options in [("re10k-2v-256", {}), (PROTOCOL, {"sampler": "re10k-2v"})]:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            atsplat.protocol(protocol).trials(data, **options)
+        assert raised.value.field == "data"
+
+
 def test_errors_name_file_and_field(rooms, tmp_path):
     with pytest.raises(atsplat.InvalidError, match="re10k-2v-256") as raised:
         atsplat.protocol("re10k")

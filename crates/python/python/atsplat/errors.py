@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .drift import Drift
+
 
 class AtsplatError(Exception):
     """The base of all errors of this package."""
@@ -23,7 +28,7 @@ class FileError(AtsplatError, OSError):
 class DriftedError(AtsplatError):
     """Numbers moved against a baseline. ``drift`` is the comparison."""
 
-    def __init__(self, drift: "Drift") -> None:  # noqa: F821
+    def __init__(self, drift: Drift) -> None:
         super().__init__(str(drift))
         self.drift = drift
 

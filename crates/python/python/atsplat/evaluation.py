@@ -77,12 +77,10 @@ def evaluate(
     Raises:
         AtsplatError: if nothing could be evaluated, or the data or the store cannot be used.
     """
-    listed = [protocols] if isinstance(protocols, (str, PurePath, Protocol)) else list(protocols)
+    listed = [protocols] if isinstance(protocols, (str, PathLike, Protocol)) else list(protocols)
     named = [one if isinstance(one, Protocol) else protocol(one) for one in listed]
     for one in named:
         check_setting(one, setting)
-    if isinstance(data, Data) and any(one.hash != data.protocol.hash for one in named):
-        raise _methods.invalid("data", f"expected data opened for the protocol, found {data.protocol.name}'s")
     opened = [one.open(data, **options) for one in named]
     record = _methods.record(method, name, title, parameters or {}, setting, deterministic)
     settings = {

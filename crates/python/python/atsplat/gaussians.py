@@ -45,14 +45,15 @@ class Gaussians:
     ) -> None:
         centres = floats(means, "means", (None, 3))
         count = len(centres)
-        parts = (
+        parts = [
             centres,
             floats(quaternions, "quaternions", (count, 4)),
             _one_of("log_scales", log_scales, "scales", scales, np.log, (count, 3), (count, 3)),
             _one_of("opacity_logits", opacity_logits, "opacities", opacities, _logits, (count,), (count,)),
             _one_of("sh", sh, "colours", colours, _coefficients, (count, None, 3), (count, 3)),
-        )
-        self._native = _native.Gaussians.from_bytes(*(part.tobytes() for part in parts), parts[-1].shape[1])
+        ]
+        coefficients = parts[-1].shape[1]
+        self._native = _native.Gaussians.from_bytes([part.tobytes() for part in parts], coefficients)
 
     @classmethod
     def _of(cls, native: Any) -> Gaussians:

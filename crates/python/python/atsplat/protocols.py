@@ -78,6 +78,10 @@ class Protocol:
             images: which copy of a capture's images: 1 for ``images``, 2, 4 or 8 for ``images_2`` …
         """
         if isinstance(data, Data):
+            if data.protocol.hash != self.hash:
+                raise invalid("data", f"expected data opened for {self.name}, found {data.protocol.name}'s")
+            if any((index, sampler, any_size, frames, images)):
+                raise invalid("data", "is open already: its index, sampler and pictures were chosen then")
             return data
         path = None if index is None else fspath(index)
         root = None if frames is None else fspath(frames)

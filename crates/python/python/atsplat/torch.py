@@ -138,7 +138,8 @@ class Evaluation:
         self.drift: Drift | None = None
 
     def __call__(self, step: int, method: Callable) -> Store | None:
-        """Evaluates ``method`` if it is time to; a module is evaluated in ``eval`` mode without gradients.
+        """Evaluates ``method`` if it is time to; a module, or a method of one, runs in ``eval`` mode without
+        gradients.
 
         Raises:
             DriftedError: if it is worse than the baseline.
@@ -153,10 +154,11 @@ class Evaluation:
         return store
 
     def _evaluate(self, step: int, method: Callable) -> Store:
-        modules = [method] if isinstance(method, torch.nn.Module) else []
-        training = [part for module in modules for part in module.modules() if part.training]
-        for module in modules:
-            module.eval()
+        module = getattr(method, "__self__", method)
+        parts = list(module.modules()) if isinstance(module, torch.nn.Module) else []
+        training = [part for part in parts if part.training]
+        for part in training:
+            part.training = False
         try:
             with torch.no_grad():
                 out = f"{self._out}/step-{step:08}"
