@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-fn main() {
+pub(crate) fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     // In another repository, the commits are not of this project.
     let ours = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().ok();

@@ -84,6 +84,20 @@ pub enum EvalError {
         /// The field, what was expected and found.
         source: Box<atsplat_protocol::ProtocolError>,
     },
+    /// Data without an index next to it.
+    #[error(
+        "no evaluation index in {}: give the file of {} (--index), or a sampling rule for data without an index (--sampler)",
+        data.display(), accepted.join(" or ")
+    )]
+    NoIndex {
+        /// The dataset.
+        data: PathBuf,
+        /// Names of the protocol's published indices.
+        accepted: Vec<String>,
+    },
+    /// The caller stopped the run.
+    #[error("the run was stopped; another one into the same folder resumes it")]
+    Stopped,
     /// Another process is writing to the store.
     #[error(
         "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a \

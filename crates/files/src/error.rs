@@ -37,7 +37,7 @@ pub struct Malformed {
     /// What was found, at most [`Malformed::SHOWN`] characters of it.
     pub found: String,
     /// The file, if it is known and no outer error names it.
-    pub path: Option<PathBuf>,
+    pub path: Option<Box<Path>>,
 }
 
 impl Malformed {
@@ -59,7 +59,7 @@ impl Malformed {
     /// The same error with its file.
     #[must_use]
     pub fn in_file(self, path: impl Into<PathBuf>) -> Self {
-        Self { path: Some(path.into()), ..self }
+        Self { path: Some(path.into().into()), ..self }
     }
 }
 

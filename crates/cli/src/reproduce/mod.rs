@@ -24,7 +24,6 @@ use crate::output::{print_findings, print_warnings};
 use crate::parse;
 use crate::progress::Progress;
 use crate::provenance;
-use crate::run::settings::suite;
 
 /// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
@@ -225,7 +224,7 @@ impl Args {
         methods: &[Arc<dyn Method>],
         timing: Option<TimingPlan>,
     ) -> anyhow::Result<Evaluated> {
-        let suite = suite(datasets, &[], self.metric_weights.as_deref())?;
+        let suite = runner::suite(datasets, &[], self.metric_weights.as_deref())?;
         let limit = if self.data.is_some() { self.suite.limit() } else { None };
         let plan = Plan {
             datasets,

@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, bail};
-use atsplat_eval::runner::{Dataset, PlannedIndex};
-use atsplat_eval::sources::AlreadyCropped;
+use anyhow::Context as _;
+use atsplat_eval::runner::{Dataset, IndexChoice};
 use atsplat_protocol::Preset;
 use atsplat_scene::{SceneSource, Warnings};
 
@@ -46,48 +45,23 @@ impl ProtocolArgs {
     /// Opens the data and finds each protocol's index.
     pub(crate) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Dataset>> {
         let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open(&self.data, warnings)?);
-        let mut datasets = Vec::with_capacity(self.presets.len());
-        for name in &self.presets {
-            let mut preset = Preset::resolve(name)?;
-            let mut source = Arc::clone(&source);
-            let mut description = self.data.display().to_string();
-            if self.any_size {
-                if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
-                    (source, preset) = (Arc::new(cropped), adapted);
-                    description.push_str(", pictures cropped beforehand");
-                } else {
-                    preset.preprocessing.expected_size = None;
-                }
-            }
-            let index = self.index(&preset, source.as_ref(), warnings).with_context(|| format!("protocol {name}"))?;
-            datasets.push(Dataset { name: preset.name.clone(), preset, source, description, index });
-        }
-        Ok(datasets)
+        let rule =
+            self.sampler.as_deref().map(|name| Ok::<_, anyhow::Error>((name, parse::rule(name)?))).transpose()?;
+        let index = match (&rule, &self.index) {
+            (Some((name, rule)), _) => IndexChoice::Sampled(name, rule),
+            (None, Some(path)) => IndexChoice::At(path),
+            (None, None) => IndexChoice::NextToData,
+        };
+        let open = |name: &String, warnings: &mut Warnings| -> anyhow::Result<Dataset> {
+            let (preset, source) = (Preset::resolve(name)?, Arc::clone(&source));
+            let opened = Dataset::new(preset, source, &self.data, index, self.any_size, warnings);
+            opened.with_context(|| format!("protocol {name}"))
+        };
+        self.presets.iter().map(|name| open(name, warnings)).collect()
     }
 
     /// Whether images of any size are accepted.
     pub(super) const fn takes_any_size(&self) -> bool {
         self.any_size
-    }
-
-    fn index(
-        &self,
-        preset: &Preset,
-        source: &dyn SceneSource,
-        warnings: &mut Warnings,
-    ) -> anyhow::Result<PlannedIndex> {
-        if let Some(sampler) = &self.sampler {
-            return Ok(PlannedIndex::sampled(sampler, &parse::rule(sampler)?, source, warnings));
-        }
-        let default = || PlannedIndex::next_to(&self.data, preset);
-        let Some(path) = self.index.clone().or_else(default) else {
-            let accepted: Vec<&str> = preset.index.accepted.iter().map(|accepted| accepted.name.as_str()).collect();
-            bail!(
-                "no evaluation index in {}: give --index with the file of {}, or --sampler for data without an index",
-                self.data.display(),
-                accepted.join(" or ")
-            )
-        };
-        Ok(PlannedIndex::read(&path, preset, source, warnings)?)
     }
 }

@@ -2,18 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::runner::{Dataset, KeepPictures, Selection, metric_ids, named_metrics};
+use atsplat_eval::runner::{Dataset, KeepPictures, Selection, suite};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, Provenance, Store};
-use atsplat_metrics::learned::WeightsFolders;
-use atsplat_metrics::{Networks, Suite};
+use atsplat_metrics::Suite;
 use atsplat_protocol::trial::Prefetch;
 
 use super::shard::ShardArg;
 use crate::parse::named;
-
-/// Cache of ground-truth features for learned metrics, in bytes.
-const FEATURE_CACHE_BYTES: usize = 512 << 20;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SettingArgs {
@@ -124,15 +120,6 @@ impl SettingArgs {
     pub(crate) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
         suite(datasets, &self.metrics, self.metric_weights.as_deref())
     }
-}
-
-/// The metrics of the protocols and `more`, with weights from a folder or torch's cache.
-pub(crate) fn suite(datasets: &[Dataset], more: &[String], weights: Option<&Path>) -> Result<Suite, EvalError> {
-    let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
-    let definitions = named_metrics(own.chain(more.iter().map(String::as_str)))?;
-    let given = WeightsFolders::new(weights.iter().map(|folder| folder.to_path_buf()).collect());
-    let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
-    Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
 }
 
 #[cfg(test)]

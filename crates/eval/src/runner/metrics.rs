@@ -1,8 +1,14 @@
-use atsplat_metrics::learned::Network;
-use atsplat_metrics::{Definition, Measure, Suite, definition, definitions};
+use std::path::Path;
+
+use atsplat_metrics::learned::{Network, WeightsFolders};
+use atsplat_metrics::{Definition, Measure, Networks, Suite, definition, definitions};
 use atsplat_protocol::{LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 
+use super::Dataset;
 use crate::{EvalError, MetricRecord};
+
+/// Cache of ground-truth features for learned metrics, in bytes.
+const FEATURE_CACHE_BYTES: usize = 512 << 20;
 
 /// A protocol's variants of PSNR, SSIM and LPIPS, in this order, as ids of [`atsplat_metrics::definitions`].
 pub const fn metric_ids(convention: &MetricConvention) -> [&'static str; 3] {
@@ -42,6 +48,18 @@ pub fn named_metrics<'a>(ids: impl IntoIterator<Item = &'a str>) -> Result<Vec<&
         requested.push(definition(id).ok_or_else(unknown)?.id);
     }
     Ok(definitions().iter().filter(|metric| requested.contains(&metric.id)).collect())
+}
+
+/// The metrics of the protocols and those named in `more`, with weights of learned ones from a folder or torch's cache.
+///
+/// # Errors
+/// [`EvalError::Unknown`], and [`EvalError::Metrics`] for a file that holds other weights.
+pub fn suite(datasets: &[Dataset], more: &[String], weights: Option<&Path>) -> Result<Suite, EvalError> {
+    let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
+    let definitions = named_metrics(own.chain(more.iter().map(String::as_str)))?;
+    let given = WeightsFolders::new(weights.iter().map(|folder| folder.to_path_buf()).collect());
+    let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
+    Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
 }
 
 /// The provenance records of a suite's metrics.

@@ -4,6 +4,7 @@
 //! targets of one, are evaluated concurrently without timing; a [timing pass](crate::timing) follows if requested. Failures
 //! become rows; only a store that cannot be written stops a run.
 
+mod dataset;
 mod evaluate;
 mod findings;
 mod index;
@@ -15,15 +16,18 @@ mod plan;
 mod run;
 mod scored;
 mod selection;
+mod single;
 mod walk;
 mod worst;
 
+pub use dataset::IndexChoice;
 pub use findings::Findings;
 pub use index::PlannedIndex;
-pub use metrics::{metric_ids, metric_records, named_metrics};
+pub use metrics::{metric_ids, metric_records, named_metrics, suite};
 pub use pictures::{CONTEXT, KeepPictures, TRUTH, picture_path};
 pub use plan::{Dataset, Plan, Summary, current_provenance};
-pub use run::run;
+pub use run::{run, run_until};
 pub use selection::{Selection, spread};
+pub use single::evaluate_trial;
 
 pub(crate) use walk::{groups, key_of, recipe};

@@ -14,6 +14,7 @@ use crate::timing::{Machine, TimingPlan, unix_seconds};
 use crate::{EvalError, PresetRecord, Provenance};
 
 /// A dataset with the protocol that it is evaluated under.
+#[derive(Clone)]
 pub struct Dataset {
     /// Name in the rows.
     pub name: String,

@@ -14,7 +14,21 @@ use crate::{EvalError, Results, Store, TargetStatus, TrialStatus, timing};
 /// # Errors
 /// [`EvalError::Io`] if the store cannot be written; results so far are kept. [`EvalError::Settings`] for a timing pass on a
 /// rayon thread while something else is evaluated.
-pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, Summary), EvalError> {
+pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, Summary), EvalError> {
+    run_until(plan, store, step, &|| false)
+}
+
+/// As [`run`], until `stop` is true: the trials in progress are dropped, and what was finished stays in the store, which another
+/// run resumes.
+///
+/// # Errors
+/// As [`run`], and [`EvalError::Stopped`].
+pub fn run_until(
+    plan: &Plan<'_>,
+    mut store: Store,
+    step: &(dyn Fn() + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Results, Summary), EvalError> {
     let mut findings = Findings::default();
     let mut summary = Summary::default();
     let worst = WorstSoFar::default();
@@ -37,7 +51,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         for methods in groups(&dataset.preset, plan.methods) {
-            let walk = Walk { plan, dataset, methods, store: &store, pictures, step };
+            let walk = Walk { plan, dataset, methods, store: &store, pictures, step, stop };
             walk.run(&index, &mut findings, &mut summary)?;
         }
     }

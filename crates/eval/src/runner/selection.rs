@@ -2,6 +2,7 @@ use std::collections::HashMap;
 
 use atsplat_protocol::EvaluationIndex;
 
+use super::Dataset;
 use crate::Shard;
 
 /// Which scenes of an index are run.
@@ -23,6 +24,11 @@ pub(crate) struct Selected {
 }
 
 impl Selection {
+    /// The part of a dataset's index that is run: scenes with entries that are in the data.
+    pub fn index_of(self, dataset: &Dataset) -> EvaluationIndex {
+        self.of(&dataset.index.index, dataset.source.keys()).index
+    }
+
     /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes those that lie
     /// together in the dataset: it opens no more chunks than it needs. All entries of a scene stay in one shard.
     pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {

@@ -80,6 +80,7 @@ pub(super) struct Walk<'a> {
     pub(super) store: &'a Store,
     pub(super) pictures: PictureSink<'a>,
     pub(super) step: &'a (dyn Fn() + Sync),
+    pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Walk<'_> {
@@ -98,6 +99,7 @@ impl Walk<'_> {
         let mut scenes: IndexMap<String, SceneState> = IndexMap::new();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         while let Some(outcome) = trials.next() {
+            self.go_on()?;
             let scene = outcome.as_ref().map_or_else(|skipped| skipped.scene.as_str(), |(trial, _)| trial.scene());
             let state = scenes.entry(scene.to_owned()).or_default();
             state.warnings.merge(trials.take_warnings());
@@ -153,6 +155,10 @@ impl Walk<'_> {
         Ok(())
     }
 
+    fn go_on(&self) -> Result<(), EvalError> {
+        if (self.stop)() { Err(EvalError::Stopped) } else { Ok(()) }
+    }
+
     /// Splits the index into scenes that the store has results of, by any method, and the rest.
     fn split_known(&self, index: &EvaluationIndex) -> (EvaluationIndex, EvaluationIndex) {
         let is_known = |scene: &str, entries: usize| {
@@ -203,9 +209,12 @@ impl Walk<'_> {
         (0..before).for_each(|_| (self.step)());
         let evaluated = missing.len() as u64;
         for (method, input_hash) in missing {
+            self.go_on()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
+            // A trial that was interrupted has not failed.
+            self.go_on()?;
             self.store.append(&row, &targets)?;
             (self.step)();
         }

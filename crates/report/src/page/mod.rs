@@ -22,6 +22,7 @@ use sha2::{Digest as _, Sha256};
 
 pub use film::Film;
 pub use live::{LivePicture, LiveTrial};
+pub use tables::table_html;
 
 use crate::ReportError;
 use crate::emit::{TableFormat, json_of};

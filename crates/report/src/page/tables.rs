@@ -11,6 +11,17 @@ pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     tables.iter().map(|table| card(table, stores)).collect()
 }
 
+/// A table alone, without buttons and style, as notebooks show it.
+pub fn table_html(table: &Table) -> String {
+    let notes: String = table.footer.iter().map(|note| format!("<li>{}</li>", escaped(&note.text))).collect();
+    format!(
+        "<p><strong>{}</strong><br>{}</p>{}<details><summary>Convention, counts, intervals</summary><ul>{notes}</ul></details>",
+        escaped(&table.title),
+        escaped(&table.caption),
+        body(table, &[]),
+    )
+}
+
 fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
     let name = escaped(&table.name);
     let buttons: String = [("latex", "LaTeX"), ("markdown", "Markdown"), ("csv", "CSV")]

@@ -1,0 +1,59 @@
+//! A protocol on some data, with the index that belongs to both.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use atsplat_protocol::{IndexBuilder, Preset};
+use atsplat_scene::{SceneSource, Warnings};
+
+use super::{Dataset, PlannedIndex};
+use crate::EvalError;
+use crate::sources::AlreadyCropped;
+
+/// Which index a protocol is evaluated on.
+#[derive(Clone, Copy, Debug)]
+pub enum IndexChoice<'a> {
+    /// The file next to the data ([`PlannedIndex::next_to`]).
+    NextToData,
+    /// This file, or the protocol's published index below this folder ([`PlannedIndex::read`]).
+    At(&'a Path),
+    /// Frames sampled by a rule of this name or path ([`PlannedIndex::sampled`]).
+    Sampled(&'a str, &'a IndexBuilder),
+}
+
+impl Dataset {
+    /// A protocol on the scenes of `source`, which was opened from `data`. With `any_size`, pictures of any size are accepted,
+    /// and pictures of the size that the protocol crops to count as already cropped.
+    ///
+    /// # Errors
+    /// [`EvalError::NoIndex`] without an index next to the data, and the errors of [`PlannedIndex::read`].
+    pub fn new(
+        mut preset: Preset,
+        mut source: Arc<dyn SceneSource>,
+        data: &Path,
+        index: IndexChoice<'_>,
+        any_size: bool,
+        warnings: &mut Warnings,
+    ) -> Result<Self, EvalError> {
+        let mut description = data.display().to_string();
+        if any_size {
+            if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
+                (source, preset) = (Arc::new(cropped), adapted);
+                description.push_str(", pictures cropped beforehand");
+            } else {
+                preset.preprocessing.expected_size = None;
+            }
+        }
+        let index = match index {
+            IndexChoice::Sampled(name, rule) => PlannedIndex::sampled(name, rule, source.as_ref(), warnings),
+            IndexChoice::At(path) => PlannedIndex::read(path, &preset, source.as_ref(), warnings)?,
+            IndexChoice::NextToData => {
+                let accepted = || preset.index.accepted.iter().map(|accepted| accepted.name.clone()).collect();
+                let none = || EvalError::NoIndex { data: data.to_owned(), accepted: accepted() };
+                let path = PlannedIndex::next_to(data, &preset).ok_or_else(none)?;
+                PlannedIndex::read(&path, &preset, source.as_ref(), warnings)?
+            }
+        };
+        Ok(Self { name: preset.name.clone(), preset, source, description, index })
+    }
+}

@@ -1,0 +1,30 @@
+use std::path::Path;
+
+use atsplat_metrics::Suite;
+use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
+
+use super::evaluate::{DecodedTrial, Evaluation};
+use super::pictures::PictureSink;
+use super::walk::key_of;
+use super::worst::WorstSoFar;
+use super::{Dataset, KeepPictures};
+use crate::method::Method;
+use crate::{EvalError, TargetRow, TrialRow};
+
+/// The rows of one trial under one method, as [`super::run`] stores them; a method that fails gives failed rows.
+///
+/// # Errors
+/// None today: only a store that cannot be written is one.
+pub fn evaluate_trial(
+    dataset: &Dataset,
+    suite: &Suite,
+    trial: Trial,
+    targets: &TargetPictures,
+    method: &dyn Method,
+) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
+    let (keep, store, worst) = (KeepPictures::Nothing, Path::new(""), WorstSoFar::default());
+    let evaluation =
+        Evaluation { preset: &dataset.preset, suite, pictures: PictureSink { keep, store, worst: &worst } };
+    let key = key_of(dataset, method, trial.scene(), trial.entry_number());
+    evaluation.rows(key, None, &DecodedTrial::new(trial, targets, &PictureDigests::default()), method)
+}

@@ -1,0 +1,79 @@
+//! Runs that are stopped, and trials that are evaluated alone.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use atsplat_eval::method::{Method, MethodError, Prediction, TrialInput, Warp};
+use atsplat_eval::runner::{Selection, current_provenance, evaluate_trial, run_until};
+use atsplat_eval::{EvalError, MethodRecord, Results, Store};
+use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
+use common::{Run, Walls, baselines, dataset, entry, rows};
+
+/// The plane warp, which counts its calls and knows one at which it was interrupted.
+#[derive(Debug)]
+struct Counted {
+    calls: AtomicUsize,
+    last: usize,
+}
+
+impl Method for Counted {
+    fn record(&self) -> MethodRecord {
+        Warp.record()
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        if self.calls.fetch_add(1, Ordering::Relaxed) + 1 >= self.last {
+            return Err(MethodError::Failed("interrupted".to_owned()));
+        }
+        Warp.predict(input)
+    }
+}
+
+fn walls(methods: Vec<Arc<dyn Method>>) -> Run {
+    Run::new(vec![dataset(Walls::new(6, 8), &[entry(&[0, 4], &[1, 6])])], methods)
+}
+
+#[test]
+fn a_stopped_run_keeps_what_was_finished_and_resumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let method = Arc::new(Counted { calls: AtomicUsize::new(0), last: 4 });
+    let run = walls(vec![Arc::clone(&method) as Arc<dyn Method>]);
+    let plan = run.plan();
+    let store =
+        Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
+    let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let stopped = one_thread.install(|| run_until(&plan, store, &|| (), &stop)).unwrap_err();
+    assert!(matches!(stopped, EvalError::Stopped), "{stopped}");
+    let kept = Results::read(folder.path()).unwrap();
+    assert_eq!(kept.trials.len(), 3, "three were finished, and the interrupted one has no row");
+    assert!(kept.trials.iter().all(|trial| trial.detail.is_none()));
+    let (resumed, summary) = walls(vec![Arc::new(Warp)]).run(folder.path()).unwrap();
+    assert_eq!((summary.resumed, summary.evaluated), (3, 3));
+    let whole = walls(vec![Arc::new(Warp)]).run(tempfile::tempdir().unwrap().path()).unwrap().0;
+    assert_eq!(rows(&resumed), rows(&whole));
+}
+
+#[test]
+fn a_trial_alone_has_the_rows_of_a_run() {
+    let run = walls(baselines());
+    let (results, _) = run.run(tempfile::tempdir().unwrap().path()).unwrap();
+    let dataset = &run.datasets[0];
+    let index = Selection { limit: Some(2), shard: None }.index_of(dataset);
+    let recipe = TrialRecipe::of(&dataset.preset, "ATSplat");
+    let mut seen = 0;
+    for outcome in Trials::new(Arc::clone(&dataset.source), &index, recipe, Prefetch::default()) {
+        let (trial, truth) = outcome.unwrap();
+        for method in &run.methods {
+            let (row, targets) = evaluate_trial(dataset, &run.suite, trial.clone(), &truth, method.as_ref()).unwrap();
+            let ran: Vec<_> = results.targets.iter().filter(|own| own.key == row.key).cloned().collect();
+            assert!(results.trials.contains(&row) && targets == ran, "{row:?}");
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, 4);
+}

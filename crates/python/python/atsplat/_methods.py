@@ -1,0 +1,108 @@
+"""Methods as the native part calls them."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ._arrays import images, invalid
+from .cameras import Cameras
+from .errors import AtsplatError, NotApplicable
+from .gaussians import Gaussians
+
+#: Methods without learning that are part of atsplat.
+BUILT_IN = {"nearest-view": "nearest view", "warp": "plane warp"}
+
+
+def name_of(method: Callable) -> str:
+    """The name of a function, or of an object's class."""
+    name = getattr(method, "__name__", None) or type(method).__name__
+    return "method" if name == "<lambda>" else name
+
+
+def record(
+    method: Callable | str,
+    name: str | None,
+    title: str | None,
+    parameters: Mapping[str, Any],
+    setting: str,
+    deterministic: bool,
+) -> str:
+    """What a store says about the method."""
+    if isinstance(method, str):
+        if method not in BUILT_IN:
+            raise invalid("method", f"expected a callable, or one of {', '.join(BUILT_IN)}, found {method!r}")
+        name, kind, title = method, method, BUILT_IN[method]
+    elif callable(method):
+        name, kind = name or name_of(method), "python"
+    else:
+        raise invalid("method", f"expected a callable, found {type(method).__name__}")
+    if name in ("truth", "context") or not all(c.isalnum() or c in "-_.+ " for c in name) or not name.strip():
+        raise invalid("name", f"expected letters, digits, spaces, - _ . and +, other than truth and context, found {name!r}")
+    stated = dict(parameters)
+    if kind == "python":
+        stated.setdefault("setting", setting)
+    return json.dumps({
+        "name": name,
+        "kind": kind,
+        "title": title or name,
+        "parameters": stated,
+        "weights-sha256": None,
+        "untrained": False,
+        "constants": None,
+        "backend": None,
+        "deterministic": deterministic or kind != "python",
+    })
+
+
+@dataclass(frozen=True)
+class Info:
+    """What else a method may know about a trial."""
+
+    #: Key of the scene.
+    scene: str
+    #: Position of the index entry among the scene's.
+    entry: int
+    #: Near and far plane, in units of the trial's world.
+    near_far: tuple[float, float]
+    #: Overlap of the context views, if the index has it.
+    overlap: float | None
+
+
+def adapted(method: Callable) -> Callable:
+    """Calls a method with arrays, and makes its output plain."""
+    takes_trial = _takes_trial(method)
+
+    def call(trial: Any) -> Any:
+        context, target = Cameras._of(*trial.context_cameras()), Cameras._of(*trial.target_cameras())
+        info = {"trial": Info(trial.scene, trial.entry, trial.near_far, trial.overlap)} if takes_trial else {}
+        output = method(trial.context_images(), context, target, **info)
+        return output._native if isinstance(output, Gaussians) else images(output)
+
+    return call
+
+
+def _takes_trial(method: Callable) -> bool:
+    # A module's call takes anything; what it passes on says more.
+    try:
+        return "trial" in inspect.signature(getattr(method, "forward", method)).parameters
+    except (TypeError, ValueError):
+        return False
+
+
+def describe(error: BaseException) -> tuple[str, str]:
+    """The reason in a failed row: the exception, and the last line of the method's own code that raised it."""
+    if isinstance(error, NotApplicable):
+        return "not-applicable", str(error)
+    if isinstance(error, AtsplatError):
+        return "failed", str(error)
+    text = traceback.format_exception_only(error)[-1].strip()
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if os.path.dirname(frame.filename) != os.path.dirname(__file__)]
+    place = f" ({os.path.basename(own[-1].filename)}:{own[-1].lineno})" if own else ""
+    return "failed", f"{text}{place}"

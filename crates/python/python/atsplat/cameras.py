@@ -1,0 +1,160 @@
+"""Posed cameras as arrays, with conversions of axes and intrinsics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ._arrays import as_array, invalid
+
+#: The camera's axes in each convention, as multiples of OpenCV's: +x right, +y down, +z forward.
+CONVENTIONS = {
+    "opencv": (1.0, 1.0, 1.0),  # COLMAP, RE10K, pixelSplat, 3DGS
+    "opengl": (1.0, -1.0, -1.0),  # nerfstudio, Blender, instant-ngp: +y up, looking along -z
+    "pytorch3d": (-1.0, -1.0, 1.0),  # +x left, +y up
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """N posed cameras.
+
+    Attributes:
+        camera_from_world: N × 4 × 4, float64: world to camera ("extrinsics", "w2c"), OpenCV axes.
+        intrinsics: N × 3 × 3, float64, in units of the image's width and height: ``fx / width``, ``cy / height``.
+        height: of the images, in pixels.
+        width: of the images, in pixels.
+        frames: N positions of the frames in their scene.
+        lenses: N pairs of a model and its coefficients: ``("pinhole", ())``, ``("opencv", (k1, k2, p1, p2, k3))``,
+            ``("fisheye", (k1, k2, k3, k4))``.
+    """
+
+    camera_from_world: np.ndarray
+    intrinsics: np.ndarray
+    height: int
+    width: int
+    frames: tuple[int, ...]
+    lenses: tuple[tuple[str, tuple[float, ...]], ...]
+
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        height: int,
+        width: int,
+        world_from_camera: Any = None,
+        camera_from_world: Any = None,
+        intrinsics: Any = None,
+        pixel_intrinsics: Any = None,
+        convention: str = "opencv",
+    ) -> Cameras:
+        """Cameras without lens distortion.
+
+        Args:
+            world_from_camera: N × 4 × 4 (or 3 × 4), camera to world; or
+            camera_from_world: N × 4 × 4 (or 3 × 4), world to camera.
+            intrinsics: N × 3 × 3 or 3 × 3, in units of the image's size; or
+            pixel_intrinsics: N × 3 × 3 or 3 × 3, in pixels, with pixel centres at + 0.5.
+            convention: the camera's axes: ``opencv``, ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
+        """
+        if (world_from_camera is None) == (camera_from_world is None):
+            raise invalid("cameras", "expected one of world_from_camera and camera_from_world")
+        if (intrinsics is None) == (pixel_intrinsics is None):
+            raise invalid("cameras", "expected one of intrinsics and pixel_intrinsics")
+        flip = _flip(convention)
+        if camera_from_world is None:
+            camera_from_world = np.linalg.inv(_poses(world_from_camera, "world_from_camera") @ flip)
+        else:
+            camera_from_world = flip @ _poses(camera_from_world, "camera_from_world")
+        matrices = np.array(as_array(pixel_intrinsics if intrinsics is None else intrinsics), dtype=np.float64)
+        if matrices.shape[-2:] != (3, 3) or matrices.ndim > 3:
+            raise invalid("intrinsics", f"expected N × 3 × 3 or 3 × 3, found {matrices.shape}")
+        matrices = np.broadcast_to(matrices, (len(camera_from_world), 3, 3)).copy()
+        if intrinsics is None:
+            matrices[:, 0] /= width
+            matrices[:, 1] /= height
+        count = len(camera_from_world)
+        return cls(camera_from_world, matrices, height, width, tuple(range(count)), (("pinhole", ()),) * count)
+
+    @classmethod
+    def _of(cls, cameras: list, frames: Sequence[int]) -> Cameras:
+        poses = np.tile(np.eye(4), (len(cameras), 1, 1))
+        matrices = np.tile(np.eye(3), (len(cameras), 1, 1))
+        for at, (pose, (fx, fy, cx, cy), *_) in enumerate(cameras):
+            poses[at, :3] = np.reshape(pose, (3, 4))
+            matrices[at] = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+        sizes = {(height, width) for *_, width, height in cameras} or {(0, 0)}
+        if len(sizes) > 1:
+            raise invalid("cameras", f"expected one image size, found {sorted(sizes)} (height, width)")
+        height, width = sizes.pop()
+        lenses = tuple((lens, tuple(coefficients)) for _, _, lens, coefficients, _, _ in cameras)
+        return cls(poses, matrices, height, width, tuple(frames), lenses)
+
+    def _numbers(self) -> list:
+        k = self.intrinsics
+        return [
+            (pose[:3].ravel().tolist(), [k[0, 0], k[1, 1], k[0, 2], k[1, 2]], lens, list(coefficients), self.width, self.height)
+            for pose, k, (lens, coefficients) in zip(self.camera_from_world, k, self.lenses)
+        ]
+
+    def __len__(self) -> int:
+        return len(self.camera_from_world)
+
+    def __getitem__(self, at: int | slice) -> Cameras:
+        """Some of the cameras; a single position gives ``Cameras`` of one."""
+        if not isinstance(at, slice):
+            position = range(len(self))[at]
+            at = slice(position, position + 1)
+        parts = (self.camera_from_world[at], self.intrinsics[at], self.height, self.width, self.frames[at], self.lenses[at])
+        return Cameras(*parts)
+
+    def __iter__(self) -> Iterator[Cameras]:
+        return (self[at] for at in range(len(self)))
+
+    @property
+    def world_from_camera(self) -> np.ndarray:
+        """N × 4 × 4, float64: camera to world ("c2w"), OpenCV axes. The last column is the camera's centre."""
+        return np.linalg.inv(self.camera_from_world)
+
+    @property
+    def pixel_intrinsics(self) -> np.ndarray:
+        """N × 3 × 3, float64, in pixels, with the centre of the first pixel at (0.5, 0.5)."""
+        matrices = self.intrinsics.copy()
+        matrices[:, 0] *= self.width
+        matrices[:, 1] *= self.height
+        return matrices
+
+    @property
+    def centres(self) -> np.ndarray:
+        """N × 3, float64: the cameras' centres in the world."""
+        return self.world_from_camera[:, :3, 3]
+
+    def world_from_camera_in(self, convention: str) -> np.ndarray:
+        """N × 4 × 4, float64: camera to world for cameras with the axes of ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
+        Only the camera's axes differ between conventions, never the world's."""
+        return self.world_from_camera @ _flip(convention)
+
+    def camera_from_world_in(self, convention: str) -> np.ndarray:
+        """N × 4 × 4, float64: world to camera for cameras with the axes of ``convention``."""
+        return _flip(convention) @ self.camera_from_world
+
+
+def _flip(convention: str) -> np.ndarray:
+    if convention not in CONVENTIONS:
+        raise invalid("convention", f"expected one of {', '.join(CONVENTIONS)}, found {convention!r}")
+    return np.diag([*CONVENTIONS[convention], 1.0])
+
+
+def _poses(value: Any, field: str) -> np.ndarray:
+    poses = np.array(as_array(value), dtype=np.float64)
+    poses = poses[None] if poses.ndim == 2 else poses
+    if poses.ndim != 3 or poses.shape[1:] not in ((3, 4), (4, 4)):
+        raise invalid(field, f"expected N × 4 × 4 or N × 3 × 4, found {poses.shape}")
+    if not np.isfinite(poses).all():
+        raise invalid(field, "expected finite numbers")
+    whole = np.tile(np.eye(4), (len(poses), 1, 1))
+    whole[:, :3] = poses[:, :3]
+    return whole

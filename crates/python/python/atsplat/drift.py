@@ -1,0 +1,61 @@
+"""Guards numbers against a baseline."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike, fspath
+from typing import Any
+
+from . import _native
+from .errors import DriftedError
+from .stores import Store, folder_of
+
+Path = str | PathLike
+
+
+class Drift:
+    """A comparison of a store with a baseline. ``str`` of it says what moved, and by how much."""
+
+    def __init__(self, report: str, text: str, drifted: bool) -> None:
+        #: Everything, as ``atsplat drift --json`` prints it.
+        self.report: dict[str, Any] = json.loads(report)
+        #: Whether a number moved beyond its limit, or trials, data or protocols changed.
+        self.drifted = drifted
+        self._text = text
+
+    @property
+    def verdict(self) -> str:
+        """``same``, ``within``, ``nothing`` (there was nothing to compare) or ``drifted``."""
+        return self.report["verdict"]
+
+    @property
+    def comparisons(self) -> list[dict[str, Any]]:
+        """For each preset, method and metric: the verdict, both means, and the largest change of a target."""
+        return self.report["comparisons"]
+
+    def raise_if_drifted(self) -> None:
+        """Raises :class:`~atsplat.DriftedError` if a number moved, or if there was nothing to compare."""
+        if self.verdict not in ("same", "within"):
+            raise DriftedError(self)
+
+    def __str__(self) -> str:
+        return self._text
+
+    def __repr__(self) -> str:
+        return f"Drift({self.verdict!r})"
+
+
+def drift(store: Path | Store, baseline: Path, *, probe: bool = False) -> Drift:
+    """Compares results with a baseline.
+
+    Args:
+        store: results.
+        baseline: the file that :func:`accept_baseline` or ``atsplat drift accept`` wrote.
+        probe: run the pipeline's stages on this machine, to find which one moved a number, if the baseline has a probe.
+    """
+    return Drift(*_native.compare_with_baseline(folder_of(store), fspath(baseline), probe))
+
+
+def accept_baseline(store: Path | Store, baseline: Path, *, why: str) -> None:
+    """Makes results the baseline; ``why`` is kept in its history. ``atsplat drift accept`` stores a probe too."""
+    _native.accept_baseline(folder_of(store), fspath(baseline), why)

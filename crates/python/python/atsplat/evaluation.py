@@ -1,0 +1,103 @@
+"""Evaluates any Python callable under protocols, into the same stores as ``atsplat run``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike, fspath
+from pathlib import PurePath
+from typing import Any
+
+from . import _methods, _native
+from .errors import AtsplatError
+from .protocols import Data, Protocol, check_setting, protocol
+from .stores import Store, open_store
+
+Path = str | PathLike
+
+
+def evaluate(
+    method: Callable | str,
+    protocols: str | Path | Protocol | Sequence[str | Path | Protocol],
+    *,
+    data: Path | Data,
+    out: Path,
+    name: str | None = None,
+    title: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    resume: bool = True,
+    limit: int | None = None,
+    shard: tuple[int, int] | None = None,
+    metrics: Sequence[str] = (),
+    weights: Path | None = None,
+    keep_pictures: str = "none",
+    setting: str = "ATSplat",
+    deterministic: bool = False,
+    progress: Callable[[], None] | None = None,
+    **options: Any,
+) -> Store:
+    """Evaluates a method on every trial of protocols.
+
+    The method is called as ``method(context_images, context_cameras, target_cameras)``, on the calling thread, one trial at a time,
+    while other threads read, score and store:
+
+    - ``context_images``: V × H × W × 3, float32 in [0, 1];
+    - ``context_cameras``, ``target_cameras``: :class:`~atsplat.Cameras` in the trial's normalised world.
+
+    A method with a parameter named ``trial`` is also given an object with ``scene``, ``entry``, ``near_far`` (in the units of that
+    world) and ``overlap``.
+
+    It returns images (targets × H × W × 3, float in [0, 1] or uint8, of any library) or :class:`~atsplat.Gaussians` in the same world,
+    which are rendered as the protocol says. An exception, a wrong shape or NaN becomes a failed row with its reason, and the run goes
+    on; :class:`~atsplat.NotApplicable` says that a method does not support a kind of trial. Ctrl-C stops the run; what was
+    finished stays, and the next call resumes it.
+
+    Args:
+        method: any callable, or ``"nearest-view"`` or ``"warp"``, the baselines without learning.
+        protocols: names, paths of ``.toml`` files, or :class:`~atsplat.Protocol`.
+        data: the dataset, as for :meth:`atsplat.Protocol.open`.
+        out: folder of the store.
+        name: the method's name in the results; by default that of the function or class.
+        title: its title in tables.
+        parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
+        resume: keep results that the store already has, if trial and data are unchanged; else the folder must hold no store.
+        limit: at most this many scenes, spread evenly over the index.
+        shard: ``(k, n)``: only the k-th of n parts of the scenes, from 1; :func:`atsplat.merge` merges them.
+        metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
+        weights: folder of LPIPS weights, searched before torch's cache.
+        keep_pictures: ``none``, ``worst`` (and typical and best) or ``all``.
+        setting: whose published pose normalisation, near and far planes are used (:attr:`atsplat.Protocol.settings`).
+        deterministic: whether equal input gives equal bits; drift then compares bit by bit.
+        progress: called after each result.
+        options: ``index``, ``sampler``, ``any_size``, ``frames``, ``images``, as for :meth:`atsplat.Protocol.open`.
+
+    Returns:
+        The store. ``store.failures()`` lists rows that failed.
+
+    Raises:
+        AtsplatError: if nothing could be evaluated, or the data or the store cannot be used.
+    """
+    listed = [protocols] if isinstance(protocols, (str, PathLike, Protocol)) else list(protocols)
+    named = [one if isinstance(one, Protocol) else protocol(one) for one in listed]
+    for one in named:
+        check_setting(one, setting)
+    opened = [one.open(data, **options) for one in named]
+    record = _methods.record(method, name, title, parameters or {}, setting, deterministic)
+    settings = {
+        "out": fspath(out),
+        "resume": resume,
+        "limit": limit,
+        "shard": shard,
+        "metrics": list(metrics),
+        "weights": None if weights is None else fspath(weights),
+        "keep_pictures": keep_pictures,
+        "setting": setting,
+        "command": [PurePath(argument).name if at == 0 else argument for at, argument in enumerate(sys.argv)],
+    }
+    called = method if isinstance(method, str) else _methods.adapted(method)
+    _, nothing = _native.evaluate(called, record, [one._native for one in opened], settings, progress)
+    if nothing is not None:
+        error = AtsplatError(f"nothing was evaluated: {nothing}")
+        error.file = fspath(out)
+        raise error
+    return open_store(out)

@@ -1,0 +1,140 @@
+"""3D Gaussians from and to arrays and files."""
+
+from __future__ import annotations
+
+import warnings
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+
+from . import _native
+from ._arrays import floats, invalid
+
+#: The spherical harmonic of degree 0: ``colour = C0 * coefficient + 0.5``.
+C0 = 0.28209479177387814
+
+
+class Gaussians:
+    """N Gaussians, parameterised as 3DGS and its PLY files do.
+
+    Args:
+        means: N × 3, centres in scene units.
+        quaternions: N × 4, rotations ``world_from_gaussian`` as ``w, x, y, z``; of any norm but zero.
+        scales: N × 3, standard deviations along the Gaussian's axes in scene units; or
+        log_scales: N × 3, their natural logarithms.
+        opacities: N, in [0, 1]; or
+        opacity_logits: N, before the sigmoid.
+        colours: N × 3, RGB in [0, 1], the same from everywhere; or
+        sh: N × (degree + 1)² × 3, coefficients of spherical harmonics up to degree 4, in the order ``l² + l + m``.
+
+    Arrays are copied once, as float32.
+    """
+
+    def __init__(
+        self,
+        means: Any,
+        quaternions: Any,
+        *,
+        scales: Any = None,
+        log_scales: Any = None,
+        opacities: Any = None,
+        opacity_logits: Any = None,
+        colours: Any = None,
+        sh: Any = None,
+    ) -> None:
+        centres = floats(means, "means", (None, 3))
+        count = len(centres)
+        parts = [
+            centres,
+            floats(quaternions, "quaternions", (count, 4)),
+            _one_of("log_scales", log_scales, "scales", scales, np.log, (count, 3), (count, 3)),
+            _one_of("opacity_logits", opacity_logits, "opacities", opacities, _logits, (count,), (count,)),
+            _one_of("sh", sh, "colours", colours, _coefficients, (count, None, 3), (count, 3)),
+        ]
+        coefficients = parts[-1].shape[1]
+        self._native = _native.Gaussians.from_bytes([part.tobytes() for part in parts], coefficients)
+
+    @classmethod
+    def _of(cls, native: Any) -> Gaussians:
+        gaussians = cls.__new__(cls)
+        gaussians._native = native
+        return gaussians
+
+    @classmethod
+    def read(cls, path: str | PathLike, *, opacities_as_stored: bool = False) -> Gaussians:
+        """Reads PLY, compressed PLY, SPZ or ``.splat``; problems are warnings.
+
+        ``opacities_as_stored`` reads opacities, not logits, as the exporters of pixelSplat and NoPoSplat write them.
+        """
+        native, notes = _native.Gaussians.read(fspath(path), opacities_as_stored)
+        for note in notes:
+            warnings.warn(f"{fspath(path)}: {note}", stacklevel=2)
+        return cls._of(native)
+
+    def write(self, path: str | PathLike) -> None:
+        """Writes ``.ply`` (lossless, but infinite opacity logits become ±20) or ``.spz`` (quantised)."""
+        self._native.write(fspath(path))
+
+    def __len__(self) -> int:
+        return len(self._native)
+
+    def __repr__(self) -> str:
+        return f"Gaussians({len(self)}, SH degree {self.sh_degree})"
+
+    def __reduce__(self) -> tuple:
+        return _rebuilt, (self.means, self.quaternions, self.log_scales, self.opacity_logits, self.sh)
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 4."""
+        return self._native.sh_degree
+
+    @property
+    def means(self) -> np.ndarray:
+        """N × 3, float32: centres."""
+        return self._native.means
+
+    @property
+    def quaternions(self) -> np.ndarray:
+        """N × 4, float32: rotations as ``w, x, y, z``, as they were given."""
+        return self._native.quaternions
+
+    @property
+    def log_scales(self) -> np.ndarray:
+        """N × 3, float32: natural logarithms of the standard deviations."""
+        return self._native.log_scales
+
+    @property
+    def opacity_logits(self) -> np.ndarray:
+        """N, float32: opacities before the sigmoid."""
+        return self._native.opacity_logits
+
+    @property
+    def sh(self) -> np.ndarray:
+        """N × (degree + 1)² × 3, float32: coefficients of spherical harmonics."""
+        return self._native.sh
+
+
+def _rebuilt(means, quaternions, log_scales, opacity_logits, sh) -> Gaussians:
+    return Gaussians(means, quaternions, log_scales=log_scales, opacity_logits=opacity_logits, sh=sh)
+
+
+def _one_of(stored, stored_value, plain, plain_value, convert, stored_shape, plain_shape) -> np.ndarray:
+    if (stored_value is None) == (plain_value is None):
+        raise invalid(stored, f"expected one of {stored} and {plain}")
+    if stored_value is not None:
+        return floats(stored_value, stored, stored_shape)
+    with np.errstate(divide="ignore"):
+        converted = convert(floats(plain_value, plain, plain_shape).astype(np.float64))
+    return np.ascontiguousarray(converted, dtype=np.float32)
+
+
+def _coefficients(colours: np.ndarray) -> np.ndarray:
+    return ((colours - 0.5) / C0)[:, None]
+
+
+def _logits(opacities: np.ndarray) -> np.ndarray:
+    if ((opacities < 0) | (opacities > 1)).any():
+        raise invalid("opacities", "expected numbers in [0, 1]; opacity_logits takes numbers before the sigmoid")
+    return np.log(opacities / (1.0 - opacities))

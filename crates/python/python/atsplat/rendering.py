@@ -1,0 +1,58 @@
+"""Renders Gaussians on the processor, with the same code as the evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import _native
+from .cameras import Cameras
+from .gaussians import Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """Images of N views."""
+
+    #: N × H × W × 3, float32: colour over the background, not clamped.
+    images: np.ndarray
+    #: N × H × W, float32 in [0, 1].
+    alpha: np.ndarray
+    #: N × H × W, float32, if requested: expected depth along the optical axis in scene units, 0 where alpha is.
+    depth: np.ndarray | None = None
+
+
+def render(
+    gaussians: Gaussians,
+    cameras: Cameras,
+    height: int | None = None,
+    width: int | None = None,
+    *,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    constants: str = "exact",
+    antialiased: bool = False,
+    depth: bool = False,
+) -> Rendering:
+    """Renders Gaussians from cameras.
+
+    Args:
+        gaussians: in the world of the cameras.
+        cameras: poses, intrinsics and lenses.
+        height: in pixels; by default that of the cameras.
+        width: in pixels; by default that of the cameras.
+        background: RGB behind all Gaussians.
+        constants: thresholds and rules of a rasterizer: ``exact``, ``gsplat-1.5``, ``gsplat-1.6``, ``inria`` or
+            ``pixelsplat-family``.
+        antialiased: gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter.
+        depth: render depth too.
+    """
+    sized = replace(cameras, height=height or cameras.height, width=width or cameras.width)
+    rgb = [float(channel) for channel in background]
+    images, alpha, *rest = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
+    if not rest:
+        return Rendering(images, alpha)
+    composited = rest[0]
+    expected = np.divide(composited, alpha, out=np.zeros_like(composited), where=alpha > 0)
+    return Rendering(images, alpha, expected)

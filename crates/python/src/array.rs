@@ -1,0 +1,72 @@
+//! NumPy arrays, by bytes: written once into the memory that the array then uses, read from one contiguous copy.
+//!
+//! The package makes arrays contiguous and of the requested type in `_arrays.py`. The `numpy` crate would save a copy, but it asks for
+//! a feature of `num-integer` with which all of `arrow` is built again.
+
+use atsplat_pixels::{Image, ImageU8};
+use pyo3::prelude::*;
+use pyo3::types::PyByteArray;
+
+use crate::error::Failure;
+
+/// A new array of f32: the `parts` one after the other, each number converted.
+pub(crate) fn floats<'py, 'a, T: Copy + 'a>(
+    py: Python<'py>,
+    shape: &[usize],
+    parts: impl IntoIterator<Item = &'a [T]>,
+    convert: impl Fn(T) -> f32,
+) -> PyResult<Bound<'py, PyAny>> {
+    let bytes = PyByteArray::new_with(py, 4 * shape.iter().product::<usize>(), |memory| {
+        let mut memory = memory.as_chunks_mut::<4>().0.iter_mut();
+        for part in parts {
+            for (number, place) in part.iter().zip(&mut memory) {
+                *place = convert(*number).to_ne_bytes();
+            }
+        }
+        Ok(())
+    })?;
+    let array = py.import("numpy")?.call_method1("frombuffer", (bytes, "=f4"))?;
+    array.call_method1("reshape", (shape.to_vec(),))
+}
+
+/// The f32 in the bytes of an array.
+pub(crate) fn read_floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.as_chunks::<4>().0.iter().map(|number| f32::from_ne_bytes(*number)).collect()
+}
+
+/// The rows of `N` f32 in the bytes of an array.
+pub(crate) fn read_rows<const N: usize>(bytes: &[u8]) -> Vec<[f32; N]> {
+    read_floats(bytes).as_chunks::<N>().0.to_vec()
+}
+
+/// Samples of pictures: count × height × width × 3.
+#[derive(Debug)]
+pub(crate) enum Pictures {
+    /// Nominally in [0, 1].
+    Floats(Vec<f32>),
+    /// From 0 to 255.
+    Bytes(Vec<u8>),
+}
+
+impl Pictures {
+    /// Copies the samples of an array of type `f4` or `u1`.
+    pub(crate) fn of(kind: &str, bytes: &[u8]) -> Self {
+        if kind == "u1" { Self::Bytes(bytes.to_vec()) } else { Self::Floats(read_floats(bytes)) }
+    }
+
+    /// One image for each picture.
+    pub(crate) fn into_images(self, shape: &[usize]) -> Result<Vec<Image>, Failure> {
+        let [count, height, width, 3] = *shape else {
+            return Err(Failure::invalid("images", format!("expected count × height × width × 3, found {shape:?}")));
+        };
+        let side = |side: usize| u32::try_from(side).map_err(|error| Failure::invalid("images", error));
+        let (width, height, samples) = (side(width)?, side(height)?, width * height * 3);
+        let nth = |nth: usize| nth * samples..(nth + 1) * samples;
+        let image = |at: usize| match &self {
+            Self::Floats(all) => Image::new(width, height, all.get(nth(at)).unwrap_or_default().to_vec()),
+            Self::Bytes(all) => ImageU8::new(width, height, all.get(nth(at)).unwrap_or_default().to_vec())
+                .map(|picture| Image::from_u8(&picture)),
+        };
+        (0..count).map(|at| image(at).map_err(Failure::from)).collect()
+    }
+}

@@ -1,0 +1,220 @@
+//! Errors of the libraries as Python exceptions, with the file and the field where an error names them.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::CameraError;
+use atsplat_eval::EvalError;
+use atsplat_eval::drift::DriftError;
+use atsplat_files::{FileError, Malformed};
+use atsplat_metrics::MetricError;
+use atsplat_metrics::learned::LoadError;
+use atsplat_pixels::PixelError;
+use atsplat_protocol::ProtocolError;
+use atsplat_report::ReportError;
+use atsplat_scene::SceneError;
+use atsplat_splat::SplatError;
+use pyo3::exceptions::PyKeyboardInterrupt;
+use pyo3::prelude::*;
+
+/// An error of a library, or one that Python raised.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    Library { message: String, place: Place },
+    Python(PyErr),
+}
+
+/// Where an error is.
+#[derive(Debug, Default)]
+pub(crate) struct Place {
+    file: Option<PathBuf>,
+    /// A setting, an array, or a line or field in the file.
+    field: Option<String>,
+    /// The system's error, if a file operation failed.
+    system: Option<i32>,
+    is_system: bool,
+}
+
+impl Place {
+    fn io(path: &Path, source: &std::io::Error) -> Self {
+        Self { file: Some(path.to_owned()), field: None, system: source.raw_os_error(), is_system: true }
+    }
+
+    fn file(path: &Path) -> Self {
+        Self { file: Some(path.to_owned()), ..Self::default() }
+    }
+
+    fn field(field: &str) -> Self {
+        Self { field: Some(field.to_owned()), ..Self::default() }
+    }
+
+    fn at(self, field: &str) -> Self {
+        Self { field: Some(field.to_owned()), ..self }
+    }
+}
+
+impl Failure {
+    /// A wrong setting or argument.
+    pub(crate) fn invalid(field: &str, problem: impl std::fmt::Display) -> Self {
+        Self::Library { message: format!("{field}: {problem}"), place: Place::field(field) }
+    }
+}
+
+impl From<PyErr> for Failure {
+    fn from(error: PyErr) -> Self {
+        Self::Python(error)
+    }
+}
+
+impl From<Failure> for PyErr {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Python(error) => error,
+            Failure::Library { message, place } => {
+                Python::attach(|py| raised(py, &message, place).unwrap_or_else(|error| error))
+            }
+        }
+    }
+}
+
+fn raised(py: Python<'_>, message: &str, place: Place) -> PyResult<PyErr> {
+    let Place { file, field, system, is_system } = place;
+    let class = if is_system { "FileError" } else { "InvalidError" };
+    let raised = py.import("atsplat.errors")?.getattr(class)?.call1((message,))?;
+    raised.setattr("file", file.map(|file| file.to_string_lossy().into_owned()))?;
+    raised.setattr("field", field)?;
+    if is_system {
+        raised.setattr("errno", system)?;
+    }
+    Ok(PyErr::from_value(raised))
+}
+
+/// The message with those of its causes that it does not quote.
+fn message(error: &dyn Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let own = error.to_string();
+        if !text.contains(&own) {
+            text = format!("{text}: {own}");
+        }
+        cause = error.source();
+    }
+    text
+}
+
+macro_rules! failures {
+    ($($error:ty => $place:expr),* $(,)?) => {$(
+        impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let place: fn(&$error) -> Place = $place;
+                Self::Library { message: message(&error), place: place(&error) }
+            }
+        }
+    )*};
+}
+
+failures! {
+    CameraError => of_camera,
+    DriftError => |error| match error {
+        DriftError::Io(error) => of_file(error),
+        DriftError::Malformed(error) => of_malformed(error),
+        DriftError::Invalid { what, .. } => Place::field(what),
+        _ => Place::default(),
+    },
+    LoadError => |error| match error {
+        LoadError::Absent(_) => Place::field("weights"),
+        LoadError::Mismatch { tensor, .. } => Place::field(tensor),
+        _ => Place::default(),
+    },
+    MetricError => |error| match error {
+        MetricError::SizeMismatch { what, .. } => Place::field(what),
+        _ => Place::field("images"),
+    },
+    PixelError => |_| Place::field("images"),
+    ProtocolError => of_protocol,
+    SceneError => of_scene,
+    SplatError => |error| match error {
+        SplatError::Io(error) => of_file(error),
+        SplatError::Format { path, location, .. } => Place::file(path).at(location),
+        SplatError::LfsPointer { path } => Place::file(path),
+        SplatError::Length { field, .. } | SplatError::Constants { field, .. } => Place::field(field),
+        SplatError::View { what, .. } => Place::field(what),
+        SplatError::Camera(error) => of_camera(error),
+        _ => Place::default(),
+    },
+    ReportError => |error| match error {
+        ReportError::UnknownTable { .. } => Place::field("table"),
+        ReportError::Io(error) => of_file(error),
+        ReportError::Protocol(error) => of_protocol(error),
+        ReportError::Store(error) => of_store(error),
+        _ => Place::default(),
+    },
+}
+
+impl From<EvalError> for Failure {
+    fn from(error: EvalError) -> Self {
+        if matches!(error, EvalError::Stopped) {
+            return Self::Python(PyKeyboardInterrupt::new_err(()));
+        }
+        Self::Library { message: message(&error), place: of_store(&error) }
+    }
+}
+
+fn of_store(error: &EvalError) -> Place {
+    match error {
+        EvalError::Io(error) => of_file(error),
+        EvalError::Malformed(error) => of_malformed(error),
+        EvalError::TooNew { path, .. } | EvalError::SchemaHash { path, .. } => Place::file(path).at("schema-version"),
+        EvalError::NoStore { folder } | EvalError::InUse { folder, .. } => Place::file(folder),
+        EvalError::NoIndex { data, .. } => Place::file(data).at("index"),
+        EvalError::Unknown { what, .. } | EvalError::Settings { what, .. } => Place::field(what),
+        EvalError::Different { what, .. } | EvalError::Differences { what, .. } => Place::field(what),
+        EvalError::NotFinite { field, .. } | EvalError::Disagreement { field, .. } => Place::field(field),
+        EvalError::Protocol(error) => of_protocol(error),
+        _ => Place::default(),
+    }
+}
+
+fn of_protocol(error: &ProtocolError) -> Place {
+    match error {
+        ProtocolError::Io(error) => of_file(error),
+        ProtocolError::Malformed(error) => of_malformed(error),
+        ProtocolError::InFile { path, source } => Place { file: Some(path.clone()), ..of_protocol(source) },
+        ProtocolError::Scene(error) => of_scene(error),
+        ProtocolError::Picture(error) => of_protocol(error),
+        ProtocolError::UnknownPreset { .. } => Place::field("protocol"),
+        _ => Place::default(),
+    }
+}
+
+fn of_scene(error: &SceneError) -> Place {
+    match error {
+        SceneError::Io(error) => of_file(error),
+        SceneError::Malformed(error) => of_malformed(error),
+        SceneError::Camera { path, location, .. }
+        | SceneError::OutsideScene { path, location, .. }
+        | SceneError::UnsupportedCameraModel { path, location, .. } => Place::file(path).at(location),
+        SceneError::LfsPointer { path, .. }
+        | SceneError::UnknownScene { path, .. }
+        | SceneError::Unrecognized { path, .. }
+        | SceneError::Torch { path, .. } => Place::file(path),
+        _ => Place::default(),
+    }
+}
+
+fn of_file(error: &FileError) -> Place {
+    Place::io(&error.path, &error.source)
+}
+
+fn of_malformed(error: &Malformed) -> Place {
+    Place { file: error.path.as_deref().map(Path::to_path_buf), ..Place::field(&error.location) }
+}
+
+fn of_camera(error: &CameraError) -> Place {
+    match error {
+        CameraError::NonFinite { field, .. } | CameraError::NotPositive { field, .. } => Place::field(field),
+        CameraError::NotARotation { .. } => Place::field("rotation"),
+        _ => Place::default(),
+    }
+}

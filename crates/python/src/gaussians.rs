@@ -1,0 +1,108 @@
+//! Gaussians from and to arrays and files.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::array::{floats, read_floats, read_rows};
+use crate::error::Failure;
+use crate::threads::work;
+
+/// 3D Gaussians; `gaussians.py` documents their arrays.
+#[pyclass(frozen, subclass, module = "atsplat._native")]
+pub(crate) struct Gaussians(pub(crate) Arc<atsplat_splat::Gaussians>);
+
+#[pymethods]
+impl Gaussians {
+    /// From the bytes of contiguous f32 arrays: means, quaternions, log-scales, opacity logits and harmonics.
+    #[staticmethod]
+    fn from_bytes(arrays: [Bound<'_, PyBytes>; 5], coefficients: usize) -> Result<Self, Failure> {
+        let [means, quaternions, log_scales, opacity_logits, sh] = arrays;
+        let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_coefficients(*degree) == coefficients);
+        let sh_degree = degree.ok_or_else(|| {
+            Failure::invalid(
+                "sh",
+                format!("expected 1, 4, 9, 16 or 25 coefficients for each Gaussian, found {coefficients}"),
+            )
+        })?;
+        let parts = GaussianParts {
+            means: read_rows(means.as_bytes()),
+            quaternions: read_rows(quaternions.as_bytes()),
+            log_scales: read_rows(log_scales.as_bytes()),
+            opacity_logits: read_floats(opacity_logits.as_bytes()),
+            sh_degree,
+            sh: read_rows(sh.as_bytes()),
+            scalars: None,
+            filter_3d: None,
+        };
+        Ok(Self(Arc::new(atsplat_splat::Gaussians::new(parts)?)))
+    }
+
+    /// Reads a file; also what a user should know about it.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf, opacities_as_stored: bool) -> Result<(Self, Vec<String>), Failure> {
+        work(py, || {
+            let (mut gaussians, import) = files::read(&path)?;
+            let mut notes = Vec::new();
+            if opacities_as_stored {
+                gaussians = gaussians.with_linear_opacities();
+            } else if import.opacities_may_be_no_logits {
+                notes.push("every stored opacity is in [0, 1]: they may be opacities, not logits".to_owned());
+            }
+            notes.extend(import.validation.findings.iter().map(ToString::to_string));
+            Ok((Self(Arc::new(gaussians)), notes))
+        })
+    }
+
+    /// Writes a file by its extension.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+        let output = match path.extension().and_then(|extension| extension.to_str()) {
+            Some("ply") => Output::Ply(Encoding::BinaryLittleEndian),
+            Some("spz") => Output::Spz3 { antialiased: false },
+            other => {
+                let found = other.unwrap_or("no extension");
+                return Err(Failure::invalid("path", format!("expected .ply or .spz, found {found}")));
+            }
+        };
+        work(py, || Ok(files::write(&path, &self.0, output)?))
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    #[getter]
+    fn sh_degree(&self) -> u8 {
+        self.0.sh_degree()
+    }
+
+    #[getter]
+    fn means<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        floats(py, &[self.0.len(), 3], [self.0.parts().means.as_flattened()], |number| number)
+    }
+
+    #[getter]
+    fn quaternions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        floats(py, &[self.0.len(), 4], [self.0.parts().quaternions.as_flattened()], |number| number)
+    }
+
+    #[getter]
+    fn log_scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        floats(py, &[self.0.len(), 3], [self.0.parts().log_scales.as_flattened()], |number| number)
+    }
+
+    #[getter]
+    fn opacity_logits<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        floats(py, &[self.0.len()], [self.0.parts().opacity_logits.as_slice()], |number| number)
+    }
+
+    #[getter]
+    fn sh<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let shape = [self.0.len(), sh_coefficients(self.0.sh_degree()), 3];
+        floats(py, &shape, [self.0.parts().sh.as_flattened()], |number| number)
+    }
+}

@@ -1,0 +1,119 @@
+//! Methods under evaluation that are written in Python.
+
+use std::sync::Arc;
+
+use atsplat_eval::MethodRecord;
+use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Splatting, TrialInput};
+use atsplat_pixels::Image;
+use atsplat_protocol::trial::Trial;
+
+use crate::exchange::Calls;
+
+/// What a method made of a trial.
+#[derive(Debug)]
+pub(crate) enum Output {
+    /// A picture of each target.
+    Images(Vec<Image>),
+    /// Gaussians in the trial's world.
+    Gaussians(Arc<atsplat_splat::Gaussians>),
+}
+
+/// A Python callable.
+#[derive(Debug)]
+pub(crate) struct PythonMethod {
+    record: MethodRecord,
+    setting: String,
+    splatting: Splatting,
+    calls: Calls,
+}
+
+impl PythonMethod {
+    pub(crate) fn new(record: MethodRecord, setting: String, calls: Calls) -> Self {
+        Self { record, setting, splatting: Splatting::default(), calls }
+    }
+}
+
+impl Method for PythonMethod {
+    fn record(&self) -> MethodRecord {
+        self.record.clone()
+    }
+
+    fn setting(&self) -> &str {
+        &self.setting
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        prediction(&self.splatting, input, self.calls.call(input.trial)?)
+    }
+}
+
+/// Output that was computed before, of one trial.
+#[derive(Debug)]
+pub(crate) struct Precomputed {
+    record: MethodRecord,
+    splatting: Splatting,
+    output: Output,
+}
+
+impl Precomputed {
+    pub(crate) fn new(record: MethodRecord, output: Output) -> Self {
+        Self { record, splatting: Splatting::default(), output }
+    }
+}
+
+impl Method for Precomputed {
+    fn record(&self) -> MethodRecord {
+        self.record.clone()
+    }
+
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let output = match &self.output {
+            Output::Images(images) => Output::Images(images.clone()),
+            Output::Gaussians(gaussians) => Output::Gaussians(Arc::clone(gaussians)),
+        };
+        prediction(&self.splatting, input, output)
+    }
+}
+
+fn prediction<'a>(
+    splatting: &'a Splatting,
+    input: TrialInput<'a>,
+    output: Output,
+) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+    match output {
+        Output::Images(images) => {
+            check(input.trial, &images)?;
+            Ok(Box::new(Pictures(images)))
+        }
+        Output::Gaussians(gaussians) => Ok(splatting.predict(input, Arc::unwrap_or_clone(gaussians), Cost::default())),
+    }
+}
+
+/// One picture of each target, of its size.
+fn check(trial: &Trial, images: &[Image]) -> Result<(), MethodError> {
+    let sizes = |sizes: &mut dyn Iterator<Item = (u32, u32)>| {
+        let mut all: Vec<String> = sizes.map(|(height, width)| format!("{height} × {width}")).collect();
+        let count = all.len();
+        all.dedup();
+        format!("{count} × {} × 3", if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) })
+    };
+    let expected = sizes(&mut trial.targets().iter().map(|target| (target.size.height, target.size.width)));
+    let found = sizes(&mut images.iter().map(|image| (image.height(), image.width())));
+    if expected == found {
+        return Ok(());
+    }
+    Err(MethodError::Failed(format!("images: expected targets × height × width × 3 of {expected}, found {found}")))
+}
+
+/// A picture of each target.
+struct Pictures(Vec<Image>);
+
+impl Prediction for Pictures {
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        let one = |at: &usize| {
+            let image = self.0.get(*at).cloned().ok_or_else(|| format!("no target {at}"))?;
+            Ok(Rendered { image, drawn: None, effects: Vec::new() })
+        };
+        targets.iter().map(one).collect()
+    }
+}

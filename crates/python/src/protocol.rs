@@ -1,0 +1,132 @@
+//! Protocols, and data opened for one of them.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
+use atsplat_protocol::{IndexBuilder, Preset};
+use atsplat_scene::{
+    ColmapOptions, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, SceneSource, Warnings,
+};
+use pyo3::prelude::*;
+
+use crate::error::Failure;
+use crate::threads::work;
+use crate::trial::Trials;
+
+/// Names of the built-in protocols.
+#[pyfunction]
+pub(crate) fn protocol_names() -> Vec<&'static str> {
+    Preset::names().collect()
+}
+
+/// An evaluation protocol.
+#[pyclass(frozen, module = "atsplat._native")]
+pub(crate) struct Protocol {
+    preset: Preset,
+}
+
+/// The scenes of a dataset with a protocol and its index.
+#[pyclass(frozen, module = "atsplat._native")]
+pub(crate) struct Data {
+    pub(crate) dataset: Arc<Dataset>,
+    #[pyo3(get)]
+    warnings: Vec<(String, u64)>,
+}
+
+#[pymethods]
+impl Protocol {
+    #[new]
+    fn new(name_or_path: &str) -> Result<Self, Failure> {
+        Ok(Self { preset: Preset::resolve(name_or_path)? })
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.preset.name
+    }
+
+    #[getter]
+    fn title(&self) -> &str {
+        &self.preset.title
+    }
+
+    #[getter]
+    fn hash(&self) -> Result<String, Failure> {
+        Ok(self.preset.hash()?.to_string())
+    }
+
+    #[getter]
+    fn toml(&self) -> Result<String, Failure> {
+        Ok(self.preset.to_toml()?)
+    }
+
+    #[getter]
+    fn settings(&self) -> Vec<&str> {
+        self.preset.methods.iter().map(|setting| setting.method.as_str()).collect()
+    }
+
+    /// Opens data; its format is detected.
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (data, index, sampler, any_size, frames, images))]
+    fn open(
+        &self,
+        py: Python<'_>,
+        data: PathBuf,
+        index: Option<PathBuf>,
+        sampler: Option<String>,
+        any_size: bool,
+        frames: Option<PathBuf>,
+        images: Option<u32>,
+    ) -> Result<Data, Failure> {
+        work(py, || {
+            let mut warnings = Warnings::new();
+            let pictures = match images {
+                None => PictureFolder::default(),
+                Some(1) => PictureFolder::Listed,
+                Some(factor) => PictureFolder::Downscaled(factor),
+            };
+            let options = OpenOptions {
+                re10k: Re10kOptions { frames_root: frames.clone() },
+                nerfstudio: NerfstudioOptions { pictures, ..NerfstudioOptions::default() },
+                colmap: ColmapOptions { pictures, images_root: frames },
+            };
+            let source: Arc<dyn SceneSource> = Arc::new(atsplat_scene::open_with(&data, &options, &mut warnings)?);
+            let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;
+            let index = match (sampler.as_deref().zip(rule.as_ref()), &index) {
+                (Some((name, rule)), _) => IndexChoice::Sampled(name, rule),
+                (None, Some(path)) => IndexChoice::At(path),
+                (None, None) => IndexChoice::NextToData,
+            };
+            let dataset = Dataset::new(self.preset.clone(), source, &data, index, any_size, &mut warnings)?;
+            let warnings = warnings.counts().map(|(kind, count)| (kind.to_string(), count)).collect();
+            Ok(Data { dataset: Arc::new(dataset), warnings })
+        })
+    }
+}
+
+#[pymethods]
+impl Data {
+    #[getter]
+    fn name(&self) -> &str {
+        &self.dataset.name
+    }
+
+    /// Scenes of the index that are in the data, with their numbers of entries.
+    fn entries(&self) -> Vec<(String, usize)> {
+        let index = Selection::default().index_of(&self.dataset);
+        index.scenes.into_iter().map(|(key, entries)| (key, entries.len())).collect()
+    }
+
+    /// The trials of at most `limit` scenes, spread over the index, or of one entry of a scene.
+    #[pyo3(signature = (setting, limit, only, ahead))]
+    fn trials(
+        &self,
+        setting: &str,
+        limit: Option<u64>,
+        only: Option<(String, usize)>,
+        ahead: bool,
+    ) -> Result<Trials, Failure> {
+        Trials::new(&self.dataset, setting, limit, only, ahead)
+    }
+}

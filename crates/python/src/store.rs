@@ -1,0 +1,41 @@
+//! Reads and merges stores.
+
+use std::path::PathBuf;
+
+use atsplat_eval::store::Merged;
+use atsplat_eval::{Results, RunReport};
+use pyo3::prelude::*;
+use serde::Serialize;
+
+use crate::error::Failure;
+use crate::threads::work;
+
+/// Provenance, rows of trials, rows of targets, each as JSON, and a summary as text.
+#[pyfunction]
+pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, String, String, String), Failure> {
+    work(py, || {
+        let results = Results::read(&folder)?;
+        let summary = RunReport::of(&results, None, &folder).to_string();
+        Ok((json(&results.provenance)?, json(&results.trials)?, json(&results.targets)?, summary))
+    })
+}
+
+/// Merges shards into a new store.
+#[pyfunction]
+pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, partial: bool) -> Result<(), Failure> {
+    work(py, || {
+        let parts = stores.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
+        let Merged { results, missing_shards, .. } = Results::merge(parts)?;
+        if !missing_shards.is_empty() && !partial {
+            return Err(Failure::invalid(
+                "stores",
+                format!("shards {missing_shards:?} are missing: partial=True merges the others"),
+            ));
+        }
+        Ok(results.write(&out)?)
+    })
+}
+
+pub(crate) fn json(value: &impl Serialize) -> Result<String, Failure> {
+    serde_json::to_string(value).map_err(|error| Failure::invalid("JSON", error))
+}

@@ -1,0 +1,205 @@
+//! Trials: what a method may see, and the target pictures for scoring.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use atsplat_eval::runner::{Dataset, Selection, evaluate_trial};
+use atsplat_eval::{MethodRecord, TargetRow, TrialRow};
+use atsplat_pixels::ImageU8;
+use atsplat_protocol::trial::{self, DecodeAhead, Prefetch, TargetPictures, TrialRecipe};
+use atsplat_protocol::{EvaluationIndex, ProtocolError};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::array::{Pictures, floats};
+use crate::camera::{Numbers, numbers};
+use crate::error::Failure;
+use crate::gaussians::Gaussians;
+use crate::method::{Output, Precomputed};
+use crate::metrics::Suite;
+use crate::threads::work;
+
+/// What a method may see of a trial.
+#[pyclass(frozen, module = "atsplat._native")]
+pub(crate) struct Input {
+    trial: trial::Trial,
+}
+
+impl Input {
+    pub(crate) const fn new(trial: trial::Trial) -> Self {
+        Self { trial }
+    }
+}
+
+#[pymethods]
+impl Input {
+    #[getter]
+    fn scene(&self) -> &str {
+        self.trial.scene()
+    }
+
+    #[getter]
+    fn entry(&self) -> usize {
+        self.trial.entry_number()
+    }
+
+    #[getter]
+    fn hash(&self) -> String {
+        self.trial.hash().to_string()
+    }
+
+    #[getter]
+    fn overlap(&self) -> Option<f64> {
+        self.trial.entry().overlap.as_ref().map(|overlap| overlap.value)
+    }
+
+    #[getter]
+    fn near_far(&self) -> (f64, f64) {
+        let planes = self.trial.near_far();
+        (planes.near, planes.far)
+    }
+
+    /// The context pictures, V × H × W × 3 in [0, 1].
+    fn context_images<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let pictures = || self.trial.context().iter().map(|view| view.picture().map_err(Failure::from));
+        let pictures: Vec<Arc<ImageU8>> = work(py, || pictures().collect())?;
+        let size = pictures.first().map_or((0, 0), |picture| (picture.height() as usize, picture.width() as usize));
+        let same = |picture: &Arc<ImageU8>| (picture.height() as usize, picture.width() as usize) == size;
+        if !pictures.iter().all(same) {
+            return Err(Failure::invalid("context", "pictures of different sizes make no array").into());
+        }
+        array_of(py, &pictures, size)
+    }
+
+    /// The cameras of the context views and their frames.
+    fn context_cameras(&self) -> (Vec<Numbers>, Vec<usize>) {
+        let views = self.trial.context();
+        let cameras = views.iter().map(|view| numbers(&view.camera, view.size)).collect();
+        (cameras, views.iter().map(|view| view.frame).collect())
+    }
+
+    /// The cameras of the targets and their frames.
+    fn target_cameras(&self) -> (Vec<Numbers>, Vec<usize>) {
+        let views = self.trial.targets();
+        let cameras = views.iter().map(|view| numbers(&view.camera, view.size)).collect();
+        (cameras, views.iter().map(|view| view.frame).collect())
+    }
+}
+
+/// Pictures of one size as an array, in [0, 1].
+fn array_of<'py>(
+    py: Python<'py>,
+    pictures: &[Arc<ImageU8>],
+    (height, width): (usize, usize),
+) -> PyResult<Bound<'py, PyAny>> {
+    let samples = pictures.iter().map(|picture| picture.samples());
+    floats(py, &[pictures.len(), height, width, 3], samples, |sample| f32::from(sample) / 255.0)
+}
+
+/// A trial with its target pictures.
+#[pyclass(frozen, module = "atsplat._native")]
+pub(crate) struct Trial {
+    dataset: Arc<Dataset>,
+    trial: trial::Trial,
+    targets: TargetPictures,
+}
+
+#[pymethods]
+impl Trial {
+    fn input(&self) -> Input {
+        Input::new(self.trial.clone())
+    }
+
+    /// The target pictures, T × H × W × 3 in [0, 1].
+    fn target_images<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let all = || (0..self.targets.len()).filter_map(|at| self.targets.get(at));
+        let pictures: Vec<Arc<ImageU8>> =
+            work(py, || all().collect::<Result<_, ProtocolError>>().map_err(Failure::from))?;
+        let size = pictures.first().map_or((0, 0), |picture| (picture.height() as usize, picture.width() as usize));
+        array_of(py, &pictures, size)
+    }
+
+    /// Scores pictures; the rows as JSON.
+    fn score_images(
+        &self,
+        py: Python<'_>,
+        shape: Vec<usize>,
+        kind: &str,
+        bytes: &Bound<'_, PyBytes>,
+        suite: &Suite,
+    ) -> Result<String, Failure> {
+        let pictures = Pictures::of(kind, bytes.as_bytes());
+        work(py, || self.score(Output::Images(pictures.into_images(&shape)?), suite))
+    }
+
+    /// Renders and scores Gaussians in the trial's world; the rows as JSON.
+    fn score_gaussians(&self, py: Python<'_>, gaussians: &Gaussians, suite: &Suite) -> Result<String, Failure> {
+        work(py, || self.score(Output::Gaussians(Arc::clone(&gaussians.0)), suite))
+    }
+}
+
+impl Trial {
+    fn score(&self, output: Output, suite: &Suite) -> Result<String, Failure> {
+        let record = MethodRecord { name: "scored".to_owned(), ..MethodRecord::default() };
+        let method = Precomputed::new(record, output);
+        let rows: (TrialRow, Vec<TargetRow>) =
+            evaluate_trial(&self.dataset, suite.get(), self.trial.clone(), &self.targets, &method)?;
+        serde_json::to_string(&rows).map_err(|error| Failure::invalid("rows", error))
+    }
+}
+
+/// Goes through the trials of an index.
+#[pyclass(frozen, module = "atsplat._native")]
+pub(crate) struct Trials {
+    dataset: Arc<Dataset>,
+    trials: Mutex<trial::Trials>,
+}
+
+impl Trials {
+    pub(crate) fn new(
+        dataset: &Arc<Dataset>,
+        setting: &str,
+        limit: Option<u64>,
+        only: Option<(String, usize)>,
+        ahead: bool,
+    ) -> Result<Self, Failure> {
+        let mut index = Selection { limit, shard: None }.index_of(dataset);
+        if let Some((scene, entry)) = only {
+            let missing = || Failure::invalid("scene", format!("no entry {entry} of scene {scene:?} in the index"));
+            let entries = dataset.index.index.scenes.get(&scene).filter(|entries| entry < entries.len());
+            // Entries are numbered by their position: the others before it stay, and are not read.
+            let entries = entries.ok_or_else(missing)?.iter().take(entry + 1).cloned().collect();
+            index = EvaluationIndex { scenes: [(scene, entries)].into_iter().collect() };
+        }
+        let prefetch = if ahead {
+            Prefetch::default()
+        } else {
+            Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 }
+        };
+        let recipe = TrialRecipe::of(&dataset.preset, setting);
+        let trials = trial::Trials::new(Arc::clone(&dataset.source), &index, recipe, prefetch);
+        Ok(Self { dataset: Arc::clone(dataset), trials: Mutex::new(trials) })
+    }
+}
+
+#[pymethods]
+impl Trials {
+    /// The next trial; `(scene, entry, reason, detail)` of an entry without one; `None` at the end.
+    #[expect(clippy::type_complexity, reason = "a tuple for Python")]
+    fn next(
+        &self,
+        py: Python<'_>,
+    ) -> Result<Option<(Option<Trial>, Option<(String, usize, String, String)>)>, Failure> {
+        let next = || Ok(self.trials.lock().unwrap_or_else(PoisonError::into_inner).next());
+        Ok(work(py, next)?.map(|outcome| match outcome {
+            Ok((trial, targets)) => (Some(Trial { dataset: Arc::clone(&self.dataset), trial, targets }), None),
+            Err(skipped) => {
+                (None, Some((skipped.scene, skipped.entry_number, skipped.reason.name().to_owned(), skipped.detail)))
+            }
+        }))
+    }
+
+    /// Trials and skipped entries that are left.
+    fn left(&self) -> usize {
+        self.trials.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+}

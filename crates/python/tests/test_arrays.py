@@ -1,0 +1,148 @@
+"""Arrays of other libraries, metrics and files of Gaussians."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import atsplat
+
+
+class OnlyArray:
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
+class OnlyDlpack:
+    def __init__(self, array):
+        self.array = array
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.array.__dlpack_device__()
+
+
+def pair():
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(size=(2, 24, 32, 3)).astype(np.float32)
+    return (truth + rng.normal(scale=[[[[0.02]]], [[[0.2]]]], size=truth.shape)).astype(np.float32), truth
+
+
+def test_psnr_is_its_definition():
+    render, truth = pair()
+    clipped = np.clip(render.astype(np.float64), 0, 1)
+    expected = -10 * np.log10(((clipped - truth) ** 2).mean(axis=(1, 2, 3)))
+    found = atsplat.psnr(render, truth)
+    assert np.allclose(found, expected, rtol=1e-6) and found[0] > found[1] + 10
+    unclipped = -10 * np.log10(((render.astype(np.float64) - truth) ** 2).mean(axis=(1, 2, 3)))
+    assert np.allclose(atsplat.psnr(render, truth, convention="unclipped"), unclipped, rtol=1e-6)
+    assert atsplat.psnr(render[1], truth[1]) == found[1] and atsplat.psnr(truth[0], truth[0]) == np.inf
+
+
+def test_ssim_has_conventions_and_lpips_says_what_it_needs(tmp_path, monkeypatch):
+    render, truth = pair()
+    found = {convention: atsplat.ssim(render, truth, convention=convention) for convention in ("pixelsplat", "inria", "uniform-7x7")}
+    assert all(scores[0] > scores[1] for scores in found.values())
+    assert len({tuple(scores) for scores in found.values()}) == 3
+    with pytest.raises(atsplat.InvalidError, match="pixelsplat, clipped"):
+        atsplat.ssim(render, truth, convention="gsplat")
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    with pytest.raises(atsplat.InvalidError, match="vgg16-397923af.pth"):
+        atsplat.lpips(render, truth, weights=tmp_path)
+
+
+def test_wrong_pictures_are_errors():
+    render, truth = pair()
+    for wrong, reason in [(render[:, :, :-1], "32 × 3 as|found"), (np.full_like(render, np.nan), "finite")]:
+        with pytest.raises(atsplat.InvalidError, match=reason):
+            atsplat.psnr(wrong, truth)
+
+
+@pytest.mark.parametrize("wrap", [
+    OnlyArray,
+    OnlyDlpack,
+    lambda array: np.asfortranarray(array),
+    lambda array: array.astype(np.float64),
+    lambda array: list(array),
+    lambda array: array[:, ::-1][:, ::-1],
+])
+def test_any_array_is_read_alike(wrap):
+    render, truth = pair()
+    assert np.array_equal(atsplat.psnr(wrap(render), wrap(truth)), atsplat.psnr(render, truth))
+
+
+def test_tensors_are_read_and_torch_is_not_imported_without_need():
+    import subprocess
+    import sys
+
+    code = "import sys, atsplat, numpy as np; atsplat.psnr(np.zeros((8, 8, 3)), np.ones((8, 8, 3))); assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    torch = pytest.importorskip("torch")
+    render, truth = pair()
+    expected = atsplat.psnr(render, truth)
+    tensor = torch.from_numpy(render).requires_grad_()
+    assert np.array_equal(atsplat.psnr(tensor, torch.from_numpy(truth)), expected)
+    channels_first = torch.from_numpy(render).permute(0, 3, 1, 2).contiguous()
+    assert np.array_equal(atsplat.psnr(channels_first.permute(0, 2, 3, 1), truth), expected)
+    with pytest.raises(atsplat.InvalidError, match="permute"):
+        atsplat.psnr(channels_first, channels_first)
+    half = torch.from_numpy(truth).bfloat16()
+    assert atsplat.psnr(half, truth)[0] > 40
+
+
+def gaussians(count=5, degree=2):
+    rng = np.random.default_rng(5)
+    return atsplat.Gaussians(
+        rng.normal(size=(count, 3)),
+        rng.normal(size=(count, 4)),
+        log_scales=rng.normal(size=(count, 3)) - 3,
+        opacity_logits=rng.normal(size=count),
+        sh=rng.normal(size=(count, (degree + 1) ** 2, 3)),
+    )
+
+
+def same(a, b):
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ("means", "quaternions", "log_scales", "opacity_logits", "sh"))
+
+
+def test_gaussians_survive_files_and_pickling(tmp_path):
+    made = gaussians()
+    made.write(tmp_path / "scene.ply")
+    read = atsplat.Gaussians.read(tmp_path / "scene.ply")
+    assert len(read) == 5 and read.sh_degree == 2 and same(read, made)
+    assert same(pickle.loads(pickle.dumps(made)), made)
+    with pytest.raises(atsplat.InvalidError, match=".spz"):
+        made.write(tmp_path / "scene.obj")
+    with pytest.raises(atsplat.FileError) as raised:
+        atsplat.Gaussians.read(tmp_path / "none.ply")
+    assert raised.value.errno == 2 and raised.value.file == str(tmp_path / "none.ply")
+    (tmp_path / "bad.ply").write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 3\n")
+    with pytest.raises(atsplat.InvalidError) as raised:
+        atsplat.Gaussians.read(tmp_path / "bad.ply")
+    assert raised.value.file == str(tmp_path / "bad.ply") and raised.value.field
+
+
+def test_plain_parameters_are_converted():
+    made = atsplat.Gaussians([[0, 0, 1]], [[1, 0, 0, 0]], scales=[[0.5, 1, 2]], opacities=[0.2], colours=[[0.5, 1, 0]])
+    assert np.allclose(made.log_scales, np.log([[0.5, 1, 2]]))
+    assert np.allclose(1 / (1 + np.exp(-made.opacity_logits)), [0.2])
+    assert np.allclose(made.sh * 0.28209479 + 0.5, [[[0.5, 1, 0]]])
+
+
+@pytest.mark.parametrize("change, field", [
+    ({"means": np.zeros((2, 3))}, "quaternions"),
+    ({"opacities": [1.5]}, "opacities"),
+    ({"opacities": None}, "opacity_logits"),
+    ({"colours": None, "sh": np.zeros((1, 3, 3))}, "sh"),
+    ({"scales": [["a", "b", "c"]]}, "scales"),
+])
+def test_wrong_arrays_are_named(change, field):
+    good = {"means": [[0, 0, 1]], "quaternions": [[1, 0, 0, 0]], "scales": [[1, 1, 1]], "opacities": [0.5], "colours": [[1, 1, 1]]}
+    with pytest.raises(atsplat.InvalidError) as raised:
+        atsplat.Gaussians(**{**good, **change})
+    assert raised.value.field == field

@@ -1,0 +1,85 @@
+"""Axes and intrinsics, each with a case that fails if a sign, an order or a direction is swapped."""
+
+import numpy as np
+import pytest
+
+import atsplat
+from atsplat import Cameras
+
+#: Looks along world +x from (1, 2, 3), with its image's up along world +z.
+FORWARD, UP, CENTRE = np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.array([1.0, 2, 3])
+RIGHT = np.cross(FORWARD, UP)
+INTRINSICS = np.array([[96.0, 0, 70], [0, 90, 40], [0, 0, 1]])
+
+
+def pose(x, y, z):
+    matrix = np.eye(4)
+    matrix[:3] = np.stack([x, y, z, CENTRE], axis=-1)
+    return matrix
+
+
+AXES = {
+    "opencv": pose(RIGHT, -UP, FORWARD),
+    "opengl": pose(RIGHT, UP, -FORWARD),
+    "pytorch3d": pose(-RIGHT, UP, FORWARD),
+}
+
+
+@pytest.mark.parametrize("convention", AXES)
+def test_conventions_describe_one_camera(convention):
+    cameras = Cameras.from_arrays(
+        world_from_camera=AXES[convention][None], pixel_intrinsics=INTRINSICS, height=80, width=128, convention=convention
+    )
+    assert np.allclose(cameras.world_from_camera[0], AXES["opencv"])
+    assert np.allclose(cameras.camera_from_world[0] @ AXES["opencv"], np.eye(4))
+    for other, expected in AXES.items():
+        assert np.allclose(cameras.world_from_camera_in(other)[0], expected), other
+        assert np.allclose(cameras.camera_from_world_in(other)[0], np.linalg.inv(expected)), other
+    again = Cameras.from_arrays(
+        camera_from_world=np.linalg.inv(AXES[convention]), pixel_intrinsics=INTRINSICS, height=80, width=128, convention=convention
+    )
+    assert np.allclose(again.world_from_camera, cameras.world_from_camera)
+    assert np.allclose(cameras.centres, [CENTRE])
+
+
+def test_intrinsics_are_in_units_of_the_image():
+    cameras = Cameras.from_arrays(world_from_camera=np.eye(4), pixel_intrinsics=INTRINSICS, height=80, width=128)
+    assert np.allclose(cameras.intrinsics[0], [[0.75, 0, 70 / 128], [0, 1.125, 0.5], [0, 0, 1]])
+    assert np.allclose(cameras.pixel_intrinsics[0], INTRINSICS)
+
+
+def test_a_gaussian_is_drawn_where_the_camera_projects_it():
+    cameras = Cameras.from_arrays(
+        world_from_camera=AXES["opengl"][None], pixel_intrinsics=INTRINSICS, height=80, width=128, convention="opengl"
+    )
+    # Right of and above the axis: 4 units ahead, 1 right, 0.5 up.
+    mean = CENTRE + 4 * FORWARD + 1 * RIGHT + 0.5 * UP
+    gaussian = atsplat.Gaussians([mean], [[1, 0, 0, 0]], scales=[[0.02] * 3], opacities=[0.95], colours=[[1, 0.5, 0]])
+    rendered = atsplat.render(gaussian, cameras, background=(0, 0, 0.25), depth=True)
+    assert rendered.images.shape == (1, 80, 128, 3) and rendered.alpha.shape == (1, 80, 128)
+    row, column = np.unravel_index(rendered.alpha[0].argmax(), (80, 128))
+    assert (column, row) == (int(70 + 96 / 4), int(40 - 90 * 0.5 / 4))
+    assert abs(rendered.depth[0, row, column] - 4) < 1e-3
+    red, green, blue = rendered.images[0, row, column]
+    assert red > 2 * blue and red > green > 0.3
+    assert np.allclose(rendered.images[0, 0, 0], [0, 0, 0.25])
+
+
+def test_wrong_cameras_say_what_is_wrong():
+    with pytest.raises(atsplat.InvalidError, match="opengl"):
+        Cameras.from_arrays(world_from_camera=np.eye(4), intrinsics=np.eye(3), height=8, width=8, convention="blender")
+    with pytest.raises(atsplat.InvalidError, match="3 × 4"):
+        Cameras.from_arrays(world_from_camera=np.eye(3), intrinsics=np.eye(3), height=8, width=8)
+    mirrored = Cameras.from_arrays(world_from_camera=np.diag([-1.0, 1, 1, 1]), intrinsics=np.eye(3), height=8, width=8)
+    gaussian = atsplat.Gaussians([[0, 0, 1]], [[1, 0, 0, 0]], scales=[[0.1] * 3], opacities=[0.5], colours=[[1, 1, 1]])
+    with pytest.raises(atsplat.InvalidError) as raised:
+        atsplat.render(gaussian, mirrored)
+    assert raised.value.field == "rotation"
+
+
+def test_parts_of_cameras():
+    poses = np.stack([np.eye(4)] * 3)
+    poses[:, 0, 3] = [5, 6, 7]
+    cameras = Cameras.from_arrays(world_from_camera=poses, intrinsics=np.eye(3), height=8, width=8)
+    assert len(cameras) == 3 and cameras[-1].centres[0, 0] == 7 and cameras[1:].frames == (1, 2)
+    assert [camera.centres[0, 0] for camera in cameras] == [5, 6, 7]

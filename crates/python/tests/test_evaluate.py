@@ -1,0 +1,202 @@
+"""The runner: numbers of the binary, failures, interruption, resuming."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+
+import numpy as np
+import pytest
+from conftest import INDEX, PROTOCOL, SCENES, nearest
+
+import atsplat
+
+
+def scores(store, method):
+    """Everything of a target's row that a method determines, exactly."""
+    left_out = {"method", "input_hash"}
+    return [{k: v for k, v in row.items() if k not in left_out} for row in store.rows() if row["method"] == method]
+
+
+def evaluated(method, rooms, out, **options):
+    return atsplat.evaluate(method, PROTOCOL, data=rooms, index=INDEX, out=out, **options)
+
+
+def test_a_python_method_has_the_binarys_numbers_to_the_bit(rooms, warped, binary, tmp_path):
+    binary("run", PROTOCOL, "--data", rooms, "--index", INDEX, "--method", "nearest-view", "--out", tmp_path / "rust")
+    store = evaluated(nearest, rooms, tmp_path / "python")
+    theirs = atsplat.open_store(tmp_path / "rust")
+    assert len(store) == len(theirs) == 3 * SCENES
+    assert scores(store, "nearest") == scores(theirs, "nearest-view")
+    assert all(row["psnr"] > 5 and 0 < row["ssim"] < 1 for row in store.rows())
+    # The baselines themselves may be called by name.
+    assert scores(evaluated("warp", rooms, tmp_path / "warp"), "warp") == scores(atsplat.open_store(warped), "warp")
+
+
+def test_ready_pictures_have_the_binarys_tables(rooms, warped, binary, tmp_path):
+    """uint8 pictures from files: `atsplat score` and `evaluate` of a method that reads them."""
+    Image = pytest.importorskip("PIL.Image")
+    pictures = warped / "pictures" / PROTOCOL / "warp"
+    binary("score", PROTOCOL, "--data", rooms, "--index", INDEX, "--renders", pictures, "--name", "mine", "--out", tmp_path / "rust")
+
+    def mine(images, context, target, *, trial):
+        files = [pictures / f"{trial.scene}-{trial.entry}" / f"{frame:06}.png" for frame in target.frames]
+        return np.stack([np.asarray(Image.open(file)) for file in files])
+
+    store = evaluated(mine, rooms, tmp_path / "python", title="mine")
+    assert scores(store, "mine") == scores(atsplat.open_store(tmp_path / "rust"), "mine")
+    tables = []
+    for out in ("rust", "python"):
+        binary("report", tmp_path / out, "--out", tmp_path / f"page-{out}", "--format", "json")
+        table = json.loads((tmp_path / f"page-{out}" / "tables" / f"protocol-{PROTOCOL}.json").read_text())
+        tables.append([[row["labels"], [[cell["value"], cell["interval"]] for group in row["cells"] for cell in group]] for row in table["table"]["rows"]])
+    assert tables[0] == tables[1]
+
+
+def test_a_trials_scores_are_those_of_a_run(trials, rooms, tmp_path):
+    store = evaluated(nearest, rooms, tmp_path / "store")
+    rows = {(row["scene"], row["target"]): row for row in store.rows()}
+    for trial in trials:
+        scored = trial.score(nearest(trial.context.images, trial.context.cameras, trial.target.cameras))
+        assert scored.status == "done" and len(scored.targets) == len(trial.target)
+        for own in scored.targets:
+            ran = rows[trial.scene, own["target"]]
+            assert (own["psnr"], own["ssim"], own["render_hash"]) == (ran["psnr"], ran["ssim"], ran["render_hash"])
+        assert scored.mean["psnr"] == np.mean([row["psnr"] for row in scored.targets])
+
+
+def test_broken_methods_are_failed_rows_and_the_run_goes_on(rooms, tmp_path):
+    calls = []
+
+    def broken(images, context, target):
+        calls.append(len(calls))
+        good = np.full((len(target), target.height, target.width, 3), 0.5)
+        if len(calls) == 1:
+            raise ValueError("no idea")
+        if len(calls) == 2:
+            return good[:, :-1]
+        good[1, 5, 7, 2] = np.nan
+        return good
+
+    store = evaluated(broken, rooms, tmp_path / "store")
+    assert len(calls) == SCENES
+    details = sorted((row["status"], row["detail"]) for row in store.trials())
+    assert [status for status, _ in details] == ["done", "failed", "failed"]
+    reasons = " | ".join(str(detail) for _, detail in details)
+    assert "ValueError: no idea (test_evaluate.py:" in reasons
+    assert "expected targets × height × width × 3 of 3 × 128 × 128 × 3, found 3 × 127 × 128 × 3" in reasons
+    bad = [row for row in store.rows() if row["status"] == "non-finite"]
+    assert [(row["target"], row["non_finite"]) for row in bad] == [(1, 1)]
+    assert "column 7, row 5" in bad[0]["detail"] and bad[0]["psnr"] is None
+    assert len(store.failures()) == 3
+
+
+@pytest.mark.parametrize("output, reason", [
+    (lambda n: np.zeros((n, 3, 128, 128)), "permute channels"),
+    (lambda n: np.zeros((n + 1, 128, 128, 3)), "found 4 × 128 × 128 × 3"),
+    (lambda n: np.zeros((n, 128, 128, 3), dtype=np.int64), "int64"),
+    (lambda n: None, "found a single number"),
+    (lambda n: [np.zeros((128, 128, 3)), np.zeros((64, 128, 3))], "same shape"),
+])
+def test_wrong_output_says_what_is_wrong(rooms, tmp_path, output, reason):
+    with pytest.raises(atsplat.AtsplatError, match=reason):
+        evaluated(lambda images, context, target: output(len(target)), rooms, tmp_path / "store", limit=1)
+    (row,) = atsplat.open_store(tmp_path / "store").trials()
+    assert row["status"] == "failed" and reason in row["detail"]
+
+
+def test_a_method_may_say_that_a_trial_is_not_for_it(rooms, tmp_path):
+    def picky(images, context, target):
+        if picky.first:
+            picky.first = False
+            raise atsplat.NotApplicable("needs three views")
+        return nearest(images, context, target)
+
+    picky.first = True
+    store = evaluated(picky, rooms, tmp_path / "store")
+    assert sorted(row["status"] for row in store.trials()) == ["done", "done", "not-applicable"]
+
+
+def test_calls_are_on_the_callers_thread_and_may_use_the_package(rooms, tmp_path):
+    threads = set()
+
+    def method(images, context, target):
+        threads.add(threading.get_ident())
+        assert np.isinf(atsplat.psnr(images, images)).all()
+        return nearest(images, context, target)
+
+    assert not evaluated(method, rooms, tmp_path / "store").failures()
+    assert threads == {threading.get_ident()}
+
+
+def test_results_are_kept_and_a_changed_method_is_an_error(rooms, tmp_path):
+    calls = []
+
+    def method(images, context, target):
+        calls.append(1)
+        return nearest(images, context, target)
+
+    evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1})
+    with pytest.raises(atsplat.InvalidError, match="limit"):
+        evaluated(method, rooms, tmp_path / "store", limit=2, parameters={"step": 1})
+    evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1})
+    assert len(calls) == 1
+    with pytest.raises(atsplat.InvalidError, match="step"):
+        evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 2})
+    with pytest.raises(atsplat.InvalidError, match="empty folder"):
+        evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1}, resume=False)
+
+
+def test_shards_merge_into_the_whole(rooms, tmp_path):
+    whole = evaluated(nearest, rooms, tmp_path / "whole")
+    parts = [evaluated(nearest, rooms, tmp_path / f"part{k}", shard=(k, 2)) for k in (1, 2)]
+    assert [len(part) for part in parts] == [6, 3]
+    with pytest.raises(atsplat.InvalidError, match="missing"):
+        atsplat.merge(parts[:1], tmp_path / "half")
+    assert atsplat.merge(parts, tmp_path / "merged").rows() == whole.rows()
+
+
+def test_ctrl_c_stops_and_the_next_run_resumes(rooms, tmp_path):
+    script = textwrap.dedent(f"""
+        import sys, time
+        import numpy as np
+        import atsplat
+        sys.path.insert(0, {os.path.dirname(__file__)!r})
+        from conftest import nearest, INDEX, PROTOCOL
+        calls = 0
+        def slow(images, context, target):
+            global calls
+            calls += 1
+            if calls == 2 and sys.argv[1] == "interrupt":
+                print("ready", flush=True)
+                time.sleep(60)
+            return nearest(images, context, target)
+        try:
+            atsplat.evaluate(slow, PROTOCOL, data={str(rooms)!r}, index=INDEX, out={str(tmp_path / "store")!r})
+        except KeyboardInterrupt:
+            print("interrupted", calls)
+        else:
+            print("done", calls)
+    """)
+    env = {**os.environ, "RAYON_NUM_THREADS": "1"}
+    first = subprocess.Popen([sys.executable, "-c", script, "interrupt"], stdout=subprocess.PIPE, text=True, env=env)
+    assert first.stdout.readline() == "ready\n"
+    first.send_signal(signal.SIGINT)
+    assert first.communicate(timeout=30)[0] == "interrupted 2\n"
+    kept = atsplat.open_store(tmp_path / "store").trials()
+    assert len(kept) <= 1 and all(row["status"] == "done" for row in kept), "a trial that was interrupted has no row"
+    second = subprocess.run([sys.executable, "-c", script, "go on"], stdout=subprocess.PIPE, text=True)
+    assert second.stdout == f"done {SCENES - len(kept)}\n"
+    assert [row["status"] for row in atsplat.open_store(tmp_path / "store").trials()] == ["done"] * SCENES
+
+
+def test_settings_are_checked(rooms, tmp_path):
+    for options, field in [({"setting": "pixelsplats"}, "setting"), ({"name": "truth"}, "name"), ({"keep_pictures": "some"}, "keep_pictures")]:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            evaluated(nearest, rooms, tmp_path / "store", **options)
+        assert raised.value.field == field
+    with pytest.raises(atsplat.InvalidError, match="nearest-view, warp"):
+        evaluated("nearest", rooms, tmp_path / "store")

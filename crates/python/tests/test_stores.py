@@ -1,0 +1,79 @@
+"""Stores, tables and drift, against what the binary says of the same files."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+from conftest import INDEX, PROTOCOL, SCENES, nearest
+
+import atsplat
+
+
+@pytest.fixture(scope="module")
+def store(rooms, tmp_path_factory):
+    out = tmp_path_factory.mktemp("drift") / "store"
+    return atsplat.evaluate(nearest, PROTOCOL, data=rooms, index=INDEX, out=out, deterministic=True)
+
+
+def test_rows_and_columns_agree(store):
+    rows, columns = store.rows(), store.columns()
+    assert len(rows) == len(store) == 3 * SCENES
+    assert columns["psnr"].dtype == np.float64 and columns["frame"].dtype == np.int64 and columns["leaked"].dtype == bool
+    for at, row in enumerate(rows):
+        assert columns["psnr"][at] == row["psnr"] and columns["scene"][at] == row["scene"]
+    assert store.provenance["methods"][0]["kind"] == "python"
+    assert "nearest" in str(store) and PROTOCOL in str(store)
+    # LPIPS has no weights here: no number, and the reason.
+    if rows[0]["lpips"] is None:
+        assert np.isnan(columns["lpips"]).all() and rows[0]["not_computed"]["lpips"]
+
+
+def test_tables_are_the_binarys(store, warped, binary, tmp_path):
+    binary("report", store.path, warped, "--out", tmp_path / "page")
+    report = atsplat.report(store, warped)
+    for table in report:
+        texts = {"md": table.to_markdown(), "tex": table.to_latex(), "csv": table.to_csv(), "txt": str(table)}
+        for extension, text in texts.items():
+            assert (tmp_path / "page" / "tables" / f"{table.name}.{extension}").read_text() == text
+    table = report.table(PROTOCOL)
+    shown = table._repr_html_()
+    assert "<table" in shown and "plane warp" in shown
+    psnr = {row["method"]: row["PSNR"] for row in table.rows}
+    assert set(psnr) == {"nearest", "warp"}
+    printed = {row["method_id"]: float(row["psnr"]) for row in csv.DictReader(io.StringIO(table.to_csv()))}
+    assert psnr == printed
+    by_scene = {}
+    for row in store.rows():
+        by_scene.setdefault(row["scene"], []).append(row["psnr"])
+    assert np.isclose(psnr["nearest"], np.mean([np.mean(scores) for scores in by_scene.values()]))
+    with pytest.raises(atsplat.InvalidError, match=f"protocol-{PROTOCOL}"):
+        report.table("re20k")
+    files = report.write(tmp_path / "written")
+    assert (tmp_path / "written/index.html").is_file() and len(files) > 5
+
+
+def test_drift_sees_what_moved_and_in_which_direction(store, rooms, binary, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    with pytest.raises(atsplat.InvalidError) as raised:
+        atsplat.accept_baseline(store, baseline, why=" ")
+    assert raised.value.field == "why"
+    atsplat.accept_baseline(store, baseline, why="first results")
+    same = atsplat.drift(store, baseline)
+    assert same.verdict == "same" and not same.drifted
+    same.raise_if_drifted()
+
+    def darker(images, context, target):
+        return 0.97 * nearest(images, context, target)
+
+    moved = atsplat.evaluate(darker, PROTOCOL, data=rooms, index=INDEX, out=tmp_path / "moved", name="nearest", deterministic=True)
+    found = atsplat.drift(moved, baseline)
+    assert found.verdict == "drifted" and found.drifted
+    with pytest.raises(atsplat.DriftedError, match="psnr") as raised:
+        found.raise_if_drifted()
+    assert raised.value.drift is found
+    psnr = next(one for one in found.comparisons if one["metric"] == "psnr")
+    assert psnr["baseline"] != psnr["now"]
+    told = json.loads(binary("drift", moved.path, "--baseline", baseline, "--no-probe", "--json", succeeds=False))
+    assert told == found.report

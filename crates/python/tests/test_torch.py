@@ -1,0 +1,93 @@
+"""The dataset and the training callbacks; skipped without PyTorch."""
+
+import sys
+import types
+
+import numpy as np
+import pytest
+from conftest import INDEX, PROTOCOL, SCENES
+
+import atsplat
+
+torch = pytest.importorskip("torch")
+from atsplat.torch import Evaluation, TrialDataset  # noqa: E402
+
+
+class Blend(torch.nn.Module):
+    """Mixes the context images; its best mixture is even."""
+
+    def __init__(self, weight=0.5):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.tensor(weight))
+        self.modes = set()
+
+    def forward(self, images, context, target):
+        self.modes.add((self.training, torch.is_grad_enabled()))
+        mixed = self.weight * torch.from_numpy(images[0]) + (1 - self.weight) * torch.from_numpy(images[1])
+        return mixed.expand(len(target), *mixed.shape)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_data_loader_gives_the_trials(trials, rooms, workers):
+    dataset = TrialDataset(PROTOCOL, rooms, index=INDEX, supervise=True)
+    assert len(dataset) == SCENES
+    loader = torch.utils.data.DataLoader(dataset, batch_size=None, num_workers=workers)
+    for item, trial in zip(loader, trials, strict=True):
+        assert item["scene"] == trial.scene
+        assert np.array_equal(item["context_images"].permute(0, 2, 3, 1).numpy(), trial.context.images)
+        assert item["target_images"].shape == (3, 3, 128, 128)
+        expected = trial.target.cameras.world_from_camera.astype(np.float32)
+        assert np.array_equal(item["target_world_from_camera"].numpy(), expected)
+        scored = trial.score((item["target_images"] * 255).round().byte().permute(0, 2, 3, 1))
+        assert all(row["status"] == "identical" for row in scored.targets)
+    assert "target_images" not in TrialDataset(PROTOCOL, rooms, index=INDEX, limit=1)[0]
+
+
+def baseline_of(rooms, folder):
+    # One mean over three scenes has no interval: methods that are deterministic are compared bit by bit.
+    store = atsplat.evaluate(Blend(), PROTOCOL, data=rooms, index=INDEX, out=folder / "good", deterministic=True)
+    atsplat.accept_baseline(store, folder / "baseline.json", why="an even mixture")
+    return folder / "baseline.json"
+
+
+def test_an_evaluation_runs_every_n_steps_and_fails_if_it_is_worse(rooms, tmp_path):
+    baseline = baseline_of(rooms, tmp_path)
+    check = Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=10, baseline=baseline, index=INDEX, deterministic=True, name="Blend")
+    model = Blend()
+    for step in range(25):
+        check(step, model if step < 15 else model.forward)
+    assert sorted(check.stores) == [10, 20] and check.drift.verdict == "same"
+    assert model.modes == {(False, False)} and model.training
+    model.weight.data.fill_(3.0)
+    with pytest.raises(atsplat.DriftedError):
+        check(30, model)
+    with pytest.raises(atsplat.InvalidError):
+        Evaluation(PROTOCOL, rooms, tmp_path, every=0)
+
+
+def test_better_is_a_failure_only_if_any_drift_is(rooms, tmp_path):
+    worse = atsplat.evaluate(Blend(3.0), PROTOCOL, data=rooms, index=INDEX, out=tmp_path / "bad", deterministic=True)
+    atsplat.accept_baseline(worse, tmp_path / "baseline.json", why="the start")
+    common = {"every": 1, "baseline": tmp_path / "baseline.json", "index": INDEX, "deterministic": True}
+    check = Evaluation(PROTOCOL, rooms, tmp_path / "worse", **common)
+    assert check(1, Blend()) is not None and check.drift.drifted
+    with pytest.raises(atsplat.DriftedError):
+        Evaluation(PROTOCOL, rooms, tmp_path / "any", fail="any", **common)(1, Blend())
+
+
+def test_the_lightning_callback_evaluates_each_step_once(rooms, tmp_path, monkeypatch):
+    """With the hooks that Lightning's trainer calls; Lightning itself is not a dependency of the tests."""
+    pytorch = types.ModuleType("lightning.pytorch")
+    pytorch.Callback = object
+    monkeypatch.setitem(sys.modules, "lightning", types.ModuleType("lightning"))
+    monkeypatch.setitem(sys.modules, "lightning.pytorch", pytorch)
+    monkeypatch.delitem(sys.modules, "atsplat.lightning", raising=False)
+    from atsplat.lightning import EvaluationCallback
+
+    check = Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=2, index=INDEX, limit=1)
+    callback = EvaluationCallback(check)
+    for step, first in [(1, True), (2, True), (2, True), (4, False)]:
+        trainer = types.SimpleNamespace(global_step=step, is_global_zero=first)
+        callback.on_train_batch_end(trainer, Blend(), None, None, 0)
+    assert sorted(check.stores) == [2]
+    monkeypatch.delitem(sys.modules, "atsplat.lightning")

@@ -1,0 +1,117 @@
+"""Trials: what a method sees, and scoring of pictures and Gaussians."""
+
+import numpy as np
+import pytest
+from conftest import INDEX, PROTOCOL, SCENES
+
+import atsplat
+
+
+def test_a_method_sees_context_images_and_target_cameras_only(trials):
+    assert len(trials) == SCENES
+    for trial in trials:
+        images = trial.context.images
+        assert images.shape == (2, 128, 128, 3) and images.dtype == np.float32
+        assert 0 <= images.min() < images.max() <= 1
+        assert len(trial.target) == 3
+        with pytest.raises(AttributeError, match="may not see"):
+            trial.target.images
+        assert trial.near_far[0] < trial.near_far[1]
+
+
+def test_images_are_the_files_pixels(trials, rooms):
+    Image = pytest.importorskip("PIL.Image")
+    trial = trials[0]
+    for image, frame in zip(trial.context.images, trial.context.cameras.frames):
+        folder = next(path for path in rooms.rglob(trial.scene) if path.is_dir())
+        stored = np.asarray(Image.open(sorted(folder.glob("*.png"), key=lambda path: int(path.stem))[frame]))
+        assert np.array_equal(np.round(image * 255).astype(np.uint8), stored)
+
+
+def test_limit_spreads_and_skipped_entries_are_listed(rooms):
+    protocol = atsplat.protocol(PROTOCOL)
+    first, third = (trial.scene for trial in protocol.trials(rooms, index=INDEX, limit=2))
+    every = [trial.scene for trial in protocol.trials(rooms, index=INDEX)]
+    assert [first, third] == [every[0], every[1]]
+    unsized = atsplat.protocol("re10k-2v-256").trials(rooms, index=INDEX)
+    assert list(unsized) == [] and len(unsized.skipped) == SCENES
+    assert unsized.skipped[0].reason and "128" in unsized.skipped[0].detail
+
+
+def test_scores_of_gaussians_are_those_of_their_rendering(trials):
+    trial = trials[0]
+    cameras = trial.context.cameras
+    rng = np.random.default_rng(7)
+    rays = np.stack([rng.uniform(-0.5, 0.5, 400), rng.uniform(-0.4, 0.4, 400), np.ones(400)], axis=-1) * 3
+    means = rays @ cameras.world_from_camera[0, :3, :3].T + cameras.centres[0]
+    gaussians = atsplat.Gaussians(
+        means,
+        np.tile([1, 0, 0, 0], (400, 1)),
+        scales=np.full((400, 3), 0.05),
+        opacities=np.full(400, 0.8),
+        colours=rng.uniform(size=(400, 3)),
+    )
+    scored = trial.score(gaussians)
+    assert scored.status == "done" and 0 < scored.mean["psnr"] < 40
+    # Another order of the colours is another picture.
+    other = atsplat.Gaussians(
+        gaussians.means, gaussians.quaternions, log_scales=gaussians.log_scales,
+        opacity_logits=gaussians.opacity_logits, sh=gaussians.sh[:, :, ::-1],
+    )
+    assert trial.score(other).mean["psnr"] != scored.mean["psnr"]
+
+
+def test_scores_of_gaussians_are_the_binarys_of_their_files(trials, rooms, binary, tmp_path):
+    rng = np.random.default_rng(11)
+    by_scene = {}
+    for trial in trials:
+        count = 300
+        rays = np.stack([rng.uniform(-0.6, 0.6, count), rng.uniform(-0.5, 0.5, count), np.ones(count)], axis=-1) * 2.5
+        posed = trial.context.cameras
+        means = rays @ posed.world_from_camera[1, :3, :3].T + posed.centres[1]
+        gaussians = atsplat.Gaussians(
+            means, rng.normal(size=(count, 4)), scales=rng.uniform(0.01, 0.1, (count, 3)),
+            opacities=rng.uniform(0.1, 0.9, count), colours=rng.uniform(size=(count, 3)),
+        )
+        (tmp_path / "ply").mkdir(exist_ok=True)
+        gaussians.write(tmp_path / "ply" / f"{trial.scene}.ply")
+        by_scene[trial.scene] = trial.score(gaussians)
+    binary("score", PROTOCOL, "--data", rooms, "--index", INDEX, "--ply", tmp_path / "ply", "--ply-frame", "trial", "--out", tmp_path / "out")
+    rows = atsplat.open_store(tmp_path / "out").rows()
+    assert len(rows) == 3 * SCENES
+    for row in rows:
+        own = by_scene[row["scene"]].targets[row["target"]]
+        assert (own["psnr"], own["ssim"], own["render_hash"]) == (row["psnr"], row["ssim"], row["render_hash"])
+
+
+def test_identical_images_have_no_finite_psnr(trials, rooms):
+    trial = trials[0]
+    truth = trial._native.target_images()
+    scored = trial.score(np.round(truth * 255).astype(np.uint8))
+    assert all(row["status"] == "identical" and row["psnr"] == np.inf and row["ssim"] == 1 for row in scored.targets)
+
+
+def test_open_data_keeps_its_protocol_and_index(data):
+    for protocol, options in [("re10k-2v-256", {}), (PROTOCOL, {"sampler": "re10k-2v"})]:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            atsplat.protocol(protocol).trials(data, **options)
+        assert raised.value.field == "data"
+
+
+def test_errors_name_file_and_field(rooms, tmp_path):
+    with pytest.raises(atsplat.InvalidError, match="re10k-2v-256") as raised:
+        atsplat.protocol("re10k")
+    assert raised.value.field == "protocol" and isinstance(raised.value, ValueError)
+    with pytest.raises(atsplat.FileError) as raised:
+        atsplat.protocol(tmp_path / "none.toml")
+    assert raised.value.file == str(tmp_path / "none.toml") and raised.value.errno == 2 and isinstance(raised.value, OSError)
+    (tmp_path / "broken.toml").write_text('name = "x"\ntitle = 3\n')
+    with pytest.raises(atsplat.InvalidError) as raised:
+        atsplat.protocol(tmp_path / "broken.toml")
+    assert raised.value.file == str(tmp_path / "broken.toml") and raised.value.field.startswith("line 2")
+    with pytest.raises(atsplat.InvalidError, match="no evaluation index") as raised:
+        atsplat.protocol(PROTOCOL).open(rooms)
+    assert raised.value.file == str(rooms) and raised.value.field == "index"
+    with pytest.raises(atsplat.AtsplatError) as raised:
+        atsplat.open_store(tmp_path)
+    assert raised.value.file == str(tmp_path)
