@@ -27,7 +27,8 @@ fn run_with(here: &Path, variables: &[(&str, &str)], args: &[&str]) -> (Option<i
 fn a_slurm_array_numbers_its_parts() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    write_noise(here, 3);
+    write_noise(here, 4);
+    fs::remove_file(here.join("data/scene-03.txt")).unwrap();
     let array = |id| {
         let (of, step) = (("SLURM_ARRAY_TASK_COUNT", "2"), ("SLURM_ARRAY_TASK_STEP", "1"));
         [("SLURM_ARRAY_TASK_ID", id), ("SLURM_ARRAY_TASK_MIN", "5"), ("SLURM_ARRAY_TASK_MAX", "6"), of, step]
@@ -40,7 +41,11 @@ fn a_slurm_array_numbers_its_parts() {
     assert_eq!(second.provenance.shard, Some(Shard { number: 2, of: 2 }));
     assert_eq!(second.trials.len(), 2);
     succeed(here, &["merge", "first", "second", "--out", "merged"]);
-    assert_eq!(Results::read(&here.join("merged")).unwrap().trials.len(), 3);
+    let merged = Results::read(&here.join("merged")).unwrap();
+    assert_eq!(merged.trials.len(), 3);
+    let warnings = merged.provenance.warnings.iter().filter(|warning| warning.kind.contains("not in the data"));
+    let absent: Vec<(u64, &str)> = warnings.map(|warning| (warning.count, warning.example.as_str())).collect();
+    assert_eq!(absent, [(1, "scene-03")], "one missing scene, though both parts miss it");
     let (code, message) = run_with(here, &[("RANK", "1")], &["--shard", "env", "--out", "third"]);
     assert!(code == Some(2) && message.contains("WORLD_SIZE"), "{message}");
 }

@@ -31,6 +31,8 @@ impl Provenance {
                 None => self.warnings.push(warning),
             }
         }
+        // In the order of one run's, whichever shard reported a kind first.
+        self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
         self.skipped.extend(other.skipped);
         self.skipped.sort();
         self.skipped.dedup();

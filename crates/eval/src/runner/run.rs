@@ -37,10 +37,12 @@ pub fn run_until(
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, missing } = plan.selected(dataset);
-        summary.missing_scenes += missing.len() as u64;
-        if let Some(first) = missing.first() {
+        // A shard counts a part of them, so that merged counts are those of one run.
+        let counted = plan.selection.part_of(&missing);
+        summary.missing_scenes += counted.len() as u64;
+        if let Some(first) = counted.first() {
             const KIND: &str = "scenes of the index that are not in the data";
-            findings.add(&dataset.name, KIND, missing.len() as u64, first.clone());
+            findings.add(&dataset.name, KIND, counted.len() as u64, first.clone());
         }
         let mut outdated = Outdated::of(plan, dataset, &store);
         for scene in &missing {

@@ -37,17 +37,21 @@ impl Selection {
         let (present, missing): (Vec<_>, Vec<_>) = with_entries.partition(|(key, _)| known.contains_key(key.as_str()));
         let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(present.len());
         let positions = spread(present.len(), limit);
-        let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
         let mut scenes: Vec<_> = positions.into_iter().filter_map(|at| present.get(at)).enumerate().collect();
         scenes.sort_by_key(|(_, (key, _))| known.get(key.as_str()));
-        let border = |part: u32| part as usize * scenes.len() / of.max(1) as usize;
-        let (first, past) = (border(number.saturating_sub(1)), border(number));
-        let mut scenes = scenes.get(first..past).unwrap_or_default().to_vec();
+        let mut scenes = self.part_of(&scenes).to_vec();
         // In the index's order again.
         scenes.sort_by_key(|(at, _)| *at);
         let scenes = scenes.into_iter().map(|(_, (key, entries))| ((*key).clone(), (*entries).clone()));
         let index = EvaluationIndex { scenes: scenes.collect() };
         Selected { index, missing: missing.into_iter().map(|(key, _)| key.clone()).collect() }
+    }
+
+    /// The part of a list that belongs to the shard: each item to one shard, those of the first shard first.
+    pub(super) fn part_of<T>(self, list: &[T]) -> &[T] {
+        let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
+        let border = |part: u32| part as usize * list.len() / of.max(1) as usize;
+        list.get(border(number.saturating_sub(1))..border(number)).unwrap_or_default()
     }
 }
 
@@ -94,6 +98,12 @@ mod tests {
         let mut expected: Vec<String> = whole.index.scenes.into_keys().collect();
         expected.sort();
         assert_eq!(together, expected);
+        let absent = ["a", "b", "c", "d"];
+        let counted = (1..=3).flat_map(|number| {
+            let shard = Some(Shard { number, of: 3 });
+            Selection { limit: None, shard }.part_of(&absent).to_vec()
+        });
+        assert_eq!(counted.collect::<Vec<_>>(), absent, "each missing scene is counted by one shard");
     }
 
     /// The index is in another order than the data, whose chunks hold two scenes each.
