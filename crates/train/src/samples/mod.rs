@@ -120,21 +120,23 @@ impl Sample {
     }
 }
 
-/// The first sample that `attempt` makes from a random stream of the draw, or the reason of the last failure after 20 attempts.
+/// The first sample that `attempt` makes from a random stream of the draw and of `stream`, or the reason of the last failure
+/// after 20 attempts.
 fn first_sample(
-    source_name: String,
+    stream: &str,
+    source_name: impl FnOnce() -> String,
     draw: Draw,
     mut attempt: impl FnMut(&mut SplitMix64) -> Result<Result<Sample, String>, TrainError>,
 ) -> Result<Sample, TrainError> {
     const ATTEMPTS: u32 = 20;
     let mut reason = String::new();
     for number in 0..ATTEMPTS {
-        match attempt(&mut SplitMix64::for_scene(draw.seed, &format!("{source_name} {} {number}", draw.number)))? {
+        match attempt(&mut SplitMix64::for_scene(draw.seed, &format!("{stream} {} {number}", draw.number)))? {
             Ok(sample) => return Ok(sample),
             Err(error) => reason = error,
         }
     }
-    Err(TrainError::NoSample { source_name, attempts: ATTEMPTS, reason })
+    Err(TrainError::NoSample { source_name: source_name(), attempts: ATTEMPTS, reason })
 }
 
 /// A size for the renderer and pictures, which count in 32 bits.

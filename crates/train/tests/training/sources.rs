@@ -145,6 +145,11 @@ fn a_dataset_on_disk_gives_samples() {
         assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
     }
+    let (before, moved) = (open().sample(draw(1)).unwrap(), folder.path().join("moved"));
+    std::fs::rename(&data, &moved).unwrap();
+    let config = DatasetConfig { path: moved.join("train"), ..config };
+    let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
+    assert!(same(&before, &open().sample(draw(1)).unwrap()), "elsewhere, the same data gives the same samples");
     // By the rule that was given, not by the preset's, which has another scale.
     let rule = PoseNormalisation::BaselineOne { minimum: 0.0, maximum: None };
     let sample = DatasetSource::open(config.clone(), rule, &mut Warnings::new()).unwrap().sample(draw(0)).unwrap();
