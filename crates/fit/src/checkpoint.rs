@@ -9,6 +9,7 @@ use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
 
+use crate::corrections::Corrections;
 use crate::{Fit, FitConfig, FitError, Scene, TrainingView};
 
 const METADATA: &str = "atsplat.fit";
@@ -39,6 +40,7 @@ impl Fit {
         }
         let filters = self.scene.parts.filter_3d.as_deref();
         tensors.extend(filters.map(|filters| ("filter-3d".to_owned(), filters)));
+        tensors.extend(self.corrections.arrays().map(|(name, values)| (name.to_owned(), values)));
         tensors.extend(memory.iter().map(|(name, values)| (format!("memory/{name}"), values.as_slice())));
         let metadata = Metadata {
             step: self.step,
@@ -114,6 +116,9 @@ impl Fit {
             parts.sh = rows(&named("sh")?);
         }
         scene.parts.filter_3d = metadata.filtered.then(|| tensor("filter-3d".to_owned())).transpose()?;
+        let mut corrections = Corrections::default();
+        let [values, first, second] = fit.corrections.arrays().map(|(name, _)| tensor(name.to_owned()));
+        (corrections.values, corrections.first, corrections.second) = (rows(&values?), rows(&first?), rows(&second?));
         let memory: Vec<Vec<f32>> =
             metadata.memory.iter().map(|name| tensor(format!("memory/{name}"))).collect::<Result<_, _>>()?;
         let lengths =
@@ -124,7 +129,7 @@ impl Fit {
         if digest(read.iter().map(Vec::as_slice)) != metadata.tensors || [first, second] != [values; 2] {
             return Err(wrong("tensors", "the tensors that were written", "others".to_owned()));
         }
-        (fit.scene, fit.step) = (scene, metadata.step);
+        (fit.scene, fit.step, fit.corrections) = (scene, metadata.step, corrections);
         fit.density.restore(memory);
         Ok(fit)
     }

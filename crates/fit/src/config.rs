@@ -86,6 +86,11 @@ pub struct FitConfig {
     pub rates: Rates,
     /// Whether adaptive density control sums absolute gradients of single pixels, as `AbsGS` (Ye et al. 2024).
     pub absolute_gradients: bool,
+    /// Rate of each view's camera at the start, in radians, and in extents for its position; it falls to a hundredth. `None`
+    /// leaves the cameras as they are.
+    pub pose_rate: Option<f64>,
+    /// As `pose_rate`, of each view's exposure.
+    pub exposure_rate: Option<f64>,
     /// The scene's extent in scene units; `None` is 3DGS' radius of the cameras, or half the
     /// median depth of the start if that is more.
     pub extent: Option<f64>,
@@ -109,6 +114,8 @@ impl FitConfig {
             d_ssim: 0.2,
             rates: Rates::default(),
             absolute_gradients: false,
+            pose_rate: None,
+            exposure_rate: None,
             extent: None,
             max_gaussians: 1_000_000,
             memory_limit: 8 << 30,
@@ -138,6 +145,11 @@ impl FitConfig {
         }
         if let Some(extent) = self.extent.filter(|extent| !(extent.is_finite() && *extent > 0.0)) {
             return wrong("extent", "a positive length", &extent);
+        }
+        for (name, rate) in [("pose-rate", self.pose_rate), ("exposure-rate", self.exposure_rate)] {
+            if let Some(rate) = rate.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+                return wrong(name, "a positive rate", &rate);
+            }
         }
         let Rates { means, final_means, colours, opacities, scales, rotations } = self.rates;
         for (name, rate) in [

@@ -1,9 +1,12 @@
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
-use atsplat_splat::{Cleaning, Gaussians, Gradients, ImageGradients, RasterMode, RenderOptions, Rendering, View};
+use atsplat_splat::{
+    Cleaning, Exposure, Gaussians, Gradients, ImageGradients, RasterMode, RenderOptions, Rendering, View,
+};
 use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::adam::Adam;
+use crate::corrections::{Corrections, Slopes};
 use crate::density::{Adaptive, At, Changes, Density, DensityError, Fixed, Mcmc, Seen};
 use crate::filter_3d::{Cameras, MIP_BLUR};
 use crate::loss::{Photometric, Terms};
@@ -29,6 +32,7 @@ pub struct Fit {
     pub(crate) step: u64,
     pub(crate) scene: Scene,
     pub(crate) density: Box<dyn Density>,
+    pub(crate) corrections: Corrections,
     dropped: usize,
     options: RenderOptions,
     renderer: CpuRenderer,
@@ -111,6 +115,7 @@ impl Fit {
         let renderer = CpuRenderer::new(CpuOptions { memory_limit: config.memory_limit, ..CpuOptions::default() });
         let mut fit = Self {
             schedule: Schedule::of(config.steps),
+            corrections: Corrections::new(&config, views.len()),
             config,
             views,
             cameras,
@@ -188,7 +193,7 @@ impl Fit {
         let degree = self.schedule.degree(self.first_degree, self.config.sh_degree, step);
         self.options.max_sh_degree = degree;
         self.options.background = self.background(Some(step));
-        let terms = self.differentiate(number)?;
+        let (terms, slopes) = self.differentiate(number)?;
         if !terms.total.is_finite() {
             return Err(self.stopped(step, number, Fault::Loss { l1: terms.l1, d_ssim: terms.d_ssim }));
         }
@@ -208,6 +213,7 @@ impl Fit {
             step,
         };
         adam.update(&mut self.scene, &self.gradients);
+        self.corrections.update(number, &slopes, &self.config, (step, self.extent));
         let at = At {
             step,
             schedule: self.schedule,
@@ -229,14 +235,36 @@ impl Fit {
         Ok(StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes })
     }
 
+    /// A training view with its optimised camera, by position.
+    ///
+    /// # Errors
+    /// [`FitError::Camera`] for a motion that is not finite.
+    pub fn optimised_view(&self, number: usize) -> Result<Option<View>, FitError> {
+        self.views.get(number).map(|own| self.corrections.view(number, &own.view)).transpose()
+    }
+
+    /// The optimised exposure of a training view, by position; `None` if exposures are not optimised.
+    pub fn exposure(&self, number: usize) -> Option<Exposure> {
+        self.config.exposure_rate.and_then(|_| self.corrections.exposure(number))
+    }
+
     /// Forward and backward pass of one training view.
-    fn differentiate(&mut self, number: usize) -> Result<Terms, FitError> {
+    fn differentiate(&mut self, number: usize) -> Result<(Terms, Slopes), FitError> {
+        let exposure = self.exposure(number);
         let Self { views, scene, options, renderer, loss, images, gradients, absolute, density, config, .. } = self;
         #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
         let TrainingView { view, rgb, .. } = views.get(number).expect("a view of the run");
+        let view = &self.corrections.view(number, view)?;
         scene.with_gaussians(|gaussians| {
             let mut recording = renderer.record(gaussians, view, options)?;
-            let terms = loss.evaluate(&recording.rendering().rgb, rgb, view.size, config.d_ssim, &mut images.rgb);
+            let rendered = &recording.rendering().rgb;
+            let exposed = exposure.map(|exposure| exposed(&exposure, rendered));
+            let shown = exposed.as_ref().unwrap_or(rendered);
+            let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, &mut images.rgb);
+            let d_exposure = exposure.map(|_| Exposure::gradient(rendered, &images.rgb)).transpose()?;
+            if let Some(exposure) = exposure {
+                images.rgb.iter_mut().for_each(|slope| *slope = before(&exposure, *slope));
+            }
             if terms.total.is_finite() {
                 if config.absolute_gradients {
                     recording.backward_with_absolute(images, gradients, absolute)?;
@@ -249,7 +277,7 @@ impl Fit {
                 density.observe(&Seen { drawn: &drawn, means_2d, size, count: gaussians.len() });
             }
             renderer.reuse(recording);
-            Ok(terms)
+            Ok((terms, Slopes { pose: gradients.pose, exposure: d_exposure }))
         })
     }
 
@@ -306,7 +334,7 @@ impl Fit {
     }
 
     fn broken_gradient(&self) -> Option<Fault> {
-        let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh"];
+        let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh", "pose"];
         let fields = self.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
         fields.into_iter().find_map(|(parameter, values)| {
             let broken = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
@@ -320,6 +348,21 @@ impl Fit {
         let view = self.views.get(view).map_or_else(String::new, |view| view.name.clone());
         FitError::Stopped(Box::new(Diagnosis { step, view, gaussians: self.scene.len(), fault }))
     }
+}
+
+/// The picture as an exposure shows it.
+fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(crate::scene::narrowed)).collect()
+}
+
+/// The gradient with respect to a pixel before exposure.
+fn before(exposure: &Exposure, slope: [f32; 3]) -> [f32; 3] {
+    let [a, b, c] = exposure.matrix;
+    let column = |at: usize| {
+        let rows = [a, b, c].into_iter().zip(slope);
+        rows.map(|(row, slope)| row[at] * f64::from(slope)).sum::<f64>()
+    };
+    [column(0), column(1), column(2)].map(crate::scene::narrowed)
 }
 
 /// Whether all values are finite: infinities and NaN have the largest exponents.

@@ -18,6 +18,7 @@ mod adam;
 mod budget;
 mod checkpoint;
 mod config;
+mod corrections;
 pub mod density;
 mod error;
 pub mod filter_3d;

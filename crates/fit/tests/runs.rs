@@ -5,10 +5,10 @@
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_fit::density::relocated;
 use atsplat_fit::start::{Point, from_points, in_frustums};
-use atsplat_fit::{Background, Fault, Fit, FitConfig, FitError, Strategy, TrainingView};
+use atsplat_fit::{Background, Fault, Fit, FitConfig, FitError, Rates, Strategy, TrainingView};
 use atsplat_numeric::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
+use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions, View};
 use glam::{DMat3, DVec3};
 
 const STRATEGIES: [Strategy; 4] = [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc, Strategy::Fixed];
@@ -91,6 +91,49 @@ fn every_strategy_learns_views_that_it_does_not_see() {
     }
 }
 
+/// The Gaussians are known and hardly change, so that every view has to find its own camera and exposure.
+#[test]
+fn perturbed_cameras_and_exposures_are_recovered() {
+    let exact: Vec<TrainingView> = views().0.into_iter().step_by(4).collect();
+    let mut generator = SplitMix64::new(9);
+    let mut views = exact.clone();
+    for view in &mut views {
+        let mut number = |most: f32| f64::from(random(&mut generator, -most, most));
+        let turn =
+            DMat3::from_quat(glam::DQuat::from_scaled_axis(DVec3::new(number(0.02), number(0.02), number(0.02))));
+        let shift = DVec3::new(number(0.05), number(0.05), number(0.05));
+        let pose = view.view.camera.camera_from_world;
+        view.view.camera.camera_from_world =
+            CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift).unwrap();
+        let exposure = Exposure { offset: [number(0.05); 3], ..Exposure::uniform(1.0 + number(0.2)) };
+        for rgb in &mut view.rgb {
+            #[expect(clippy::cast_possible_truncation, reason = "pixels are f32")]
+            let seen = exposure.of(rgb.map(f64::from)).map(|value| value as f32);
+            *rgb = seen;
+        }
+    }
+    let still = 1e-9;
+    let rates =
+        Rates { means: still, final_means: still, colours: still, opacities: still, scales: still, rotations: still };
+    let (pose_rate, exposure_rate) = (Some(2e-3), Some(0.01));
+    let config = FitConfig { rates, pose_rate, exposure_rate, ..config(Strategy::Fixed, 1500) };
+    let mut fit = Fit::new(config, views.clone(), &truth()).unwrap();
+    let errors = |fit: &Fit| {
+        let error = |(number, exact): (usize, &TrainingView)| {
+            let found = fit.optimised_view(number).unwrap().unwrap().camera.camera_from_world;
+            let exact = exact.view.camera.camera_from_world;
+            (found.inverse().centre() - exact.inverse().centre()).length()
+                + (found.rotation() - exact.rotation()).to_cols_array().iter().map(|entry| entry.abs()).sum::<f64>()
+        };
+        exact.iter().enumerate().map(error).sum::<f64>() / exact.len() as f64
+    };
+    let before = errors(&fit);
+    run(&mut fit, 1500);
+    let after = errors(&fit);
+    assert!(before > 0.05 && after < 0.1 * before, "{before}, then {after}");
+    assert!(fit.exposure(0).is_some_and(|exposure| exposure != Exposure::IDENTITY));
+}
+
 #[test]
 fn absolute_gradients_densify() {
     let config = FitConfig { absolute_gradients: true, ..config(Strategy::Gaussians3d, 300) };
@@ -105,7 +148,12 @@ fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
     let path = folder.path().join("checkpoint");
     for strategy in STRATEGIES {
         let (views, start) = (views().0, start(strategy, 120));
-        let config = FitConfig { background: Background::Random, ..config(strategy, 250) };
+        let config = FitConfig {
+            background: Background::Random,
+            pose_rate: Some(1e-4),
+            exposure_rate: Some(1e-3),
+            ..config(strategy, 250)
+        };
         let mut whole = Fit::new(config.clone(), views.clone(), &start).unwrap();
         run(&mut whole, 250);
         let mut killed = Fit::new(config.clone(), views.clone(), &start).unwrap();

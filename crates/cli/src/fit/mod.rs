@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use atsplat_fit::{Background, Budget, Fit, FitConfig, Strategy};
+use atsplat_fit::{Background, Budget, Fit, FitConfig, Strategy, TrainingView};
 use atsplat_scene::Warnings;
 use atsplat_splat::files::{self, Encoding, Output};
 use clap::ValueEnum;
@@ -15,7 +15,7 @@ use clap::ValueEnum;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse;
 use input::{InputArgs, StartArgs};
-use report::{Log, Record, Report};
+use report::{Correction, Log, Record, Report};
 
 #[derive(Debug, clap::Args)]
 #[command(override_usage = "atsplat fit <DATA> --views <SEL> --strategy <NAME> --steps <N> --out <FILE> [OPTIONS]")]
@@ -89,6 +89,16 @@ struct OptimisationArgs {
     #[arg(long)]
     absolute_gradients: bool,
 
+    /// Optimise each view's camera too, with this rate at first, in radians and in extents of the scene. The scene may drift
+    /// away from the held-out cameras.
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "1e-4", value_parser = parse::positive)]
+    optimise_poses: Option<f64>,
+
+    /// Optimise each view's exposure too: an affine map of its colours, with this rate at first. Held-out views are compared
+    /// without one.
+    #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "0.01", value_parser = parse::positive)]
+    optimise_exposure: Option<f64>,
+
     /// Extent of the scene in units of DATA; by default the radius of the cameras, or half the median depth of the start if
     /// that is more.
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
@@ -143,6 +153,8 @@ impl OptimisationArgs {
             sh_degree: self.sh_degree,
             background,
             absolute_gradients: self.absolute_gradients,
+            pose_rate: self.optimise_poses,
+            exposure_rate: self.optimise_exposure,
             extent: self.extent,
             max_gaussians: self.max_gaussians,
             memory_limit: self.memory.saturating_mul(1 << 20),
@@ -157,6 +169,20 @@ impl OptimisationArgs {
             (steps, None) => Budget::Steps(steps.expect("required without --seconds")),
         }
     }
+}
+
+/// The optimised cameras and exposures, if there are any, in the frame of the optimisation.
+fn corrections(fit: &Fit, training: &[TrainingView]) -> anyhow::Result<Vec<Correction>> {
+    if fit.config().pose_rate.is_none() && fit.config().exposure_rate.is_none() {
+        return Ok(Vec::new());
+    }
+    let correction = |(number, view): (usize, &TrainingView)| {
+        let found = fit.optimised_view(number)?.unwrap_or(view.view);
+        let exposure = fit.exposure(number).map(|exposure| exposure.to_3dgs());
+        let camera_from_world = found.camera.camera_from_world.to_rows().to_vec();
+        Ok(Correction { view: view.name.clone(), camera_from_world, exposure })
+    };
+    training.iter().enumerate().map(correction).collect()
 }
 
 /// Optimises until the last step or the end of the time.
@@ -196,7 +222,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(folder) = &args.plots {
         log.draw(folder, &mut fit, &input.training)?;
     }
-    let names = |views: &[atsplat_fit::TrainingView]| views.iter().map(|view| view.name.clone()).collect();
+    let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         data: args.input.data.clone(),
@@ -211,6 +237,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         steps: fit.step_count(),
         file: args.out.clone(),
         gaussians: gaussians.len(),
+        corrections: corrections(&fit, &input.training)?,
         training_psnr: log.training_psnr(),
         evaluations: log.evaluations.clone(),
     };

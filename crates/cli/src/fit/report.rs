@@ -48,9 +48,24 @@ pub(super) struct Record {
     pub(super) steps: u64,
     pub(super) file: PathBuf,
     pub(super) gaussians: usize,
+    /// Of the training views, if cameras or exposures were optimised.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) corrections: Vec<Correction>,
     /// Mean PSNR of the last step on each training view, in dB.
     pub(super) training_psnr: Option<f64>,
     pub(super) evaluations: Vec<Evaluation>,
+}
+
+/// What was optimised for one view.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Correction {
+    pub(super) view: String,
+    /// Row-major 3×4 matrix.
+    pub(super) camera_from_world: Vec<f64>,
+    /// As 3DGS stores it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) exposure: Option<[[f64; 4]; 3]>,
 }
 
 /// The printed report.
