@@ -85,7 +85,7 @@ fn a_part_opens_the_chunks_of_its_scenes_alone() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 8);
-    let source = atsplat_scene::open(&here.join("data"), &mut Warnings::default()).unwrap();
+    let source = atsplat_scene::open(here.join("data"), &mut Warnings::default()).unwrap();
     let scene: u64 =
         fs::read_dir(here.join("data/scene-00")).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
     let exported =

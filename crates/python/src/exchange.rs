@@ -45,8 +45,8 @@ impl Calls {
         let task = Task::Call(Box::new(trial.clone()), Arc::clone(&self.callable), reply);
         let sent = self.tasks.lock().unwrap_or_else(PoisonError::into_inner).send(task);
         let stopped = || MethodError::Failed("the evaluation was stopped".to_owned());
-        sent.map_err(|_| stopped())?;
-        outcome.recv().map_err(|_| stopped())?
+        sent.map_err(|_ended| stopped())?;
+        outcome.recv().map_err(|_ended| stopped())?
     }
 }
 

@@ -211,7 +211,7 @@ pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<S
 /// [`RenderingError::Io`].
 pub fn unknown_images(folder: &Path, frames: &[Frame]) -> Result<usize, RenderingError> {
     let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
-    let entries = std::fs::read_dir(folder).and_then(|entries| entries.collect::<std::io::Result<Vec<_>>>());
+    let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<std::io::Result<Vec<_>>>);
     let entries = entries.map_err(FileError::during::<RenderingError>("listing images", folder))?;
     let names = entries.iter().map(std::fs::DirEntry::file_name);
     Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_file_name(name) && !is_ours(name))).count())

@@ -107,7 +107,9 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("method");
         let [kept, other] = ["a-0", "b-0"].map(|name| folder.join(name));
-        [&kept, &other].into_iter().for_each(|path| fs::create_dir_all(path).unwrap());
+        for path in [&kept, &other] {
+            fs::create_dir_all(path).unwrap();
+        }
         retain(&folder, &[kept.clone()].into()).unwrap();
         assert!(kept.exists() && !other.exists());
         retain(&root.path().join("none"), &BTreeSet::new()).unwrap();
