@@ -45,7 +45,7 @@ fn settings(command: &str) -> ExecSettings {
     ExecSettings {
         command: command.to_owned(),
         name: None,
-        limit: Duration::from_secs(60),
+        limit: Duration::from_mins(1),
         processes: 1,
         opacities_as_stored: false,
         splatting: Splatting::default(),
@@ -97,7 +97,7 @@ fn array(pictures: &[Image]) -> Vec<u8> {
     let shape = format!("({}, {}, {}, 3)", pictures.len(), SIZE.height, SIZE.width);
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");
     let length = u16::try_from(header.len()).unwrap().to_le_bytes();
-    let samples = pictures.iter().flat_map(|picture| picture.samples()).flat_map(|sample| sample.to_le_bytes());
+    let samples = pictures.iter().flat_map(Image::samples).flat_map(|sample| sample.to_le_bytes());
     [b"\x93NUMPY\x01\x00".as_slice(), &length, header.as_bytes(), &samples.collect::<Vec<u8>>()].concat()
 }
 

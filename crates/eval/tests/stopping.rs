@@ -1,7 +1,5 @@
 //! Runs that are stopped, and trials that are evaluated alone.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 mod common;
 
 use std::sync::Arc;

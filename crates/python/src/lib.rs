@@ -45,7 +45,7 @@ mod _native {
     #[pymodule_export]
     use super::trial::{Input, Trial, Trials};
 
-    use super::*;
+    use pyo3::prelude::*;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

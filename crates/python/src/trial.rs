@@ -99,14 +99,14 @@ fn array_of<'py>(
 #[pyclass(frozen, module = "atsplat._native")]
 pub(crate) struct Trial {
     dataset: Arc<Dataset>,
-    trial: trial::Trial,
+    input: trial::Trial,
     targets: TargetPictures,
 }
 
 #[pymethods]
 impl Trial {
     fn input(&self) -> Input {
-        Input::new(self.trial.clone())
+        Input::new(self.input.clone())
     }
 
     /// The target pictures, T × H × W × 3 in [0, 1].
@@ -142,7 +142,7 @@ impl Trial {
         let record = MethodRecord { name: "scored".to_owned(), ..MethodRecord::default() };
         let method = Precomputed::new(record, output);
         let rows: (TrialRow, Vec<TargetRow>) =
-            evaluate_trial(&self.dataset, suite.get(), self.trial.clone(), &self.targets, &method)?;
+            evaluate_trial(&self.dataset, suite.get(), self.input.clone(), &self.targets, &method)?;
         serde_json::to_string(&rows).map_err(|error| Failure::invalid("rows", error))
     }
 }
@@ -191,7 +191,7 @@ impl Trials {
     ) -> Result<Option<(Option<Trial>, Option<(String, usize, String, String)>)>, Failure> {
         let next = || Ok(self.trials.lock().unwrap_or_else(PoisonError::into_inner).next());
         Ok(work(py, next)?.map(|outcome| match outcome {
-            Ok((trial, targets)) => (Some(Trial { dataset: Arc::clone(&self.dataset), trial, targets }), None),
+            Ok((trial, targets)) => (Some(Trial { dataset: Arc::clone(&self.dataset), input: trial, targets }), None),
             Err(skipped) => {
                 (None, Some((skipped.scene, skipped.entry_number, skipped.reason.name().to_owned(), skipped.detail)))
             }

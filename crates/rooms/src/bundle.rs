@@ -89,10 +89,13 @@ pub(crate) struct Candidates {
 /// Longest list of objects.
 const MOST: usize = 32;
 
+/// Where the bundle enters an object's box, the object's link, and the box: low and high by axis.
+type Entered = (f32, u32, [(f32, f32); 3]);
+
 impl Candidates {
     /// Finds the objects; those that `keep` refuses are known not to be hit.
     pub(crate) fn new(bvh: &Bvh, bundle: &Bundle, keep: impl Fn(usize) -> bool) -> Self {
-        let mut found: Vec<(f32, u32, [(f32, f32); 3])> = Vec::new();
+        let mut found: Vec<Entered> = Vec::new();
         let mut open = vec![0u32];
         while let Some(node) = open.pop().and_then(|link| bvh.nodes.get(link as usize)) {
             let (enters, hits) = bundle.enter(node);
@@ -109,7 +112,7 @@ impl Candidates {
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let node = |few: &[(f32, u32, [(f32, f32); 3])]| {
+        let node = |few: &[Entered]| {
             let mut node = Node::EMPTY;
             for (slot, (_, link, planes)) in few.iter().enumerate() {
                 for (own, (low, high)) in node.planes.iter_mut().zip(planes) {

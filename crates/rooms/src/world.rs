@@ -53,26 +53,22 @@ impl World {
     /// The nearest surface along a unit direction.
     pub(crate) fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Surface> {
         let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
-        self.touched(&ray, self.bvh.closest(&self.objects, &ray)?)
+        self.bvh.closest(&self.objects, &ray).map(|hit| self.touched(&ray, hit))
     }
 
     /// As [`Self::trace`], for a ray whose possible hits are known.
     pub(crate) fn trace_among(&self, candidates: &Candidates, origin: DVec3, direction: DVec3) -> Option<Surface> {
         let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
-        self.touched(&ray, candidates.closest(&self.bvh, &self.objects, &ray)?)
+        candidates.closest(&self.bvh, &self.objects, &ray).map(|hit| self.touched(&ray, hit))
     }
 
-    fn touched(
-        &self,
-        &RaySegment { origin, direction, .. }: &RaySegment,
-        (distance, object): (f64, usize),
-    ) -> Option<Surface> {
+    fn touched(&self, &RaySegment { origin, direction, .. }: &RaySegment, (distance, object): (f64, usize)) -> Surface {
         let hit = &self.objects[object];
         let point = origin + direction * distance;
         let touch = hit.touch(point);
         let normal = if touch.normal.dot(direction) > 0.0 { -touch.normal } else { touch.normal };
         let (instance, uv, local) = (hit.instance, touch.uv, touch.local);
-        Some(Surface { distance, point, normal, object, instance, uv, local })
+        Surface { distance, point, normal, object, instance, uv, local }
     }
 
     /// Whether anything is between `point` and `point + offset`.

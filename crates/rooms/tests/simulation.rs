@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_rooms::{
     EffectChoice, EffectKind, GENERATOR, Geometry, PictureDifference, Request, Route, SceneKind, SceneSeed, Simulation,
     Split, TOLERANCE,
@@ -119,12 +119,12 @@ fn skipped_effects_hardly_change_any_pixel() {
 /// Forty scenes of each kind; prints the rows of `benches/README.md`.
 #[test]
 #[ignore = "takes a minute: cargo test --release -p atsplat-rooms --test simulation -- --ignored --nocapture eighty"]
-#[expect(clippy::print_stdout, reason = "a table of measurements")]
 fn eighty_scenes_are_close_to_all_effects() {
     let size = ImageSize { width: 256, height: 256 };
     for kind in [SceneKind::Rooms, SceneKind::Yards] {
         let found: Vec<_> = (0..40).map(|number| assert_close_to_all(kind, number, size, 60)).collect();
-        let most = |read: fn(&PictureDifference) -> f64| found.iter().map(|(_, of)| read(of)).fold(0.0, f64::max);
+        let most =
+            |read: fn(&PictureDifference) -> f64| found.iter().map(|(_, of)| read(of)).fold(0.0, f64::maximum_of);
         let (skipped, worst) = (found.iter().map(|(skipped, _)| skipped).sum::<usize>(), most(|of| of.mse));
         println!(
             "{kind}: {:.1} of 7 effects left out; in the worst scene {:.3} % of pixels above 1/255, PSNR {:.1} dB, at most {:.1} of 255",

@@ -224,7 +224,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let checkpoints = Checkpoints::new(folder.path(), 2).unwrap();
         let files = ["step-00000012.safetensors", "step-00000004.safetensors", "step-notes.txt", "best.safetensors"];
-        files.iter().for_each(|name| std::fs::write(checkpoints.folder.join(name), "").unwrap());
+        for name in files {
+            std::fs::write(checkpoints.folder.join(name), "").unwrap();
+        }
         let expected = ["step-00000004.safetensors", "step-00000012.safetensors"];
         assert_eq!(checkpoints.all().unwrap(), expected.map(|name| checkpoints.folder.join(name)));
     }

@@ -18,7 +18,7 @@ pub(crate) struct SettingArgs {
     out: PathBuf,
 
     /// Only the K-th of N parts of the scenes, as 2/8, or env: as the environment of a Slurm array, an indexed Kubernetes job
-    /// (with ATSPLAT_SHARDS), torchrun or MPI says. `atsplat merge` merges the parts.
+    /// (with `ATSPLAT_SHARDS`), torchrun or MPI says. `atsplat merge` merges the parts.
     #[arg(long, value_name = "K/N|env")]
     shard: Option<ShardArg>,
 

@@ -42,6 +42,7 @@ pub trait Method: Debug + Send + Sync {
 
     /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
     /// ([`Preset::setting_for`]).
+    #[expect(clippy::unnecessary_literal_bound, reason = "a process names its own")]
     fn setting(&self) -> &str {
         "ATSplat"
     }

@@ -121,13 +121,11 @@ pub(super) fn tables(folder: &Path, schema: &Schema, replaced: &BTreeSet<TrialKe
     let path = folder.join(TARGETS);
     if let Some(table) = Table::read(&path, &schema.targets)? {
         for target in targets::rows(&table)?.into_iter().filter(|target| !replaced.contains(&target.key)) {
-            match rows.get_mut(&target.key) {
-                Some((_, targets)) => targets.push(target),
-                None => {
-                    let found = format!("a target of {}, of which there is no trial", target.key);
-                    return Err(EvalError::malformed(&path, "rows", format!("targets of trials in {TRIALS}"), found));
-                }
-            }
+            let Some((_, targets)) = rows.get_mut(&target.key) else {
+                let found = format!("a target of {}, of which there is no trial", target.key);
+                return Err(EvalError::malformed(&path, "rows", format!("targets of trials in {TRIALS}"), found));
+            };
+            targets.push(target);
         }
     }
     rows.values_mut().try_for_each(|(trial, targets)| check_targets(&path, trial, targets))?;

@@ -29,6 +29,9 @@ const BLOCK: usize = 1024;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mcmc;
 
+/// Gradients of consecutive values, and the values.
+type Block<'a, T> = (&'a mut [T], &'a [T]);
+
 impl Density for Mcmc {
     fn regularise(&self, scene: &Scene, gradients: &mut Gradients<f32>) -> f64 {
         let count = scene.len() as f64;
@@ -36,21 +39,20 @@ impl Density for Mcmc {
         let opacities =
             gradients.opacity_logits.par_chunks_mut(BLOCK).zip(scene.parts.opacity_logits.par_chunks(BLOCK));
         let scales = gradients.log_scales.par_chunks_mut(BLOCK).zip(scene.parts.log_scales.par_chunks(BLOCK));
-        let block =
-            |((gradients, logits), (by_scale, scales)): ((&mut [f32], &[f32]), (&mut [[f32; 3]], &[[f32; 3]]))| {
-                let mut sum = 0.0;
-                for (gradient, logit) in gradients.iter_mut().zip(logits) {
-                    let opacity = sigmoid(*logit);
-                    *gradient += narrowed(opacity_weight * opacity * (1.0 - opacity));
-                    sum += opacity_weight * opacity;
-                }
-                for (gradient, log) in by_scale.as_flattened_mut().iter_mut().zip(scales.as_flattened()) {
-                    let scale = scale_weight * f64::from(*log).exp();
-                    *gradient += narrowed(scale);
-                    sum += scale;
-                }
-                sum
-            };
+        let block = |((gradients, logits), (by_scale, scales)): (Block<'_, f32>, Block<'_, [f32; 3]>)| {
+            let mut sum = 0.0;
+            for (gradient, logit) in gradients.iter_mut().zip(logits) {
+                let opacity = sigmoid(*logit);
+                *gradient += narrowed(opacity_weight * opacity * (1.0 - opacity));
+                sum += opacity_weight * opacity;
+            }
+            for (gradient, log) in by_scale.as_flattened_mut().iter_mut().zip(scales.as_flattened()) {
+                let scale = scale_weight * f64::from(*log).exp();
+                *gradient += narrowed(scale);
+                sum += scale;
+            }
+            sum
+        };
         let sums: Vec<f64> = opacities.zip(scales).map(block).collect();
         sums.into_iter().sum()
     }

@@ -72,7 +72,9 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
 fn resuming_needs_a_log_or_checkpoints() {
     let folder = tempfile::tempdir().unwrap();
     let runs = ["log", "checkpoints", "neither"].map(|name| folder.path().join(name));
-    runs.iter().for_each(|run| std::fs::create_dir(run).unwrap());
+    for run in &runs {
+        std::fs::create_dir(run).unwrap();
+    }
     let [log, checkpoints, neither] = &runs;
     std::fs::write(log.join(STEPS), "").unwrap();
     std::fs::create_dir(checkpoints.join("checkpoints")).unwrap();

@@ -58,11 +58,11 @@ impl Process {
         let (requests, for_child) = channel();
         let (alive, ending) = channel();
         let words = words.to_vec();
-        thread::spawn(move || keep(command(&words, number), &started, &for_child, &ending));
+        waiting_thread(move || keep(command(&words, number), &started, &for_child, &ending));
         let mut child: Child = start.recv().unwrap_or_else(|_gone| Err(io::ErrorKind::Other.into()))?;
         let (sender, lines) = channel();
         if let Some(stdout) = child.stdout.take() {
-            thread::spawn(move || read_lines(stdout, &sender));
+            waiting_thread(move || read_lines(stdout, &sender));
         }
         let last_words = LastWords::of(child.stderr.take());
         Ok(Self { child, requests: Some(requests), lines, last_words, _alive: alive })
@@ -198,13 +198,19 @@ struct LastWords {
     end: Receiver<()>,
 }
 
+/// A thread that waits for a pipe or a process, and computes nothing.
+#[expect(clippy::disallowed_methods, reason = "rayon's threads are for work; these wait")]
+fn waiting_thread(wait: impl FnOnce() + Send + 'static) {
+    thread::spawn(wait);
+}
+
 impl LastWords {
     fn of(stderr: Option<ChildStderr>) -> Self {
         let lines = Arc::new(Mutex::new(VecDeque::new()));
         let (at_end, end) = channel();
         if let Some(stderr) = stderr {
             let lines = Arc::clone(&lines);
-            thread::spawn(move || {
+            waiting_thread(move || {
                 read_last(stderr, &lines);
                 drop(at_end);
             });
