@@ -14,7 +14,7 @@ pub struct Look {
     pub options: RenderOptions,
     /// Which of the requested effects run.
     pub effects: EffectSelection,
-    /// See [`EffectPlan::new`].
+    /// See [`EffectPlan::for_scene`].
     pub tolerance: f64,
 }
 

@@ -95,7 +95,7 @@ impl Plan<'_> {
         self.results() + timed as u64
     }
 
-    /// The provenance record of this run; `here` is the machine's part of it, see [`here`].
+    /// The provenance record of this run; `here` is the machine's part of it, see [`current_provenance`].
     ///
     /// # Errors
     /// [`EvalError::Protocol`] for a preset that cannot be serialised, [`EvalError::Settings`] for duplicate names of methods

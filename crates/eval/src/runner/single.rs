@@ -11,7 +11,7 @@ use super::{Dataset, KeepPictures};
 use crate::method::Method;
 use crate::{EvalError, TargetRow, TrialRow};
 
-/// The rows of one trial under one method, as [`super::run`] stores them; a method that fails gives failed rows.
+/// The rows of one trial under one method, as [`super::run()`] stores them; a method that fails gives failed rows.
 ///
 /// # Errors
 /// None today: only a store that cannot be written is one.
