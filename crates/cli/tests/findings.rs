@@ -147,7 +147,7 @@ fn evaluating_nothing_fails_with_any_flags() {
     let failures = [
         (&["--index", "empty.json"][..], "the index has no entry"),
         (&["--index", "elsewhere.json"], "none of the index's scenes is in data: c"),
-        (&["--shard", "3/3"], "shard 3 of 3 of 2 scenes is empty"),
+        (&["--shard", "1/3"], "shard 1 of 3 of 2 scenes is empty"),
     ];
     for (at, (args, why)) in failures.into_iter().enumerate() {
         for strict in [&["--strict"][..], &[]] {

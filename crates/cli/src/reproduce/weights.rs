@@ -126,6 +126,6 @@ mod tests {
         let list = folder.path().join("weights.toml");
         std::fs::write(&list, "[[weights]]\nfile = 'a'\ntable = 're20k'\n").unwrap();
         let error = Listed::new(Some(&list)).unwrap_err().to_string();
-        assert!(error.contains("weights.toml: weights entry 1, table: expected one of"), "{error}");
+        assert!(error.contains("weights entry 1, table: expected one of") && error.contains("weights.toml"), "{error}");
     }
 }
