@@ -11,3 +11,8 @@ mod error;
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
 pub use error::{FileError, Malformed, shortened};
+
+/// The last part of a path, or all of it if it ends in `..` or is a root.
+pub fn name_of(path: &std::path::Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

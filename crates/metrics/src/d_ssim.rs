@@ -111,7 +111,7 @@ fn rows(values: &[f32], row: usize) -> impl IndexedParallelIterator<Item = &[f32
 
 /// The rows from `at - RADIUS` to `at + RADIUS` of a padded buffer.
 fn window(rows: &[f32], at: usize, length: usize) -> [&[f32]; TAPS] {
-    std::array::from_fn(|tap| rows.get((at + tap) * length..(at + tap + 1) * length).unwrap_or(&[]))
+    std::array::from_fn(|tap| &rows[(at + tap) * length..][..length])
 }
 
 /// What is computed of a row, in vectors.
@@ -166,11 +166,12 @@ impl Scratch {
     /// Blurs the four quantities of a row.
     #[inline(always)]
     fn quantities(&mut self, taps: &[f32; TAPS], render: &[f32], truth: &[f32], into: &mut [f32]) {
-        let (pictures, mut rows) = ((render, truth), into.chunks_exact_mut(self.stride));
-        self.blur_of(taps, pictures, BLACK[0], rows.next(), |x, _| x);
-        self.blur_of(taps, pictures, BLACK[1], rows.next(), |_, y| y);
-        self.blur_of(taps, pictures, BLACK[2], rows.next(), |x, y| x * x + y * y);
-        self.blur_of(taps, pictures, BLACK[3], rows.next(), |x, y| x * y);
+        let (pictures, (means, rest)) = ((render, truth), into.split_at_mut(2 * self.stride));
+        let ((mean_x, mean_y), (squares, products)) = (means.split_at_mut(self.stride), rest.split_at_mut(self.stride));
+        self.blur_of(taps, pictures, BLACK[0], mean_x, |x, _| x);
+        self.blur_of(taps, pictures, BLACK[1], mean_y, |_, y| y);
+        self.blur_of(taps, pictures, BLACK[2], squares, |x, y| x * x + y * y);
+        self.blur_of(taps, pictures, BLACK[3], products, |x, y| x * y);
     }
 
     #[inline(always)]
@@ -179,14 +180,14 @@ impl Scratch {
         taps: &[f32; TAPS],
         (render, truth): (&[f32], &[f32]),
         black: f32,
-        into: Option<&mut [f32]>,
+        into: &mut [f32],
         of: impl Fn(f32, f32) -> f32,
     ) {
         self.padded.fill(black);
         for ((slot, x), y) in self.padded[RADIUS * CHANNELS..].iter_mut().zip(render).zip(truth) {
             *slot = of(x - GREY, y - GREY);
         }
-        blur_row(taps, &self.padded, into.unwrap_or(&mut []));
+        blur_row(taps, &self.padded, into);
     }
 
     /// Completes the blur down the columns, and blurs the derivatives of the row; returns the sum of `1 − SSIM`.

@@ -129,10 +129,7 @@ fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
 
 /// Labels of stores: the folder's name, with a number if several have the same.
 pub fn store_labels(stores: &[PathBuf]) -> Vec<String> {
-    let name = |path: &PathBuf| {
-        path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
-    };
-    let names: Vec<String> = stores.iter().map(name).collect();
+    let names: Vec<String> = stores.iter().map(|path| atsplat_files::name_of(path)).collect();
     let label = |(at, own): (usize, &String)| {
         let twins = names.iter().filter(|other| *other == own).count();
         if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() }

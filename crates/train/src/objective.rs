@@ -155,9 +155,11 @@ impl Objective {
 
         let mut backward = WeightedGradients::default();
         let weight = self.config.distance_weight_at(share);
-        if let (Some(distances), Some(exact)) = (&forward.initial.depths, &sample.distances)
-            && weight > 0.0
-        {
+        if weight > 0.0 {
+            let (Some(distances), Some(exact)) = (&forward.initial.depths, &sample.distances) else {
+                let missing = "losses.distance-weight: the network has no anchors, or the sample no exact distances";
+                return Err(FaultKind::Refused(missing.to_owned()));
+            };
             let loss = log_distance(&f32_values(distances.clone()), &exact.distances);
             result.terms.distance = loss.value;
             result.terms.total += weight * loss.value;

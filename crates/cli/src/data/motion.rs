@@ -51,7 +51,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for path in &args.data {
         let mut found = Warnings::new();
         let dataset = atsplat_scene::open(path, &mut found)?;
-        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+        let name = atsplat_files::name_of(path);
         let progress = Progress::new("scenes", dataset.keys().len());
         groups.push(ClipGroup::of_dataset(name, &dataset, &mut found, &|| progress.step()));
         warnings.merge(found.about_cameras());

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::Sha256Digest;
+use atsplat_files::{Sha256Digest, name_of};
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexLayout};
@@ -134,11 +134,6 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         }
     }
     Ok(())
-}
-
-/// The last part of a path, or all of it if it ends in `..` or is a root.
-fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 /// Whether a dataset of this format can be the preset's.

@@ -48,7 +48,7 @@ impl ImportedBackbone {
 impl ImportedFile {
     /// Provenance recorded in the file; notes of the user take precedence.
     pub fn provenance(&self, notes: &[(String, String)]) -> BTreeMap<String, String> {
-        let name = self.file.file_name().unwrap_or(self.file.as_os_str()).to_string_lossy().into_owned();
+        let name = atsplat_files::name_of(&self.file);
         let mut provenance = BTreeMap::from([
             ("imported-by".to_owned(), format!("atsplat {}", env!("CARGO_PKG_VERSION"))),
             ("imported-from".to_owned(), name),

@@ -169,19 +169,11 @@ impl Source for DatasetSource {
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
         let keys = &self.keys;
         // Paths of data and preset change no draw.
-        first_sample(
-            "dataset",
-            || self.name(),
-            draw,
-            |random| {
-                #[expect(
-                    clippy::expect_used,
-                    reason = "a dataset without scenes to draw is rejected when it is opened"
-                )]
-                let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
-                Ok(self.try_sample(key, draw.step, random))
-            },
-        )
+        first_sample(self, "dataset", draw, |random| {
+            #[expect(clippy::expect_used, reason = "a dataset without scenes to draw is rejected when it is opened")]
+            let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
+            Ok(self.try_sample(key, draw.step, random))
+        })
     }
 }
 

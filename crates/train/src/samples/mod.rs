@@ -123,8 +123,8 @@ impl Sample {
 /// The first sample that `attempt` makes from a random stream of the draw and of `stream`, or the reason of the last failure
 /// after 20 attempts.
 fn first_sample(
+    source: &dyn Source,
     stream: &str,
-    source_name: impl FnOnce() -> String,
     draw: Draw,
     mut attempt: impl FnMut(&mut SplitMix64) -> Result<Result<Sample, String>, TrainError>,
 ) -> Result<Sample, TrainError> {
@@ -136,7 +136,7 @@ fn first_sample(
             Err(error) => reason = error,
         }
     }
-    Err(TrainError::NoSample { source_name: source_name(), attempts: ATTEMPTS, reason })
+    Err(TrainError::NoSample { source_name: source.name(), attempts: ATTEMPTS, reason })
 }
 
 /// A size for the renderer and pictures, which count in 32 bits.

@@ -205,7 +205,7 @@ impl Source for RoomsSource {
     }
 
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        first_sample(&self.name(), || self.name(), draw, |random| self.try_sample(draw.step, random))
+        first_sample(self, &self.name(), draw, |random| self.try_sample(draw.step, random))
     }
 }
 

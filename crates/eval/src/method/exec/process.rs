@@ -168,6 +168,12 @@ fn keep(mut command: Command, started: &Sender<io::Result<Child>>, requests: &Re
     ending.recv().ok();
 }
 
+/// A thread that waits for a pipe or a process, and computes nothing.
+#[expect(clippy::disallowed_methods, reason = "rayon's threads are for work; these wait")]
+fn waiting_thread(wait: impl FnOnce() + Send + 'static) {
+    thread::spawn(wait);
+}
+
 /// Sends the lines of standard output until it ends or a line is too long or no text.
 fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>) {
     let mut reader = BufReader::new(stdout);
@@ -196,12 +202,6 @@ struct LastWords {
     lines: Arc<Mutex<VecDeque<String>>>,
     /// Disconnected when standard error has ended.
     end: Receiver<()>,
-}
-
-/// A thread that waits for a pipe or a process, and computes nothing.
-#[expect(clippy::disallowed_methods, reason = "rayon's threads are for work; these wait")]
-fn waiting_thread(wait: impl FnOnce() + Send + 'static) {
-    thread::spawn(wait);
 }
 
 impl LastWords {
