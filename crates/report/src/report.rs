@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use atsplat_files::FileError;
 
 use crate::definition::TableDefinition;
-use crate::emit::TableFormat;
+use crate::emit::{TableFormat, orders_as_markdown};
 use crate::figures::{of_frontier, of_store, of_table};
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
@@ -92,7 +92,8 @@ impl Report {
         self.html.len()
     }
 
-    /// Writes `tables/`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
+    /// Writes `tables/`, `orders.md`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary; returns the
+    /// paths of all files.
     ///
     /// # Errors
     /// [`ReportError::Io`], and the errors of tables and plots.
@@ -103,6 +104,9 @@ impl Report {
                 let path = folder.join("tables").join(format!("{}.{}", table.name, format.extension()));
                 files.push(write_file(path, format.write(table)?.as_bytes())?);
             }
+        }
+        if let Some(orders) = orders_as_markdown(&self.tables) {
+            files.push(write_file(folder.join("orders.md"), orders.as_bytes())?);
         }
         for (name, drawing) in &self.plots {
             for format in [PlotFormat::Svg, PlotFormat::Png] {

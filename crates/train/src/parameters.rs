@@ -7,6 +7,7 @@ use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_numeric::SplitMix64;
 
 use crate::TrainError;
+use crate::config::WHAT;
 
 /// Standard deviation of a matrix's entries at the width for which 0.02 is published, 768 inputs (iLRM).
 const DEVIATION: f64 = 0.02;
@@ -36,13 +37,23 @@ impl Parameters {
         Self { list, values, frozen: StoredTensors::default() }
     }
 
-    /// The parameters in a weights file.
+    /// The parameters in a weights file, except those that `fresh` names, alone or by the part that holds them: they are
+    /// initialised as by [`Self::fresh`].
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] if a tensor is absent or of another shape.
-    pub fn from_weights(config: &ModelConfig, weights: &StoredTensors) -> Result<Self, TrainError> {
+    /// [`TrainError::Malformed`] if a tensor is absent or of another shape, or if a name in `fresh` is that of no trained parameter.
+    pub fn from_weights(
+        config: &ModelConfig,
+        weights: &StoredTensors,
+        fresh: &[String],
+        seed: u64,
+    ) -> Result<Self, TrainError> {
         let (list, frozen): (Vec<Parameter>, Vec<Parameter>) =
             parameters(config).into_iter().partition(|parameter| parameter.trained);
+        if let Some(unknown) = fresh.iter().find(|part| !list.iter().any(|parameter| is_within(&parameter.name, part)))
+        {
+            return Err(TrainError::malformed(WHAT, "model.fresh", "parts with trained parameters", unknown));
+        }
         let tensor = |parameter: &Parameter| {
             let tensor = weights.tensors.get(&parameter.name).filter(|tensor| tensor.shape() == parameter.shape);
             tensor.ok_or_else(|| {
@@ -50,7 +61,12 @@ impl Parameters {
                 TrainError::malformed("weights", &parameter.name, expected, "none")
             })
         };
-        let values = list.iter().map(|parameter| Ok(tensor(parameter)?.to_f32()?));
+        let values = list.iter().map(|parameter| {
+            if fresh.iter().any(|part| is_within(&parameter.name, part)) {
+                return Ok(initial(parameter, seed));
+            }
+            Ok(tensor(parameter)?.to_f32()?)
+        });
         let values = values.collect::<Result<_, TrainError>>()?;
         let mut kept = StoredTensors::default();
         for parameter in frozen {
@@ -118,6 +134,11 @@ pub(crate) const fn decays(parameter: &Parameter) -> bool {
     parameter.shape.len() >= 2
 }
 
+/// Whether a parameter is the part itself or belongs to it; parts of names are separated by dots.
+fn is_within(name: &str, part: &str) -> bool {
+    name.strip_prefix(part).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
 fn initial(parameter: &Parameter, seed: u64) -> Vec<f32> {
     let count = parameter.elements();
     match parameter.shape.as_slice() {
@@ -169,7 +190,26 @@ mod tests {
         let fresh = Parameters::fresh(&config, 7, StoredTensors::default());
         let network = Network::new(&config, &atsplat_model::network::Device::flex()).unwrap();
         let network = fresh.network(&network).unwrap();
-        let read = Parameters::from_weights(&config, &network.weights().unwrap()).unwrap();
+        let read = Parameters::from_weights(&config, &network.weights().unwrap(), &[], 0).unwrap();
         assert_eq!(read.values, fresh.values);
+    }
+
+    #[test]
+    fn named_parts_are_initialised_and_all_others_read() {
+        let config = ModelConfig::named("nano").unwrap();
+        let [given, other] = [7, 8].map(|seed| Parameters::fresh(&config, seed, StoredTensors::default()));
+        let mut weights = given.stored().unwrap();
+        weights.tensors.retain(|name, _| !name.starts_with("head."));
+        let parts = ["head", "decoder.blocks.1.expansion.children.weight"].map(str::to_owned);
+        let read = Parameters::from_weights(&config, &weights, &parts, 8).unwrap();
+        for (at, parameter) in read.list.iter().enumerate().filter(|(_, parameter)| parameter.shape.len() == 2) {
+            let fresh = parameter.name.starts_with("head.") || parameter.name == parts[1];
+            let expected = if fresh { &other } else { &given };
+            assert_eq!(read.values[at], expected.values[at], "{}", parameter.name);
+        }
+        let missing = Parameters::from_weights(&config, &weights, &parts[1..], 8).unwrap_err().to_string();
+        assert!(missing.contains("head."), "{missing}");
+        let unknown = Parameters::from_weights(&config, &weights, &["hea".to_owned()], 8).unwrap_err().to_string();
+        assert!(unknown.contains("model.fresh") && unknown.contains("hea"), "{unknown}");
     }
 }

@@ -118,7 +118,7 @@ impl Trainer {
             Start::Weights(path) => {
                 let weights = ModelWeights::read(path)?;
                 initial_weights = weights.sha256;
-                Parameters::from_weights(&model, &weights.tensors)?
+                Parameters::from_weights(&model, &weights.tensors, &config.model.fresh, config.seed)?
             }
             Start::Fresh | Start::Resume => {
                 let frozen = match &config.model.backbone {

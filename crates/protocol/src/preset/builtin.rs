@@ -19,6 +19,7 @@ pub(super) const TEXTS: &[(&str, &str)] = texts![
     "re10k-extrapolation",
     "photos-3v-256",
     "rooms-2v-128",
+    "rooms-2v-64",
     "rooms-overlap-128",
     "rooms-extrapolation-128",
     "yards-2v-128x224",

@@ -39,7 +39,7 @@ fn number(cell: &Cell, column: &Column) -> String {
 }
 
 /// Escapes Markdown, HTML and cell separators.
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
         match letter {

@@ -3,6 +3,7 @@
 mod csv_file;
 mod latex;
 mod markdown;
+mod orders;
 mod terminal;
 #[cfg(test)]
 mod tests;
@@ -10,6 +11,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+pub use orders::orders_as_markdown;
 pub use terminal::Terminal;
 
 use crate::ReportError;

@@ -190,7 +190,7 @@ fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDef
 }
 
 /// Whether an ablation that the paper trains has the weights of another network, in whichever store: it was changed after training.
-fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
+pub(super) fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
     let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
     has_own_training(record)
         && record.weights_sha256.is_some()

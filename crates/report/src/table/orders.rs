@@ -7,6 +7,7 @@ use atsplat_eval::statistics::{
 use atsplat_metrics::Definition;
 use serde::Serialize;
 
+use super::build::is_inference_only;
 use super::edition::{Edition, Part};
 use super::{Row, Table};
 use crate::definition::{Quantity, TableDefinition};
@@ -28,6 +29,10 @@ pub struct Order {
     pub interval: Option<[f64; 2]>,
     /// Scenes that both have.
     pub scenes: u64,
+    /// Number of trainings of each row.
+    pub trainings: [usize; 2],
+    /// Whether one of them was changed at inference only, where the paper trains a network.
+    pub inference_only: bool,
     /// What the interval says.
     pub outcome: Outcome,
 }
@@ -74,7 +79,7 @@ pub(super) fn orders(table: &Table, definition: &TableDefinition, edition: &Edit
                 let bin = definition.groups[group].bin.as_deref().is_some_and(|bin| bin != "average");
                 let rows = [*first, *second];
                 let [one, other] = rows.map(|row| trained(table, definition, edition, row, group));
-                (difference != 0.0 && !bin).then(|| compared(&one, &other, metric, difference, rows)).flatten()
+                (difference != 0.0 && !bin).then(|| compared(edition, &one, &other, metric, difference, rows)).flatten()
             });
             orders.extend(found);
         }
@@ -116,6 +121,7 @@ pub(super) fn is_twin(a: &MethodRecord, b: &MethodRecord) -> bool {
 }
 
 fn compared(
+    edition: &Edition<'_>,
     one: &Trained<'_>,
     other: &Trained<'_>,
     metric: &'static Definition,
@@ -123,6 +129,7 @@ fn compared(
     rows: [&Row; 2],
 ) -> Option<Order> {
     let (first, second) = (one.first()?, other.first()?);
+    let inference_only = [first, second].iter().any(|(_, record)| is_inference_only(edition, record));
     let (measured, interval, scenes) = if one.len() + other.len() == 2 {
         let [a, b] = [first, second].map(|own| query(own, metric));
         let pair = paired_between((first.0.source.results, &a), (second.0.source.results, &b))?;
@@ -139,6 +146,8 @@ fn compared(
         measured,
         interval,
         scenes,
+        trainings: [one.len(), other.len()],
+        inference_only,
         outcome: Outcome::of(published, interval),
     })
 }

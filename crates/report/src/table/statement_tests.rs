@@ -7,7 +7,7 @@ use serde_json::json;
 use super::*;
 use crate::csv_text;
 use crate::definition::TableDefinition;
-use crate::emit::{TableFormat, Terminal};
+use crate::emit::{TableFormat, Terminal, orders_as_markdown};
 use crate::figures::of_table;
 use crate::sample::{atsplat, floor, preset, random, results, results_over, store};
 
@@ -225,6 +225,26 @@ fn an_order_over_several_trainings_includes_their_spread() {
     let (measured, [low, high], outcome) = order(vec![own("1"), other, own("2")]);
     Tolerance::absolute(1e-9).assert([measured], [0.0], "the mean of +3 and −3");
     assert!(outcome == Outcome::Undecided && low < -3.0 && high > 3.0, "{low} to {high}");
+}
+
+/// The paper has uncertainty 0.49 dB above random selection; the sample's random selection is 3 dB below, or above.
+#[test]
+fn orders_are_listed_with_what_the_paper_measured() {
+    let listed = |name: &str, weights: Option<&str>| {
+        let mut all = vec![trained("first", "1", "simulated rooms"), random()];
+        all[1].weights_sha256 = weights.map(str::to_owned).or_else(|| all[0].weights_sha256.clone());
+        if name == "second" {
+            all.swap(0, 1);
+        }
+        orders_as_markdown(&[built("ablation_ate", &results_over(vec![preset("rooms-2v-128")], all, 7))]).unwrap()
+    };
+    let line = |text: &str| text.lines().find(|line| line.starts_with("| Random | Uncertainty")).unwrap().to_owned();
+    let kept = line(&listed("first", Some("of its own")));
+    assert_eq!(kept, "| Random | Uncertainty | PSNR | -0.490 | -3.000 | \\[-3.000, -3.000\\] | 6 | 1 and 1 | kept |",);
+    let reversed = line(&listed("second", Some("of its own")));
+    assert!(reversed.contains("| -0.490 | +3.000 |") && reversed.ends_with("| **reversed** |"), "{reversed}");
+    assert!(line(&listed("first", None)).ends_with("| kept, changed at inference only |"));
+    assert_eq!(orders_as_markdown(&[built("re10k", &results(vec![], vec![]))]), None);
 }
 
 /// A capture has a table in every format; with six of them also intervals.

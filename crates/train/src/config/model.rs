@@ -23,6 +23,10 @@ pub struct ModelChoice {
     /// Fields of the model's configuration to be changed.
     #[serde(default)]
     pub changes: Table,
+    /// Parameters that are initialised although the run starts from given weights: their names, or the names of parts that hold
+    /// them, such as `head`. The given weights need not have them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fresh: Vec<String>,
 }
 
 impl ModelChoice {

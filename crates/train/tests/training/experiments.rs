@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ImageSize;
+use atsplat_model::budget::budget;
 use atsplat_model::config::{AnchorDesign, HeadFrame, Selection};
 use atsplat_model::weights::ModelWeights;
-use atsplat_train::{SourceConfig, Start, TrainConfig, Trainer};
+use atsplat_train::{Parameters, SourceConfig, Start, TrainConfig, Trainer};
 use tempfile::tempdir;
 
 fn experiments() -> Vec<PathBuf> {
@@ -80,6 +81,45 @@ fn the_embedded_weights_fit_the_experiments_network() {
     assert_eq!(weights.config.hash().unwrap(), model.hash().unwrap());
     assert_eq!(weights.config.resolution, model.resolution);
     assert_eq!(weights.config.head.frame, HeadFrame::Patch);
+}
+
+/// The rows behind the paper's claims: each goes on from the embedded weights, and they differ in nothing but their model, the losses
+/// of straight-through scores, and what a model has anew.
+#[test]
+fn rows_of_claims_start_from_the_embedded_weights() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
+    let weights = ModelWeights::read(&folder.join("checkpoints/micro-rooms.safetensors")).unwrap();
+    let read = |name: &str| TrainConfig::read(&folder.join(format!("experiments/claims/{name}.toml"))).unwrap();
+    let full = read("full");
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(folder.join("experiments/claims")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            continue;
+        }
+        let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        let own = read(&name);
+        let model = own.model.config().unwrap();
+        Parameters::from_weights(&model, &weights.tensors, &own.model.fresh, own.seed).unwrap();
+        assert!(own.model.fresh.contains(&"head".to_owned()), "{name}: every row has a new head");
+        let expands = model.decoder.blocks.iter().filter(|block| block.expansion.is_some()).count();
+        let new = own.model.fresh.iter().filter(|part| part.ends_with(".expansion")).count();
+        assert_eq!(new, expands, "{name}: every expansion is new");
+        let straight_through = matches!(model.expansion.selection, Selection::StraightThrough {});
+        assert_eq!(own.losses.uncertainty_weight == 0.0, straight_through, "{name}");
+        let mut alike = TrainConfig { title: full.title.clone(), model: full.model.clone(), ..own };
+        alike.losses.uncertainty_weight = full.losses.uncertainty_weight;
+        assert_eq!(alike, full, "{name}: the same samples, steps and losses");
+        names.push((name, model));
+    }
+    assert_eq!(names.len(), 14);
+    let model = |name: &str| names.iter().find(|(own, _)| own == name).map(|(_, model)| model).unwrap();
+    let gaussians = |name: &str| budget(model(name), 2, ImageSize::new(64, 64)).unwrap().fixed().unwrap().gaussians;
+    assert_eq!(gaussians("expansion-none-k45"), gaussians("full"));
+    assert_eq!(gaussians("k-64"), 4 * gaussians("full"));
+    for name in ["anchor-ray-depth", "anchor-direct-xyz", "anchor-learnable", "anchor-offset"] {
+        assert_eq!(model(name).head.frame, HeadFrame::World, "{name}: without anchors there is no frame of a patch");
+    }
 }
 
 #[test]

@@ -1,0 +1,46 @@
+use crate::table::{Outcome, Table};
+
+use super::markdown::escaped;
+
+/// Every pair of published rows that the tables reproduce under one protocol, in GitHub's Markdown: what the paper measured, what was
+/// measured here with its paired interval, and whether the order holds. `None` if there is no such pair.
+pub fn orders_as_markdown(tables: &[Table]) -> Option<String> {
+    let sections: Vec<String> = tables.iter().filter(|table| !table.orders.is_empty()).map(section).collect();
+    (!sections.is_empty()).then(|| {
+        format!(
+            "## Published orders\n\nA difference is the first row's mean minus the second's. Its 95 % interval is paired over scenes, and over \
+             trainings where a row has several. An order is kept or reversed if the whole interval is on one side of zero.\n\n{}",
+            sections.join("\n")
+        )
+    })
+}
+
+fn section(table: &Table) -> String {
+    let mut text = format!(
+        "### {}\n\n| first | second | | published | measured | interval | scenes | trainings | order |\n\
+         | --- | --- | --- | ---: | ---: | --- | ---: | --- | --- |\n",
+        escaped(&table.title)
+    );
+    for order in &table.orders {
+        let [first, second] = order.rows.each_ref().map(|row| escaped(row));
+        let interval = match order.interval {
+            Some([low, high]) => format!("\\[{low:+.3}, {high:+.3}\\]"),
+            None => "none: too few scenes".to_owned(),
+        };
+        let [one, other] = order.trainings;
+        let outcome = match order.outcome {
+            Outcome::Kept => "kept",
+            Outcome::Reversed => "**reversed**",
+            Outcome::Undecided => "undecided",
+        };
+        text.push_str(&format!(
+            "| {first} | {second} | {} | {:+.3} | {:+.3} | {interval} | {} | {one} and {other} | {outcome}{} |\n",
+            escaped(order.quantity),
+            order.published,
+            order.measured,
+            order.scenes,
+            if order.inference_only { ", changed at inference only" } else { "" },
+        ));
+    }
+    text
+}
