@@ -38,6 +38,11 @@ pub(super) struct InputArgs {
     #[arg(long, value_name = "SEL")]
     held_out: Option<Selection>,
 
+    /// At the end, compare with the held-out photos at these multiples of their size too: `0.25,4` zooms out and in. No photo is
+    /// enlarged.
+    #[arg(long, value_name = "LIST", requires = "held_out", value_delimiter = ',', value_parser = parse::positive)]
+    scales: Vec<f64>,
+
     /// Which scene of DATA, if it holds several.
     #[arg(long, value_name = "KEY")]
     key: Option<String>,
@@ -85,6 +90,8 @@ pub(super) struct Input {
     pub(super) photos: Photos,
     pub(super) training: Vec<TrainingView>,
     pub(super) held_out: Vec<TrainingView>,
+    /// The held-out views at multiples of their size.
+    pub(super) scaled: Vec<(f64, Vec<TrainingView>)>,
 }
 
 impl InputArgs {
@@ -103,30 +110,61 @@ impl InputArgs {
             bail!("--views: all of them are held out");
         }
         let selection = PhotoSelection { context, targets };
-        let photos = Photos::new(scene, selection, self.recipe(network), warnings)?;
-        let name = |frame| photos.name(frame).map_or_else(|| format!("frame {frame}"), str::to_owned);
+        let prepared = |size, warnings: &mut Warnings| {
+            Photos::new(scene.clone(), selection.clone(), recipe(size, network), warnings).map_err(anyhow::Error::from)
+        };
+        let photos = prepared(self.size, warnings)?;
         let mut training = Vec::new();
         for view in photos.trial().context() {
-            training.push(training_view(name(view.frame), view.camera, view.size, view.picture()?.as_ref()));
+            training.push(training_view(name(&photos, view.frame), view.camera, view.size, view.picture()?.as_ref()));
         }
-        let mut held_out = Vec::new();
-        for (position, view) in photos.trial().targets().iter().enumerate() {
-            let picture = photos.ground_truth().get(position).context("a picture for each held-out view")??;
-            held_out.push(training_view(name(view.frame), view.camera, view.size, picture.as_ref()));
+        let held_out = held_out(&photos)?;
+        let mut scaled = Vec::new();
+        for &scale in &self.scales {
+            let size = scaled_size(&held_out, scale)?;
+            // Everything but the size was checked, and warned of, above.
+            let photos = prepared(Some(size), &mut Warnings::new()).with_context(|| format!("--scales {scale}"))?;
+            scaled.push((scale, self::held_out(&photos)?));
         }
-        Ok(Input { photos, training, held_out })
+        Ok(Input { photos, training, held_out, scaled })
     }
+}
 
-    fn recipe(&self, network: Option<&NetworkSource>) -> TrialRecipe {
-        if let Some(source) = network {
-            return photo_recipe(self.size.map_or(source.config.resolution, model_size));
-        }
-        let steps = self.size.map(|size| RescaleAndCrop::new(size.height, size.width).into());
-        TrialRecipe {
-            preprocessing: Preprocessing { principal_point: PrincipalPointRule::Corrected, ..Preprocessing::of(steps) },
-            pose_normalisation: PoseNormalisation::None,
-            ..photo_recipe(atsplat_model::ImageSize::new(1, 1))
-        }
+fn recipe(size: Option<ImageSize>, network: Option<&NetworkSource>) -> TrialRecipe {
+    if let Some(source) = network {
+        return photo_recipe(size.map_or(source.config.resolution, model_size));
+    }
+    let steps = size.map(|size| RescaleAndCrop::new(size.height, size.width).into());
+    TrialRecipe {
+        preprocessing: Preprocessing { principal_point: PrincipalPointRule::Corrected, ..Preprocessing::of(steps) },
+        pose_normalisation: PoseNormalisation::None,
+        ..photo_recipe(atsplat_model::ImageSize::new(1, 1))
+    }
+}
+
+fn name(photos: &Photos, frame: usize) -> String {
+    photos.name(frame).map_or_else(|| format!("frame {frame}"), str::to_owned)
+}
+
+fn held_out(photos: &Photos) -> anyhow::Result<Vec<TrainingView>> {
+    let mut views = Vec::new();
+    for (position, view) in photos.trial().targets().iter().enumerate() {
+        let picture = photos.ground_truth().get(position).context("a picture for each held-out view")??;
+        views.push(training_view(name(photos, view.frame), view.camera, view.size, picture.as_ref()));
+    }
+    Ok(views)
+}
+
+/// A multiple of the size that all views have, in whole pixels.
+fn scaled_size(views: &[TrainingView], scale: f64) -> anyhow::Result<ImageSize> {
+    let size = |view: &TrainingView| view.view.size;
+    let common = views.first().map(size).filter(|first| views.iter().all(|view| size(view) == *first));
+    let Some(common) = common else { bail!("--scales: held-out photos have several sizes; give them one by --size") };
+    let scaled = |side: u32| (f64::from(side) * scale).round();
+    let [width, height] = [common.width, common.height].map(scaled);
+    match parse::size(&format!("{width}x{height}")) {
+        Ok(size) => Ok(size),
+        Err(message) => bail!("--scales {scale}: {message}"),
     }
 }
 

@@ -15,7 +15,7 @@ use clap::ValueEnum;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse;
 use input::{InputArgs, StartArgs};
-use report::{Correction, Log, Record, Report};
+use report::{Correction, Log, Record, Report, at_scales};
 
 #[derive(Debug, clap::Args)]
 #[command(override_usage = "atsplat fit <DATA> --views <SEL> --strategy <NAME> --steps <N> --out <FILE> [OPTIONS]")]
@@ -216,6 +216,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     });
     let seconds = begin.elapsed().as_secs_f64();
     log.evaluate(&mut fit)?;
+    let at_scales = at_scales(&mut fit, &input.scaled)?;
     // After a fault, the last good state is written before the message.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
@@ -240,6 +241,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         corrections: corrections(&fit, &input.training)?,
         training_psnr: log.training_psnr(),
         evaluations: log.evaluations.clone(),
+        at_scales,
     };
     drop(log);
     record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;

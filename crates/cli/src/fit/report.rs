@@ -31,6 +31,34 @@ pub(super) struct Evaluation {
 
 /// Everything that the Gaussians depend on, and how good they are. Independent of date and speed of the machine, unless the
 /// budget was a time.
+/// Scores of the held-out views at a multiple of their size.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct AtScale {
+    pub(super) scale: f64,
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) psnr: f64,
+    pub(super) ssim: f64,
+}
+
+/// Scores the held-out views at each scale.
+pub(super) fn at_scales(fit: &mut Fit, scaled: &[(f64, Vec<TrainingView>)]) -> anyhow::Result<Vec<AtScale>> {
+    let mut rows = Vec::new();
+    for (scale, views) in scaled {
+        let Some(size) = views.first().map(|view| view.view.size) else { continue };
+        let Score { psnr, ssim } = mean_score(fit, views)?;
+        rows.push(AtScale { scale: *scale, width: size.width, height: size.height, psnr, ssim });
+    }
+    Ok(rows)
+}
+
+fn mean_score(fit: &mut Fit, views: &[TrainingView]) -> anyhow::Result<Score> {
+    let scores = views.iter().map(|view| fit.score(view)).collect::<Result<Vec<Score>, _>>()?;
+    let mean = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+    Ok(Score { psnr: mean(|score| score.psnr), ssim: mean(|score| score.ssim) })
+}
+
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Record {
@@ -54,6 +82,8 @@ pub(super) struct Record {
     /// Mean PSNR of the last step on each training view, in dB.
     pub(super) training_psnr: Option<f64>,
     pub(super) evaluations: Vec<Evaluation>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(super) at_scales: Vec<AtScale>,
 }
 
 /// What was optimised for one view.
@@ -89,6 +119,9 @@ impl fmt::Display for Report {
         }
         if let Some(Evaluation { psnr, ssim, .. }) = evaluations.last() {
             writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on {} held-out views", self.record.held_out.len())?;
+        }
+        for AtScale { scale, width, height, psnr, ssim } in &self.record.at_scales {
+            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on them at {scale} times their size, {width}x{height}")?;
         }
         Ok(())
     }
@@ -166,15 +199,13 @@ impl<'a> Log<'a> {
         if self.held_out.is_empty() || self.evaluations.last().is_some_and(|last| last.step == step) {
             return Ok(());
         }
-        let scores = self.held_out.iter().map(|view| fit.score(view)).collect::<Result<Vec<Score>, _>>()?;
-        let mean = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
-        let (psnr, ssim) = (mean(|score| score.psnr), mean(|score| score.ssim));
+        let Score { psnr, ssim } = mean_score(fit, self.held_out)?;
         self.evaluations.push(Evaluation { step, gaussians: fit.len(), psnr, ssim });
         let Changes { cloned, split, pruned, relocated, added, .. } = self.changes;
         let text = format!(
             "after {step} steps: {psnr:.2} dB, SSIM {ssim:.3} on {} held-out views; {} Gaussians; last change: {cloned} \
              cloned, {split} split, {pruned} pruned, {relocated} relocated, {added} added",
-            scores.len(),
+            self.held_out.len(),
             fit.len()
         );
         if self.plain {
