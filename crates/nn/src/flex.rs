@@ -7,12 +7,12 @@ use burn::tensor::{Bytes, Shape};
 use burn_flex::{FlexTensor, Layout};
 
 use crate::backend::{AttentionInputs, AttentionSizes, Kernels};
-use crate::generic;
 use crate::kernels::attention::{Inputs, Tokens};
 use crate::kernels::attention_backward::{self, HeadGradients};
 use crate::kernels::gather::Sizes as GatherSizes;
 use crate::kernels::norm::Segments;
 use crate::kernels::{attention, gather, gelu, linear, norm};
+use crate::{Products, generic};
 
 impl Kernels for Flex {
     fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
@@ -241,6 +241,7 @@ impl Packed {
             values: of_keys(1),
             ignored,
             sizes,
+            products: Products::current(),
         })
     }
 }

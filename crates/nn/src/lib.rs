@@ -27,10 +27,12 @@ mod generic;
 mod kernels;
 pub mod layers;
 pub mod ops;
+mod products;
 #[cfg(test)]
 mod tests;
 
 use burn::Tensor;
+pub use products::Products;
 
 /// The values of a tensor in f32, row-major.
 #[expect(clippy::expect_used, reason = "a tensor's data has the element type that it was converted to")]

@@ -3,6 +3,7 @@ use rayon::prelude::*;
 
 use super::matrix::{Matrix, Output, Threads, Write, multiply};
 use super::simd::{self, Exp};
+use crate::Products;
 
 /// Queries of a tile, which are the lanes of vectors.
 pub(super) const QUERIES: usize = 64;
@@ -104,6 +105,7 @@ pub(crate) struct Inputs<'a> {
     /// `batch × keys`, not 0 for ignored keys.
     pub(crate) ignored: Option<&'a [u8]>,
     pub(crate) sizes: Sizes,
+    pub(crate) products: Products,
 }
 
 impl Inputs<'_> {
@@ -115,7 +117,7 @@ impl Inputs<'_> {
             self.keys.tile(at.sample, at.head, first_key, keys, &self.sizes),
             Matrix::new(queries, self.sizes.head_width, lanes, lanes),
             Write::Set,
-            Threads::One,
+            (Threads::One, self.products),
         );
         if let Some(ignored) = self.ignored {
             let ignored = &ignored[at.sample * self.sizes.keys + first_key..][..keys];
@@ -211,7 +213,7 @@ fn attend(inputs: &Inputs<'_>, at: Tile, scratch: &mut Scratch) {
             inputs.values.tile(at.sample, at.head, first_key, keys, sizes).transposed(),
             Matrix::new(weights, keys, lanes, lanes),
             if first_key == 0 { Write::Set } else { Write::Add },
-            Threads::One,
+            (Threads::One, inputs.products),
         );
     }
 }

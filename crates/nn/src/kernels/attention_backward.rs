@@ -93,7 +93,13 @@ fn differentiate(
                     inputs.keys.tile(sample, head, first_key, keys, sizes),
                 ),
             ] {
-                multiply(Output::new(by, by_rows, head_width, head_width), of, rows, Write::Add, Threads::One);
+                multiply(
+                    Output::new(by, by_rows, head_width, head_width),
+                    of,
+                    rows,
+                    Write::Add,
+                    (Threads::One, inputs.products),
+                );
             }
         }
     }
@@ -142,7 +148,7 @@ impl QueryTile {
             inputs.values.tile(at.sample, at.head, first_key, keys, sizes),
             Matrix::new(&self.grad, sizes.head_width, lanes, lanes),
             Write::Set,
-            Threads::One,
+            (Threads::One, inputs.products),
         );
         simd::run(Weigh { weights, slopes, log_sums: &self.log_sums, along: &self.along, scale: sizes.narrow_scale() });
     }

@@ -1,7 +1,8 @@
 use gemm::Parallelism;
 use pulp::{Simd, WithSimd};
 
-use super::simd;
+use super::{bf16, simd};
+use crate::Products;
 
 /// Longer sums of products are split into equal parts of at most this many terms.
 ///
@@ -11,10 +12,11 @@ const LONGEST_SUM: usize = 512;
 /// A matrix inside a slice.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Matrix<'a> {
-    data: &'a [f32],
-    rows: usize,
-    columns: usize,
-    strides: [usize; 2],
+    pub(super) data: &'a [f32],
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    /// From one row to the next, and from one column to the next.
+    pub(super) strides: [usize; 2],
 }
 
 impl<'a> Matrix<'a> {
@@ -28,6 +30,10 @@ impl<'a> Matrix<'a> {
     pub(crate) const fn transposed(self) -> Self {
         let Self { data, rows, columns, strides: [row, column] } = self;
         Self { data, rows: columns, columns: rows, strides: [column, row] }
+    }
+
+    pub(super) fn at(&self, row: usize, column: usize) -> f32 {
+        self.data[row * self.strides[0] + column * self.strides[1]]
     }
 
     fn columns_from(self, first: usize, count: usize) -> Self {
@@ -44,10 +50,10 @@ impl<'a> Matrix<'a> {
 /// A row-major matrix to write to.
 #[derive(Debug)]
 pub(crate) struct Output<'a> {
-    data: &'a mut [f32],
-    rows: usize,
-    columns: usize,
-    row_stride: usize,
+    pub(super) data: &'a mut [f32],
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    pub(super) row_stride: usize,
 }
 
 impl<'a> Output<'a> {
@@ -82,6 +88,26 @@ pub(crate) enum Threads {
     All,
 }
 
+/// `left · right` into `out`, in the given precision.
+///
+/// An element's bits depend only on its row of `left` and its column of `right`, not on threads or on the number of other rows and
+/// columns.
+///
+/// # Panics
+/// If the shapes do not fit together.
+pub(crate) fn multiply(
+    out: Output<'_>,
+    left: Matrix<'_>,
+    right: Matrix<'_>,
+    write: Write,
+    (threads, products): (Threads, Products),
+) {
+    match products {
+        Products::F32 => multiply_f32(out, left, right, write, threads),
+        Products::Bf16 => bf16::multiply(out, left, right, write, threads),
+    }
+}
+
 /// `left · right` into `out`.
 ///
 /// Each element is a chain of fused multiply-adds over the terms in order, in parts of at most [`LONGEST_SUM`]: its bits
@@ -89,7 +115,7 @@ pub(crate) enum Threads {
 ///
 /// # Panics
 /// If the shapes do not fit together.
-pub(crate) fn multiply(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
+pub(super) fn multiply_f32(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
     assert_eq!(left.columns, right.rows, "inner sizes of a product");
     assert_eq!([out.rows, out.columns], [left.rows, right.columns], "outer sizes of a product");
     let terms = left.columns;

@@ -4,6 +4,7 @@
 
 pub(crate) mod attention;
 pub(crate) mod attention_backward;
+pub(crate) mod bf16;
 mod columns;
 pub(crate) mod gather;
 pub(crate) mod gelu;
