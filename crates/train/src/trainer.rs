@@ -334,7 +334,10 @@ impl Trainer {
         let sample_secs = start.elapsed().as_secs_f64();
         let network = network.clone().fork(&network.device());
         let share = step as f64 / self.config.steps.get() as f64;
-        let gradients = self.objective.gradients(&network, &sample, self.features.as_ref(), number, share);
+        let gradients = self
+            .config
+            .products
+            .scope(|| self.objective.gradients(&network, &sample, self.features.as_ref(), number, share));
         let mut gradients = gradients.map_err(|what| fault(&sample.name, what))?;
         gradients.seconds.sample = sample_secs;
         Ok(gradients)

@@ -9,6 +9,7 @@ use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};
 use std::path::Path;
 
 use atsplat_camera::{MeanCameraScale, PoseNormalisation};
+use atsplat_model::network::Products;
 use atsplat_scene::Warnings;
 use serde::{Deserialize, Serialize};
 
@@ -65,6 +66,10 @@ pub struct TrainConfig {
     /// those of the average. If absent, they are those of the last step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub average: Option<f64>,
+    /// Precision of the network's matrix products while it is trained; evaluations have f32. Weights, sums, losses and updates are in
+    /// f32 anyway.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub products: Products,
     /// Evaluation during training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationConfig>,
@@ -127,6 +132,11 @@ impl Default for CheckpointConfig {
 
 const fn mean_camera() -> PoseNormalisation {
     PoseNormalisation::mean_camera(MeanCameraScale::LongLrm)
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_default(products: &Products) -> bool {
+    *products == Products::default()
 }
 
 const fn unit() -> f64 {

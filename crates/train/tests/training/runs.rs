@@ -201,6 +201,22 @@ fn a_run_can_start_from_the_weights_of_another() {
     assert_eq!(second.state().step, 0);
 }
 
+/// Both runs begin with the same weights and samples; rounding products moves the loss, but hardly.
+#[test]
+fn products_in_bfloat16_change_a_step_a_little() {
+    let first = |more: &str| {
+        let folder = tempdir().unwrap();
+        run(&mut trainer(config(more), folder.path(), &Start::Fresh, Noise::CLEAN), Some(1)).unwrap();
+        let step = steps(folder.path()).swap_remove(0);
+        (step.terms.unwrap().total, step.gradient_norm.unwrap())
+    };
+    let (exact, rounded) = (first(""), first("products = \"bf16\""));
+    for (exact, rounded) in [(exact.0, rounded.0), (exact.1, rounded.1)] {
+        let moved = ((rounded - exact) / exact).abs();
+        assert!(moved > 1e-7 && moved < 0.03, "{exact} became {rounded}");
+    }
+}
+
 #[test]
 fn logs_are_converted_to_parquet() {
     use polars::prelude::*;

@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 
 use super::super::matrix::{Matrix, Output, Threads, Write};
-use super::pack::{LANES, Order, Pack, TERMS, Tile};
+use super::pack::{self, LANES, Order, TERMS, Tile, pack};
 
 /// Rows and columns of a block of the result, which is four tiles.
 const BLOCK: usize = 2 * LANES;
@@ -21,7 +21,7 @@ const LEAST_PARALLEL: usize = 1 << 18;
 /// Whether the processor has the instructions and Linux lets this process use their registers.
 pub(super) fn is_available() -> bool {
     static AVAILABLE: OnceLock<bool> = OnceLock::new();
-    *AVAILABLE.get_or_init(|| has_instructions() && registers_are_granted())
+    *AVAILABLE.get_or_init(|| has_instructions() && pack::has_instructions() && registers_are_granted())
 }
 
 fn has_instructions() -> bool {
@@ -65,15 +65,16 @@ fn registers_are_granted() -> bool {
 pub(super) fn multiply(out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
     assert!(is_available(), "tile registers");
     assert_eq!(left.columns, right.rows, "inner sizes of a product");
-    assert_eq!([out.rows, out.columns], [left.rows, right.columns], "outer sizes of a product");
-    if out.rows == 0 || out.columns == 0 {
+    let Output { data, rows: count, columns: width, row_stride: stride } = out;
+    assert_eq!([count, width], [left.rows, right.columns], "outer sizes of a product");
+    if count == 0 || width == 0 {
         return;
     }
     let (columns, add) = (right.transposed(), write == Write::Add);
     let parallel =
-        threads == Threads::All && out.rows.saturating_mul(out.columns).saturating_mul(left.columns) >= LEAST_PARALLEL;
+        threads == Threads::All && count.saturating_mul(width).saturating_mul(left.columns) >= LEAST_PARALLEL;
     let depth = left.columns.div_ceil(TERMS);
-    let mut packed = Buffer::take(&RIGHT, out.columns.div_ceil(BLOCK) * 2 * depth);
+    let mut packed = Buffer::take(&RIGHT, width.div_ceil(BLOCK) * 2 * depth);
     let pack_right = |(at, tiles): (usize, &mut [Tile])| pack(columns, at * LANES, Order::Pairs, tiles);
     // Without terms there is nothing to pack.
     let panel = depth.max(1);
@@ -83,28 +84,17 @@ pub(super) fn multiply(out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, wri
         packed.tiles.chunks_mut(panel).enumerate().for_each(pack_right);
     }
     let right = Packed { tiles: &packed.tiles, depth };
-    let stride = out.row_stride;
-    let needed = (out.rows - 1) * stride + out.columns;
-    let (count, width) = (out.rows, out.columns);
+    let needed = (count - 1) * stride + width;
     let rows = |(at, data): (usize, &mut [f32])| {
         let first = at * BLOCK;
         let out = Output { data, rows: BLOCK.min(count - first), columns: width, row_stride: stride };
         multiply_rows(out, left, first, &right, add);
     };
-    let data = &mut out.data[..needed];
+    let data = &mut data[..needed];
     if parallel {
         data.par_chunks_mut(BLOCK * stride).enumerate().for_each(rows);
     } else {
         data.chunks_mut(BLOCK * stride).enumerate().for_each(rows);
-    }
-}
-
-/// Packs 16 lanes; those beyond the matrix are zero.
-fn pack(lanes: Matrix<'_>, first: usize, order: Order, tiles: &mut [Tile]) {
-    if first < lanes.rows {
-        Pack { lanes, first, order, tiles }.run();
-    } else {
-        tiles.fill(Tile::ZERO);
     }
 }
 
@@ -177,6 +167,7 @@ impl Registers {
         Self { not_send: PhantomData }
     }
 
+    #[expect(clippy::unused_self, reason = "registers are configured while it lives")]
     /// A block of 32×32: `[upper, lower]` rows of the left matrix times `[first, second]` columns of the right one, over all terms.
     fn multiply(&self, factors: [&[Tile]; 4], out: &mut [f32], row_stride: usize, add: bool) {
         let [upper, lower, first, second] = factors;
