@@ -1,0 +1,32 @@
+//! What `reports/claims` says is what its stores hold.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::Path;
+
+use atsplat_eval::Results;
+use atsplat_report::definition::TableDefinition;
+use atsplat_report::emit::orders_as_markdown;
+use atsplat_report::table::{Mixing, Source, tables};
+
+#[test]
+fn published_orders_are_those_of_the_stores() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims");
+    let mut compared = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if !path.join("store").is_dir() {
+            continue;
+        }
+        let results = Results::read(&path.join("store")).unwrap();
+        let source = Source { label: "store", results: &results };
+        let built: Vec<_> = TableDefinition::names()
+            .flat_map(|name| tables(&TableDefinition::named(name).unwrap(), &[source], Mixing::Apart).unwrap())
+            .filter(atsplat_report::table::Table::is_measured)
+            .collect();
+        let committed = std::fs::read_to_string(path.join("orders.md")).unwrap();
+        assert_eq!(orders_as_markdown(&built).unwrap(), committed, "{}", path.display());
+        compared += 1;
+    }
+    assert!(compared > 0, "no claims");
+}
