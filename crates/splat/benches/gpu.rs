@@ -43,6 +43,7 @@ fn main() {
         let resident = gpu.upload(&gaussians).expect("memory");
         let image = gpu.render_resident(&resident, &view, &options).expect("an image");
         let rgb = gpu.read(&image).expect("an image").rgb;
+        let image = gpu.settle(&image).expect("an image").result;
         let mean = [0, 1, 2].map(|channel| {
             rgb.iter().filter_map(|rgb| rgb.get(channel)).map(|value| f64::from(*value)).sum::<f64>() / rgb.len() as f64
         });
