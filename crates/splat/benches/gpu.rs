@@ -10,7 +10,9 @@ use std::time::Instant;
 
 use atsplat_camera::ImageSize;
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::gpu::{AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients};
+use atsplat_splat::gpu::{
+    AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, PictureFormat, PictureNumbers,
+};
 use atsplat_splat::{ImageGradients, RenderOptions, Renderer, Stage};
 use scene::scene;
 
@@ -58,6 +60,9 @@ fn main() {
                 return;
             }
             work(&mut gpu);
+            let before = gpu.counts();
+            work(&mut gpu);
+            println!("{name} {what}: {}", gpu.counts() - before);
             let mut secs: Vec<f64> = (0..rounds)
                 .map(|_| {
                     let start = Instant::now();
@@ -84,9 +89,14 @@ fn main() {
             let rendering = gpu.render_resident(&resident, &view, &options).expect("an image");
             gpu.read(&rendering).expect("an image");
         });
+        timed("forward on the device, 8 bits a colour", &mut |gpu| {
+            let rendering = gpu.render_resident(&resident, &view, &options).expect("an image");
+            let format = PictureFormat { numbers: PictureNumbers::U8, alpha: false };
+            gpu.read_picture(&rendering, format).expect("an image");
+        });
         timed("backward on the device", &mut |gpu| {
-            gpu.backward_resident(&resident, &view, &options, &resident_images).expect("gradients");
-            gpu.device().poll(wgpu::PollType::wait_indefinitely()).expect("a device");
+            let gradients = gpu.backward_resident(&resident, &view, &options, &resident_images).expect("gradients");
+            gpu.settle(&gradients).expect("gradients");
         });
         timed("backward from the host", &mut |gpu| {
             gpu.backward(&gaussians, &view, &options, &images).expect("gradients");

@@ -49,7 +49,7 @@ pub(super) struct Plan {
     key: Key,
     /// Pairs of a window that the lists hold, and the most that they could hold.
     pub(super) capacity: u64,
-    most: u64,
+    pub(super) most: u64,
     /// Dispatches over the tile lists.
     pub(super) passes: u32,
     halvings: u32,

@@ -1,10 +1,14 @@
 //! Counts what passes between the host and the device.
 
-use std::ops::Sub;
+use std::fmt;
+use std::ops::{Add, Sub};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use serde::Serialize;
+
 /// What a renderer asked of its device: times on a busy machine differ, these do not.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct GpuCounts {
     /// Command buffers submitted.
     pub submissions: u64,
@@ -20,19 +24,49 @@ pub struct GpuCounts {
     pub bytes_down: u64,
 }
 
+impl GpuCounts {
+    fn zip(self, other: Self, with: fn(u64, u64) -> u64) -> Self {
+        Self {
+            submissions: with(self.submissions, other.submissions),
+            waits: with(self.waits, other.waits),
+            dispatches: with(self.dispatches, other.dispatches),
+            repeats: with(self.repeats, other.repeats),
+            bytes_up: with(self.bytes_up, other.bytes_up),
+            bytes_down: with(self.bytes_down, other.bytes_down),
+        }
+    }
+}
+
+impl Add for GpuCounts {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        self.zip(other, |one, other| one + other)
+    }
+}
+
 /// Later counts minus earlier ones.
 impl Sub for GpuCounts {
     type Output = Self;
 
     fn sub(self, earlier: Self) -> Self {
-        Self {
-            submissions: self.submissions - earlier.submissions,
-            waits: self.waits - earlier.waits,
-            dispatches: self.dispatches - earlier.dispatches,
-            repeats: self.repeats - earlier.repeats,
-            bytes_up: self.bytes_up - earlier.bytes_up,
-            bytes_down: self.bytes_down - earlier.bytes_down,
-        }
+        self.zip(earlier, |later, earlier| later - earlier)
+    }
+}
+
+impl fmt::Display for GpuCounts {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mebibytes = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+        write!(
+            formatter,
+            "{} submissions, {} waits, {} dispatches, {} repeats, {:.1} MiB up, {:.1} MiB down",
+            self.submissions,
+            self.waits,
+            self.dispatches,
+            self.repeats,
+            mebibytes(self.bytes_up),
+            mebibytes(self.bytes_down)
+        )
     }
 }
 

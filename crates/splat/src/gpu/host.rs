@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::gaussians::GpuGaussians;
 use super::kernels::Pool;
 use super::render::{self, Job, check_memory_before_upload};
-use super::{GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward, images, status};
+use super::{GpuCounts, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward, images, status};
 use crate::{
     Gaussians, Gradients, ImageGradients, MAX_SH_DEGREE, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
@@ -79,6 +79,10 @@ impl Renderer for GpuRenderer {
 
     fn stages(&self) -> Vec<Stage> {
         self.stages.clone()
+    }
+
+    fn device_counts(&self) -> Option<GpuCounts> {
+        Some(self.counts())
     }
 }
 

@@ -83,20 +83,24 @@ impl GpuRendering {
     /// The images from their copies.
     pub(super) fn arrange(&self, contents: &[Vec<u8>], census: Census) -> Rendering<f32> {
         let (colours, extras) = contents.split_at(self.strips.len().min(contents.len()));
-        let fours = |strips: &[Vec<u8>]| -> Vec<[f32; 4]> {
-            let numbers = strips.iter().flat_map(|bytes| bytes.as_chunks::<16>().0);
-            numbers.map(|four| bytemuck::cast(*four)).collect()
-        };
-        let (colours, extras) = (fours(colours), fours(extras));
-        let of_extras = |requested: bool, at: fn(&[f32; 4]) -> f32| requested.then(|| extras.iter().map(at).collect());
+        let of_extras = |requested: bool, channel: usize| requested.then(|| each(extras, |four| four[channel]));
         Rendering {
             size: self.size,
-            rgb: colours.iter().map(|[red, green, blue, _]| [*red, *green, *blue]).collect(),
-            alpha: colours.iter().map(|[.., alpha]| *alpha).collect(),
-            depth: of_extras(self.channels.depth, |four| four[0]),
-            scalar: of_extras(self.channels.scalar, |four| four[1]),
-            median_depth: of_extras(self.channels.median_depth, |four| four[2]),
+            rgb: each(colours, |[red, green, blue, _]| [red, green, blue]),
+            alpha: each(colours, |[.., alpha]| alpha),
+            depth: of_extras(self.channels.depth, 0),
+            scalar: of_extras(self.channels.scalar, 1),
+            median_depth: of_extras(self.channels.median_depth, 2),
             census,
         }
     }
+}
+
+/// A value of each pixel of strips of four f32.
+fn each<T>(strips: &[Vec<u8>], value: impl Fn([f32; 4]) -> T) -> Vec<T> {
+    let mut values = Vec::with_capacity(strips.iter().map(|bytes| bytes.len() / 16).sum());
+    for bytes in strips {
+        values.extend(bytes.as_chunks::<16>().0.iter().map(|four| value(bytemuck::cast(*four))));
+    }
+    values
 }

@@ -27,6 +27,7 @@ pub(super) enum Kernel {
     Unpack,
     Probe,
     Reduce,
+    Pack,
 }
 
 macro_rules! sources {
@@ -35,7 +36,7 @@ macro_rules! sources {
 
 impl Kernel {
     /// Every kernel.
-    pub(super) const ALL: [Self; 21] = [
+    pub(super) const ALL: [Self; 22] = [
         Self::Project,
         Self::Colour,
         Self::Keys,
@@ -57,6 +58,7 @@ impl Kernel {
         Self::Unpack,
         Self::Probe,
         Self::Reduce,
+        Self::Pack,
     ];
 
     pub(super) const fn source(self) -> &'static str {
@@ -84,6 +86,7 @@ impl Kernel {
             Self::Unpack => sources!("unpack"),
             Self::Probe => sources!("probe"),
             Self::Reduce => sources!("reduce"),
+            Self::Pack => sources!("pack"),
         }
     }
 }

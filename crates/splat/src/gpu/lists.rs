@@ -67,7 +67,9 @@ pub(super) fn list(
     recorder.dispatch(Kernel::TileCount, block.bytes(), &buffers, (scene.count + 1).div_ceil(64))?;
     scan(recorder, pool, &scene.offsets, scene.count + 1)?;
     let buffers = [&scene.order, &scene.reaches, &scene.offsets, &pairs.keys, &pairs.values, &owners, &ranges];
-    recorder.dispatch(Kernel::Emit, block.bytes(), &buffers, scene.count.div_ceil(64))?;
+    let mut emit = block;
+    emit.part = [word(plan.most), 0, 0, 0];
+    recorder.dispatch(Kernel::Emit, emit.bytes(), &buffers, scene.count.div_ceil(64))?;
     let items = Items::Counted { totals: &scene.offsets, at: scene.count, bound: capacity };
     let bits = u64::BITS - (tiles - 1).leading_zeros();
     let Sorted { keys, values } = sort(recorder, pool, pairs, spare, items, bits)?;

@@ -34,6 +34,7 @@ mod lists;
 mod options;
 mod panics;
 mod pending;
+mod picture;
 mod probe;
 mod read;
 mod record;
@@ -60,6 +61,7 @@ pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGr
 pub use images::{GpuRendering, GpuStrip};
 pub use options::{GpuOptions, Threads};
 pub use pending::{Pending, Settled};
+pub use picture::{Picture, PictureFormat, PictureNumbers};
 pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongResult};
 pub use verdict_cache::VerdictCache;
 

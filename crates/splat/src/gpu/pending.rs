@@ -8,7 +8,7 @@ use super::record::Recorder;
 use super::render::{self, Job, Resources};
 use super::status::{self, Status};
 use super::work::Work;
-use super::{GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward};
+use super::{GpuError, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward};
 use crate::{Census, Gaussians, Gradients, RenderOptions, Rendering, SplatError, View};
 
 /// A result on the device that the host has not waited for.
@@ -20,12 +20,15 @@ use crate::{Census, Gaussians, Gradients, RenderOptions, Rendering, SplatError, 
 pub struct Pending<T> {
     result: T,
     task: Task,
-    record: fn(&mut Recorder<'_>, Resources<'_>, &Task, &T) -> Result<Plan, SplatError>,
+    record: Record<T>,
     report: wgpu::Buffer,
     plan: Plan,
     /// Set once the result is complete.
     census: OnceLock<Census>,
 }
+
+/// Records a task into its result.
+type Record<T> = fn(&mut Recorder<'_>, Resources<'_>, &Task, &T) -> Result<Plan, SplatError>;
 
 /// What is computed.
 #[derive(Debug)]
@@ -166,7 +169,7 @@ impl GpuRenderer {
     /// # Errors
     /// [`SplatError::Gpu`].
     pub fn read(&mut self, rendering: &Pending<GpuRendering>) -> Result<Rendering<f32>, SplatError> {
-        let (contents, census) = self.complete(rendering, &rendering.result.sources())?;
+        let (contents, census) = self.complete(rendering, &rendering.result.sources(), &|_| Ok(()))?;
         Ok(rendering.result.arrange(&contents, census))
     }
 
@@ -182,15 +185,16 @@ impl GpuRenderer {
         gaussians: &Gaussians,
     ) -> Result<Gradients<f32>, SplatError> {
         gradients.result.check(gaussians)?;
-        let (contents, _) = self.complete(gradients, &gradients.result.sources())?;
+        let (contents, _) = self.complete(gradients, &gradients.result.sources(), &|_| Ok(()))?;
         Ok(gradients.result.arrange(&contents, gaussians))
     }
 
-    /// Reads buffers of a result together with its report, again until it is complete.
-    fn complete<T>(
+    /// Reads buffers, which `prepare` may fill from a result, together with its report; again until it is complete.
+    pub(super) fn complete<T>(
         &mut self,
         pending: &Pending<T>,
         sources: &[(&wgpu::Buffer, u64)],
+        prepare: &dyn Fn(&mut Recorder<'_>) -> Result<(), GpuError>,
     ) -> Result<(Vec<Vec<u8>>, Census), SplatError> {
         let mut work = self.work();
         let context = work.context;
@@ -198,7 +202,9 @@ impl GpuRenderer {
         context.guarded(|| {
             let mut plan = pending.plan;
             loop {
-                let mut contents = context.read(&sources)?;
+                let mut recorder = Recorder::new(context, work.pipelines);
+                prepare(&mut recorder)?;
+                let mut contents = recorder.submit_and_read(&sources)?.contents;
                 let status = Status::parse(&context.name, &contents.pop().unwrap_or_default())?;
                 if !work.bounds.learn(context, &plan, &status)? {
                     return Ok((contents, *pending.census.get_or_init(|| status.census)));
@@ -214,12 +220,7 @@ fn image_gradients(task: &Task) -> &GpuImageGradients {
     task.images.as_ref().expect("a task of the backward pass")
 }
 
-fn begin<T>(
-    work: &mut Work<'_>,
-    task: Task,
-    result: T,
-    record: fn(&mut Recorder<'_>, Resources<'_>, &Task, &T) -> Result<Plan, SplatError>,
-) -> Result<Pending<T>, SplatError> {
+fn begin<T>(work: &mut Work<'_>, task: Task, result: T, record: Record<T>) -> Result<Pending<T>, SplatError> {
     let report = work.context.buffer("report", status::BYTES)?;
     let census = OnceLock::new();
     let plan = work.submit(&report, &|recorder, resources| record(recorder, resources, &task, &result))?;

@@ -1,7 +1,10 @@
 //! What passes between the host and the device: submissions, waits and bytes, and renderings repeated with longer lists.
 
-use atsplat_splat::gpu::{GpuCounts, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients};
-use atsplat_splat::{RenderOptions, Renderer};
+use atsplat_numeric::Tolerance;
+use atsplat_splat::gpu::{
+    GpuCounts, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, PictureFormat, PictureNumbers,
+};
+use atsplat_splat::{Gaussians, RenderOptions, Renderer};
 
 use crate::scenes::{assert_identical, cloud, everything, gpu, image_gradients, narrow, open, view};
 
@@ -104,6 +107,65 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
         gpu.read(&next).unwrap()
     });
     assert_eq!((asked(counts), next == expected), ([2, 1, 0], true), "{counts:?}");
+}
+
+/// Converted on the device; of several strips, whose lengths are no whole words; after a repeat, too.
+#[test]
+fn pictures_are_read_in_the_format_asked_for() {
+    let short = GpuOptions { binding_limit: 64 << 10, first_pairs: 100, ..GpuOptions::default() };
+    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(short)) else { return };
+    let mut parts = cloud(2000, 0, 7).into_parts();
+    parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| 6.0 * value));
+    let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(97, 71));
+    let expected = gpu.render(&gaussians, &view, &RenderOptions::default()).unwrap();
+    assert!(expected.rgb.as_flattened().iter().any(|value| *value > 1.0), "colours beyond white");
+    // With the bytes of a staging buffer: one wait each time it is filled.
+    for (gpu, staging) in [(&mut *gpu, 64 << 20), (&mut limited, 64 << 10)] {
+        let resident = gpu.upload(&gaussians).unwrap();
+        for (numbers, alpha) in [PictureNumbers::U8, PictureNumbers::F16, PictureNumbers::F32]
+            .into_iter()
+            .flat_map(|n| [(n, false), (n, true)])
+        {
+            let rendering = gpu.render_resident(&resident, &view, &RenderOptions::default()).unwrap();
+            let format = PictureFormat { numbers, alpha };
+            let (picture, counts) = counted(gpu, |gpu| gpu.read_picture(&rendering, format).unwrap());
+            let colours = expected.rgb.iter().zip(&expected.alpha);
+            let values: Vec<f32> =
+                colours.flat_map(|(rgb, own)| rgb.iter().copied().chain(alpha.then_some(*own))).collect();
+            let bytes = picture.bytes.as_slice();
+            match numbers {
+                PictureNumbers::U8 => {
+                    // The nearest level, or either of two between which a value lies.
+                    let levels = values.iter().map(|value| 255.0 * f64::from(value.clamp(0.0, 1.0)));
+                    Tolerance::absolute(0.5 + 1e-4).assert(bytes.iter().map(|byte| f64::from(*byte)), levels, "levels");
+                }
+                PictureNumbers::F16 => {
+                    let halves: Vec<f64> =
+                        bytes.as_chunks().0.iter().map(|two| half(u16::from_le_bytes(*two))).collect();
+                    let near = Tolerance { absolute: 1e-7, relative: 1.0 / 1024.0 };
+                    near.assert(halves, values.iter().map(|value| f64::from(*value)), "halves");
+                }
+                PictureNumbers::F32 => {
+                    let words = bytes.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word).to_bits());
+                    assert!(words.eq(values.iter().map(|value| value.to_bits())), "alpha {alpha}");
+                }
+            }
+            assert_eq!(picture.census, expected.census);
+            if counts.repeats == 0 {
+                let loads = counts.bytes_down.div_ceil(staging);
+                assert_eq!(asked(counts), [loads, loads, 0], "{counts:?}");
+                let length = bytes.len() as u64;
+                assert!((length..length + 64).contains(&counts.bytes_down), "{counts:?}, {length} bytes");
+            }
+        }
+    }
+}
+
+/// The value of a finite f16.
+fn half(bits: u16) -> f64 {
+    let (sign, exponent, fraction) = (bits >> 15, i32::from(bits >> 10 & 31), f64::from(bits & 1023));
+    let size = if exponent == 0 { fraction * 2f64.powi(-24) } else { (1024.0 + fraction) * 2f64.powi(exponent - 25) };
+    if sign == 1 { -size } else { size }
 }
 
 /// Where memory holds fewer pairs than a picture has, it is rendered in windows; their number is learnt, too.

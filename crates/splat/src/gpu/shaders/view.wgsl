@@ -26,7 +26,7 @@ struct View {
     // Width, height, flags, zero.
     image: vec4<u32>,
     // Gaussians of this part, index of its first, coefficients stored, degree evaluated. For tile lists: the first
-    // entry of this pass, and the number of entries.
+    // entry of this pass, and the number of entries. For listing pairs: the most that longer lists could hold.
     part: vec4<u32>,
     // Tiles of the window: first column and row, columns and rows.
     tiles: vec4<u32>,
