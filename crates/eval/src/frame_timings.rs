@@ -4,6 +4,7 @@ use std::fmt;
 
 use atsplat_numeric::median;
 use atsplat_splat::Stage;
+use atsplat_splat::gpu::GpuCounts;
 use indexmap::IndexSet;
 use serde::Serialize;
 
@@ -16,6 +17,8 @@ pub struct FrameTiming {
     pub render_secs: f64,
     /// Seconds of encoding and writing.
     pub write_secs: f64,
+    /// What passed between the host and a graphics processor, if one rendered.
+    pub device: Option<GpuCounts>,
 }
 
 /// Time per stage: medians over all frames but the first, which warms up caches and buffers.
@@ -27,6 +30,9 @@ pub struct FrameTimings {
     frames: usize,
     /// Inverse of the median of `render`; `None` for a single frame.
     frames_per_second: Option<f64>,
+    /// What passed between the host and a graphics processor, if one rendered; all frames together.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<GpuCounts>,
     rows: Vec<Row>,
 }
 
@@ -57,7 +63,8 @@ impl FrameTimings {
         let frames_per_second = render.as_ref().and_then(|row| row.median_ms).map(|median| 1e3 / median);
         rows.extend(render);
         rows.extend(Row::of("encode, write", rendered.iter().map(|frame| frame.write_secs)));
-        Self { reading_secs, frames: rendered.len().saturating_sub(1), frames_per_second, rows }
+        let device = rendered.iter().filter_map(|frame| frame.device).reduce(|all, frame| all + frame);
+        Self { reading_secs, frames: rendered.len().saturating_sub(1), frames_per_second, device, rows }
     }
 }
 
@@ -86,8 +93,12 @@ impl fmt::Display for FrameTimings {
             "reading", self.reading_secs, self.frames
         )?;
         match self.frames_per_second {
-            Some(rate) => writeln!(f, ": {rate:.1} frames per second"),
-            None => writeln!(f),
+            Some(rate) => writeln!(f, ": {rate:.1} frames per second")?,
+            None => writeln!(f)?,
+        }
+        match &self.device {
+            Some(device) => writeln!(f, "{:>13} {device}; all frames together", "device"),
+            None => Ok(()),
         }
     }
 }
@@ -99,7 +110,12 @@ mod tests {
 
     fn frame(ms: f64) -> FrameTiming {
         let secs = ms / 1e3;
-        FrameTiming { stages: vec![Stage { name: "sort", secs }], render_secs: 2.0 * secs, write_secs: 0.0 }
+        FrameTiming {
+            stages: vec![Stage { name: "sort", secs }],
+            render_secs: 2.0 * secs,
+            write_secs: 0.0,
+            device: None,
+        }
     }
 
     #[test]
@@ -109,6 +125,18 @@ mod tests {
         let row = &timings.rows[0];
         let found = [row.first_ms, row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
         Tolerance::relative(1e-12).assert(found, [100.0, 6.0, 1.5, 1e3 / 12.0], "medians");
+    }
+
+    #[test]
+    fn counts_of_a_device_are_summed() {
+        let counts = |waits| Some(GpuCounts { submissions: 1, waits, bytes_down: 1 << 19, ..GpuCounts::default() });
+        let frames = [1, 2].map(|waits| FrameTiming { device: counts(waits), ..frame(4.0) });
+        let text = FrameTimings::of(0.5, &frames).to_string();
+        assert!(
+            text.contains("device 2 submissions, 3 waits, 0 dispatches, 0 repeats, 0.0 MiB up, 1.0 MiB down"),
+            "{text}"
+        );
+        assert!(!FrameTimings::of(0.5, &[frame(4.0)]).to_string().contains("device"));
     }
 
     #[test]

@@ -10,7 +10,9 @@ use std::time::Instant;
 
 use atsplat_camera::ImageSize;
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::gpu::{AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients};
+use atsplat_splat::gpu::{
+    AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, PictureFormat, PictureNumbers,
+};
 use atsplat_splat::{ImageGradients, RenderOptions, Renderer, Stage};
 use scene::scene;
 
@@ -43,6 +45,7 @@ fn main() {
         let resident = gpu.upload(&gaussians).expect("memory");
         let image = gpu.render_resident(&resident, &view, &options).expect("an image");
         let rgb = gpu.read(&image).expect("an image").rgb;
+        let image = gpu.settle(&image).expect("an image").result;
         let mean = [0, 1, 2].map(|channel| {
             rgb.iter().filter_map(|rgb| rgb.get(channel)).map(|value| f64::from(*value)).sum::<f64>() / rgb.len() as f64
         });
@@ -57,6 +60,9 @@ fn main() {
                 return;
             }
             work(&mut gpu);
+            let before = gpu.counts();
+            work(&mut gpu);
+            println!("{name} {what}: {}", gpu.counts() - before);
             let mut secs: Vec<f64> = (0..rounds)
                 .map(|_| {
                     let start = Instant::now();
@@ -83,9 +89,14 @@ fn main() {
             let rendering = gpu.render_resident(&resident, &view, &options).expect("an image");
             gpu.read(&rendering).expect("an image");
         });
+        timed("forward on the device, 8 bits a colour", &mut |gpu| {
+            let rendering = gpu.render_resident(&resident, &view, &options).expect("an image");
+            let format = PictureFormat { numbers: PictureNumbers::U8, alpha: false };
+            gpu.read_picture(&rendering, format).expect("an image");
+        });
         timed("backward on the device", &mut |gpu| {
-            gpu.backward_resident(&resident, &view, &options, &resident_images).expect("gradients");
-            gpu.device().poll(wgpu::PollType::wait_indefinitely()).expect("a device");
+            let gradients = gpu.backward_resident(&resident, &view, &options, &resident_images).expect("gradients");
+            gpu.settle(&gradients).expect("gradients");
         });
         timed("backward from the host", &mut |gpu| {
             gpu.backward(&gaussians, &view, &options, &images).expect("gradients");

@@ -1,4 +1,5 @@
 use crate::cpu::CpuRenderer;
+use crate::gpu::GpuCounts;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View, reference};
 
 /// A rendering backend with forward and backward passes, chosen at run time.
@@ -34,6 +35,11 @@ pub trait Renderer: Send {
 
     /// Time spent in each stage of the last rendering, in order of execution.
     fn stages(&self) -> Vec<Stage>;
+
+    /// What passed between the host and a graphics processor so far; `None` on the processor.
+    fn device_counts(&self) -> Option<GpuCounts> {
+        None
+    }
 }
 
 /// A stage of the pipeline and its time.

@@ -101,6 +101,7 @@ fn render_batch<'a>(
 ) -> Vec<Pending<'a>> {
     let mut one = |shot: &'a Shot| {
         let start = Instant::now();
+        let before = renderer.device_counts();
         let outcome = look.render(renderer, scene, shot);
         let mut timing = FrameTiming { render_secs: start.elapsed().as_secs_f64(), ..FrameTiming::default() };
         let mut decisions = Vec::new();
@@ -108,6 +109,7 @@ fn render_batch<'a>(
             Ok((rendering, plan)) => {
                 timing.stages = vec![Stage { name: "plan", secs: plan.secs() }];
                 timing.stages.extend(renderer.stages());
+                timing.device = renderer.device_counts().zip(before).map(|(after, before)| after - before);
                 decisions = plan.decisions().to_vec();
                 Ok(rendering)
             }

@@ -1,17 +1,19 @@
 //! Recording the backward pass, which repeats the forward pass, because no state is kept from an earlier rendering.
 
+use super::bounds::{Key, Plan};
 use super::context::Context;
-use super::forward::{self, Lists, Scene, TILE};
-use super::gaussians::GpuPart;
+use super::forward::{self, Scene, TILE};
+use super::gaussians::{GpuGaussians, GpuPart};
 use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 use super::images;
 use super::kernels::{Kernel, Pool};
+use super::lists::{Lists, list};
 use super::record::Recorder;
-use super::render::{Allocate, Job, bytes_needed, check_memory, composite, pair_capacity};
+use super::render::{Job, Resources, bytes_needed, check_memory, composite, pair_capacity};
 use super::sort::words;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
-use crate::SplatError;
+use crate::{SplatError, View};
 
 /// Sums over pixels, per Gaussian.
 struct Sums {
@@ -25,34 +27,50 @@ struct Sums {
     translations: wgpu::Buffer,
 }
 
-/// Records the backward pass into buffers allocated by `allocate`.
-pub(super) fn record(
-    recorder: &mut Recorder<'_>,
-    pool: &mut Pool,
+/// Rejects what has no gradients.
+pub(super) fn check(
+    context: &Context,
     limits: &GpuOptions,
     job: Job<'_>,
     images: &GpuImageGradients,
-    allocate: Allocate<'_>,
-) -> Result<GpuGradients, SplatError> {
-    let (context, Job { gaussians, view, options }) = (recorder.context(), job);
-    options.check()?;
-    let optics = view.optics(&options.constants)?;
-    let count = gaussians.len();
+) -> Result<(), SplatError> {
+    job.options.check()?;
+    job.view.optics(&job.options.constants)?;
+    check_memory(bytes_with_gradients(job.gaussians, job.view), limits.memory_limit)?;
+    job.gaussians.check(context)?;
+    check_images(context, &images::strips(context, job.view)?, job.view, images)
+}
+
+/// Bytes on the device, excluding tile lists.
+fn bytes_with_gradients(gaussians: &GpuGaussians, view: &View) -> u64 {
     // Bytes per Gaussian: sums 48, pose 32, records 96, gradients of its parameters and of 5 projected values; and per
     // pixel two more images and its gradients.
-    let own = gaussians.size_in_bytes().saturating_add(count.saturating_mul(176 + 20));
-    let needed =
-        bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80));
-    check_memory(needed, limits.memory_limit)?;
-    gaussians.check(context)?;
-    let strips = images::strips(context, view)?;
-    check_images(context, &strips, view, images)?;
+    let own = gaussians.size_in_bytes().saturating_add(gaussians.len().saturating_mul(176 + 20));
+    bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80))
+}
+
+/// Records the backward pass of a checked job.
+pub(super) fn record(
+    recorder: &mut Recorder<'_>,
+    resources: Resources<'_>,
+    job: Job<'_>,
+    images: &GpuImageGradients,
+    gradients: &GpuGradients,
+) -> Result<Plan, SplatError> {
+    let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    let Resources { pool, limits, bounds, report } = resources;
+    let (optics, count) = (view.optics(&options.constants)?, gaussians.len());
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, true)
         .with_flag(flag::HAS_OWNERS, true)
         .with_flag(flag::EXPOSED_LOSS, options.exposure.is_some());
+    let strips = images::strips(context, view)?;
+    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
+    let room = limits.memory_limit.saturating_sub(bytes_with_gradients(gaussians, view));
+    let most = pair_capacity(context, room, 84, 48);
+    let (plan, windows) = bounds.plan(context, Key::new(gaussians, view, true), (&strips, view), most);
 
-    let scene = forward::project(recorder, pool, gaussians, &block, options)?;
+    let scene = forward::project(recorder, pool, gaussians, &block, options, report)?;
     let rows = u64::from(view.size.height);
     let sums = Sums {
         firsts: pool.get(context, "first moments", 0, 16 * count)?,
@@ -65,30 +83,25 @@ pub(super) fn record(
     for buffer in [&sums.firsts, &sums.seconds, &sums.colours] {
         recorder.clear(buffer, 16 * count);
     }
-    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
-    let capacity = pair_capacity(context, limits.memory_limit - needed, 84, 48);
-    let windows = (images::windows(&strips, view), capacity);
-    forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
-        let strip = lists.window.strip;
-        let size = [view.size.width, strips[strip][1]];
-        composite_backward(recorder, pool, &scene, lists, &sums, &images.strips[strip], size)
-    })?;
+    for window in windows {
+        let lists = list(recorder, pool, &scene, &block, (&plan, window, report))?;
+        let size = [view.size.width, strips[window.strip][1]];
+        composite_backward(recorder, pool, &scene, (&lists, plan.capacity), &sums, &images.strips[window.strip], size)?;
+    }
 
     recorder.stage("project backward");
-    let mut parts = Vec::new();
     let mut first = 0;
-    for (at, part) in gaussians.parts.iter().enumerate() {
+    for (part, gradients) in gaussians.parts.iter().zip(&gradients.parts) {
         let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
-        parts.push(part_gradients(recorder, pool, &scene, &sums, (part, &block, at), &mut *allocate)?);
+        part_gradients(recorder, pool, &scene, &sums, (part, &block, gradients))?;
         first += part.count;
     }
-    let result = allocate(pool, "pose and background", 0, 48)?;
     for (at, (vectors, count)) in
         [(&sums.rotations, count), (&sums.translations, count), (&sums.rows, rows)].into_iter().enumerate()
     {
-        reduce(recorder, pool, vectors, count, (&result, 16 * at as u64))?;
+        reduce(recorder, pool, vectors, count, (&gradients.pose_and_background, 16 * at as u64))?;
     }
-    Ok(GpuGradients { sh_degree: gaussians.sh_degree, parts, pose_and_background: result })
+    Ok(plan)
 }
 
 /// Backward pass of one window: pixels, their gradients, sums over each tile's pixels, sums over tiles.
@@ -96,7 +109,7 @@ fn composite_backward(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     scene: &Scene,
-    lists: &Lists,
+    (lists, capacity): (&Lists, u64),
     sums: &Sums,
     images: &GpuStripGradients,
     [width, rows]: [u32; 2],
@@ -110,8 +123,8 @@ fn composite_backward(
     let seeds = pool.get(context, "seeds", 0, 32 * pixels)?;
     let d_background = pool.get(context, "background gradients", 0, 16 * pixels)?;
     let none = pool.get(context, "no extra gradients", 0, 16)?;
-    let d_pair = pool.get(context, "pair sums", 0, 48 * lists.pairs)?;
-    recorder.clear(&d_pair, 48 * lists.pairs);
+    let d_pair = pool.get(context, "pair sums", 0, 48 * capacity)?;
+    recorder.clear(&d_pair, 48 * capacity);
     recorder.stage("composite backward");
     let mut block = lists.block;
     block.window[0] = u32::try_from(pixels).unwrap_or(u32::MAX);
@@ -128,9 +141,6 @@ fn composite_backward(
             &[&d_background, &sums.rows],
             u64::from(rows).div_ceil(64),
         )?;
-    }
-    if lists.pairs == 0 {
-        return Ok(());
     }
     let buffers = [
         &scene.shapes,
@@ -155,27 +165,13 @@ fn part_gradients(
     pool: &mut Pool,
     scene: &Scene,
     sums: &Sums,
-    (part, block, at): (&GpuPart, &ViewBlock, usize),
-    allocate: Allocate<'_>,
-) -> Result<GpuGradientPart, GpuError> {
+    (part, block, gradients): (&GpuPart, &ViewBlock, &GpuGradientPart),
+) -> Result<(), GpuError> {
     let context = recorder.context();
     let count = u64::from(part.count);
     let groups = count.div_ceil(64);
     let records = pool.get(context, "records", 0, 96 * count)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
-    let stored = u64::from(block.part[2]);
-    let mut field = |pool: &mut Pool, name, each: u64| allocate(pool, name, at, 4 * each * count);
-    let gradients = GpuGradientPart {
-        count: part.count,
-        means: field(pool, "mean gradients", 3)?,
-        quaternions: field(pool, "quaternion gradients", 4)?,
-        log_scales: field(pool, "log-scale gradients", 3)?,
-        opacity_logits: field(pool, "opacity-logit gradients", 1)?,
-        sh: field(pool, "SH gradients", 3 * stored)?,
-        scalars: part.scalars.is_some().then(|| field(pool, "scalar gradients", 1)).transpose()?,
-        means_2d: field(pool, "2D mean gradients", 2)?,
-        conics: field(pool, "conic gradients", 3)?,
-    };
     let buffers = [
         &part.means,
         &part.sh,
@@ -214,7 +210,7 @@ fn part_gradients(
         let uniform = [words(&[count, from, width, stride]), words(&[first, 0, 0, 0])].concat();
         recorder.dispatch(Kernel::Unpack, &uniform, &[&records, result], groups)?;
     }
-    Ok(gradients)
+    Ok(())
 }
 
 /// Sums vectors as a tree, into `result` at `offset`.
@@ -241,7 +237,7 @@ fn reduce(
 fn check_images(
     context: &Context,
     strips: &[[u32; 2]],
-    view: &crate::View,
+    view: &View,
     images: &GpuImageGradients,
 ) -> Result<(), SplatError> {
     let mismatch = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };

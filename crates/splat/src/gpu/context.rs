@@ -1,6 +1,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapters::AdapterDescription;
+use super::counts::Counters;
+use super::panics::catch_panics;
 use super::{GpuError, GpuOptions, Threads};
 
 /// A device with its limits and error state.
@@ -8,6 +10,9 @@ use super::{GpuError, GpuOptions, Threads};
 pub(super) struct Context {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
+    pub(super) counters: Counters,
+    /// Kept for the next reading.
+    pub(super) staging: Mutex<Option<wgpu::Buffer>>,
     /// Display name.
     pub(super) name: String,
     /// Limit on the bytes of a binding, and of any buffer created here.
@@ -23,6 +28,8 @@ pub(super) struct Context {
     pub(super) entries_per_dispatch: u32,
     /// Limit on the tiles of a window.
     pub(super) tiles_per_window: u64,
+    /// Pairs that a first rendering has room for at most.
+    pub(super) first_pairs: u64,
     /// Limit on the pixel columns summed per dispatch.
     pub(super) columns_per_dispatch: u32,
     /// Why the device was lost, if so.
@@ -102,6 +109,8 @@ impl Context {
         Ok(Self {
             device,
             queue,
+            counters: Counters::default(),
+            staging: Mutex::default(),
             name,
             binding_limit,
             groups_limit,
@@ -110,6 +119,7 @@ impl Context {
             thread_rows,
             entries_per_dispatch: options.entries_limit.max(1),
             tiles_per_window: u64::MAX,
+            first_pairs: options.first_pairs,
             columns_per_dispatch: u32::MAX,
             lost: Arc::default(),
             uncaptured: Arc::default(),
@@ -151,6 +161,29 @@ impl Context {
             return Err(GpuError::Refused { adapter, reason }.into());
         }
         result
+    }
+
+    pub(super) fn submit(&self, encoder: wgpu::CommandEncoder) {
+        self.counters.submissions.add(1);
+        self.queue.submit([encoder.finish()]);
+    }
+
+    /// Copies to the device with the next submission.
+    pub(super) fn write(&self, buffer: &wgpu::Buffer, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.counters.bytes_up.add(bytes.len() as u64);
+            self.queue.write_buffer(buffer, 0, bytes);
+        }
+    }
+
+    /// Waits for everything submitted.
+    pub(super) fn wait(&self) -> Result<(), GpuError> {
+        self.counters.waits.add(1);
+        catch_panics(&self.name, || {
+            let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+            waited.map_err(|error| GpuError::Device { adapter: self.name.clone(), reason: error.to_string() })?;
+            Ok(())
+        })
     }
 
     /// Checks that kernels can bind the first `bytes` of a buffer of the caller.

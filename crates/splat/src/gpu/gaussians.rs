@@ -142,9 +142,7 @@ impl GpuGaussians {
             let mut upload = |name, values: &[f32]| -> Result<wgpu::Buffer, GpuError> {
                 let bytes: &[u8] = bytemuck::cast_slice(values);
                 let buffer = pool.get(context, name, at, bytes.len() as u64)?;
-                if !bytes.is_empty() {
-                    context.queue.write_buffer(&buffer, 0, bytes);
-                }
+                context.write(&buffer, bytes);
                 Ok(buffer)
             };
             parts.push(GpuPart {

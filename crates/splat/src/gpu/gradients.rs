@@ -1,6 +1,8 @@
 use super::GpuError;
 use super::context::Context;
+use super::gaussians::GpuGaussians;
 use super::kernels::Pool;
+use super::render::Allocate;
 use crate::{Gaussians, Gradients, ImageGradients, SplatError, View, sh_coefficients};
 
 /// Gradients of a loss with respect to the images of a [`super::GpuRendering`], in the strips of
@@ -68,7 +70,7 @@ impl GpuImageGradients {
         let mut upload = |name, at, values: Vec<[f32; 4]>| -> Result<wgpu::Buffer, GpuError> {
             let bytes: &[u8] = bytemuck::cast_slice(&values);
             let buffer = pool.get(context, name, at, bytes.len() as u64)?;
-            context.queue.write_buffer(&buffer, 0, bytes);
+            context.write(&buffer, bytes);
             Ok(buffer)
         };
         let mut uploaded = Vec::new();
@@ -87,27 +89,62 @@ impl GpuImageGradients {
 }
 
 impl GpuGradients {
-    /// Copies the gradients to the host.
-    pub(super) fn read(&self, context: &Context, gaussians: &Gaussians) -> Result<Gradients<f32>, SplatError> {
-        self.check(gaussians)?;
-        let mut gradients = Gradients::zero(gaussians);
-        let stored = sh_coefficients(self.sh_degree);
-        let mut first = 0;
+    /// Allocates gradients of every input of a rendering.
+    pub(super) fn allocate(
+        pool: &mut Pool,
+        gaussians: &GpuGaussians,
+        allocate: Allocate<'_>,
+    ) -> Result<Self, GpuError> {
+        let stored = sh_coefficients(gaussians.sh_degree) as u64;
+        let mut parts = Vec::new();
+        for (at, part) in gaussians.parts.iter().enumerate() {
+            let count = u64::from(part.count);
+            let mut field = |pool: &mut Pool, name, each: u64| allocate(pool, name, at, 4 * each * count);
+            parts.push(GpuGradientPart {
+                count: part.count,
+                means: field(pool, "mean gradients", 3)?,
+                quaternions: field(pool, "quaternion gradients", 4)?,
+                log_scales: field(pool, "log-scale gradients", 3)?,
+                opacity_logits: field(pool, "opacity-logit gradients", 1)?,
+                sh: field(pool, "SH gradients", 3 * stored)?,
+                scalars: part.scalars.is_some().then(|| field(pool, "scalar gradients", 1)).transpose()?,
+                means_2d: field(pool, "2D mean gradients", 2)?,
+                conics: field(pool, "conic gradients", 3)?,
+            });
+        }
+        let pose_and_background = allocate(pool, "pose and background", 0, 48)?;
+        Ok(Self { sh_degree: gaussians.sh_degree, parts, pose_and_background })
+    }
+
+    /// What to copy to the host: the arrays of each part, then the rest.
+    pub(super) fn sources(&self) -> Vec<(&wgpu::Buffer, u64)> {
+        let stored = sh_coefficients(self.sh_degree) as u64;
+        let mut sources = Vec::new();
         for part in &self.parts {
-            let count = part.count as usize;
             let bytes = |each: u64| 4 * each * u64::from(part.count);
-            let mut sources = vec![
+            sources.extend([
                 (&part.means, bytes(3)),
                 (&part.quaternions, bytes(4)),
                 (&part.log_scales, bytes(3)),
                 (&part.opacity_logits, bytes(1)),
-                (&part.sh, bytes(3 * stored as u64)),
+                (&part.sh, bytes(3 * stored)),
                 (&part.means_2d, bytes(2)),
                 (&part.conics, bytes(3)),
-            ];
+            ]);
             sources.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
-            let read = context.read(&sources)?;
+        }
+        sources.push((&self.pose_and_background, 48));
+        sources
+    }
 
+    /// The gradients from their copies; `gaussians` have passed [`Self::check`].
+    pub(super) fn arrange(&self, contents: &[Vec<u8>], gaussians: &Gaussians) -> Gradients<f32> {
+        let mut gradients = Gradients::zero(gaussians);
+        let stored = sh_coefficients(self.sh_degree);
+        let mut contents = contents.iter();
+        let mut first = 0;
+        for part in &self.parts {
+            let count = part.count as usize;
             let targets: [(&mut [f32], usize); 8] = [
                 (gradients.means.as_flattened_mut(), 3),
                 (gradients.quaternions.as_flattened_mut(), 4),
@@ -118,7 +155,8 @@ impl GpuGradients {
                 (gradients.conics.as_flattened_mut(), 3),
                 (&mut gradients.scalars, 1),
             ];
-            for ((target, each), bytes) in targets.into_iter().zip(&read) {
+            let arrays = if part.scalars.is_some() { 8 } else { 7 };
+            for ((target, each), bytes) in targets.into_iter().zip(contents.by_ref().take(arrays)) {
                 let own = target.iter_mut().skip(first * each).take(count * each);
                 for (slot, word) in own.zip(bytes.as_chunks().0) {
                     *slot = f32::from_le_bytes(*word);
@@ -126,18 +164,18 @@ impl GpuGradients {
             }
             first += count;
         }
-        let read = context.read(&[(&self.pose_and_background, 48)])?.concat();
-        let numbers: Vec<f32> = read.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect();
+        let rest = contents.next().map_or(&[][..], Vec::as_slice);
+        let numbers: Vec<f32> = rest.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect();
         let [rx, ry, rz, _, tx, ty, tz, _, red, green, blue, _] = *numbers else {
             unreachable!("48 bytes are twelve f32")
         };
         gradients.pose = [rx, ry, rz, tx, ty, tz];
         gradients.background = [red, green, blue];
-        Ok(gradients)
+        gradients
     }
 
     /// Checks that these are gradients of such Gaussians.
-    fn check(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
+    pub(super) fn check(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
         let of = gaussians.parts();
         let counts = |parts: &mut dyn Iterator<Item = &GpuGradientPart>| parts.map(|part| part.count as usize).sum();
         let scalars = of.scalars.as_ref().map_or(0, Vec::len);

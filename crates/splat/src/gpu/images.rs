@@ -2,7 +2,9 @@ use atsplat_camera::ImageSize;
 
 use super::GpuError;
 use super::context::Context;
-use super::forward::{TILE, Window};
+use super::forward::TILE;
+use super::kernels::Pool;
+use super::render::Allocate;
 use crate::{Census, Channels, Rendering, SplatError, View};
 
 /// Images in device memory, split into strips of rows that the adapter can bind.
@@ -12,8 +14,6 @@ pub struct GpuRendering {
     pub size: ImageSize,
     /// From top to bottom.
     pub strips: Vec<GpuStrip>,
-    /// Counts of drawn and culled Gaussians.
-    pub census: Census,
     pub(super) channels: Channels,
 }
 
@@ -49,41 +49,58 @@ pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, Sp
     Ok((0..view.size.height).step_by(rows as usize).map(strip).collect())
 }
 
-/// The window of tiles of each strip.
-pub(super) fn windows(strips: &[[u32; 2]], view: &View) -> Vec<Window> {
-    let columns = [0, view.size.width.div_ceil(TILE)];
-    let of = |(strip, [first_row, rows]): (usize, &[u32; 2])| Window {
-        columns,
-        rows: [first_row / TILE, (first_row + rows).div_ceil(TILE)],
-        strip,
-        first_row: *first_row,
-    };
-    strips.iter().enumerate().map(of).collect()
+/// Whether there are images besides colour and alpha.
+pub(super) const fn with_extras(channels: Channels) -> bool {
+    channels.depth || channels.scalar || channels.median_depth
 }
 
 impl GpuRendering {
-    /// Copies the images to the host.
-    pub(super) fn read(&self, context: &Context) -> Result<Rendering<f32>, GpuError> {
-        let bytes = |strip: &GpuStrip| 16 * u64::from(strip.rows) * u64::from(self.size.width);
-        let colours: Vec<_> = self.strips.iter().map(|strip| (&strip.colours, bytes(strip))).collect();
-        let extras = self.strips.iter().filter_map(|strip| Some((strip.extras.as_ref()?, bytes(strip))));
-        let sources: Vec<_> = colours.iter().copied().chain(extras).collect();
-        let read = context.read(&sources)?;
-        let (colours, extras) = read.split_at(colours.len());
-        let fours = |strips: &[Vec<u8>]| -> Vec<[f32; 4]> {
-            let numbers = strips.iter().flat_map(|bytes| bytes.as_chunks::<16>().0);
-            numbers.map(|four| bytemuck::cast(*four)).collect()
-        };
-        let (colours, extras) = (fours(colours), fours(extras));
-        let of_extras = |requested: bool, at: fn(&[f32; 4]) -> f32| requested.then(|| extras.iter().map(at).collect());
-        Ok(Rendering {
-            size: self.size,
-            rgb: colours.iter().map(|[red, green, blue, _]| [*red, *green, *blue]).collect(),
-            alpha: colours.iter().map(|[.., alpha]| *alpha).collect(),
-            depth: of_extras(self.channels.depth, |four| four[0]),
-            scalar: of_extras(self.channels.scalar, |four| four[1]),
-            median_depth: of_extras(self.channels.median_depth, |four| four[2]),
-            census: self.census,
-        })
+    /// Allocates images for a rendering.
+    pub(super) fn allocate(
+        context: &Context,
+        pool: &mut Pool,
+        view: &View,
+        channels: Channels,
+        allocate: Allocate<'_>,
+    ) -> Result<Self, SplatError> {
+        let mut buffers = Vec::new();
+        for (at, [first_row, rows]) in strips(context, view)?.into_iter().enumerate() {
+            let bytes = 16 * u64::from(rows) * u64::from(view.size.width);
+            let extras = with_extras(channels).then(|| allocate(pool, "extras", at, bytes)).transpose()?;
+            buffers.push(GpuStrip { first_row, rows, colours: allocate(pool, "colours", at, bytes)?, extras });
+        }
+        Ok(Self { size: view.size, strips: buffers, channels })
     }
+
+    /// What to copy to the host: the colours of each strip, then its other images.
+    pub(super) fn sources(&self) -> Vec<(&wgpu::Buffer, u64)> {
+        let bytes = |strip: &GpuStrip| 16 * u64::from(strip.rows) * u64::from(self.size.width);
+        let colours = self.strips.iter().map(|strip| (&strip.colours, bytes(strip)));
+        let extras = self.strips.iter().filter_map(|strip| Some((strip.extras.as_ref()?, bytes(strip))));
+        colours.chain(extras).collect()
+    }
+
+    /// The images from their copies.
+    pub(super) fn arrange(&self, contents: &[Vec<u8>], census: Census) -> Rendering<f32> {
+        let (colours, extras) = contents.split_at(self.strips.len().min(contents.len()));
+        let of_extras = |requested: bool, channel: usize| requested.then(|| each(extras, |four| four[channel]));
+        Rendering {
+            size: self.size,
+            rgb: each(colours, |[red, green, blue, _]| [red, green, blue]),
+            alpha: each(colours, |[.., alpha]| alpha),
+            depth: of_extras(self.channels.depth, 0),
+            scalar: of_extras(self.channels.scalar, 1),
+            median_depth: of_extras(self.channels.median_depth, 2),
+            census,
+        }
+    }
+}
+
+/// A value of each pixel of strips of four f32.
+fn each<T>(strips: &[Vec<u8>], value: impl Fn([f32; 4]) -> T) -> Vec<T> {
+    let mut values = Vec::with_capacity(strips.iter().map(|bytes| bytes.len() / 16).sum());
+    for bytes in strips {
+        values.extend(bytes.as_chunks::<16>().0.iter().map(|four| value(bytemuck::cast(*four))));
+    }
+    values
 }

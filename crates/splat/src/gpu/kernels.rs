@@ -16,6 +16,7 @@ pub(super) enum Kernel {
     TileCount,
     Emit,
     Ranges,
+    Needs,
     Composite,
     PixelGradients,
     RowSums,
@@ -26,6 +27,7 @@ pub(super) enum Kernel {
     Unpack,
     Probe,
     Reduce,
+    Pack,
 }
 
 macro_rules! sources {
@@ -34,7 +36,7 @@ macro_rules! sources {
 
 impl Kernel {
     /// Every kernel.
-    pub(super) const ALL: [Self; 20] = [
+    pub(super) const ALL: [Self; 22] = [
         Self::Project,
         Self::Colour,
         Self::Keys,
@@ -45,6 +47,7 @@ impl Kernel {
         Self::TileCount,
         Self::Emit,
         Self::Ranges,
+        Self::Needs,
         Self::Composite,
         Self::PixelGradients,
         Self::RowSums,
@@ -55,6 +58,7 @@ impl Kernel {
         Self::Unpack,
         Self::Probe,
         Self::Reduce,
+        Self::Pack,
     ];
 
     pub(super) const fn source(self) -> &'static str {
@@ -62,13 +66,14 @@ impl Kernel {
             Self::Project => sources!("view", "double", "exponent", "lens", "geometry", "gaussians", "project"),
             Self::Colour => sources!("view", "double", "exponent", "harmonics", "colour"),
             Self::Keys => sources!("view", "keys"),
-            Self::SortCount => sources!("sort_pass", "sort_count"),
-            Self::SortScatter => sources!("sort_pass", "sort_scatter"),
-            Self::ScanSums => sources!("scan", "scan_sums"),
-            Self::ScanApply => sources!("scan", "scan_apply"),
+            Self::SortCount => sources!("counted", "sort_count"),
+            Self::SortScatter => sources!("counted", "sort_scatter"),
+            Self::ScanSums => sources!("counted", "scan", "scan_sums"),
+            Self::ScanApply => sources!("counted", "scan", "scan_apply"),
             Self::TileCount => sources!("view", "tiles", "tile_count"),
             Self::Emit => sources!("view", "tiles", "emit"),
             Self::Ranges => sources!("view", "tiles", "ranges"),
+            Self::Needs => sources!("view", "needs"),
             Self::Composite => sources!("view", "tiles", "raster", "composite"),
             Self::PixelGradients => sources!("view", "pixel_gradients"),
             Self::RowSums => sources!("view", "row_sums"),
@@ -81,16 +86,24 @@ impl Kernel {
             Self::Unpack => sources!("unpack"),
             Self::Probe => sources!("probe"),
             Self::Reduce => sources!("reduce"),
+            Self::Pack => sources!("pack"),
         }
     }
 }
 
-/// Pipelines, compiled on first use.
+/// Bytes of a buffer of uniform blocks.
+pub(super) const UNIFORM_BYTES: usize = 64 << 10;
+
+/// Pipelines, compiled on first use, and buffers for their uniform blocks.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Pipelines(BTreeMap<Kernel, wgpu::ComputePipeline>);
+pub(super) struct Pipelines {
+    compiled: BTreeMap<Kernel, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>,
+    uniforms: Vec<wgpu::Buffer>,
+}
 
 impl Pipelines {
-    pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> wgpu::ComputePipeline {
+    /// A kernel's pipeline, and the layout of its bind group.
+    pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroupLayout) {
         let make = || {
             let label = format!("{kernel:?}");
             let source = format!("const ROWS: u32 = {}u;\n{}", context.thread_rows, kernel.source());
@@ -98,16 +111,34 @@ impl Pipelines {
                 label: Some(&label),
                 source: wgpu::ShaderSource::Wgsl(source.into()),
             });
-            context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            let pipeline = context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(&label),
                 layout: None,
                 module: &module,
                 entry_point: Some("main"),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 cache: None,
+            });
+            let layout = pipeline.get_bind_group_layout(0);
+            (pipeline, layout)
+        };
+        self.compiled.entry(kernel).or_insert_with(make).clone()
+    }
+
+    /// A buffer for uniform blocks; a submission may need several.
+    pub(super) fn uniforms(&mut self, context: &Context, at: usize) -> wgpu::Buffer {
+        let make = || {
+            context.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("uniforms"),
+                size: UNIFORM_BYTES as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
             })
         };
-        self.0.entry(kernel).or_insert_with(make).clone()
+        if self.uniforms.len() <= at {
+            self.uniforms.resize_with(at + 1, make);
+        }
+        self.uniforms[at].clone()
     }
 }
 

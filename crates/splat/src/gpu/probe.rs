@@ -18,8 +18,7 @@ pub(super) fn max_iterations(context: &Context, pipelines: &mut Pipelines) -> Re
         let mut recorder = Recorder::new(context, pipelines);
         let result = context.buffer("probe", 8)?;
         recorder.dispatch(Kernel::Probe, bytemuck::bytes_of(&[MAX_ITERATIONS, 0, 0, 0]), &[&result], 1)?;
-        recorder.submit();
-        let read = context.read(&[(&result, 8)])?.concat();
+        let read = recorder.submit_and_read(&[(&result, 8)])?.contents.concat();
         let words: Vec<u32> = read.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
         validated(&words).map_err(|found| GpuError::Unfit {
             adapter: context.name.clone(),

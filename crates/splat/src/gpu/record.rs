@@ -1,23 +1,22 @@
 use super::GpuError;
 use super::context::Context;
-use super::kernels::{Kernel, Pipelines};
+use super::kernels::{Kernel, Pipelines, UNIFORM_BYTES};
+use super::read::Reading;
 
-/// Bytes of the uniform buffer of one submission.
-const UNIFORM_BYTES: usize = 64 << 10;
 /// Offset alignment that every adapter accepts.
 const UNIFORM_STEP: usize = 256;
 /// Timed runs of stages: two timestamps each, up to wgpu's limit per query set.
 const MAX_RUNS: u32 = 2048;
 
-/// Records commands for the device: dispatches within named stages.
+/// Records commands for the device, for a single submission: dispatches within named stages.
 #[derive(Debug)]
 pub(super) struct Recorder<'a> {
     context: &'a Context,
     pipelines: &'a mut Pipelines,
     encoder: wgpu::CommandEncoder,
     pass: Option<wgpu::ComputePass<'static>>,
-    uniforms: Vec<u8>,
-    uniform_buffer: wgpu::Buffer,
+    /// Uniform blocks, one list of bytes for each buffer.
+    uniforms: Vec<Vec<u8>>,
     clock: Option<wgpu::QuerySet>,
     stage: Option<&'static str>,
     /// The stage of each timed run.
@@ -26,27 +25,39 @@ pub(super) struct Recorder<'a> {
     is_incomplete: bool,
 }
 
+/// What a submission wrote for the host: the contents of each buffer, and the time of each stage's runs if the device
+/// could time them all.
+pub(super) struct Finished {
+    pub(super) contents: Vec<Vec<u8>>,
+    pub(super) timings: Vec<(&'static str, f64)>,
+}
+
 impl<'a> Recorder<'a> {
     pub(super) fn new(context: &'a Context, pipelines: &'a mut Pipelines) -> Self {
-        let clock = context.timestamps.then(|| {
-            context.device.create_query_set(&wgpu::QuerySetDescriptor {
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("atsplat") };
+        Self {
+            context,
+            pipelines,
+            encoder: context.device.create_command_encoder(&descriptor),
+            pass: None,
+            uniforms: Vec::new(),
+            clock: None,
+            stage: None,
+            timed: Vec::new(),
+            is_incomplete: false,
+        }
+    }
+
+    /// Times stages, if the adapter can.
+    pub(super) fn timed(mut self) -> Self {
+        self.clock = self.context.timestamps.then(|| {
+            self.context.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: None,
                 ty: wgpu::QueryType::Timestamp,
                 count: 2 * MAX_RUNS,
             })
         });
-        Self {
-            context,
-            pipelines,
-            encoder: encoder(context),
-            pass: None,
-            uniforms: Vec::new(),
-            uniform_buffer: uniform_buffer(context),
-            clock,
-            stage: None,
-            timed: Vec::new(),
-            is_incomplete: false,
-        }
+        self
     }
 
     pub(super) const fn context(&self) -> &'a Context {
@@ -92,12 +103,12 @@ impl<'a> Recorder<'a> {
         if groups == 0 {
             return Ok(());
         }
-        let device = &self.context.device;
-        let pipeline = self.pipelines.get(self.context, kernel);
-        let offset = self.place_uniform(uniform);
+        let [across, down] = grid(groups, self.context)?;
+        let (pipeline, layout) = self.pipelines.get(self.context, kernel);
+        let (uniform_buffer, offset) = self.place_uniform(uniform);
         let block = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-            buffer: &self.uniform_buffer,
-            offset: offset as u64,
+            buffer: &uniform_buffer,
+            offset,
             size: wgpu::BufferSize::new(uniform.len() as u64),
         });
         let storage = buffers.iter().map(|buffer| self.bound(buffer));
@@ -105,12 +116,12 @@ impl<'a> Recorder<'a> {
             .zip(std::iter::once(block).chain(storage))
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
             .collect();
-        let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+        let bind_group = self.context.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
-            layout: &pipeline.get_bind_group_layout(0),
+            layout: &layout,
             entries: &entries,
         });
-        let [across, down] = grid(groups, self.context)?;
+        self.context.counters.dispatches.add(1);
         let pass = self.pass();
         pass.set_pipeline(&pipeline);
         pass.set_bind_group(0, &bind_group, &[]);
@@ -128,39 +139,45 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(from.0, from.1, to.0, to.1, bytes);
     }
 
-    /// Submits all commands so far.
-    pub(super) fn submit(&mut self) {
+    /// Submits all commands.
+    pub(super) fn submit(mut self) {
         self.pass = None;
-        let encoder = std::mem::replace(&mut self.encoder, encoder(self.context));
-        if !self.uniforms.is_empty() {
-            self.context.queue.write_buffer(&self.uniform_buffer, 0, &self.uniforms);
-            self.uniforms.clear();
+        for (at, blocks) in self.uniforms.iter().enumerate() {
+            self.context.write(&self.pipelines.uniforms(self.context, at), blocks);
         }
-        self.context.queue.submit([encoder.finish()]);
+        self.context.submit(self.encoder);
     }
 
-    /// Submits, and returns the time of each stage's runs if the device could time them all. Waits for the device.
-    pub(super) fn finish(mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
+    /// Submits all commands, waits for the device, and returns the first bytes of buffers.
+    pub(super) fn submit_and_read(mut self, sources: &[(&wgpu::Buffer, u64)]) -> Result<Finished, GpuError> {
         self.pass = None;
-        let (Some(clock), false) = (self.clock.take(), self.timed.is_empty() || self.is_incomplete) else {
-            self.submit();
-            return Ok(Vec::new());
-        };
+        let context = self.context;
+        let stamps = self.resolve_clock();
+        let timed = std::mem::take(&mut self.timed);
+        let sources: Vec<_> =
+            sources.iter().copied().chain(stamps.iter().map(|stamps| (stamps, stamps.size()))).collect();
+        let reading = Reading::begin(context, &mut self.encoder, &sources);
+        self.submit();
+        let mut contents = reading.finish(context)?;
+        let stamps = if stamps.is_some() { contents.pop().unwrap_or_default() } else { Vec::new() };
+        let period = f64::from(context.queue.get_timestamp_period()) * 1e-9;
+        let ticks: Vec<u64> = stamps.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
+        let lengths = ticks.as_chunks::<2>().0.iter().map(|[from, to]| to.saturating_sub(*from) as f64 * period);
+        Ok(Finished { contents, timings: timed.into_iter().zip(lengths).collect() })
+    }
+
+    /// The timestamps in a buffer, unless some are missing.
+    fn resolve_clock(&mut self) -> Option<wgpu::Buffer> {
+        let clock = self.clock.take().filter(|_| !self.timed.is_empty() && !self.is_incomplete)?;
         let marks = u32::try_from(2 * self.timed.len()).unwrap_or(2 * MAX_RUNS);
-        let bytes = 8 * u64::from(marks);
         let resolved = self.context.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("timestamps"),
-            size: bytes,
+            size: 8 * u64::from(marks),
             usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
         self.encoder.resolve_query_set(&clock, 0..marks, &resolved, 0);
-        self.submit();
-        let read = self.context.read(&[(&resolved, bytes)])?;
-        let period = f64::from(self.context.queue.get_timestamp_period()) * 1e-9;
-        let ticks: Vec<u64> = read.concat().as_chunks().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
-        let lengths = ticks.as_chunks::<2>().0.iter().map(|[from, to]| to.saturating_sub(*from) as f64 * period);
-        Ok(self.timed.iter().copied().zip(lengths).collect())
+        Some(resolved)
     }
 
     /// Binds as much of a buffer as possible; buffers of the caller may be too long, or end within a word.
@@ -169,29 +186,25 @@ impl<'a> Recorder<'a> {
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size: wgpu::BufferSize::new(size) })
     }
 
-    /// Stores a uniform block and returns its offset; submits first if the buffer is full.
-    fn place_uniform(&mut self, uniform: &[u8]) -> usize {
-        if self.uniforms.len().next_multiple_of(UNIFORM_STEP) + uniform.len() > UNIFORM_BYTES {
-            self.submit();
+    /// Stores a uniform block, unless the last one was the same; returns its buffer and offset.
+    fn place_uniform(&mut self, uniform: &[u8]) -> (wgpu::Buffer, u64) {
+        let fits = |blocks: &Vec<u8>| blocks.len().next_multiple_of(UNIFORM_STEP) + uniform.len() <= UNIFORM_BYTES;
+        let is_last = self.uniforms.last().is_some_and(|blocks| {
+            blocks.ends_with(uniform) && (blocks.len() - uniform.len()).is_multiple_of(UNIFORM_STEP)
+        });
+        if !is_last && !self.uniforms.last().is_some_and(fits) {
+            self.uniforms.push(Vec::new());
         }
-        let offset = self.uniforms.len().next_multiple_of(UNIFORM_STEP);
-        self.uniforms.resize(offset, 0);
-        self.uniforms.extend_from_slice(uniform);
-        offset
+        let mut offset = 0;
+        if let Some(blocks) = self.uniforms.last_mut() {
+            if !is_last {
+                blocks.resize(blocks.len().next_multiple_of(UNIFORM_STEP), 0);
+                blocks.extend_from_slice(uniform);
+            }
+            offset = blocks.len() - uniform.len();
+        }
+        (self.pipelines.uniforms(self.context, self.uniforms.len() - 1), offset as u64)
     }
-}
-
-fn encoder(context: &Context) -> wgpu::CommandEncoder {
-    context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("atsplat") })
-}
-
-fn uniform_buffer(context: &Context) -> wgpu::Buffer {
-    context.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("uniforms"),
-        size: UNIFORM_BYTES as u64,
-        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
 }
 
 /// Grid of at least `groups` workgroups; kernels return early from excess ones.

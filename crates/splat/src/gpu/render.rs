@@ -1,10 +1,12 @@
 //! Recording the forward pass.
 
+use super::bounds::{Bounds, Key, Plan};
 use super::context::Context;
-use super::forward::{self, Lists, Scene};
+use super::forward::{self, Scene};
 use super::gaussians::GpuGaussians;
-use super::images::{self, GpuRendering, GpuStrip};
+use super::images::{self, GpuRendering};
 use super::kernels::{Kernel, Pool};
+use super::lists::{Lists, list};
 use super::record::Recorder;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
@@ -18,51 +20,52 @@ pub(super) struct Job<'a> {
     pub(super) options: &'a RenderOptions,
 }
 
+/// What recording needs besides the job: buffers between stages, limits, and how long lists have to be.
+pub(super) struct Resources<'a> {
+    pub(super) pool: &'a mut Pool,
+    pub(super) limits: &'a GpuOptions,
+    pub(super) bounds: &'a Bounds,
+    /// Where the device reports whether the result is complete; see [`super::status::Status`].
+    pub(super) report: &'a wgpu::Buffer,
+}
+
 /// Allocates a buffer by name, part and bytes.
 pub(super) type Allocate<'a> = &'a mut dyn FnMut(&mut Pool, &'static str, usize, u64) -> Result<wgpu::Buffer, GpuError>;
 
-/// Records a rendering into buffers allocated by `allocate`.
+/// Rejects what cannot be rendered.
+pub(super) fn check(context: &Context, limits: &GpuOptions, job: Job<'_>) -> Result<(), SplatError> {
+    job.options.check()?;
+    job.view.optics(&job.options.constants)?;
+    check_memory(bytes_needed(job.gaussians, job.view), limits.memory_limit)?;
+    Ok(job.gaussians.check(context)?)
+}
+
+/// Records a rendering of a checked job.
 pub(super) fn record(
     recorder: &mut Recorder<'_>,
-    pool: &mut Pool,
-    limits: &GpuOptions,
+    resources: Resources<'_>,
     job: Job<'_>,
-    allocate: Allocate<'_>,
-) -> Result<GpuRendering, SplatError> {
+    rendering: &GpuRendering,
+) -> Result<Plan, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
-    options.check()?;
+    let Resources { pool, limits, bounds, report } = resources;
     let optics = view.optics(&options.constants)?;
-    let needed = bytes_needed(gaussians, view);
-    check_memory(needed, limits.memory_limit)?;
-    gaussians.check(context)?;
-    let channels = options.channels;
-    let with_extras = channels.depth || channels.scalar || channels.median_depth;
     let block = ViewBlock::new(view, &optics, options)
-        .with_flag(flag::EXTRAS, with_extras)
+        .with_flag(flag::EXTRAS, images::with_extras(options.channels))
         .with_flag(flag::APPLY_EXPOSURE, options.exposure.is_some());
-
     let strips = images::strips(context, view)?;
-    let mut buffers = Vec::new();
-    for (at, [_, rows]) in strips.iter().enumerate() {
-        let bytes = 16 * u64::from(*rows) * u64::from(view.size.width);
-        let extras = with_extras.then(|| allocate(pool, "extras", at, bytes)).transpose()?;
-        buffers.push((allocate(pool, "colours", at, bytes)?, extras));
-    }
-    let scene = forward::project(recorder, pool, gaussians, &block, options)?;
     // Bytes per pair: keys and values twice, digits, sorted pairs, boxes.
-    let capacity = pair_capacity(context, limits.memory_limit - needed, 32, 8);
-    let windows = (images::windows(&strips, view), capacity);
-    let census = forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
-        let (colours, extras) = &buffers[lists.window.strip];
-        composite(recorder, pool, &scene, lists, colours, extras.as_ref())
-    })?;
-    let strips = strips.iter().zip(buffers).map(|([first_row, rows], (colours, extras))| GpuStrip {
-        first_row: *first_row,
-        rows: *rows,
-        colours,
-        extras,
-    });
-    Ok(GpuRendering { size: view.size, strips: strips.collect(), census, channels })
+    let room = limits.memory_limit.saturating_sub(bytes_needed(gaussians, view));
+    let most = pair_capacity(context, room, 32, 8);
+    let (plan, windows) = bounds.plan(context, Key::new(gaussians, view, false), (&strips, view), most);
+
+    let scene = forward::project(recorder, pool, gaussians, &block, options, report)?;
+    for window in windows {
+        let lists = list(recorder, pool, &scene, &block, (&plan, window, report))?;
+        let strip = &rendering.strips[window.strip];
+        composite(recorder, pool, &scene, &lists, &strip.colours, strip.extras.as_ref())?;
+    }
+    Ok(plan)
 }
 
 pub(super) fn composite(

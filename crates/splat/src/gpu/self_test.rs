@@ -18,9 +18,11 @@ const GRADIENT_BOUND: f64 = 1e-3;
 const COUNT: u16 = 2100;
 
 /// Sources other than kernels that determine a verdict: this file, and the code that drives the kernels.
-pub(super) const SOURCES: [&str; 4] = [
+pub(super) const SOURCES: [&str; 6] = [
     include_str!("self_test.rs"),
     include_str!("forward.rs"),
+    include_str!("lists.rs"),
+    include_str!("sort.rs"),
     include_str!("backward.rs"),
     include_str!("uniforms.rs"),
 ];

@@ -1,5 +1,7 @@
 //! Prefix sums and the radix sort.
 
+use bytemuck::{Pod, Zeroable};
+
 use super::GpuError;
 use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
@@ -11,6 +13,59 @@ const RUN: u64 = 32;
 const DIGIT_BITS: u32 = 4;
 const THREADS: u64 = 64;
 
+/// How many items there are.
+#[derive(Clone, Copy)]
+pub(super) enum Items<'a> {
+    Known(u64),
+    /// Counted by an earlier kernel: a word of a buffer, and the most that is possible. Of more, none are processed.
+    Counted {
+        totals: &'a wgpu::Buffer,
+        at: u64,
+        bound: u64,
+    },
+}
+
+impl Items<'_> {
+    /// The number, or the most that is possible.
+    const fn bound(self) -> u64 {
+        match self {
+            Self::Known(bound) | Self::Counted { bound, .. } => bound,
+        }
+    }
+
+    fn work(self) -> Work {
+        let (bound, at) = match self {
+            Self::Known(count) => (count, u64::from(KNOWN)),
+            Self::Counted { at, bound, .. } => (bound, at),
+        };
+        Work { bound: word(bound), at: word(at), ..Work::zeroed() }
+    }
+
+    /// The buffer with the number, or an unused one.
+    fn totals(self, recorder: &Recorder<'_>, pool: &mut Pool) -> Result<wgpu::Buffer, GpuError> {
+        match self {
+            Self::Known(_) => pool.get(recorder.context(), "no totals", 0, 4),
+            Self::Counted { totals, .. } => Ok(totals.clone()),
+        }
+    }
+}
+
+/// `KNOWN` of `counted.wgsl`.
+const KNOWN: u32 = u32::MAX;
+
+/// `struct Work` of `counted.wgsl`.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Work {
+    bound: u32,
+    at: u32,
+    shift: u32,
+    level: u32,
+    is_last: u32,
+    is_table: u32,
+    spare: [u32; 2],
+}
+
 /// Exclusive prefix sum of the first `count` numbers, saturating at the largest u32.
 pub(super) fn scan(
     recorder: &mut Recorder<'_>,
@@ -18,25 +73,28 @@ pub(super) fn scan(
     numbers: &wgpu::Buffer,
     count: u64,
 ) -> Result<(), GpuError> {
-    scan_level(recorder, pool, numbers, count, 0)
+    let items = Items::Known(count);
+    let totals = items.totals(recorder, pool)?;
+    scan_level(recorder, pool, numbers, (count, &totals), items.work())
 }
 
+/// One level of the prefix sum: at most `bound` numbers, each the sum of a block of the level below.
 fn scan_level(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     numbers: &wgpu::Buffer,
-    count: u64,
-    level: usize,
+    (bound, totals): (u64, &wgpu::Buffer),
+    work: Work,
 ) -> Result<(), GpuError> {
-    let blocks = count.div_ceil(BLOCK);
-    let sums = pool.get(recorder.context(), "block sums", level, 4 * blocks)?;
+    let blocks = bound.div_ceil(BLOCK);
+    let sums = pool.get(recorder.context(), "block sums", work.level as usize, 4 * blocks)?;
     let is_last = blocks <= 1;
-    let uniform = words(&[count, blocks, u64::from(is_last), 0]);
+    let work = Work { is_last: is_last.into(), ..work };
     if !is_last {
-        recorder.dispatch(Kernel::ScanSums, &uniform, &[numbers, &sums], blocks)?;
-        scan_level(recorder, pool, &sums, blocks, level + 1)?;
+        recorder.dispatch(Kernel::ScanSums, bytemuck::bytes_of(&work), &[totals, numbers, &sums], blocks)?;
+        scan_level(recorder, pool, &sums, (blocks, totals), Work { level: work.level + 1, ..work })?;
     }
-    recorder.dispatch(Kernel::ScanApply, &uniform, &[&sums, numbers], blocks)
+    recorder.dispatch(Kernel::ScanApply, bytemuck::bytes_of(&work), &[totals, &sums, numbers], blocks)
 }
 
 /// Keys and their values.
@@ -52,19 +110,21 @@ pub(super) fn sort(
     pool: &mut Pool,
     pairs: Sorted,
     spare: Sorted,
-    count: u64,
+    items: Items<'_>,
     bits: u32,
 ) -> Result<Sorted, GpuError> {
-    let runs = count.div_ceil(RUN);
-    let table = pool.get(recorder.context(), "digits", 0, 4 * (runs << DIGIT_BITS))?;
+    let runs = items.bound().div_ceil(RUN);
+    let numbers = runs << DIGIT_BITS;
+    let table = pool.get(recorder.context(), "digits", 0, 4 * numbers)?;
+    let totals = items.totals(recorder, pool)?;
     let (mut from, mut to) = (pairs, spare);
     for shift in (0..bits).step_by(DIGIT_BITS as usize) {
-        let uniform = words(&[count, runs, u64::from(shift), 0]);
-        let groups = runs.div_ceil(THREADS);
-        recorder.dispatch(Kernel::SortCount, &uniform, &[&from.keys, &table], groups)?;
-        scan(recorder, pool, &table, runs << DIGIT_BITS)?;
-        let buffers = [&from.keys, &from.values, &table, &to.keys, &to.values];
-        recorder.dispatch(Kernel::SortScatter, &uniform, &buffers, groups)?;
+        let work = Work { shift, is_table: 1, ..items.work() };
+        let (uniform, groups) = (bytemuck::bytes_of(&work), runs.div_ceil(THREADS));
+        recorder.dispatch(Kernel::SortCount, uniform, &[&totals, &from.keys, &table], groups)?;
+        scan_level(recorder, pool, &table, (numbers, &totals), work)?;
+        let buffers = [&totals, &from.keys, &from.values, &table, &to.keys, &to.values];
+        recorder.dispatch(Kernel::SortScatter, uniform, &buffers, groups)?;
         std::mem::swap(&mut from, &mut to);
     }
     Ok(from)
@@ -72,7 +132,11 @@ pub(super) fn sort(
 
 /// A uniform block of four words; too large values saturate, and are rejected elsewhere.
 pub(super) fn words(values: &[u64; 4]) -> Vec<u8> {
-    values.iter().flat_map(|value| u32::try_from(*value).unwrap_or(u32::MAX).to_le_bytes()).collect()
+    values.iter().flat_map(|value| word(*value).to_le_bytes()).collect()
+}
+
+fn word(value: u64) -> u32 {
+    u32::try_from(value).unwrap_or(u32::MAX)
 }
 
 #[cfg(test)]
@@ -111,10 +175,13 @@ mod tests {
     fn sorted(context: &Context, pipelines: &mut Pipelines, keys: &[u32], bits: u32) -> Vec<u32> {
         let values: Vec<u32> = (0..).take(keys.len()).collect();
         let [pairs, spare] = [(); 2].map(|()| Sorted { keys: upload(context, keys), values: upload(context, &values) });
+        let spare_room = 100;
         let mut recorder = Recorder::new(context, pipelines);
-        let sorted = sort(&mut recorder, &mut Pool::default(), pairs, spare, keys.len() as u64, bits).unwrap();
-        recorder.submit();
-        numbers(&context.read(&[(&sorted.values, 4 * keys.len() as u64)]).unwrap().concat())
+        // As counted by an earlier kernel, with room for more.
+        let totals = upload(context, &[u32::try_from(keys.len()).unwrap(), u32::MAX]);
+        let items = Items::Counted { totals: &totals, at: 0, bound: keys.len() as u64 + spare_room };
+        let sorted = sort(&mut recorder, &mut Pool::default(), pairs, spare, items, bits).unwrap();
+        numbers(&recorder.submit_and_read(&[(&sorted.values, 4 * keys.len() as u64)]).unwrap().contents.concat())
     }
 
     fn expected(keys: &[u32], bits: u32) -> Vec<u32> {

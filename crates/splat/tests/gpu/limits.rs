@@ -3,7 +3,9 @@ use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threa
 use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
-use crate::scenes::{assert_bound, assert_identical, cloud, everything, gpu, open, view};
+use crate::scenes::{
+    assert_bound, assert_identical, cloud, everything, gpu, image_gradients, narrow as narrow_images, open, view,
+};
 
 /// Parts of 640 Gaussians, strips of two tile rows, dispatches in two dimensions.
 #[test]
@@ -61,6 +63,24 @@ fn exceeding_a_limit_is_a_typed_error() {
     let outcome = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), narrow);
     let outcome = outcome.unwrap().render(&cloud(2000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::TooLarge { .. }))), "{outcome:?}");
+    // Windows are halved down to a single tile, whose pairs still do not fit 48 bytes each.
+    let (gaussians, view_of_tiles) = (cloud(1000, 0, 1), view(32, 40));
+    let images = narrow_images(&image_gradients(&view_of_tiles));
+    let mut limited = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), narrow).unwrap();
+    let outcome = limited.backward(&gaussians, &view_of_tiles, &everything(), &images);
+    assert!(
+        matches!(
+            outcome,
+            Err(SplatError::Gpu(GpuError::TooLarge {
+                what: "Gaussians of one tile",
+                needed: 342..1001,
+                limit: 341,
+                ..
+            }))
+        ),
+        "{outcome:?}"
+    );
+    assert!(limited.counts().repeats > 0);
     // The device remains usable.
     gpu.render(&cloud(100, 0, 1), &view(8, 8), &everything()).unwrap();
 }

@@ -16,3 +16,4 @@ mod lists;
 mod poison;
 mod resident;
 mod scenes;
+mod submissions;

@@ -19,8 +19,8 @@ fn resident_results_equal_host_results() {
     let images = narrow(&image_gradients(&view));
     let strips = GpuImageGradients {
         strips: vec![GpuStripGradients {
-            colours: rendering.strips[0].colours.clone(),
-            extras: rendering.strips[0].extras.clone(),
+            colours: rendering.unsettled().strips[0].colours.clone(),
+            extras: rendering.unsettled().strips[0].extras.clone(),
         }],
     };
     // Uses the image as its own gradient, that of half its sum of squares.
@@ -71,12 +71,13 @@ fn splitting_into_parts_and_strips_changes_nothing() {
     let (gaussians, view) = (cloud(2000, 3, 19), view(97, 71));
     let resident = limited.upload(&gaussians).unwrap();
     let rendering = limited.render_resident(&resident, &view, &everything()).unwrap();
-    assert!(resident.parts().len() > 2 && rendering.strips.len() > 2);
+    let picture_strips = &limited.settle(&rendering).unwrap().result.strips;
+    assert!(resident.parts().len() > 2 && picture_strips.len() > 2);
     let picture = gpu.render(&gaussians, &view, &everything()).unwrap();
     assert!(limited.read(&rendering).unwrap() == picture);
 
     let has_extras = |strip: usize| strip % 2 == 1;
-    let strips = rendering.strips.iter().enumerate().map(|(n, strip)| GpuStripGradients {
+    let strips = picture_strips.iter().enumerate().map(|(n, strip)| GpuStripGradients {
         colours: strip.colours.clone(),
         extras: strip.extras.clone().filter(|_| has_extras(n)),
     });
@@ -84,7 +85,7 @@ fn splitting_into_parts_and_strips_changes_nothing() {
     let gradients = limited.backward_resident(&resident, &view, &everything(), &strips).unwrap();
     let mut own =
         ImageGradients { rgb: picture.rgb, alpha: Some(picture.alpha), depth: picture.depth, scalar: picture.scalar };
-    for (n, strip) in rendering.strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
+    for (n, strip) in picture_strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
         let [from, past] = [strip.first_row, strip.first_row + strip.rows].map(|row| (row * view.size.width) as usize);
         for values in own.depth.iter_mut().chain(&mut own.scalar) {
             values[from..past].fill(0.0);
@@ -223,7 +224,8 @@ fn some_parts_have_scalars_and_some_have_filters() {
     assert!(gpu.read(&rendering).unwrap() == gpu.render(&one, &view, &everything()).unwrap());
     let images = constant(&gpu, 30 * 20, wgpu::BufferUsages::STORAGE);
     let gradients = gpu.backward_resident(&both, &view, &everything(), &images).unwrap();
-    assert!(gradients.parts[0].scalars.is_none() && gradients.parts[1].scalars.is_some());
+    let parts = &gradients.unsettled().parts;
+    assert!(parts[0].scalars.is_none() && parts[1].scalars.is_some());
 }
 
 /// What lies on the device counts.

@@ -114,12 +114,14 @@ fn rendered(
     request: &Request,
 ) -> Result<(GpuGaussians, FloatTensor<Cube>), SplatError> {
     let gaussians = gaussians(renderer, inputs, request)?;
+    let mut render = |view| renderer.render_resident(&gaussians, view, &request.options);
+    let pending = request.views.iter().map(&mut render).collect::<Result<Vec<_>, _>>()?;
+    let settled = renderer.settle_all(&pending.iter().collect::<Vec<_>>())?;
     let mut census = Vec::new();
     let mut images = Vec::new();
-    for view in &request.views {
-        let rendering = renderer.render_resident(&gaussians, view, &request.options)?;
-        census.push(rendering.census);
-        images.push(image(renderer, &rendering, view, request, &inputs[0])?);
+    for (settled, view) in settled.iter().zip(&request.views) {
+        census.push(settled.census);
+        images.push(image(renderer, settled.result, view, request, &inputs[0])?);
     }
     if census.iter().any(|census| census.invalid > 0) {
         // Values that are not finite are an error, shapes that overflow are skipped: the CPU renderer distinguishes them.
@@ -195,12 +197,15 @@ fn derivatives(
     request: &Request,
 ) -> Result<Inputs<Cube>, SplatError> {
     let device = images.device();
-    let mut sums: Option<Inputs<Cube>> = None;
+    let mut pending = Vec::new();
     for (at, view) in request.views.iter().enumerate() {
         let own = Cube::float_slice(images.clone(), &[Slice::from(at..at + 1)]);
         let by_images = image_gradients(renderer, &own, view, request)?;
-        let made = renderer.backward_resident(gaussians, view, &request.options, &by_images)?;
-        let own = tensors(renderer, &made, shapes, &device)?;
+        pending.push(renderer.backward_resident(gaussians, view, &request.options, &by_images)?);
+    }
+    let mut sums: Option<Inputs<Cube>> = None;
+    for made in renderer.settle_all(&pending.iter().collect::<Vec<_>>())? {
+        let own = tensors(renderer, made.result, shapes, &device)?;
         sums = Some(match sums {
             None => own,
             Some(sums) => {

@@ -14,7 +14,12 @@ fn main(
         return;
     }
     let block = block_of(tile, local);
-    let range = current_entries(ranges[tile]);
+    let list = ranges[tile];
+    if is_done(list) {
+        return;
+    }
+    let range = current_entries(list);
+    let pauses = continues(list);
     // Negated for finished pixels.
     var transmittance: array<vec4<f32>, ROWS>;
     var red: array<vec4<f32>, ROWS>;
@@ -85,7 +90,7 @@ fn main(
         for (var n = 0u; n < 4u; n++) {
             if is_inside(block, r, n) {
                 let pixel = pixel_of(block, r, n);
-                if has(PAUSES) {
+                if pauses {
                     colours[pixel] = vec4(red[r][n], green[r][n], blue[r][n], transmittance[r][n]);
                     if has(EXTRAS) {
                         extras[pixel] = vec4(depth[r][n], scalar[r][n], median[r][n], 0.0);

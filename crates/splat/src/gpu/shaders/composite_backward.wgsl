@@ -27,7 +27,11 @@ fn main(
         return;
     }
     let block = block_of(tile, local);
-    let range = current_entries(ranges[tile]);
+    let list = ranges[tile];
+    if is_done(list) {
+        return;
+    }
+    let range = current_entries(list);
 
     var transmittance: array<vec4<f32>, ROWS>;
     var d_red: array<vec4<f32>, ROWS>;
@@ -146,7 +150,7 @@ fn main(
             break;
         }
     }
-    if has(PAUSES) {
+    if continues(list) {
         for (var r = 0u; r < ROWS; r++) {
             for (var n = 0u; n < 4u; n++) {
                 if is_inside(block, r, n) {

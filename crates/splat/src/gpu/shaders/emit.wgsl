@@ -6,6 +6,8 @@
 // The Gaussian, or the pair's index if `owners` holds the Gaussian.
 @group(0) @binding(5) var<storage, read_write> values: array<u32>;
 @group(0) @binding(6) var<storage, read_write> owners: array<u32>;
+// Cleared before: the end of each tile's list, if there are more pairs than the lists hold.
+@group(0) @binding(7) var<storage, read_write> ranges: array<atomic<u32>>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -20,9 +22,21 @@ fn main(
     let gaussian = order[at];
     let tiles = tiles_of(reaches[gaussian]);
     var slot = offsets[at];
+    let total = offsets[view.window.w];
+    let fits = total <= view.window.y;
+    // More than any lists could hold are not worth counting: the window will be split.
+    if !fits && total > view.part.x {
+        return;
+    }
     for (var row = tiles.y; row < tiles.w; row++) {
         for (var column = tiles.x; column < tiles.z; column++) {
-            keys[slot] = (row - view.tiles.y) * view.tiles.z + (column - view.tiles.x);
+            let tile = (row - view.tiles.y) * view.tiles.z + (column - view.tiles.x);
+            if !fits {
+                // Only the lengths of the lists, for the host. Integer sums do not depend on the order.
+                atomicAdd(&ranges[2u * tile + 1u], 1u);
+                continue;
+            }
+            keys[slot] = tile;
             values[slot] = select(gaussian, slot, has(HAS_OWNERS));
             if has(HAS_OWNERS) {
                 owners[slot] = gaussian;

@@ -16,7 +16,8 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at >= view.window.w || offsets[at] == offsets[at + 1u] {
+    let were_listed = offsets[view.window.w] <= view.window.y;
+    if at >= view.window.w || !were_listed || offsets[at] == offsets[at + 1u] {
         return;
     }
     let gaussian = order[at];

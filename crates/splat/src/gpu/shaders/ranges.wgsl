@@ -9,6 +9,7 @@
 @group(0) @binding(6) var<storage, read_write> pairs: array<vec2<u32>>;
 // First and last column, then row, within the tile; 4 bits each.
 @group(0) @binding(7) var<storage, read_write> boxes: array<u32>;
+@group(0) @binding(8) var<storage, read> offsets: array<u32>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -17,14 +18,15 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at >= view.window.x {
+    let count = offsets[view.window.w];
+    if count > view.window.y || at >= count {
         return;
     }
     let tile = keys[at];
     if at == 0u || keys[at - 1u] != tile {
         ranges[2u * tile] = at;
     }
-    if at + 1u == view.window.x || keys[at + 1u] != tile {
+    if at + 1u == count || keys[at + 1u] != tile {
         ranges[2u * tile + 1u] = at + 1u;
     }
     let value = values[at];

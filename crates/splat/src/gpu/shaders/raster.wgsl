@@ -95,3 +95,13 @@ fn current_entries(list: vec2<u32>) -> vec2<u32> {
     let first = list.x + min(view.part.x, list.y - list.x);
     return vec2(first, first + min(view.part.y, list.y - first));
 }
+
+// Whether earlier dispatches finished the tile.
+fn is_done(list: vec2<u32>) -> bool {
+    return has(RESUMES) && list.y - list.x <= view.part.x;
+}
+
+// Whether the tile needs further dispatches.
+fn continues(list: vec2<u32>) -> bool {
+    return list.y - list.x > view.part.x && list.y - list.x - view.part.x > view.part.y;
+}

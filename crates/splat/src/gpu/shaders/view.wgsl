@@ -26,11 +26,12 @@ struct View {
     // Width, height, flags, zero.
     image: vec4<u32>,
     // Gaussians of this part, index of its first, coefficients stored, degree evaluated. For tile lists: the first
-    // entry of this pass, and the number of entries.
+    // entry of this pass, and the number of entries. For listing pairs: the most that longer lists could hold.
     part: vec4<u32>,
     // Tiles of the window: first column and row, columns and rows.
     tiles: vec4<u32>,
-    // Pairs of this window, unused, first pixel row of the image buffers, total number of Gaussians.
+    // Pixels of the strip, pairs that the lists hold, first pixel row of the image buffers, total number of Gaussians.
+    // Of more pairs none is listed: the host repeats the rendering with longer lists.
     window: vec4<u32>,
 }
 
@@ -51,7 +52,6 @@ const EXTRA_GRADIENTS: u32 = 8192u;
 const APPLY_EXPOSURE: u32 = 16384u;
 const EXPOSED_LOSS: u32 = 32768u;
 const RESUMES: u32 = 65536u;
-const PAUSES: u32 = 131072u;
 
 @group(0) @binding(0) var<uniform> view: View;
 

@@ -1,0 +1,99 @@
+//! Rendering for the host: Gaussians are copied to the device, and results back.
+
+use std::time::Instant;
+
+use super::gaussians::GpuGaussians;
+use super::kernels::Pool;
+use super::render::{self, Job, check_memory_before_upload};
+use super::{GpuCounts, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward, images, status};
+use crate::{
+    Gaussians, Gradients, ImageGradients, MAX_SH_DEGREE, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
+};
+
+impl Renderer for GpuRenderer {
+    fn name(&self) -> String {
+        format!("gpu, {}", self.context.name)
+    }
+
+    fn render(
+        &mut self,
+        gaussians: &Gaussians,
+        view: &View,
+        options: &RenderOptions,
+    ) -> Result<Rendering<f32>, SplatError> {
+        let start = Instant::now();
+        let mut work = self.work();
+        let context = work.context;
+        let (rendering, timings) = context.guarded(|| {
+            options.check_harmonics(gaussians)?;
+            check_memory_before_upload(gaussians, view, work.limits.memory_limit)?;
+            // No Gaussian keeps a band above the packed degree, so that dropping it is within the packed bound.
+            let packed = options.harmonics.as_ref().map_or(MAX_SH_DEGREE, |packed| packed.degree());
+            let degree = options.max_sh_degree.min(packed);
+            let resident = GpuGaussians::upload(context, work.pool, gaussians, degree)?;
+            let job = Job { gaussians: &resident, view, options };
+            render::check(context, work.limits, job)?;
+            let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
+            let images = GpuRendering::allocate(context, work.pool, view, options.channels, &mut allocate)?;
+            let report = work.pool.get(context, "report", 0, status::BYTES)?;
+            let (census, finished) = work.run(&report, &images.sources(), &|recorder, resources| {
+                render::record(recorder, resources, job, &images)
+            })?;
+            Ok::<_, SplatError>((images.arrange(&finished.contents, census), finished.timings))
+        })?;
+        self.stages = stages(&timings, start.elapsed().as_secs_f64());
+        Ok(rendering)
+    }
+
+    fn backward(
+        &mut self,
+        gaussians: &Gaussians,
+        view: &View,
+        options: &RenderOptions,
+        images: &ImageGradients<f32>,
+    ) -> Result<Gradients<f32>, SplatError> {
+        let start = Instant::now();
+        images.check(view)?;
+        let mut work = self.work();
+        let context = work.context;
+        let (gradients, timings) = context.guarded(|| {
+            check_memory_before_upload(gaussians, view, work.limits.memory_limit)?;
+            let resident = GpuGaussians::upload(context, work.pool, gaussians, MAX_SH_DEGREE)?;
+            view.optics(&options.constants)?;
+            let strips = images::strips(context, view)?;
+            let images = GpuImageGradients::upload(context, work.pool, view, &strips, images)?;
+            let job = Job { gaussians: &resident, view, options };
+            backward::check(context, work.limits, job, &images)?;
+            let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
+            let made = GpuGradients::allocate(work.pool, &resident, &mut allocate)?;
+            let report = work.pool.get(context, "report", 0, status::BYTES)?;
+            let (_, finished) = work.run(&report, &made.sources(), &|recorder, resources| {
+                backward::record(recorder, resources, job, &images, &made)
+            })?;
+            made.check(gaussians)?;
+            Ok::<_, SplatError>((made.arrange(&finished.contents, gaussians), finished.timings))
+        })?;
+        self.stages = stages(&timings, start.elapsed().as_secs_f64());
+        Ok(gradients)
+    }
+
+    fn stages(&self) -> Vec<Stage> {
+        self.stages.clone()
+    }
+
+    fn device_counts(&self) -> Option<GpuCounts> {
+        Some(self.counts())
+    }
+}
+
+/// Sums the stages by name, in order of execution; a single stage `whole` if the device cannot time them.
+fn stages(timings: &[(&'static str, f64)], whole: f64) -> Vec<Stage> {
+    let mut stages: Vec<Stage> = Vec::new();
+    for (name, secs) in timings {
+        match stages.iter_mut().find(|stage| stage.name == *name) {
+            Some(stage) => stage.secs += secs,
+            None => stages.push(Stage { name, secs: *secs }),
+        }
+    }
+    if stages.is_empty() { vec![Stage { name: "whole", secs: whole }] } else { stages }
+}

@@ -1,0 +1,228 @@
+//! Work whose results stay on the device.
+
+use std::sync::OnceLock;
+
+use super::bounds::Plan;
+use super::gaussians::GpuGaussians;
+use super::record::Recorder;
+use super::render::{self, Job, Resources};
+use super::status::{self, Status};
+use super::work::Work;
+use super::{GpuError, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward};
+use crate::{Census, Gaussians, Gradients, RenderOptions, Rendering, SplatError, View};
+
+/// A result on the device that the host has not waited for.
+///
+/// The lists of its computation may prove too short. [`GpuRenderer::settle`], or reading it, then repeats the
+/// computation into the same buffers; until then the buffers of the Gaussians, and of the images' gradients, must keep
+/// their contents.
+#[derive(Debug)]
+pub struct Pending<T> {
+    result: T,
+    task: Task,
+    record: Record<T>,
+    report: wgpu::Buffer,
+    plan: Plan,
+    /// Set once the result is complete.
+    census: OnceLock<Census>,
+}
+
+/// Records a task into its result.
+type Record<T> = fn(&mut Recorder<'_>, Resources<'_>, &Task, &T) -> Result<Plan, SplatError>;
+
+/// What is computed.
+#[derive(Debug)]
+struct Task {
+    gaussians: GpuGaussians,
+    view: View,
+    options: RenderOptions,
+    /// For gradients.
+    images: Option<GpuImageGradients>,
+}
+
+impl Task {
+    const fn job(&self) -> Job<'_> {
+        Job { gaussians: &self.gaussians, view: &self.view, options: &self.options }
+    }
+}
+
+impl<T> Pending<T> {
+    /// The buffers, for commands that follow on the same queue. What they compute is to be discarded if
+    /// [`GpuRenderer::settle`] says that the result was incomplete before.
+    pub const fn unsettled(&self) -> &T {
+        &self.result
+    }
+
+    fn submit(&self, work: &mut Work<'_>) -> Result<Plan, SplatError> {
+        work.submit(&self.report, &|recorder, resources| (self.record)(recorder, resources, &self.task, &self.result))
+    }
+}
+
+/// A complete result on the device.
+#[derive(Clone, Copy, Debug)]
+pub struct Settled<'a, T> {
+    /// The result.
+    pub result: &'a T,
+    /// Counts of drawn and culled Gaussians.
+    pub census: Census,
+    /// Whether it had to be computed again.
+    pub was_repeated: bool,
+}
+
+impl GpuRenderer {
+    /// Renders Gaussians on the device into buffers that stay there: one submission, without waiting for the device.
+    /// Stages are not timed.
+    ///
+    /// # Errors
+    /// As [`crate::Renderer::render`].
+    pub fn render_resident(
+        &mut self,
+        gaussians: &GpuGaussians,
+        view: &View,
+        options: &RenderOptions,
+    ) -> Result<Pending<GpuRendering>, SplatError> {
+        let task = Task { gaussians: gaussians.clone(), view: *view, options: options.clone(), images: None };
+        let mut work = self.work();
+        let context = work.context;
+        context.guarded(|| {
+            render::check(context, work.limits, task.job())?;
+            let mut allocate = |_: &mut _, name, _, bytes| context.buffer(name, bytes);
+            let result = GpuRendering::allocate(context, work.pool, view, options.channels, &mut allocate)?;
+            begin(&mut work, task, result, |recorder, resources, task, rendering| {
+                render::record(recorder, resources, task.job(), rendering)
+            })
+        })
+    }
+
+    /// Backward pass for Gaussians and image gradients on the device, into buffers that stay there: one submission,
+    /// without waiting for the device. Non-finite image gradients are not detected: the results become 0 or the largest
+    /// f32. Stages are not timed.
+    ///
+    /// # Errors
+    /// As [`crate::Renderer::backward`].
+    pub fn backward_resident(
+        &mut self,
+        gaussians: &GpuGaussians,
+        view: &View,
+        options: &RenderOptions,
+        images: &GpuImageGradients,
+    ) -> Result<Pending<GpuGradients>, SplatError> {
+        let images = Some(images.clone());
+        let task = Task { gaussians: gaussians.clone(), view: *view, options: options.clone(), images };
+        let mut work = self.work();
+        let context = work.context;
+        context.guarded(|| {
+            backward::check(context, work.limits, task.job(), image_gradients(&task))?;
+            let mut allocate = |_: &mut _, name, _, bytes| context.buffer(name, bytes);
+            let result = GpuGradients::allocate(work.pool, gaussians, &mut allocate)?;
+            begin(&mut work, task, result, |recorder, resources, task, gradients| {
+                backward::record(recorder, resources, task.job(), image_gradients(task), gradients)
+            })
+        })
+    }
+
+    /// Waits for the device, unless it has before, and repeats the computation if lists were too short.
+    ///
+    /// # Errors
+    /// [`SplatError::Gpu`].
+    pub fn settle<'a, T>(&mut self, pending: &'a Pending<T>) -> Result<Settled<'a, T>, SplatError> {
+        let mut settled = self.settle_all(&[pending])?;
+        Ok(settled.remove(0))
+    }
+
+    /// As [`Self::settle`] for several results, with a single wait.
+    ///
+    /// # Errors
+    /// [`SplatError::Gpu`].
+    pub fn settle_all<'a, T>(&mut self, pending: &[&'a Pending<T>]) -> Result<Vec<Settled<'a, T>>, SplatError> {
+        let mut work = self.work();
+        let context = work.context;
+        context.guarded(|| {
+            let mut repeated = vec![false; pending.len()];
+            let mut open: Vec<(usize, Plan)> = pending.iter().map(|one| one.plan).enumerate().collect();
+            open.retain(|(at, _)| pending[*at].census.get().is_none());
+            while !open.is_empty() {
+                let reports: Vec<_> = open.iter().map(|(at, _)| (&pending[*at].report, status::BYTES)).collect();
+                let contents = context.read(&reports)?;
+                let mut incomplete = Vec::new();
+                for ((at, plan), bytes) in open.into_iter().zip(contents) {
+                    let status = Status::parse(&context.name, &bytes)?;
+                    if work.bounds.learn(context, &plan, &status)? {
+                        repeated[at] = true;
+                        incomplete.push((at, pending[at].submit(&mut work)?));
+                    } else {
+                        pending[at].census.get_or_init(|| status.census);
+                    }
+                }
+                open = incomplete;
+            }
+            let settled = pending.iter().zip(repeated).map(|(one, was_repeated)| {
+                let census = one.census.get().copied().unwrap_or_default();
+                Settled { result: &one.result, census, was_repeated }
+            });
+            Ok(settled.collect())
+        })
+    }
+
+    /// Copies images to the host, with one wait for the device.
+    ///
+    /// # Errors
+    /// [`SplatError::Gpu`].
+    pub fn read(&mut self, rendering: &Pending<GpuRendering>) -> Result<Rendering<f32>, SplatError> {
+        let (contents, census) = self.complete(rendering, &rendering.result.sources(), &|_| Ok(()))?;
+        Ok(rendering.result.arrange(&contents, census))
+    }
+
+    /// Copies gradients to the host, with one wait for the device; `gaussians` must have the size and arrays that they
+    /// were computed for.
+    ///
+    /// # Errors
+    /// [`SplatError::Length`] if the Gaussians differ in number or SH degree, or in whether they have scalars;
+    /// [`SplatError::Gpu`].
+    pub fn read_gradients(
+        &mut self,
+        gradients: &Pending<GpuGradients>,
+        gaussians: &Gaussians,
+    ) -> Result<Gradients<f32>, SplatError> {
+        gradients.result.check(gaussians)?;
+        let (contents, _) = self.complete(gradients, &gradients.result.sources(), &|_| Ok(()))?;
+        Ok(gradients.result.arrange(&contents, gaussians))
+    }
+
+    /// Reads buffers, which `prepare` may fill from a result, together with its report; again until it is complete.
+    pub(super) fn complete<T>(
+        &mut self,
+        pending: &Pending<T>,
+        sources: &[(&wgpu::Buffer, u64)],
+        prepare: &dyn Fn(&mut Recorder<'_>) -> Result<(), GpuError>,
+    ) -> Result<(Vec<Vec<u8>>, Census), SplatError> {
+        let mut work = self.work();
+        let context = work.context;
+        let sources: Vec<_> = sources.iter().copied().chain([(&pending.report, status::BYTES)]).collect();
+        context.guarded(|| {
+            let mut plan = pending.plan;
+            loop {
+                let mut recorder = Recorder::new(context, work.pipelines);
+                prepare(&mut recorder)?;
+                let mut contents = recorder.submit_and_read(&sources)?.contents;
+                let status = Status::parse(&context.name, &contents.pop().unwrap_or_default())?;
+                if !work.bounds.learn(context, &plan, &status)? {
+                    return Ok((contents, *pending.census.get_or_init(|| status.census)));
+                }
+                plan = pending.submit(&mut work)?;
+            }
+        })
+    }
+}
+
+#[expect(clippy::expect_used, reason = "tasks of the backward pass have image gradients")]
+fn image_gradients(task: &Task) -> &GpuImageGradients {
+    task.images.as_ref().expect("a task of the backward pass")
+}
+
+fn begin<T>(work: &mut Work<'_>, task: Task, result: T, record: Record<T>) -> Result<Pending<T>, SplatError> {
+    let report = work.context.buffer("report", status::BYTES)?;
+    let census = OnceLock::new();
+    let plan = work.submit(&report, &|recorder, resources| record(recorder, resources, &task, &result))?;
+    Ok(Pending { result, task, record, report, plan, census })
+}

@@ -1,0 +1,96 @@
+//! Pictures in the format that the host needs: what nobody asks for is not copied.
+
+use atsplat_camera::ImageSize;
+
+use super::kernels::Kernel;
+use super::record::Recorder;
+use super::sort::words;
+use super::{GpuError, GpuRenderer, GpuRendering, Pending};
+use crate::{Census, SplatError};
+
+/// The numbers of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PictureNumbers {
+    /// The nearest of 256 levels from 0 to 1.
+    U8,
+    /// The nearest f16, or its neighbour where the adapter rounds otherwise; at most 65 504 in magnitude.
+    F16,
+    /// As rendered.
+    F32,
+}
+
+/// The format of a picture: red, green, blue and perhaps alpha, pixel by pixel, row by row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PictureFormat {
+    /// Its numbers.
+    pub numbers: PictureNumbers,
+    /// Whether alpha follows the colour of each pixel.
+    pub alpha: bool,
+}
+
+/// A picture on the host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// In pixels.
+    pub size: ImageSize,
+    /// Its format.
+    pub format: PictureFormat,
+    /// Its numbers, little-endian.
+    pub bytes: Vec<u8>,
+    /// Counts of drawn and culled Gaussians.
+    pub census: Census,
+}
+
+impl PictureFormat {
+    const fn channels(self) -> u64 {
+        if self.alpha { 4 } else { 3 }
+    }
+
+    const fn bytes_of_number(self) -> u64 {
+        match self.numbers {
+            PictureNumbers::U8 => 1,
+            PictureNumbers::F16 => 2,
+            PictureNumbers::F32 => 4,
+        }
+    }
+
+    /// Bytes of so many pixels.
+    const fn bytes(self, pixels: u64) -> u64 {
+        pixels * self.channels() * self.bytes_of_number()
+    }
+}
+
+impl GpuRenderer {
+    /// Copies the colours of a rendering to the host, converted on the device, with one wait for it.
+    ///
+    /// # Errors
+    /// [`SplatError::Gpu`].
+    pub fn read_picture(
+        &mut self,
+        rendering: &Pending<GpuRendering>,
+        format: PictureFormat,
+    ) -> Result<Picture, SplatError> {
+        let GpuRendering { size, strips, .. } = rendering.unsettled();
+        let pixels: Vec<u64> = strips.iter().map(|strip| u64::from(strip.rows) * u64::from(size.width)).collect();
+        let bytes: Vec<u64> = pixels.iter().map(|pixels| format.bytes(*pixels)).collect();
+        let context = &self.context;
+        let packed = bytes.iter().enumerate().map(|(at, bytes)| self.pool.get(context, "packed", at, *bytes));
+        let packed: Vec<_> = packed.collect::<Result<_, _>>()?;
+        let pack = |recorder: &mut Recorder<'_>| -> Result<(), GpuError> {
+            for ((strip, packed), (pixels, bytes)) in strips.iter().zip(&packed).zip(pixels.iter().zip(&bytes)) {
+                let uniform = words(&[*pixels, format.channels(), format.bytes_of_number(), 0]);
+                let groups = bytes.div_ceil(4).div_ceil(64);
+                recorder.dispatch(Kernel::Pack, &uniform, &[&strip.colours, packed], groups)?;
+            }
+            Ok(())
+        };
+        let sources: Vec<_> =
+            packed.iter().zip(&bytes).map(|(packed, bytes)| (packed, bytes.next_multiple_of(4))).collect();
+        let (mut contents, census) = self.complete(rendering, &sources, &pack)?;
+        for (content, bytes) in contents.iter_mut().zip(&bytes) {
+            content.truncate(usize::try_from(*bytes).unwrap_or(usize::MAX));
+        }
+        let bytes = if contents.len() == 1 { contents.remove(0) } else { contents.concat() };
+        Ok(Picture { size: *size, format, bytes, census })
+    }
+}
