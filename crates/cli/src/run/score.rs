@@ -6,6 +6,7 @@ use super::evaluate;
 use super::methods::{GaussianArgs, Kind, named};
 use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
+use crate::device::DeviceArgs;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -32,6 +33,9 @@ pub(crate) struct Args {
     name: Option<String>,
 
     #[command(flatten, next_help_heading = "Gaussians")]
+    device: DeviceArgs,
+
+    #[command(flatten, next_help_heading = "Gaussians")]
     gaussians: GaussianArgs,
 
     #[command(flatten, next_help_heading = "Run")]
@@ -43,6 +47,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let kinds = args.renders.iter().cloned().map(Kind::Renders).chain(args.ply.iter().cloned().map(Kind::Ply));
-    let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind));
+    let device = args.device.open()?;
+    let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind, &device));
     evaluate(&args.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &args.settings, args.timing)
 }

@@ -60,6 +60,7 @@ impl Provenance {
                 None => self.methods.push(method),
             }
         }
+        self.adapter = Self::adapters(&self.methods).or(self.adapter.take());
         Ok(())
     }
 

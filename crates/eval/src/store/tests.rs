@@ -19,6 +19,8 @@ fn trial(scene: &str) -> TrialRow {
         gaussians: Some(1 << 40),
         gaussians_drawn: Some(0.1),
         peak_bytes: None,
+        network_adapter: Some("one card".to_owned()),
+        renderer_adapter: Some("another card".to_owned()),
         effects: vec!["background".to_owned()],
         height: 128,
         ..sample_rows::trial("m", scene, 0, 2)
@@ -47,6 +49,7 @@ fn timing(scene: &str, machine: u32) -> TimingRow {
     row.machine.processor = format!("processor {machine}");
     TimingRow {
         key: key(scene),
+        renderer_adapter: Some("a card".to_owned()),
         started: 1_700_000_000,
         stages: BTreeMap::from([("coarse".to_owned(), vec![0.2, 0.3]), ("head".to_owned(), vec![0.1, 0.4])]),
         held_bytes: Some(7),

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::{Machine, TimingRow};
 use crate::Results;
+use crate::rows::placement;
 
 /// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
@@ -15,6 +16,9 @@ pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
 pub struct Times {
     /// The machine type.
     pub machine: Machine,
+    /// What ran on a graphics adapter, and on which, as `network and renderer on …`; `None` if everything ran on the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// Trials that were timed.
     pub trials: u64,
     /// Trials of the protocol: with fewer than three, no more could be timed.
@@ -82,6 +86,8 @@ pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, Str
     let share = |row: &&TimingRow| row.load.others;
     Ok(Times {
         machine: machine.clone(),
+        // A method of a store has one device.
+        device: rows.first().and_then(|row| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref())),
         trials: rows.len() as u64,
         trials_there: rows.iter().fold(0, |most, row| most.max(row.trials_there)),
         repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),

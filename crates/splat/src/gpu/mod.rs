@@ -38,7 +38,7 @@ mod verdict;
 mod verdict_cache;
 
 pub use adapters::{
-    ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, ExaminedAdapter, adapters, examine,
+    ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, ExaminedAdapter, adapters, examine, select,
 };
 pub use error::GpuError;
 pub use fallback::{Fallback, with_fallback};
