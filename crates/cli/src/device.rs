@@ -15,6 +15,17 @@ pub(crate) struct DeviceArgs {
 }
 
 impl DeviceArgs {
+    /// Rejects an adapter that nothing would run on.
+    pub(crate) fn check(self, is_used: bool) -> Result<(), String> {
+        if is_used || self.processor == Processor::Cpu {
+            return Ok(());
+        }
+        Err(format!(
+            "{}: no method has a network or Gaussians to render; pictures are compared on the CPU",
+            self.name()
+        ))
+    }
+
     /// Opens the device of an evaluation, and tests an adapter that was not tested before.
     pub(crate) fn open(self) -> anyhow::Result<ComputeDevice> {
         if self.processor == Processor::Cpu {

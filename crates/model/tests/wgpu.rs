@@ -246,7 +246,8 @@ impl Trial {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/trials/{preset}.safetensors"));
         let stored = TensorFile::open(&path).unwrap().stored;
         let pictures = &stored.tensors["pictures"];
-        let &[count, height, width, 3] = pictures.shape() else { panic!("{:?}", pictures.shape()) };
+        let [count, height, width, channels]: [usize; 4] = pictures.shape().try_into().unwrap();
+        assert_eq!(channels, 3);
         let numbers = |name: &str| -> Vec<f64> {
             stored.tensors[name].bytes().as_chunks().0.iter().map(|word| f64::from_le_bytes(*word)).collect()
         };
@@ -258,7 +259,7 @@ impl Trial {
         let mut cameras: Vec<Camera> = cameras.collect();
         let target = cameras.pop().unwrap();
         let mut samples: Vec<f32> = pictures.bytes().iter().map(|&sample| f32::from(sample) / 255.0).collect();
-        let truth = samples.split_off((count - 1) * height * width * 3);
+        let truth = samples.split_off((count - 1) * height * width * channels);
         let context = Views::new(ImageSize::new(height, width), samples, cameras).unwrap();
         let size = CameraSize { width: width.try_into().unwrap(), height: height.try_into().unwrap() };
         Self { context, target: View { camera: target, size }, truth }

@@ -41,6 +41,13 @@ pub(super) enum Kind {
     Exec(String),
 }
 
+impl Kind {
+    /// Whether it has a network or Gaussians to render.
+    pub(super) const fn uses_device(&self) -> bool {
+        !matches!(self, Self::NearestView | Self::Warp | Self::Renders(_))
+    }
+}
+
 /// The methods of one argument, separated by commas. A command is the last one: it may hold commas itself.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MethodList(Vec<MethodArg>);
@@ -179,8 +186,12 @@ enum FrameArg {
 
 impl MethodArgs {
     /// Rejects contradicting arguments before anything is read.
-    pub(super) fn check(&self) -> Result<(), clap::Error> {
-        self.network.check().map_err(parse::usage_error)
+    pub(super) fn check(&self, lists: &[MethodList]) -> Result<(), clap::Error> {
+        let kinds = || lists.iter().flat_map(|MethodList(methods)| methods).map(|method| &method.kind);
+        self.network
+            .check()
+            .and_then(|()| self.network.device.check(kinds().any(Kind::uses_device)))
+            .map_err(parse::usage_error)
     }
 
     /// Loads the methods.

@@ -7,6 +7,7 @@ use super::methods::{GaussianArgs, Kind, named};
 use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
 use crate::device::DeviceArgs;
+use crate::parse::usage_error;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -46,6 +47,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.device.check(args.ply.is_some()).map_err(usage_error)?;
     let kinds = args.renders.iter().cloned().map(Kind::Renders).chain(args.ply.iter().cloned().map(Kind::Ply));
     let device = args.device.open()?;
     let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind, &device));

@@ -227,6 +227,21 @@ mod tests {
     }
 
     #[test]
+    fn times_name_the_adapters_of_network_and_renderer() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+        let mut device = |network: Option<&str>, renderer: Option<&str>| {
+            let [network_adapter, renderer_adapter] = [network, renderer].map(|name| name.map(str::to_owned));
+            store.timings = vec![TimingRow { network_adapter, renderer_adapter, ..timing("a", "x", &[1.0], &[0.5]) }];
+            times(&store, PRESET, "a").unwrap().device
+        };
+        assert_eq!(device(None, None), None);
+        assert_eq!(device(Some("A"), Some("A")).as_deref(), Some("network and renderer on A"));
+        assert_eq!(device(Some("A"), Some("B")).as_deref(), Some("network on A, renderer on B"));
+        assert_eq!(device(Some("A"), None).as_deref(), Some("network on A"));
+        assert_eq!(device(None, Some("B")).as_deref(), Some("renderer on B"));
+    }
+
+    #[test]
     fn missing_times_have_a_reason() {
         let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
         store.provenance.schema_version = 1;
