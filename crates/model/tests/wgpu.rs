@@ -232,7 +232,7 @@ fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
 
 /// Largest difference in PSNR between the pictures that a network and a renderer on an adapter make of a trial and those that
 /// the CPU makes, in dB.
-const PSNR: f64 = 0.02;
+const PSNR: f64 = 0.005;
 
 /// A trial of simulated scenes, as `crates/eval/tests/device_trials.rs` writes it: context views, then one target.
 struct Trial {
@@ -329,16 +329,16 @@ fn another_adapter_than_the_opened_one_is_refused_and_an_unknown_number_lists_th
 /// graphs, and starts the backward pass from a gradient that the host computed.
 #[test]
 fn a_few_training_steps_on_wgpu_follow_the_cpu() {
-    const STEPS: usize = 4;
+    const STEPS: usize = 3;
     let Some(device) = wgpu() else { return };
     let [ours, theirs] = [device, Device::flex()].map(|device| losses(&device.autodiff(), STEPS));
     println!("losses: {ours:?} and {theirs:?}");
-    assert!(theirs[STEPS - 1] < 0.95 * theirs[0], "it learns: {theirs:?}");
+    assert!(theirs.is_sorted_by(|before, after| after < before), "it learns: {theirs:?}");
     Tolerance::relative(2e-3).assert(ours, theirs, "loss of each step");
 }
 
 fn losses(device: &Device, steps: usize) -> Vec<f64> {
-    const RATE: f32 = 0.5;
+    const RATE: f32 = 0.01;
     let trial = Trial::open("rooms-2v-128");
     let config = ModelConfig::named("nano").unwrap();
     let mut weights = generated(&parameters(&config), 1);
