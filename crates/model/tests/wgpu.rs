@@ -334,7 +334,7 @@ fn a_few_training_steps_on_wgpu_follow_the_cpu() {
     let [ours, theirs] = [device, Device::flex()].map(|device| losses(&device.autodiff(), STEPS));
     println!("losses: {ours:?} and {theirs:?}");
     assert!(theirs.is_sorted_by(|before, after| after < before), "it learns: {theirs:?}");
-    Tolerance::relative(2e-3).assert(ours, theirs, "loss of each step");
+    Tolerance::relative(5e-3).assert(ours, theirs, "loss of each step");
 }
 
 fn losses(device: &Device, steps: usize) -> Vec<f64> {
