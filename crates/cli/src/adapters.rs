@@ -1,4 +1,4 @@
-//! `atsplat adapters`: what `--backend gpu` can render on.
+//! `atsplat adapters`: what `--device wgpu:N` and `--backend gpu` can run on.
 
 use std::fmt;
 

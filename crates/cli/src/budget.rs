@@ -6,7 +6,7 @@ use atsplat_eval::budget::{BudgetCase, BudgetMeasurer, BudgetReport, BudgetRow, 
 use atsplat_model::ModelConfig;
 use atsplat_model::network::Processor;
 
-use crate::model_args::{ChangeArgs, PROCESSORS, model, model_size};
+use crate::model_args::{ChangeArgs, model, model_size};
 use crate::output::{print_report, warn};
 use crate::parse;
 use crate::progress::Progress;
@@ -34,8 +34,9 @@ pub(crate) struct Args {
     #[arg(long)]
     run: bool,
 
-    /// Device of --run; wgpu needs a build with `--features gpu-network`. The peak is that of host memory.
-    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", requires = "run", value_parser = parse::named(PROCESSORS))]
+    /// Device of --run: cpu, or wgpu[:N], a graphics adapter, N as `atsplat adapters` numbers them, in builds with `--features
+    /// gpu-network`. The peak is that of host memory.
+    #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu", requires = "run")]
     processor: Processor,
 
     /// Print JSON.

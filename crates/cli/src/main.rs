@@ -7,6 +7,7 @@ mod adapters;
 mod budget;
 mod data;
 mod dataset_args;
+mod device;
 mod drift;
 mod embedded;
 mod exit;

@@ -2,7 +2,6 @@
 
 use anyhow::Context as _;
 use atsplat_model::config::SelectionRatio;
-use atsplat_model::network::Processor;
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use crate::parse::{name_or_path, not_negative};
@@ -23,9 +22,6 @@ pub(crate) struct ChangeArgs {
     #[arg(long, value_name = "N")]
     expand_first: Option<usize>,
 }
-
-/// Devices of a network: every core, or a GPU.
-pub(crate) const PROCESSORS: [(&str, Processor); 2] = [("cpu", Processor::Cpu), ("wgpu", Processor::Wgpu)];
 
 impl ChangeArgs {
     /// Applies the changes.

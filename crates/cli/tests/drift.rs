@@ -45,6 +45,8 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
             key: TrialKey { preset: "p".to_owned(), method: method.to_owned(), scene: "scene 0".to_owned(), entry: 0 },
             trial_hash: "trial 0".to_owned(),
             machine: Machine { processor: "some".to_owned(), platform: "linux".to_owned(), cpus: 2, threads: 2 },
+            network_adapter: None,
+            renderer_adapter: None,
             started: 1,
             trials_there: 6,
             warm_up: 1,
@@ -82,6 +84,8 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
                 gaussians: Some(gaussians),
                 gaussians_drawn: None,
                 peak_bytes: None,
+                network_adapter: None,
+                renderer_adapter: None,
                 effects: vec![],
                 notes: vec![],
             });

@@ -126,26 +126,6 @@ fn rejects_a_store_given_twice_and_counts_repeated_results() {
     assert!(merged.code == 0 && merged.stderr.is_empty(), "{}", merged.stderr);
 }
 
-#[test]
-fn evaluations_reject_other_devices_than_the_cpu() {
-    let folder = tempfile::tempdir().unwrap();
-    let here = folder.path();
-    write_noise(here, 1);
-    std::fs::write(here.join("sweep.toml"), "title = 'one'\n[[settings]]\nlabel = 'as it is'\n").unwrap();
-    let network = ["--weights", "nano-rooms", "--device"];
-    let run = [&["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "atsplat"], &network[..]].concat();
-    let sweep = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--out", "store", "--sweep", "sweep.toml"];
-    for args in [run, [&sweep, &network[..]].concat()] {
-        let refused = atsplat(here, &[&args[..], &["wgpu"]].concat());
-        let message = refused.stderr.contains("--device wgpu: evaluations run on the CPU only");
-        assert!(refused.code == 2 && message, "{} {}", refused.code, refused.stderr);
-        assert!(!here.join("store").exists());
-        let accepted = atsplat(here, &[&args[..], &["cpu"]].concat());
-        assert_ne!(accepted.code, 2, "{}", accepted.stderr);
-        std::fs::remove_dir_all(here.join("store")).ok();
-    }
-}
-
 fn weights(here: &Path, name: &str, change: impl FnOnce(&mut StoredTensors)) -> PathBuf {
     let config = ModelConfig::named("nano").unwrap();
     let tensors = generated(&parameters(&config), 3);

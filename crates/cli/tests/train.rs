@@ -195,3 +195,31 @@ fn resuming_reports_unusable_checkpoints() {
     let message = resumed("7");
     assert!(message.contains("a checkpoint was passed over") && message.contains("step-00000006"), "{message}");
 }
+
+/// Steps on an adapter have nearly the CPU's losses; a run does not change its device.
+#[cfg(feature = "gpu-network")]
+#[test]
+fn a_run_on_an_adapter_follows_the_cpu_and_resumes_there_only() {
+    use atsplat_numeric::Tolerance;
+
+    if atsplat_splat::gpu::adapters().is_empty() {
+        return atsplat_tests::skip_without_graphics("cli train", "none listed");
+    }
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    train(folder.path(), "cpu", &["--steps", "3"]);
+    train(folder.path(), "card", &["--steps", "3", "--device", "wgpu"]);
+    let losses = |out: &str| -> Vec<f64> {
+        let steps = std::fs::read_to_string(folder.path().join(out).join("steps.jsonl")).unwrap();
+        let record = |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap();
+        steps.lines().map(|line| record(line)["terms"]["total"].as_f64().unwrap()).collect()
+    };
+    Tolerance::relative(5e-3).assert(losses("card"), losses("cpu"), "loss of each step");
+    for (out, device) in [("card", "cpu"), ("cpu", "wgpu")] {
+        let args = ["train", "--config", "tiny.toml", "--out", out, "--resume", "--device", device];
+        let refused = atsplat(folder.path(), &args);
+        assert!(refused.code == 1 && refused.stderr.contains("on which the run was begun"), "{}", refused.stderr);
+    }
+    train(folder.path(), "card", &["--steps", "4", "--resume", "--device", "wgpu"]);
+    assert_eq!(losses("card").len(), 4);
+}

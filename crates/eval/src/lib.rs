@@ -7,6 +7,7 @@
 
 pub mod budget;
 mod context;
+mod device;
 pub mod discovery;
 pub mod drift;
 mod error;
@@ -35,11 +36,12 @@ pub mod trained;
 pub mod weights_list;
 
 pub use context::network_views;
+pub use device::ComputeDevice;
 pub use error::EvalError;
 pub use file_name::file_name;
 pub use rows::{
-    IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry, TargetRow,
-    TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
+    AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry,
+    TargetRow, TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
 pub use run_report::RunReport;
 pub use store::Store;

@@ -279,7 +279,9 @@ impl RunReport {
                 times.peak_bytes.map_or_else(String::new, |bytes| format!(", at most {}", format_bytes(bytes)));
             let busy = if times.busy { ", on a busy machine: not reliable" } else { "" };
             let Times { trials, repetitions, .. } = times;
-            writeln!(f, "{preset}, {method}: {}, {repetitions} × {trials} trials{memory}{busy}", parts.join(", "))?;
+            let device = times.device.as_ref().map_or_else(String::new, |device| format!(", {device}"));
+            let parts = parts.join(", ");
+            writeln!(f, "{preset}, {method}: {parts}, {repetitions} × {trials} trials{memory}{device}{busy}")?;
         }
         let mut machines: Vec<String> =
             timed.iter().filter_map(|row| Some(format!("timed on {}", row.times.as_ref()?.machine))).collect();

@@ -62,6 +62,8 @@ pub(crate) fn trial(method: &str, scene: &str, entry: u32, targets: usize) -> Tr
         gaussians: Some(23_040),
         gaussians_drawn: Some(20_000.0),
         peak_bytes: Some(1 << 20),
+        network_adapter: None,
+        renderer_adapter: None,
         effects: vec![],
         notes: vec![],
     }
@@ -73,6 +75,8 @@ pub(crate) fn timing(method: &str, scene: &str, encode: &[f64], render: &[f64]) 
         key: key(method, scene, 0),
         trial_hash: format!("trial {scene} 0"),
         machine: Machine { processor: "a processor".to_owned(), platform: "linux".to_owned(), cpus: 2, threads: 2 },
+        network_adapter: None,
+        renderer_adapter: None,
         started: 1,
         trials_there: 3,
         warm_up: 1,

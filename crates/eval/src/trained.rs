@@ -6,13 +6,13 @@ use std::sync::Arc;
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::Selection;
-use atsplat_model::network::{Device, Network};
+use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
-use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, Splatting, Warp, WeightsSource};
+use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, Warp, WeightsSource};
 use crate::runner::Dataset;
-use crate::{EvalError, TrainingRecord, thresholds};
+use crate::{ComputeDevice, EvalError, TrainingRecord, thresholds};
 
 /// A configuration with its weights.
 #[derive(Debug)]
@@ -24,6 +24,7 @@ pub struct TrainedNetwork {
     training: Option<TrainingRecord>,
     /// Description of the weights' origin.
     pub description: String,
+    device: ComputeDevice,
 }
 
 impl TrainedNetwork {
@@ -35,7 +36,13 @@ impl TrainedNetwork {
         let ModelWeights { config, tensors, provenance, .. } = ModelWeights::of_file(file)?;
         let (weights, training) =
             (WeightsSource::File { sha256: file.sha256.clone() }, TrainingRecord::of(&provenance));
-        Ok(Self { config, tensors, weights, training, description })
+        Ok(Self { config, tensors, weights, training, description, device: ComputeDevice::default() })
+    }
+
+    /// The same network on another device.
+    #[must_use]
+    pub fn on(self, device: &ComputeDevice) -> Self {
+        Self { device: device.clone(), ..self }
     }
 
     /// ATSplat as trained, and the baselines.
@@ -55,10 +62,10 @@ impl TrainedNetwork {
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn optimised(&self, budget: Budget) -> Result<Vec<Arc<dyn Method>>, EvalError> {
         let network = self.bare(&self.config)?;
-        let refined = Optimised::refined(None, network, &self.weights, budget, 0, Splatting::default())?;
+        let refined = Optimised::refined(None, network, &self.weights, budget, 0, self.device.splatting())?;
         let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(refined)];
         for strategy in [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc] {
-            let splatting = Splatting::default();
+            let splatting = self.device.splatting();
             methods.push(Arc::new(Optimised::from_scratch(None, strategy, budget, MAX_GAUSSIANS, 0, splatting)));
         }
         Ok(methods)
@@ -124,7 +131,7 @@ impl TrainedNetwork {
     }
 
     fn network(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
-        let method = AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())?;
+        let method = AtSplat::new(name, self.bare(config)?, &self.weights, 0, self.device.splatting())?;
         Ok(method.trained(self.training.clone()))
     }
 
@@ -137,7 +144,7 @@ impl TrainedNetwork {
         let expected: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
         let mut tensors = self.tensors.clone();
         tensors.tensors.retain(|name, _| expected.contains(name));
-        Ok(Network::new(config, &Device::flex())?.with_weights(&tensors)?.trained_at(self.config.resolution))
+        Ok(Network::new(config, &self.device.network()?)?.with_weights(&tensors)?.trained_at(self.config.resolution))
     }
 }
 

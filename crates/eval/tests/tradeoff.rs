@@ -4,11 +4,11 @@
 
 mod common;
 
-use atsplat_eval::Results;
 use atsplat_eval::method::{ConstantsChoice, START_POINTS, TrialInput, WeightsSource};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, across, parts, tradeoffs};
+use atsplat_eval::{ComputeDevice, Results};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
@@ -20,7 +20,16 @@ fn swept() -> SweepBase {
     let tensors = generated(&parameters(&config), 1);
     let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
     let constants = ConstantsChoice::FromPreset;
-    SweepBase { config, tensors, weights, trained_at: None, call_seed: 0, constants, background: None }
+    SweepBase {
+        config,
+        tensors,
+        weights,
+        trained_at: None,
+        call_seed: 0,
+        constants,
+        background: None,
+        device: ComputeDevice::default(),
+    }
 }
 
 fn sweep(settings: &str) -> Sweep {

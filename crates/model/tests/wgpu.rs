@@ -7,17 +7,21 @@
 
 use std::path::Path;
 
-use atsplat_camera::{Camera, ImageSize as CameraSize, NormalizedIntrinsics, WorldFromCamera};
-use atsplat_model::ModelConfig;
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize as CameraSize, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::network::{BlockOutcome, Device, Network, Processor, Reconstruction, Views, f32_values};
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{TensorFile, generated};
+use atsplat_model::weights::{ModelWeights, StoredTensor, TensorFile, generated};
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer, adapters};
 use atsplat_splat::{
-    Channels, GaussianParts, GradientReach, RenderOptions, RendererConstants, SMALLEST_MIN_ALPHA, View,
+    Channels, GaussianParts, GradientReach, RenderOptions, Renderer, RendererConstants, SMALLEST_MIN_ALPHA, View,
 };
 use atsplat_tests::skip_without_graphics;
 use burn::Tensor;
+use burn::module::Module as _;
+use burn::tensor::TensorData;
 use glam::{DMat3, DVec3};
 use indexmap::IndexMap;
 
@@ -45,7 +49,7 @@ const PARTS: [(&str, Part); 5] = [
 ];
 
 fn wgpu() -> Option<Device> {
-    match Processor::Wgpu.open() {
+    match Processor::Wgpu(None).open() {
         Ok(device) => Some(device),
         Err(error) => {
             skip_without_graphics("model wgpu", error);
@@ -159,7 +163,7 @@ fn assert_same_but_jumps(tolerance: Tolerance, ours: &[f32], theirs: &[f32], wha
 #[test]
 fn rendering_and_gradients_on_wgpu_agree_with_the_cpu() {
     let Some(device) = wgpu() else { return };
-    assert!(Processor::Wgpu.renders(), "the renderer fails its self-test");
+    assert!(Processor::Wgpu(None).renders(), "the renderer fails its self-test");
     let config = ModelConfig::named("nano").unwrap();
     let [ours, theirs] = [device, Device::flex()].map(|device| rendered(&config, &device.autodiff()));
     for ((what, ours), (_, theirs)) in ours.images.iter().zip(&theirs.images) {
@@ -224,4 +228,139 @@ fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
     let sum = (images.rgb.clone() * images.rgb).sum() + (last.rgb.clone() * last.rgb).sum();
     let sum = sum + images.alpha.sum() * 0.3 + depth.sum() * 0.05 + scalar.sum() * 0.2;
     Rendered { images: shown, gradients: network.gradients(&sum.backward()) }
+}
+
+/// Largest difference in PSNR between the pictures that a network and a renderer on an adapter make of a trial and those that
+/// the CPU makes, in dB.
+const PSNR: f64 = 0.005;
+
+/// A trial of simulated scenes, as `crates/eval/tests/device_trials.rs` writes it: context views, then one target.
+struct Trial {
+    context: Views,
+    target: View,
+    truth: Vec<f32>,
+}
+
+impl Trial {
+    fn open(preset: &str) -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/trials/{preset}.safetensors"));
+        let stored = TensorFile::open(&path).unwrap().stored;
+        let pictures = &stored.tensors["pictures"];
+        let [count, height, width, channels]: [usize; 4] = pictures.shape().try_into().unwrap();
+        assert_eq!(channels, 3);
+        let numbers = |name: &str| -> Vec<f64> {
+            stored.tensors[name].bytes().as_chunks().0.iter().map(|word| f64::from_le_bytes(*word)).collect()
+        };
+        let (poses, intrinsics) = (numbers("camera-from-world"), numbers("intrinsics"));
+        let cameras = poses.as_chunks().0.iter().zip(intrinsics.as_chunks().0).map(|(rows, &[fx, fy, cx, cy])| {
+            let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap();
+            Camera::pinhole(CameraFromWorld::from_rows(rows).unwrap(), intrinsics)
+        });
+        let mut cameras: Vec<Camera> = cameras.collect();
+        let target = cameras.pop().unwrap();
+        let mut samples: Vec<f32> = pictures.bytes().iter().map(|&sample| f32::from(sample) / 255.0).collect();
+        let truth = samples.split_off((count - 1) * height * width * channels);
+        let context = Views::new(ImageSize::new(height, width), samples, cameras).unwrap();
+        let size = CameraSize { width: width.try_into().unwrap(), height: height.try_into().unwrap() };
+        Self { context, target: View { camera: target, size }, truth }
+    }
+
+    /// Gaussians, those drawn, and the PSNR of the target.
+    fn evaluated(&self, network: &Network, renderer: &mut dyn Renderer) -> (Reconstruction, u64, f64) {
+        let made = network.reconstruct(&self.context, 0).unwrap();
+        let rendering = renderer.render(&made.gaussians, &self.target, &RenderOptions::default()).unwrap();
+        let errors = rendering.rgb.as_flattened().iter().zip(&self.truth);
+        let squares: f64 = errors.map(|(ours, truth)| f64::from(ours.clamp(0.0, 1.0) - truth).powi(2)).sum();
+        (made, rendering.census.drawn, -10.0 * (squares / self.truth.len() as f64).log10())
+    }
+}
+
+/// The embedded network on a trial of rooms, and an untrained one on six views of a yard.
+#[test]
+fn trials_of_each_family_on_wgpu_have_the_cpus_psnr_and_gaussians() {
+    let Some(device) = wgpu() else { return };
+    let mut renderer = GpuRenderer::new(&AdapterChoice::Automatic, GpuOptions::default()).unwrap();
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/checkpoints/micro-rooms.safetensors");
+    let trained = ModelWeights::of_file(&TensorFile::open(&file).unwrap()).unwrap();
+    let nano = ModelConfig::named("nano").unwrap();
+    let untrained = generated(&parameters(&nano), 1);
+    for (preset, config, weights, least) in
+        [("rooms-2v-128", &trained.config, &trained.tensors, 18.0), ("yards-6v-112", &nano, &untrained, 0.0)]
+    {
+        let trial = Trial::open(preset);
+        let network = |device: &Device| Network::new(config, device).unwrap().with_weights(weights).unwrap();
+        let on_adapter = network(&device);
+        assert!(on_adapter.adapter().is_some_and(|adapter| renderer.adapter() == adapter.to_string()));
+        let (ours, ours_drawn, ours_psnr) = trial.evaluated(&on_adapter, &mut renderer);
+        let (theirs, theirs_drawn, theirs_psnr) =
+            trial.evaluated(&network(&Device::flex()), &mut CpuRenderer::default());
+        println!("{preset}: {ours_psnr} and {theirs_psnr} dB, {ours_drawn} and {theirs_drawn} drawn");
+        assert_eq!(ours.budget, theirs.budget, "{preset}");
+        for (block, (ours, theirs)) in ours.blocks.iter().zip(&theirs.blocks).enumerate() {
+            if ours.selected != theirs.selected {
+                assert_tied(ours, theirs, &format!("{preset}, block {block}"));
+                println!("{preset}, block {block}: a tie was broken differently");
+                break;
+            }
+        }
+        assert!(theirs_psnr >= least, "{preset}: {theirs_psnr} dB");
+        Tolerance::absolute(PSNR).assert([ours_psnr], [theirs_psnr], preset);
+        Tolerance::relative(1e-3).assert([ours_drawn as f64], [theirs_drawn as f64], preset);
+    }
+}
+
+#[test]
+fn another_adapter_than_the_opened_one_is_refused_and_an_unknown_number_lists_them() {
+    if wgpu().is_none() {
+        return;
+    }
+    let listed = adapters();
+    let unknown = Processor::Wgpu(Some(99)).open().unwrap_err().to_string();
+    assert!(unknown.contains("expected number 99") && listed.iter().all(|one| unknown.contains(&one.to_string())));
+    let (opened, _) = Processor::Wgpu(None).adapter().unwrap().unwrap();
+    assert!(Processor::Wgpu(Some(opened)).open().is_ok());
+    if let Some(other) = (0..listed.len()).find(|number| *number != opened) {
+        let refused = Processor::Wgpu(Some(other)).open().unwrap_err().to_string();
+        assert!(refused.contains("opened before") && refused.contains(&format!("wgpu:{other}")), "{refused}");
+    }
+}
+
+/// Steps of gradient descent as a training run takes them: each step has a network of the new weights, whose forks have their own
+/// graphs, and starts the backward pass from a gradient that the host computed.
+#[test]
+fn a_few_training_steps_on_wgpu_follow_the_cpu() {
+    const STEPS: usize = 3;
+    let Some(device) = wgpu() else { return };
+    let [ours, theirs] = [device, Device::flex()].map(|device| losses(&device.autodiff(), STEPS));
+    println!("losses: {ours:?} and {theirs:?}");
+    assert!(theirs.is_sorted_by(|before, after| after < before), "it learns: {theirs:?}");
+    Tolerance::relative(5e-3).assert(ours, theirs, "loss of each step");
+}
+
+fn losses(device: &Device, steps: usize) -> Vec<f64> {
+    const RATE: f32 = 0.01;
+    let trial = Trial::open("rooms-2v-128");
+    let config = ModelConfig::named("nano").unwrap();
+    let mut weights = generated(&parameters(&config), 1);
+    let template = Network::new(&config, device).unwrap();
+    let mut losses = Vec::new();
+    for _ in 0..steps {
+        let network = template.clone().with_weights(&weights).unwrap();
+        let network = network.clone().fork(&network.device());
+        let made = network.forward(std::slice::from_ref(&trial.context), 0).unwrap();
+        let images = made.gaussians.render(0, &[trial.target], &RenderOptions::default(), None).unwrap();
+        let rgb = f32_values(images.rgb.clone());
+        let errors: Vec<f32> = rgb.iter().zip(&trial.truth).map(|(ours, truth)| ours - truth).collect();
+        let count = errors.len() as f32;
+        losses.push(errors.iter().map(|error| f64::from(*error).powi(2)).sum::<f64>() / errors.len() as f64);
+        let gradient = errors.iter().map(|error| 2.0 * error / count).collect::<Vec<f32>>();
+        let gradient = Tensor::<4>::from_data(TensorData::new(gradient, images.rgb.dims()), &images.rgb.device());
+        for (name, gradient) in network.gradients(&(images.rgb * gradient).sum().backward()) {
+            let tensor = &mut weights.tensors[&name];
+            let moved =
+                tensor.to_f32().unwrap().iter().zip(&gradient).map(|(value, by)| value - RATE * by).collect::<Vec<_>>();
+            *tensor = StoredTensor::from_f32(tensor.shape().to_vec(), &moved).unwrap();
+        }
+    }
+    losses
 }

@@ -140,6 +140,8 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         gaussians: own(23_040),
         gaussians_drawn: None,
         peak_bytes: None,
+        network_adapter: None,
+        renderer_adapter: None,
         effects: Vec::new(),
         notes: Vec::new(),
     }
@@ -158,6 +160,8 @@ fn timing(key: &TrialKey, encodes: bool, at: usize) -> TimingRow {
             cpus: 2,
             threads: 2,
         },
+        network_adapter: None,
+        renderer_adapter: None,
         started: 1_700_000_000,
         trials_there: 4,
         warm_up: 1,

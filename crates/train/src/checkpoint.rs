@@ -14,6 +14,7 @@ const FORMAT: &str = "1";
 const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
 const AVERAGE: &str = "average";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
+const ADAPTER: &str = "adapter";
 
 /// The state of a run between two steps.
 #[derive(Clone, Debug)]
@@ -32,13 +33,16 @@ pub struct State {
     pub average: Option<Vec<Vec<f32>>>,
     /// SHA-256 of the weights file that the run started from, if any.
     pub initial_weights: Option<String>,
+    /// The graphics adapter that the run is computed on, with its driver; `None` for the CPU.
+    pub adapter: Option<String>,
 }
 
 impl State {
     /// The state before the first step.
     pub fn new(parameters: Parameters) -> Self {
         let moments = parameters.values().iter().map(|values| Moments::zeros(values.len())).collect();
-        Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments, average: None, initial_weights: None }
+        let (average, initial_weights, adapter) = (None, None, None);
+        Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments, average, initial_weights, adapter }
     }
 
     /// The same state with moving averages that start at the weights.
@@ -87,6 +91,9 @@ impl State {
         if let Some(hash) = &self.initial_weights {
             stored.metadata.insert(INITIAL_WEIGHTS.to_owned(), hash.clone());
         }
+        if let Some(adapter) = &self.adapter {
+            stored.metadata.insert(ADAPTER.to_owned(), adapter.clone());
+        }
         Ok(stored)
     }
 
@@ -132,9 +139,9 @@ impl State {
         }
         let faults_in_a_row = u32::try_from(number("faults-in-a-row")?)
             .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
-        let initial_weights = stored.metadata.get(INITIAL_WEIGHTS).cloned();
+        let [initial_weights, adapter] = [INITIAL_WEIGHTS, ADAPTER].map(|key| stored.metadata.get(key).cloned());
         let (step, updates) = (number("step")?, number("updates")?);
-        Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights })
+        Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights, adapter })
     }
 }
 

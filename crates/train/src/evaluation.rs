@@ -55,15 +55,20 @@ impl Evaluation {
     /// [`TrainError::Model`], [`TrainError::Splat`]; [`TrainError::Metric`] for renders that are not finite.
     pub fn run(&self, network: &Network, step: u64) -> Result<EvaluationRecord, TrainError> {
         let start = Instant::now();
-        let scored = self.samples.par_iter().map(|sample| {
+        let scored = |sample: &Sample| {
             let renders = self.renders(network, sample)?;
             let pairs = renders.iter().zip(sample.nearest()).enumerate().map(|(target, (render, nearest))| {
                 let truth = picture(&sample.targets, target)?;
                 Ok([scores(render, &truth)?, scores(&picture(&sample.context, nearest)?, &truth)?])
             });
             pairs.collect::<Result<Vec<[Scores; 2]>, TrainError>>()
-        });
-        let scored = scored.collect::<Result<Vec<_>, TrainError>>()?.concat();
+        };
+        let scored: Result<Vec<_>, TrainError> = match network.adapter() {
+            None => self.samples.par_iter().map(scored).collect(),
+            // An adapter runs one sample at a time, with all of its threads.
+            Some(_) => self.samples.iter().map(scored).collect(),
+        };
+        let scored = scored?.concat();
         let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| scored.iter().map(of).sum::<f64>() / scored.len().max(1) as f64;
         Ok(EvaluationRecord {
             step,

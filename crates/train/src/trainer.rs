@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use atsplat_model::network::{Device, Network};
+use atsplat_files::Sha256Digest;
+use atsplat_model::network::{Device, Network, Processor};
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, read_backbone};
-use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_scene::Warnings;
 use burn::module::Module as _;
 use rayon::prelude::*;
@@ -67,6 +68,8 @@ pub struct Trainer {
     objective: Objective,
     features: Option<FeatureCache>,
     evaluation: Option<Evaluation>,
+    /// Runs the network and its splatter.
+    device: Device,
     /// Without weights; the network of every step is a copy of it.
     template: Network,
     checkpoints: Checkpoints,
@@ -90,10 +93,22 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`] if anything that the run needs is missing or malformed; all of it is checked before long work starts.
     pub fn new(config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
+        Self::on(Processor::Cpu, config, folder, start)
+    }
+
+    /// [`Self::new`] with network and splatter on this processor, forward and backward; losses and the optimiser stay on the
+    /// CPU, as do the evaluation's renders. On a graphics adapter, samples of a batch run one after the other, and steps are not
+    /// those of the CPU bit for bit.
+    ///
+    /// # Errors
+    /// As [`Self::new`]; [`TrainError::Model`] if the processor cannot be opened or does not render, [`TrainError::Malformed`] if
+    /// the resumed run was computed on another one.
+    pub fn on(processor: Processor, config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
+        processor.check_build()?;
         require_run_to_resume(folder, start)?;
         let mut warnings = Warnings::new();
         let samples = Box::new(config.samples(&mut warnings)?);
-        let mut trainer = Self::with_samples(config, samples, folder, start)?;
+        let mut trainer = Self::open(processor, config, samples, folder, start)?;
         warnings.merge(std::mem::take(&mut trainer.opening_warnings));
         Ok(Self { opening_warnings: warnings, ..trainer })
     }
@@ -108,11 +123,23 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
+        Self::open(Processor::Cpu, config, samples, folder, start)
+    }
+
+    fn open(
+        processor: Processor,
+        config: TrainConfig,
+        samples: Box<dyn Source>,
+        folder: &Path,
+        start: &Start,
+    ) -> Result<Self, TrainError> {
         require_run_to_resume(folder, start)?;
         let model = config.model.config()?;
         let objective = Objective::new(config.losses.clone())?;
         check_resolution(&config, &model)?;
-        let template = Network::new(&model, &Device::flex().autodiff())?;
+        let device = opened(processor)?;
+        let template = Network::new(&model, &device.clone().autodiff())?;
+        let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
         let mut initial_weights = None;
         let fresh = match start {
             Start::Weights(path) => {
@@ -129,13 +156,18 @@ impl Trainer {
             }
         };
         let features = match &config.model.feature_cache {
-            Some(folder) => Some(FeatureCache::open(folder, &model, fresh.frozen())?),
+            Some(folder) => {
+                // Each device has its own features.
+                let own = adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
+                Some(FeatureCache::open(own.as_ref().unwrap_or(folder), &model, fresh.frozen())?)
+            }
             None => None,
         };
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
         let found = checkpoints.read(&config, &fresh)?;
         let initial_state = |fresh| {
-            let state = State { initial_weights: initial_weights.clone(), ..State::new(fresh) };
+            let (initial_weights, adapter) = (initial_weights.clone(), adapter.clone());
+            let state = State { initial_weights, adapter, ..State::new(fresh) };
             if config.average.is_some() { state.with_average() } else { state }
         };
         let step = found.as_ref().map(|(state, _)| state.step);
@@ -154,6 +186,11 @@ impl Trainer {
                 return Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found));
             }
         };
+        if state.adapter != adapter {
+            let name = |adapter: &Option<String>| adapter.clone().unwrap_or_else(|| "the CPU".to_owned());
+            let expected = format!("{}, on which the run was begun", name(&state.adapter));
+            return Err(TrainError::malformed("checkpoint", "adapter", expected, name(&adapter)));
+        }
         let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
         let mut opening_warnings = Warnings::new();
@@ -174,6 +211,7 @@ impl Trainer {
             objective,
             features,
             evaluation,
+            device,
             template,
             checkpoints,
             steps,
@@ -220,7 +258,7 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Model`].
     pub fn network(&self) -> Result<Network, TrainError> {
-        let template = Network::new(&self.model, &Device::flex())?;
+        let template = Network::new(&self.model, &self.device)?;
         self.state.result().network(&template)
     }
 
@@ -287,8 +325,12 @@ impl Trainer {
         let first = step * self.config.batch.get() as u64;
         let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
         let network = self.state.parameters.network(&self.template)?;
-        let batch: Vec<Result<SampleGradients, Fault>> =
-            numbers.par_iter().map(|number| self.sample_gradients(*number, &network)).collect();
+        let gradients = |number: &u64| self.sample_gradients(*number, &network);
+        let batch: Vec<Result<SampleGradients, Fault>> = match self.state.adapter {
+            None => numbers.par_iter().map(gradients).collect(),
+            // An adapter runs one sample at a time, with all of its threads.
+            Some(_) => numbers.iter().map(gradients).collect(),
+        };
         let mut record = StepRecord {
             step,
             terms: None,
@@ -401,10 +443,22 @@ impl Trainer {
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ];
         let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
+        if let Some(adapter) = &self.state.adapter {
+            provenance.insert("adapter".to_owned(), adapter.clone());
+        }
         if let Some(hash) = &self.state.initial_weights {
             provenance.insert("initial-weights-sha256".to_owned(), hash.clone());
         }
         Ok(provenance)
+    }
+}
+
+/// The device of a processor that renders.
+fn opened(processor: Processor) -> Result<Device, TrainError> {
+    let device = processor.open()?;
+    match processor.refusal() {
+        None => Ok(device),
+        Some(why) => Err(ModelError::Processor { processor, why: format!("it cannot render: {why}") }.into()),
     }
 }
 

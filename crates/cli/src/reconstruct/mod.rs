@@ -7,6 +7,7 @@ mod output;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use atsplat_eval::AdapterRecord;
 use atsplat_eval::reconstruct::{
     self, Clock, GaussianFrame, MemoryRecord, Record, Report, SceneFormat, TokenRecord, write_gaussians,
 };
@@ -61,7 +62,8 @@ pub(crate) struct Args {
 /// Reconstructs; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    let device = args.network.processor.open().context("--device")?;
+    let processor = args.network.device.processor;
+    let device = processor.open().context("--device")?;
     let mut clock = Clock::default();
     let format = SceneFormat::of_path(&args.out).map_err(anyhow::Error::msg)?;
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
@@ -104,13 +106,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         model: source.record()?,
         weights,
         seed: args.network.seed,
-        device: args.network.processor,
+        device: processor,
+        adapter: network.adapter().as_ref().map(AdapterRecord::from),
         seen_at: reconstruction.seen_at,
         tokens: TokenRecord::of(&reconstruction),
         output,
         renders,
         plots,
-        warnings: reconstruct::warnings(&reconstruction, &photos, args.network.processor),
+        warnings: reconstruct::warnings(&reconstruction, &photos, processor),
     };
     let text = serde_json::to_string_pretty(&record)?;
     record_file.finish(format!("{text}\n").as_bytes())?;

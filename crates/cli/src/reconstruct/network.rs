@@ -8,13 +8,12 @@ use atsplat_eval::reconstruct::{NetworkSource, UntrainedBackbone};
 use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
-use atsplat_model::network::Processor;
 use atsplat_model::weights::{ModelWeights, TensorFile};
 use clap::ValueEnum;
 
+use crate::device::DeviceArgs;
 use crate::embedded;
-use crate::model_args::{ChangeArgs, PROCESSORS, model};
-use crate::parse::{named, usage_error};
+use crate::model_args::{ChangeArgs, model};
 
 /// Default model of `random:SEED`.
 const DEFAULT_UNTRAINED: &str = "nano";
@@ -52,9 +51,8 @@ pub(crate) struct NetworkArgs {
     #[arg(long, value_name = "SIZE", default_value = "trained")]
     context_size: ContextSize,
 
-    /// Device of the network; wgpu needs a build with `--features gpu-network` and works with `reconstruct` only.
-    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", value_parser = named(PROCESSORS))]
-    pub(super) processor: Processor,
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
 
     /// Seed of random token selection.
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -101,18 +99,6 @@ impl NetworkArgs {
             return Err("--sha256 is for weights files: random weights have none".to_owned());
         }
         Ok(())
-    }
-
-    /// [`Self::check`] for commands that evaluate networks: results are computed on the CPU only.
-    pub(crate) fn check_for_evaluation(&self) -> Result<(), clap::Error> {
-        let on_cpu = match self.processor {
-            Processor::Cpu => Ok(()),
-            Processor::Wgpu => Err("--device wgpu: evaluations run on the CPU only, whose results are bit for bit \
-                                       reproducible; omit --device, or reconstruct single scenes with `atsplat \
-                                       reconstruct --device wgpu`"
-                .to_owned()),
-        };
-        on_cpu.and_then(|()| self.check()).map_err(usage_error)
     }
 
     /// Resolves the configuration, and opens the weights file if there is one.

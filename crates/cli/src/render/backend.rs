@@ -1,6 +1,7 @@
 use anyhow::Context;
+use atsplat_eval::AdapterRecord;
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
-use atsplat_splat::gpu::{AdapterChoice, Fallback, GpuOptions, with_fallback};
+use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, Fallback, GpuOptions, adapters, with_fallback};
 use atsplat_splat::{ReferenceRenderer, Renderer};
 use clap::ValueEnum;
 
@@ -20,6 +21,8 @@ pub(crate) enum BackendArg {
 /// A renderer, and why it is not the requested one.
 pub(crate) struct Backend {
     pub(crate) renderer: Box<dyn Renderer>,
+    /// The renderer's graphics adapter; `None` for the CPU.
+    pub(crate) adapter: Option<AdapterRecord>,
     pub(crate) note: Option<String>,
 }
 
@@ -28,7 +31,7 @@ pub(crate) struct Backend {
 /// # Errors
 /// If the requested adapter does not exist.
 pub(crate) fn backend(arg: BackendArg, adapter: Option<&AdapterChoice>) -> anyhow::Result<Backend> {
-    let requested = |renderer: Box<dyn Renderer>| Backend { renderer, note: None };
+    let requested = |renderer: Box<dyn Renderer>| Backend { renderer, adapter: None, note: None };
     Ok(match arg {
         BackendArg::Cpu => requested(Box::<CpuRenderer>::default()),
         BackendArg::Reference => requested(Box::new(ReferenceRenderer)),
@@ -40,7 +43,9 @@ pub(crate) fn backend(arg: BackendArg, adapter: Option<&AdapterChoice>) -> anyho
             tests.finish();
             let reasons: Vec<String> = passed_over.iter().map(ToString::to_string).collect();
             let note = (!reasons.is_empty()).then(|| format!("{} renders: {}", renderer.name(), reasons.join("; ")));
-            Backend { renderer, note }
+            let is_it = |adapter: &AdapterDescription| renderer.name() == format!("gpu, {adapter}");
+            let adapter = adapters().iter().find(|adapter| is_it(adapter)).map(AdapterRecord::from);
+            Backend { renderer, adapter, note }
         }
     })
 }

@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let record = args.out.join("render.json");
     args.views.reject_overwriting(&record)?;
     let exposures = ExposureArg::read(args.exposure.as_ref())?;
-    let Backend { mut renderer, note } = backend(args.backend, args.adapter.as_ref())?;
+    let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
     let record_file = PendingFile::open(&record)?;
     let preview_file = args.preview.open()?;
     let constants = args.look.constants()?;

@@ -20,6 +20,7 @@ use atsplat_scene::Warnings;
 use clap::ValueEnum;
 
 use self::weights::{Group, Listed};
+use crate::device::DeviceArgs;
 use crate::output::{print_findings, print_warnings};
 use crate::parse;
 use crate::progress::Progress;
@@ -48,6 +49,9 @@ pub(crate) struct Args {
     /// from random points, and refinement of what the network made.
     #[arg(long, value_name = "BUDGET", value_parser = parse::budget)]
     fit: Option<Budget>,
+
+    #[command(flatten)]
+    device: DeviceArgs,
 
     /// Folder for results and report; an unfinished run in it is resumed.
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
@@ -110,7 +114,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     let Found { datasets, mut not_run } = args.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
-    let mut networks = Listed::new(args.weights.as_deref())?;
+    let device = args.device.open_for_networks()?;
+    let mut networks = Listed::new(args.weights.as_deref(), device)?;
     let groups = networks.groups(datasets, &mut not_run)?;
     anyhow::ensure!(!groups.is_empty(), "nothing to run: {}", reasons(&not_run));
     let (mut stores, mut complete, mut empty) = (Vec::new(), true, Vec::new());

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_eval::ComputeDevice;
 use atsplat_eval::discovery::NotRun;
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::Dataset;
@@ -24,12 +25,13 @@ pub(super) struct Group {
 #[derive(Debug)]
 pub(super) struct Listed {
     list: WeightsList,
+    device: ComputeDevice,
     loaded: BTreeMap<PathBuf, Arc<TrainedNetwork>>,
 }
 
 impl Listed {
     /// From `--weights`: a weights file, a list (`.toml`), or by default the embedded weights.
-    pub(super) fn new(argument: Option<&Path>) -> anyhow::Result<Self> {
+    pub(super) fn new(argument: Option<&Path>, device: ComputeDevice) -> anyhow::Result<Self> {
         let list = match argument {
             None => WeightsList::one(PathBuf::from(embedded::MICRO_ROOMS)),
             Some(path) if path.extension().is_some_and(|extension| extension == "toml") => {
@@ -37,7 +39,7 @@ impl Listed {
             }
             Some(path) => WeightsList::one(path.to_owned()),
         };
-        Ok(Self { list, loaded: BTreeMap::new() })
+        Ok(Self { list, device, loaded: BTreeMap::new() })
     }
 
     /// Datasets by their weights, in the order of datasets; those without weights are not run.
@@ -76,7 +78,8 @@ impl Listed {
             return Ok(Arc::clone(known));
         }
         let by_default = file == Path::new(embedded::MICRO_ROOMS) && !file.exists();
-        let trained = Arc::new(embedded::trained((!by_default).then_some(file))?);
+        let trained = embedded::trained((!by_default).then_some(file))?;
+        let trained = Arc::new(trained.on(&self.device));
         self.loaded.insert(file.to_owned(), Arc::clone(&trained));
         Ok(trained)
     }
@@ -106,7 +109,7 @@ mod tests {
                     [[weights]]\nfile = 'yards.safetensors'\ntable = 'dl3dv'\n\
                     [[weights]]\nfile = 'yards.safetensors'\ntable = 'unified'\nvariant = 'unified'\n";
         std::fs::write(&list, text).unwrap();
-        let mut networks = Listed::new(Some(&list)).unwrap();
+        let mut networks = Listed::new(Some(&list), ComputeDevice::default()).unwrap();
         let mut not_run = Vec::new();
         let groups = networks.groups(simulated_datasets(|_, _| 1).unwrap(), &mut not_run).unwrap();
         let names: Vec<Vec<&str>> =
@@ -125,7 +128,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let list = folder.path().join("weights.toml");
         std::fs::write(&list, "[[weights]]\nfile = 'a'\ntable = 're20k'\n").unwrap();
-        let error = Listed::new(Some(&list)).unwrap_err().to_string();
+        let error = Listed::new(Some(&list), ComputeDevice::default()).unwrap_err().to_string();
         assert!(error.contains("weights entry 1, table: expected one of") && error.contains("weights.toml"), "{error}");
     }
 }

@@ -2,16 +2,16 @@
 
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use atsplat_eval::ComputeDevice;
 use atsplat_eval::method::{
     AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, MAX_GAUSSIANS, Method, NearestView,
     Optimised, Ply, Renders, Splatting, Warp,
 };
 use atsplat_fit::{Budget, Strategy};
-use atsplat_model::network::Device;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use clap::ValueEnum;
 
@@ -39,6 +39,13 @@ pub(super) enum Kind {
     Ply(PathBuf),
     /// A process with this command.
     Exec(String),
+}
+
+impl Kind {
+    /// Whether it has a network or Gaussians to render.
+    pub(super) const fn uses_device(&self) -> bool {
+        !matches!(self, Self::NearestView | Self::Warp | Self::Renders(_))
+    }
 }
 
 /// The methods of one argument, separated by commas. A command is the last one: it may hold commas itself.
@@ -157,9 +164,9 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
     tolerance: f64,
 
-    /// Renderer.
-    #[arg(long, value_name = "WHO", default_value = "cpu")]
-    backend: BackendArg,
+    /// Renderer, if not that of --device. gpu takes the best adapter that passes its test, or else the CPU, and records why.
+    #[arg(long, value_name = "WHO")]
+    backend: Option<BackendArg>,
 
     /// Coordinate frame of imported Gaussians: the dataset's, or that of the trial's normalised poses.
     #[arg(long, value_name = "FRAME", default_value = "dataset")]
@@ -179,35 +186,43 @@ enum FrameArg {
 
 impl MethodArgs {
     /// Rejects contradicting arguments before anything is read.
-    pub(super) fn check(&self) -> Result<(), clap::Error> {
-        self.network.check_for_evaluation()
+    pub(super) fn check(&self, lists: &[MethodList]) -> Result<(), clap::Error> {
+        let kinds = || lists.iter().flat_map(|MethodList(methods)| methods).map(|method| &method.kind);
+        self.network
+            .check()
+            .and_then(|()| self.network.device.check(kinds().any(Kind::uses_device)))
+            .map_err(parse::usage_error)
     }
 
     /// Loads the methods.
     pub(super) fn methods(&self, lists: &[MethodList]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        lists.iter().flat_map(|MethodList(methods)| methods).map(|arg| self.method(arg)).collect()
+        let all = || lists.iter().flat_map(|MethodList(methods)| methods);
+        let has_network = all().any(|method| matches!(method.kind, Kind::AtSplat | Kind::Refined(_)));
+        let device = self.network.device;
+        let device = if has_network { device.open_for_networks()? } else { device.open()? };
+        all().map(|arg| self.method(arg, &device)).collect()
     }
 
-    fn method(&self, MethodArg { name, kind }: &MethodArg) -> anyhow::Result<Arc<dyn Method>> {
+    fn method(&self, MethodArg { name, kind }: &MethodArg, device: &ComputeDevice) -> anyhow::Result<Arc<dyn Method>> {
         match kind {
             Kind::AtSplat => {
                 let source = self.network.source().context("--method atsplat")?;
-                let (network, record) = source.load(&Device::flex())?;
+                let (network, record) = source.load(&device.network()?)?;
                 let weights = record.weights();
                 let name = name.as_deref().unwrap_or("atsplat");
-                let (seed, splatting) = (self.network.seed, self.gaussians.splatting()?);
+                let (seed, splatting) = (self.network.seed, self.gaussians.splatting(device)?);
                 let method = AtSplat::new(name, network, &weights, seed, splatting)?;
                 Ok(Arc::new(method.trained(record.training())))
             }
             Kind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;
-                let (network, record) = source.load(&Device::flex())?;
-                let (seed, splatting) = (self.network.seed, self.gaussians.splatting()?);
+                let (network, record) = source.load(&device.network()?)?;
+                let (seed, splatting) = (self.network.seed, self.gaussians.splatting(device)?);
                 let name = name.as_deref();
                 Ok(Arc::new(Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?))
             }
             Kind::Optimised(strategy, budget) => {
-                let (seed, splatting) = (self.network.seed, self.gaussians.splatting()?);
+                let (seed, splatting) = (self.network.seed, self.gaussians.splatting(device)?);
                 let limit = self.max_gaussians;
                 let name = name.as_deref();
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
@@ -218,16 +233,21 @@ impl MethodArgs {
                 limit: Duration::try_from_secs_f64(self.method_timeout).context("--method-timeout")?,
                 processes: self.method_processes.into(),
                 opacities_as_stored: self.gaussians.opacities_as_stored,
-                splatting: self.gaussians.splatting()?,
+                splatting: self.gaussians.splatting(device)?,
             })?)),
-            other => self.gaussians.imported(name.as_deref(), other),
+            other => self.gaussians.imported(name.as_deref(), other, device),
         }
     }
 }
 
 impl GaussianArgs {
     /// A method without a network.
-    pub(super) fn imported(&self, name: Option<&str>, kind: &Kind) -> anyhow::Result<Arc<dyn Method>> {
+    pub(super) fn imported(
+        &self,
+        name: Option<&str>,
+        kind: &Kind,
+        device: &ComputeDevice,
+    ) -> anyhow::Result<Arc<dyn Method>> {
         Ok(match kind {
             Kind::AtSplat | Kind::Refined(_) | Kind::Optimised(..) | Kind::Exec(_) => {
                 anyhow::bail!("only imported methods can be scored")
@@ -240,24 +260,26 @@ impl GaussianArgs {
                     FrameArg::Dataset => GaussianFrame::Dataset,
                     FrameArg::Trial => GaussianFrame::Trial,
                 };
-                Arc::new(Ply::new(folder, name, frame, self.opacities_as_stored, self.splatting()?)?)
+                Arc::new(Ply::new(folder, name, frame, self.opacities_as_stored, self.splatting(device)?)?)
             }
         })
     }
 
-    fn splatting(&self) -> anyhow::Result<Splatting> {
+    fn splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {
         let constants = match &self.constants {
             Some(name) => ConstantsChoice::These(parse::constants(name)?),
             None => ConstantsChoice::FromPreset,
         };
         let (backend, passed_over) = match self.backend {
-            BackendArg::Cpu => (Backend::default(), None),
-            other => {
+            None => (device.backend(), None),
+            Some(BackendArg::Cpu) => (Backend::default(), None),
+            Some(BackendArg::Gpu) if device.is_adapter() => (device.backend(), None),
+            Some(other) => {
                 let chosen = backend(other, None)?;
                 if let Some(note) = &chosen.note {
                     crate::output::warn(&format!("warning: {note}"));
                 }
-                (Backend::One(Mutex::new(chosen.renderer)), chosen.note)
+                (Backend::shared(chosen.renderer, chosen.adapter), chosen.note)
             }
         };
         let (background, effects, tolerance) = (self.background, self.effects.clone(), self.tolerance);

@@ -52,7 +52,7 @@ pub(crate) struct Args {
 
 /// Runs methods; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    args.sources.check()?;
+    args.sources.check(&args.methods)?;
     let methods = args.sources.methods(&args.methods)?;
     evaluate(&args.protocols, &methods, &args.settings, args.timing)
 }

@@ -6,6 +6,8 @@ use super::evaluate;
 use super::methods::{GaussianArgs, Kind, named};
 use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
+use crate::device::DeviceArgs;
+use crate::parse::usage_error;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -32,6 +34,9 @@ pub(crate) struct Args {
     name: Option<String>,
 
     #[command(flatten, next_help_heading = "Gaussians")]
+    device: DeviceArgs,
+
+    #[command(flatten, next_help_heading = "Gaussians")]
     gaussians: GaussianArgs,
 
     #[command(flatten, next_help_heading = "Run")]
@@ -42,7 +47,9 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.device.check(args.ply.is_some()).map_err(usage_error)?;
     let kinds = args.renders.iter().cloned().map(Kind::Renders).chain(args.ply.iter().cloned().map(Kind::Ply));
-    let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind));
+    let device = args.device.open()?;
+    let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind, &device));
     evaluate(&args.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &args.settings, args.timing)
 }

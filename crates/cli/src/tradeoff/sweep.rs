@@ -7,10 +7,10 @@ use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
 use atsplat_metrics::Suite;
-use atsplat_model::network::Device;
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings};
+use crate::parse::usage_error;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::reconstruct::network::NetworkArgs;
@@ -37,7 +37,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
-    args.network.check_for_evaluation()?;
+    args.network.check().map_err(usage_error)?;
     let reading = || format!("reading {}", args.sweep.display());
     let text = std::fs::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
@@ -84,7 +84,8 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
 }
 
 fn swept(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
-    let (network, record) = args.source()?.load(&Device::flex())?;
+    let device = args.device.open_for_networks()?;
+    let (network, record) = args.source()?.load(&device.network()?)?;
     Ok(SweepBase {
         config: network.config().clone(),
         tensors: network.weights()?,
@@ -93,5 +94,6 @@ fn swept(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
         call_seed: args.seed,
         constants: ConstantsChoice::FromPreset,
         background: None,
+        device,
     })
 }

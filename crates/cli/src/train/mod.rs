@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use atsplat_model::network::Processor;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
 
@@ -37,6 +38,11 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
 
+    /// Where network and splatter run, forward and backward: cpu, or wgpu[:N], a graphics adapter, N as `atsplat adapters`
+    /// numbers them, in builds with `--features gpu-network`. Losses and optimiser stay on the CPU. A run resumes on its device.
+    #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
+    processor: Processor,
+
     /// Stop after this many hours.
     #[arg(long, value_name = "H", value_parser = hours)]
     hours: Option<Duration>,
@@ -50,6 +56,7 @@ fn hours(text: &str) -> Result<Duration, String> {
 
 /// Trains until the last step or a limit.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    args.processor.check_build().with_context(|| format!("--device {}", args.processor))?;
     let config = TrainConfig::read(&args.config)?;
     let start = match (&args.init, args.resume) {
         (Some(weights), _) => Start::Weights(weights.clone()),
@@ -60,7 +67,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     }
     let steps = config.steps.get();
-    let mut trainer = Trainer::new(config, &args.out, &start)?;
+    let mut trainer = Trainer::on(args.processor, config, &args.out, &start)?;
     let mut live = Live::new(args.steps.map_or(steps, |most| most.min(steps)), trainer.state().step);
     let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));
     drop(live);

@@ -59,6 +59,8 @@ fn settings(provenance: &Provenance) -> BTreeMap<String, String> {
         put(of("weights-sha256"), method.weights_sha256.clone());
         put(of("constants"), method.constants.clone());
         put(of("backend"), method.backend.clone());
+        put(of("network-adapter"), method.network_adapter.as_ref().map(ToString::to_string));
+        put(of("renderer-adapter"), method.renderer_adapter.as_ref().map(ToString::to_string));
         put(of("deterministic"), Some(method.deterministic.to_string()));
         for (name, value) in &method.parameters {
             each_field(&of(name), value, &mut put);

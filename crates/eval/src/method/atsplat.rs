@@ -80,6 +80,7 @@ impl AtSplat {
             record.parameters.insert("context-at-scale-of".to_owned(), size.to_string().into());
         }
         splatting.describe(&mut record);
+        record.record_network(&network);
         Ok(Self { network, high_resolution: None, splatting, call_seed, record })
     }
 

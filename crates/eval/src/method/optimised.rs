@@ -105,6 +105,9 @@ impl Optimised {
             ("seed", self.seed.into()),
         ]));
         self.splatting.describe(&mut self.record);
+        if let Some(network) = &self.network {
+            self.record.record_network(network);
+        }
         // How many steps fit into a time differs from run to run.
         self.record.deterministic &= matches!(self.budget, Budget::Steps(_));
         self

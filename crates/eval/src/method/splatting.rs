@@ -1,5 +1,5 @@
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
@@ -8,7 +8,7 @@ use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
 
 use super::{ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
-use crate::MethodRecord;
+use crate::{AdapterRecord, MethodRecord};
 
 /// How Gaussians are rendered.
 #[derive(Debug)]
@@ -27,12 +27,13 @@ pub struct Splatting {
     pub passed_over: Option<String>,
 }
 
-/// A rendering backend.
+/// A rendering backend; its clones share the renderers.
+#[derive(Clone)]
 pub enum Backend {
     /// The CPU: a pool of renderers, one per concurrent caller.
-    Cpu(Mutex<Vec<CpuRenderer>>),
-    /// One renderer that all threads share.
-    One(Mutex<Box<dyn Renderer>>),
+    Cpu(Arc<Mutex<Vec<CpuRenderer>>>),
+    /// One renderer that all threads share, and its graphics adapter if it has one.
+    One(Arc<Mutex<Box<dyn Renderer>>>, Option<AdapterRecord>),
 }
 
 impl std::fmt::Debug for Backend {
@@ -43,16 +44,29 @@ impl std::fmt::Debug for Backend {
 
 impl Default for Backend {
     fn default() -> Self {
-        Self::Cpu(Mutex::default())
+        Self::Cpu(Arc::default())
     }
 }
 
 impl Backend {
+    /// One renderer for all threads, on this graphics adapter if it is one of a GPU.
+    pub fn shared(renderer: Box<dyn Renderer>, adapter: Option<AdapterRecord>) -> Self {
+        Self::One(Arc::new(Mutex::new(renderer)), adapter)
+    }
+
     /// Human-readable name.
     pub fn name(&self) -> String {
         match self {
             Self::Cpu(_) => Renderer::name(&CpuRenderer::default()),
-            Self::One(renderer) => renderer.lock().unwrap_or_else(PoisonError::into_inner).name(),
+            Self::One(renderer, _) => renderer.lock().unwrap_or_else(PoisonError::into_inner).name(),
+        }
+    }
+
+    /// The graphics adapter; `None` for the CPU.
+    pub const fn adapter(&self) -> Option<&AdapterRecord> {
+        match self {
+            Self::Cpu(_) => None,
+            Self::One(_, adapter) => adapter.as_ref(),
         }
     }
 
@@ -64,7 +78,7 @@ impl Backend {
     fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
         match self {
             Self::Cpu(spare) => with_spare(spare, |renderer| work(renderer)),
-            Self::One(renderer) => work(renderer.lock().unwrap_or_else(PoisonError::into_inner).as_mut()),
+            Self::One(renderer, _) => work(renderer.lock().unwrap_or_else(PoisonError::into_inner).as_mut()),
         }
     }
 }
@@ -115,6 +129,7 @@ impl Splatting {
     pub(super) fn describe(&self, record: &mut MethodRecord) {
         record.constants = Some(self.constants.name().to_owned());
         record.backend = Some(self.backend.name());
+        record.renderer_adapter = self.backend.adapter().cloned();
         record.deterministic = self.backend.is_deterministic();
         let background = self.background.map_or_else(|| "of the preset".into(), |rgb| serde_json::json!(rgb));
         let parameters: [(&str, serde_json::Value); 4] = [

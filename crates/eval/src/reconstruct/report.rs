@@ -11,6 +11,7 @@ use serde::Serialize;
 use super::{
     BlockRecord, GaussianFrame, InputRecord, ModelRecord, OutputRecord, RendersRecord, TokenRecord, WeightsRecord,
 };
+use crate::AdapterRecord;
 
 /// Everything that the Gaussians depend on, and the result. Independent of date and speed of the machine.
 #[derive(Debug, Serialize)]
@@ -28,6 +29,9 @@ pub struct Record {
     pub seed: u64,
     /// Device of the network: devices round differently.
     pub device: Processor,
+    /// Its graphics adapter; `None` for the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adapter: Option<AdapterRecord>,
     /// Height and width at which the network saw the photos, in pixels.
     pub seen_at: ImageSize,
     /// Tokens and Gaussians of each block.

@@ -60,6 +60,7 @@ impl Provenance {
                 None => self.methods.push(method),
             }
         }
+        self.adapter = Self::adapters(&self.methods).or(self.adapter.take());
         Ok(())
     }
 
@@ -85,4 +86,39 @@ fn same<T: Serialize + PartialEq>(what: &str, first: &T, second: &T, advice: &'s
         return Ok(());
     }
     Err(EvalError::Differences { what: what.to_owned(), differences: differences(first, second), advice })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{AdapterRecord, MethodRecord};
+
+    /// A method of a store has one device; another one needs another name. The provenance lists every adapter once.
+    #[test]
+    fn rows_of_two_devices_are_not_mixed_under_one_name() {
+        let adapter = |driver: &str| {
+            let [name, backend, driver] = ["card", "Vulkan", driver].map(str::to_owned);
+            Some(AdapterRecord { name, backend, driver })
+        };
+        let on = |name: &str, driver: Option<&str>| MethodRecord {
+            name: name.to_owned(),
+            network_adapter: driver.and_then(adapter),
+            renderer_adapter: driver.and_then(adapter),
+            ..MethodRecord::default()
+        };
+        let of = |methods: &[MethodRecord]| Provenance {
+            schema_version: crate::store::SCHEMA_VERSION,
+            adapter: Provenance::adapters(methods),
+            methods: methods.to_vec(),
+            ..Provenance::default()
+        };
+        let mut known = of(&[on("m", Some("driver 1"))]);
+        for other in [None, Some("driver 2")] {
+            let refused = known.clone().resume_with(of(&[on("m", other)])).unwrap_err().to_string();
+            assert!(refused.contains("methods m") && refused.contains("network-adapter"), "{refused}");
+            assert!(known.clone().merge_shard(of(&[on("m", other)])).is_err());
+        }
+        known.resume_with(of(&[on("cpu", None), on("other", Some("driver 2"))])).unwrap();
+        assert_eq!(known.adapter.as_deref(), Some("card (Vulkan), driver 1; card (Vulkan), driver 2"));
+    }
 }

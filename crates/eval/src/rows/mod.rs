@@ -1,5 +1,6 @@
 //! The rows of a results store.
 
+mod adapter;
 mod difference;
 mod join;
 mod provenance;
@@ -10,6 +11,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use adapter::AdapterRecord;
+pub(crate) use adapter::placement;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, TrainingRecord, WarningCount,
 };

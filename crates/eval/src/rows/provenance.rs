@@ -1,8 +1,10 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_model::network::Network;
 use atsplat_protocol::Preset;
 use serde::{Deserialize, Serialize};
 
+use super::AdapterRecord;
 use crate::EvalError;
 
 /// What was run, how and where: one record per store.
@@ -21,7 +23,7 @@ pub struct Provenance {
     pub platform: String,
     /// The processor's name and its vector instructions.
     pub processor: String,
-    /// The graphics adapter, if it rendered.
+    /// The graphics adapters that ran networks or rendered, if any.
     pub adapter: Option<String>,
     /// Worker threads.
     pub threads: u32,
@@ -130,8 +132,32 @@ pub struct MethodRecord {
     pub constants: Option<String>,
     /// Name of the rendering backend.
     pub backend: Option<String>,
+    /// The graphics adapter of its network; `None` on the CPU, and for methods without a network of this toolkit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub network_adapter: Option<AdapterRecord>,
+    /// The graphics adapter that renders its Gaussians; `None` on the CPU, and for methods without Gaussians.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub renderer_adapter: Option<AdapterRecord>,
     /// Whether equal inputs give bit-identical results on one machine.
     pub deterministic: bool,
+}
+
+impl Provenance {
+    /// The graphics adapters of the methods, each once.
+    pub(crate) fn adapters(methods: &[MethodRecord]) -> Option<String> {
+        let of = |method: &'_ MethodRecord| [method.network_adapter.clone(), method.renderer_adapter.clone()];
+        let adapters: BTreeSet<AdapterRecord> = methods.iter().flat_map(of).flatten().collect();
+        let names: Vec<String> = adapters.iter().map(ToString::to_string).collect();
+        (!names.is_empty()).then(|| names.join("; "))
+    }
+}
+
+impl MethodRecord {
+    /// Records where a network runs.
+    pub(crate) fn record_network(&mut self, network: &Network) {
+        self.network_adapter = network.adapter().as_ref().map(AdapterRecord::from);
+        self.deterministic &= self.network_adapter.is_none();
+    }
 }
 
 /// How weights were trained, from the provenance in their file.

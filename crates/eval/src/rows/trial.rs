@@ -48,6 +48,12 @@ pub struct TrialRow {
     pub gaussians_drawn: Option<f64>,
     /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
+    /// The graphics adapter of the method's network; `None` on the CPU, without a network, and in rows of older versions.
+    #[serde(default)]
+    pub network_adapter: Option<String>,
+    /// The graphics adapter that rendered; `None` on the CPU, without Gaussians, and in rows of older versions.
+    #[serde(default)]
+    pub renderer_adapter: Option<String>,
     /// Effects that the renderer ran, by name.
     pub effects: Vec<String>,
     /// Remarks for the reader, such as fallbacks of pose normalisation.

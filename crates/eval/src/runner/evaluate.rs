@@ -16,7 +16,7 @@ use thiserror::Error;
 use super::pictures::{self, CONTEXT, PictureSink, TRUTH};
 use super::scored::{compare, hash_of_bytes, unscored_row};
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
-use crate::{EvalError, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+use crate::{EvalError, MethodRecord, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// Targets that are rendered in one batch.
 const BATCH: usize = 4;
@@ -82,7 +82,7 @@ impl Evaluation<'_> {
             let unfinished = result.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
             unfinished.for_each(|row| row.detail = Some(error.to_string()));
         }
-        Ok(result.into_rows(key, decoded, error))
+        Ok(result.into_rows(key, decoded, &method.record(), error))
     }
 
     fn evaluate(
@@ -240,6 +240,7 @@ impl TrialResult {
         self,
         key: TrialKey,
         decoded: &DecodedTrial,
+        record: &MethodRecord,
         error: Option<MethodError>,
     ) -> (TrialRow, Vec<TargetRow>) {
         let Self { input_hash, rows, cost, drawn, effects } = self;
@@ -279,6 +280,8 @@ impl TrialResult {
             gaussians: cost.gaussians,
             gaussians_drawn: mean(&drawn),
             peak_bytes: cost.peak_bytes,
+            network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
+            renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             effects: effects.into_iter().map(str::to_owned).collect(),
             notes: cost.notes.into_iter().chain(fallbacks).collect(),
         };

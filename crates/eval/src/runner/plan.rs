@@ -134,6 +134,7 @@ impl Plan<'_> {
             shard: self.selection.shard,
             limit: self.selection.limit,
             presets: self.datasets.iter().map(preset).collect::<Result<_, EvalError>>()?,
+            adapter: Provenance::adapters(&methods),
             methods,
             metrics: metric_records(self.suite),
             ..here

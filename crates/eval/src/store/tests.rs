@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 
 use super::schema::{self, Column, Kind, Schema};
+use super::table::PolarsOutcome;
 use super::*;
 use crate::timing::{Load, TimingRow};
 use crate::{Shard, TargetStatus, TrialKey, TrialStatus, sample_rows};
@@ -19,6 +20,8 @@ fn trial(scene: &str) -> TrialRow {
         gaussians: Some(1 << 40),
         gaussians_drawn: Some(0.1),
         peak_bytes: None,
+        network_adapter: Some("one card".to_owned()),
+        renderer_adapter: Some("another card".to_owned()),
         effects: vec!["background".to_owned()],
         height: 128,
         ..sample_rows::trial("m", scene, 0, 2)
@@ -47,6 +50,7 @@ fn timing(scene: &str, machine: u32) -> TimingRow {
     row.machine.processor = format!("processor {machine}");
     TimingRow {
         key: key(scene),
+        renderer_adapter: Some("a card".to_owned()),
         started: 1_700_000_000,
         stages: BTreeMap::from([("coarse".to_owned(), vec![0.2, 0.3]), ("head".to_owned(), vec![0.1, 0.4])]),
         held_bytes: Some(7),
@@ -95,6 +99,30 @@ fn rows_are_bit_identical_from_parts_and_tables() {
     assert_eq!((finished.trials, finished.targets), (expected, all_targets));
     assert!(!parts::folder(folder.path()).exists());
     assert_eq!(parts.provenance.schema_hash, schema_hash());
+}
+
+/// Version 2 had no adapters: its rows are those of the CPU, as far as they say.
+#[test]
+fn a_store_of_version_2_is_read_without_adapters_and_not_resumed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &["a"]);
+    store.add_timings(vec![timing("a", 1)]).unwrap();
+    let newest = store.finish().unwrap();
+    assert!(newest.trials[0].network_adapter.is_some() && newest.timings[0].renderer_adapter.is_some());
+    let older = |frame: PolarsOutcome| frame.map(|frame| frame.drop_many(["network-adapter", "renderer-adapter"]));
+    table::write(&folder.path().join(TRIALS), older(trials::columns(&newest.trials).frame())).unwrap();
+    table::write(&folder.path().join("timings.parquet"), older(timings::columns(&newest.timings).frame())).unwrap();
+    let path = folder.path().join(PROVENANCE);
+    let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    value["schema-version"] = 2.into();
+    value["schema-hash"] = schema::hash(2).unwrap().into();
+    fs::write(&path, value.to_string()).unwrap();
+    let read = Results::read(folder.path()).unwrap();
+    let without = |row: &TrialRow| TrialRow { network_adapter: None, renderer_adapter: None, ..row.clone() };
+    assert_eq!(read.trials, newest.trials.iter().map(without).collect::<Vec<_>>());
+    assert_eq!(read.timings, [TimingRow { renderer_adapter: None, ..newest.timings[0].clone() }]);
+    let refused = Store::resume(folder.path(), Provenance::default()).unwrap_err().to_string();
+    assert!(refused.contains("schema versions of the two runs differ: 2 and 3"), "{refused}");
 }
 
 #[test]

@@ -62,6 +62,8 @@ pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {
         .text("platform", |row| &row.machine.platform)
         .count("cpus", |row| row.machine.cpus.into())
         .count("threads", |row| row.machine.threads.into())
+        .optional_text("network-adapter", |row| row.network_adapter.as_deref())
+        .optional_text("renderer-adapter", |row| row.renderer_adapter.as_deref())
         .count("started", |row| row.started)
         .count("trials-there", |row| row.trials_there)
         .count("warm-up", |row| row.warm_up.into())
@@ -97,6 +99,8 @@ fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, EvalError> {
                 cpus: row.small_count("cpus")?,
                 threads: row.small_count("threads")?,
             },
+            network_adapter: row.optional_text("network-adapter"),
+            renderer_adapter: row.optional_text("renderer-adapter"),
             started: row.count("started")?,
             trials_there: row.count("trials-there")?,
             warm_up: row.small_count("warm-up")?,

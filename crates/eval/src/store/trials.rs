@@ -22,6 +22,8 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
         .optional_count("gaussians", |row| row.gaussians)
         .optional_number("gaussians-drawn", |row| row.gaussians_drawn)
         .optional_count("peak-bytes", |row| row.peak_bytes)
+        .optional_text("network-adapter", |row| row.network_adapter.as_deref())
+        .optional_text("renderer-adapter", |row| row.renderer_adapter.as_deref())
         .texts("effects", |row| row.effects.iter().map(String::as_str).collect())
         .texts("notes", |row| row.notes.iter().map(String::as_str).collect())
         .texts("context-hashes", |row| row.context_hashes.iter().map(String::as_str).collect())
@@ -48,6 +50,8 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
             gaussians: row.optional_count("gaussians"),
             gaussians_drawn: row.optional_number("gaussians-drawn"),
             peak_bytes: row.optional_count("peak-bytes"),
+            network_adapter: row.optional_text("network-adapter"),
+            renderer_adapter: row.optional_text("renderer-adapter"),
             effects: row.texts("effects")?,
             notes: row.texts("notes")?,
         })

@@ -95,7 +95,10 @@ impl Pass<'_> {
         for _ in &done {
             (self.step)();
         }
-        let is_cpu = |method: &&Arc<dyn Method>| method.record().backend.is_none_or(|name| name.starts_with("cpu"));
+        let is_cpu = |method: &&Arc<dyn Method>| {
+            let record = method.record();
+            record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"))
+        };
         let own = if new.iter().all(is_cpu) { OwnTime::Pool } else { OwnTime::Process };
         let mut rows = Vec::new();
         // Pictures are decoded first: decoding is part of neither the times nor the load.
@@ -166,11 +169,13 @@ impl Pass<'_> {
     }
 
     fn row(&self, dataset: &Dataset, prepared: &PreparedTrial, method: &dyn Method, available: usize) -> TimingRow {
-        let trial = &prepared.trial;
+        let (trial, record) = (&prepared.trial, method.record());
         TimingRow {
             key: key_of(dataset, method, trial.scene(), trial.entry_number()),
             trial_hash: trial.hash().to_string(),
             machine: self.machine.clone(),
+            network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
+            renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             started: self.started,
             trials_there: available as u64,
             warm_up: self.timing.warm_up,

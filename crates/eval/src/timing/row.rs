@@ -16,6 +16,12 @@ pub struct TimingRow {
     pub trial_hash: String,
     /// The machine.
     pub machine: Machine,
+    /// The graphics adapter of the method's network; `None` on the CPU, without a network, and in rows of older versions.
+    #[serde(default)]
+    pub network_adapter: Option<String>,
+    /// The graphics adapter that rendered; `None` on the CPU, without Gaussians, and in rows of older versions.
+    #[serde(default)]
+    pub renderer_adapter: Option<String>,
     /// Start of the pass in seconds since 1970.
     pub started: u64,
     /// Trials of the protocol; if a pass requests more, all of them are timed.

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::{Machine, TimingRow};
 use crate::Results;
+use crate::rows::placement;
 
 /// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
@@ -15,6 +16,9 @@ pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
 pub struct Times {
     /// The machine type.
     pub machine: Machine,
+    /// What ran on a graphics adapter, and on which, as `network and renderer on …`; `None` if everything ran on the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// Trials that were timed.
     pub trials: u64,
     /// Trials of the protocol: with fewer than three, no more could be timed.
@@ -82,6 +86,8 @@ pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, Str
     let share = |row: &&TimingRow| row.load.others;
     Ok(Times {
         machine: machine.clone(),
+        // A method of a store has one device.
+        device: rows.first().and_then(|row| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref())),
         trials: rows.len() as u64,
         trials_there: rows.iter().fold(0, |most, row| most.max(row.trials_there)),
         repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),
@@ -218,6 +224,21 @@ mod tests {
         // The trial has other pictures now.
         store.timings[3].trial_hash = "another".to_owned();
         assert_eq!(times(&store, PRESET, "a").unwrap().trials, 2);
+    }
+
+    #[test]
+    fn times_name_the_adapters_of_network_and_renderer() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+        let mut device = |network: Option<&str>, renderer: Option<&str>| {
+            let [network_adapter, renderer_adapter] = [network, renderer].map(|name| name.map(str::to_owned));
+            store.timings = vec![TimingRow { network_adapter, renderer_adapter, ..timing("a", "x", &[1.0], &[0.5]) }];
+            times(&store, PRESET, "a").unwrap().device
+        };
+        assert_eq!(device(None, None), None);
+        assert_eq!(device(Some("A"), Some("A")).as_deref(), Some("network and renderer on A"));
+        assert_eq!(device(Some("A"), Some("B")).as_deref(), Some("network on A, renderer on B"));
+        assert_eq!(device(Some("A"), None).as_deref(), Some("network on A"));
+        assert_eq!(device(None, Some("B")).as_deref(), Some("renderer on B"));
     }
 
     #[test]

@@ -19,6 +19,8 @@ pub struct Sample {
     pub busy: bool,
     /// Why there are no seconds.
     pub untimed: Option<String>,
+    /// What ran on a graphics adapter, as [`crate::timing::Times::device`].
+    pub device: Option<String>,
     /// Mean number of Gaussians.
     pub gaussians: Option<f64>,
 }
@@ -169,7 +171,7 @@ pub fn frontier(
 }
 
 fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
-    let Sample { label, quality, secs, secs_error, busy, untimed, gaussians } = sample.clone();
+    let Sample { label, quality, secs, secs_error, busy, untimed, gaussians, device: _ } = sample.clone();
     let (name, cost, cost_error) = match axis {
         Axis::Seconds => ("seconds", secs, secs_error),
         Axis::Gaussians => ("Gaussians", gaussians, 0.0),

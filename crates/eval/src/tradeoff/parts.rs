@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use atsplat_files::Sha256Digest;
-use atsplat_model::network::{Device, Network};
+use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
@@ -9,11 +9,11 @@ use atsplat_protocol::IndexLayout;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use super::{Knobs, Setting, Sweep};
-use crate::EvalError;
 use crate::method::{
     AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
 };
 use crate::runner::{Dataset, PlannedIndex};
+use crate::{ComputeDevice, EvalError};
 
 /// The base setting of a sweep, before any knob is applied.
 #[derive(Clone, Debug)]
@@ -32,6 +32,8 @@ pub struct SweepBase {
     pub constants: ConstantsChoice,
     /// Background RGB; `None` uses the protocol's.
     pub background: Option<[f64; 3]>,
+    /// Where networks run and Gaussians are rendered.
+    pub device: ComputeDevice,
 }
 
 /// Settings with the same pictures and views, which form one plan of the runner.
@@ -84,7 +86,7 @@ impl SweepBase {
             }
         };
         let tensors = adapted(&config, tensors, &weights)?;
-        let network = Network::new(&config, &Device::flex())?.with_weights(&tensors)?;
+        let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
         // A swept resolution is seen by the network unchanged.
         let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
             Some(size) => network.trained_at(size),
@@ -105,7 +107,7 @@ impl SweepBase {
         };
         let tolerance = knobs.effects_tolerance()?.unwrap_or(EffectPlan::TOLERANCE);
         let (background, effects) = (self.background, EffectSelection::Auto);
-        Ok(Splatting { constants, background, effects, tolerance, ..Splatting::default() })
+        Ok(Splatting { constants, background, effects, tolerance, ..self.device.splatting() })
     }
 }
 

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::Serialize;
@@ -94,6 +95,8 @@ fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
     machines.sort();
     machines.dedup();
     machines.iter().try_for_each(|machine| writeln!(f, "Timed on {machine}."))?;
+    let devices: BTreeMap<&String, &Vec<String>> = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.devices).collect();
+    devices.iter().try_for_each(|(device, labels)| writeln!(f, "{}: {device}.", labels.join(", ")))?;
     let points = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers).flat_map(|frontier| &frontier.points);
     if points.into_iter().any(|point| point.busy) {
         writeln!(f, "§ The machine was busy with other work: these times are not reliable.")?;

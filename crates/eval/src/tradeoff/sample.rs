@@ -1,4 +1,4 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_metrics::definition;
 use atsplat_protocol::Aggregation;
@@ -27,6 +27,9 @@ pub struct Tradeoff {
     pub frontiers: Vec<Frontier>,
     /// The machine types that were timed.
     pub machines: Vec<Machine>,
+    /// What ran on a graphics adapter, as [`crate::timing::Times::device`], with the labels of its samples.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub devices: BTreeMap<String, Vec<String>>,
 }
 
 /// The frontiers of a store's methods, for each protocol and metric.
@@ -77,6 +80,11 @@ fn of_scored(
         let term = |(at, weight): &(usize, f64)| Some((scored.get(*at)?.1.as_slice(), *weight));
         contrast(&terms.iter().map(term).collect::<Option<Vec<_>>>()?, aggregation)
     };
+    let mut devices: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for sample in &samples {
+        let of_device = sample.device.as_ref().map(|device| devices.entry(device.clone()).or_default());
+        of_device.into_iter().for_each(|labels| labels.push(sample.label.clone()));
+    }
     let along = |axis| frontier(&samples, &contrasts, direction(metric), axis, step);
     Tradeoff {
         preset: preset.to_owned(),
@@ -85,6 +93,7 @@ fn of_scored(
         unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
         frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
         machines,
+        devices,
     }
 }
 
@@ -118,6 +127,7 @@ fn scored<'a>(
                 sample.secs = times.first_picture.map(|spread| spread.median);
                 sample.secs_error = times.first_picture.map_or(0.0, |spread| spread.error);
                 sample.busy = times.busy;
+                sample.device = times.device;
             }
             Err(reason) => sample.untimed = Some(reason),
         }

@@ -20,9 +20,12 @@ mod resize;
 mod splatting;
 mod trace;
 mod views;
+#[cfg(feature = "gpu-network")]
+mod wgpu_device;
 
 use std::time::Instant;
 
+use atsplat_splat::gpu::AdapterDescription;
 use burn::Tensor;
 use burn::module::Module;
 pub use burn::tensor::Device;
@@ -172,6 +175,14 @@ impl Network {
     /// The device of the parameters, which also says whether gradients are recorded.
     pub fn device(&self) -> Device {
         self.head.device()
+    }
+
+    /// The graphics adapter that runs it; `None` for the CPU.
+    pub fn adapter(&self) -> Option<AdapterDescription> {
+        #[cfg(feature = "gpu-network")]
+        return wgpu_device::adapter_of(&self.device());
+        #[cfg(not(feature = "gpu-network"))]
+        None
     }
 
     /// Runs a batch of scenes with the same number of views of the same size. A scene's result does not depend on the

@@ -64,11 +64,12 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
         return Ok(None);
     }
     let machine = tradeoff.machines.first().map_or_else(String::new, |machine| format!("; timed on {machine}"));
+    let devices: String = tradeoff.devices.keys().map(|device| format!("; {device}")).collect();
     let busy = shown().flat_map(|frontier| &frontier.points).any(|point| point.busy);
     let busy = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
     let plot = Frontiers {
         title: format!("{} against time to the first picture and against Gaussians", metric.name),
-        subtitle: format!("{}; 95 % intervals over scenes{machine}{busy}", subject(results, preset)),
+        subtitle: format!("{}; 95 % intervals over scenes{machine}{devices}{busy}", subject(results, preset)),
         quality: metric.into(),
         panels: shown()
             .map(|frontier| (cost(frontier.axis), frontier.points.iter().map(|own| point(frontier, own)).collect()))

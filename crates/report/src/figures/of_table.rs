@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_metrics::Definition;
 
@@ -96,7 +98,9 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
 fn machine(table: &Table, place: Place) -> String {
     let mut timings = table.rows.iter().filter_map(|row| row.cell(place).timing.as_ref());
     let busy = if timings.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
-    timings.next().map_or_else(String::new, |timing| format!("; {}{busy}", timing.machine))
+    let devices: BTreeSet<&String> = timings.clone().filter_map(|timing| timing.device.as_ref()).collect();
+    let devices: String = devices.iter().map(|device| format!("; {device}")).collect();
+    timings.next().map_or_else(String::new, |timing| format!("; {}{devices}{busy}", timing.machine))
 }
 
 fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {

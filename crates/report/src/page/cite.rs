@@ -33,6 +33,9 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
         text.push_str(", changed at inference only");
     }
     if let Some(method) = method {
+        for (what, adapter) in [("network", &method.network_adapter), ("renderer", &method.renderer_adapter)] {
+            adapter.iter().for_each(|adapter| text.push_str(&format!(", {what} on {adapter}")));
+        }
         for (what, hash) in
             [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)]
         {

@@ -236,6 +236,11 @@ fn times(notes: &mut Notes, table: &Table) {
         }
     }
     for row in &table.rows {
+        for device in cells(row).into_iter().filter_map(|timing| timing.device) {
+            notes.add(NoteKind::Convention, format!("Time of {}: {device}", name(row)));
+        }
+    }
+    for row in &table.rows {
         for CellTiming { spread, trials, trials_there, repetitions, warm_up, .. } in cells(row) {
             let all = if trials == trials_there && trials < 3 { " (all)" } else { "" };
             let plural = if trials == 1 { "trial" } else { "trials" };

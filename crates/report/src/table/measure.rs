@@ -88,8 +88,9 @@ fn of_times(times: Result<Times, String>) -> Cell {
     let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
     match found {
         Err(reason) => Cell { not_computed: Some(reason), ..Cell::default() },
-        Ok((spread, Times { machine, trials, trials_there, repetitions, warm_up, others, busy, .. })) => {
-            let timing = CellTiming { spread, trials, trials_there, repetitions, warm_up, machine, others, busy };
+        Ok((spread, Times { machine, device, trials, trials_there, repetitions, warm_up, others, busy, .. })) => {
+            let timing =
+                CellTiming { spread, trials, trials_there, repetitions, warm_up, machine, device, others, busy };
             Cell { value: Value::Number(spread.median), timing: Some(timing), ..Cell::default() }
         }
     }

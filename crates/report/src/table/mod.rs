@@ -176,6 +176,9 @@ pub struct CellTiming {
     pub warm_up: u32,
     /// Processor and threads.
     pub machine: Machine,
+    /// What ran on a graphics adapter, and on which; `None` if everything ran on the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
     /// Fraction of the machine's processors used by other processes meanwhile.
     pub others: Option<f64>,
     /// Whether that fraction was too large for the time to be reliable.

@@ -253,6 +253,12 @@ fn times_come_from_the_timing_pass_or_are_absent_with_a_reason() {
     assert_eq!(printed, "n/c");
     assert!(notes.contains("makes no Gaussians from pictures"), "{notes}");
 
+    results.timings.iter_mut().for_each(|row| row.network_adapter = Some("a card (Vulkan), driver 1".to_owned()));
+    let (_, _, on_card) = time(&results, "atsplat");
+    assert!(on_card.contains("Time of ATSplat: network on a card (Vulkan), driver 1"), "{on_card}");
+    assert!(!notes.contains("Time of"), "{notes}");
+    results.timings.iter_mut().for_each(|row| row.network_adapter = None);
+
     results.timings.iter_mut().for_each(|row| row.load.others = Some(0.4));
     let (printed, cell, notes) = time(&results, "atsplat");
     assert_eq!((printed.as_str(), cell.mark), ("0.260 §", Mark::Plain));

@@ -122,6 +122,17 @@ pub fn adapters() -> Vec<AdapterDescription> {
     found().into_iter().map(|(_, description)| description).collect()
 }
 
+/// Number in the list of [`adapters`], and description, of the adapter that a choice selects.
+///
+/// # Errors
+/// [`GpuError::NoAdapter`], which lists the adapters.
+pub fn select(choice: &AdapterChoice) -> Result<(usize, AdapterDescription), GpuError> {
+    let found = adapters();
+    let choice = resolve(choice);
+    let at = positions(&choice, &found).first().copied();
+    at.and_then(|at| Some((at, found.get(at)?.clone()))).ok_or_else(|| no_adapter(&choice, &found))
+}
+
 /// An adapter and the result of its self-test.
 #[derive(Clone, Debug)]
 pub struct ExaminedAdapter {
@@ -191,17 +202,22 @@ pub(super) struct Candidates {
 
 pub(super) fn candidates(choice: &AdapterChoice) -> Candidates {
     let found = found();
-    let names = || found.iter().map(|(_, description)| description.to_string()).collect::<Vec<_>>().join(", ");
-    let listed = if found.is_empty() { "none".to_owned() } else { names() };
     let choice = resolve(choice);
-    let order = positions(&choice, &found.iter().map(|(_, description)| description.clone()).collect::<Vec<_>>());
-    let expected = match &choice {
+    let descriptions: Vec<_> = found.iter().map(|(_, description)| description.clone()).collect();
+    let order = positions(&choice, &descriptions);
+    let adapters = order.into_iter().filter_map(|at| found.get(at).cloned()).collect();
+    Candidates { adapters, none: no_adapter(&choice, &descriptions) }
+}
+
+/// The error of a choice that matches none of these adapters.
+fn no_adapter(choice: &AdapterChoice, found: &[AdapterDescription]) -> GpuError {
+    let expected = match choice {
         AdapterChoice::Automatic => "any".to_owned(),
         AdapterChoice::Index(index) => format!("number {index}"),
         AdapterChoice::Name(name) => format!("one named '{name}'"),
     };
-    let adapters = order.into_iter().filter_map(|at| found.get(at).cloned()).collect();
-    Candidates { adapters, none: GpuError::NoAdapter { expected, found: listed } }
+    let names: Vec<String> = found.iter().enumerate().map(|(at, adapter)| format!("{at} {adapter}")).collect();
+    GpuError::NoAdapter { expected, found: if names.is_empty() { "none".to_owned() } else { names.join(", ") } }
 }
 
 /// The choice, with [`AdapterChoice::Automatic`] replaced by the environment variable if set.

@@ -51,7 +51,7 @@ mod windows;
 mod work;
 
 pub use adapters::{
-    ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, ExaminedAdapter, adapters, examine,
+    ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, ExaminedAdapter, adapters, examine, select,
 };
 pub use counts::GpuCounts;
 pub use error::GpuError;

@@ -1,0 +1,49 @@
+//! `--device`: where networks run and Gaussians are rendered.
+
+use anyhow::Context as _;
+use atsplat_eval::ComputeDevice;
+use atsplat_model::network::Processor;
+
+use crate::adapter_tests::AdapterTests;
+
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct DeviceArgs {
+    /// Where networks run and evaluations render: cpu, or wgpu[:N], the best graphics adapter or number N of `atsplat
+    /// adapters`, which must pass its test and is recorded. Networks need a build with `--features gpu-network` for it.
+    #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
+    pub(crate) processor: Processor,
+}
+
+impl DeviceArgs {
+    /// Rejects an adapter that nothing would run on.
+    pub(crate) fn check(self, is_used: bool) -> Result<(), String> {
+        if is_used || self.processor == Processor::Cpu {
+            return Ok(());
+        }
+        Err(format!(
+            "{}: no method has a network or Gaussians to render; pictures are compared on the CPU",
+            self.name()
+        ))
+    }
+
+    /// Opens the device of an evaluation, and tests an adapter that was not tested before.
+    pub(crate) fn open(self) -> anyhow::Result<ComputeDevice> {
+        if self.processor == Processor::Cpu {
+            return Ok(ComputeDevice::default());
+        }
+        let tests = AdapterTests::new(false);
+        let device = ComputeDevice::open(self.processor, &tests);
+        tests.finish();
+        device.with_context(|| self.name())
+    }
+
+    /// As [`Self::open`], for networks: a build without them is reported first.
+    pub(crate) fn open_for_networks(self) -> anyhow::Result<ComputeDevice> {
+        self.processor.check_build().with_context(|| self.name())?;
+        self.open()
+    }
+
+    fn name(self) -> String {
+        format!("--device {}", self.processor)
+    }
+}
