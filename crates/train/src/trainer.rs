@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use atsplat_files::Sha256Digest;
-use atsplat_model::network::{Device, Network, Processor};
+use atsplat_model::network::{Device, Network, Processor, Products};
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, read_backbone};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_scene::Warnings;
@@ -102,9 +102,13 @@ impl Trainer {
     ///
     /// # Errors
     /// As [`Self::new`]; [`TrainError::Model`] if the processor cannot be opened or does not render, [`TrainError::Malformed`] if
-    /// the resumed run was computed on another one.
+    /// the resumed run was computed on another one, and for products in bfloat16 on an adapter.
     pub fn on(processor: Processor, config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
         processor.check_build()?;
+        if config.products != Products::F32 && processor != Processor::Cpu {
+            let expected = "f32 on a graphics adapter";
+            return Err(TrainError::malformed(WHAT, "products", expected, "bf16"));
+        }
         require_run_to_resume(folder, start)?;
         let mut warnings = Warnings::new();
         let samples = Box::new(config.samples(&mut warnings)?);
