@@ -106,6 +106,7 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
         ("steps = 0", "steps"),
         ("steps = 3, seconds = 1.0", "seconds"),
         ("seconds = -1.0", "seconds"),
+        ("products = 'bf16', steps = 3", "products"),
         ("strategy = 'mcmc'", "strategy"),
         ("strategy = 'fixed', steps = 3", "strategy"),
         ("renderer = { min-alpha = 2.0 }", "renderer"),
@@ -145,6 +146,14 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
     assert_eq!(all, renders(&of("").unwrap()[0], 0), "all of them are the weights as they are");
     let record = of("tolerance = 0.5").unwrap()[0].methods[0].record();
     assert_eq!((&record.parameters["tolerance"], &record.parameters["effects"]), (&0.5.into(), &"auto".into()));
+    let [exact, rounded] = ["products = 'f32'", "products = 'bf16'"].map(|knobs| of(knobs).unwrap());
+    assert!(!exact[0].methods[0].record().parameters.contains_key("products"), "the default");
+    assert_eq!(rounded[0].methods[0].record().parameters["products"], "bf16");
+    assert_eq!(renders(&exact[0], 0), all);
+    let rounded = renders(&rounded[0], 0);
+    let moved: f32 = rounded.1.samples().iter().zip(all.1.samples()).map(|(a, b)| (a - b).abs()).sum();
+    let mean = moved / all.1.samples().len() as f32;
+    assert!(rounded.0 == all.0 && mean > 0.0 && mean < 0.03, "samples moved by {mean}");
     let error = of("gaussians-per-token = 32").unwrap_err().to_string();
     assert!(error.contains("gaussians-per-token") && error.contains("head."), "{error}");
 }
@@ -168,6 +177,7 @@ fn shipped_sweeps_expand() {
                 used_knobs.extend(knobs.views.map(|_| "views"));
                 used_knobs.extend(knobs.resolution.map(|_| "size"));
                 used_knobs.extend(knobs.steps.map(|_| "steps"));
+                used_knobs.extend(knobs.products.map(|_| "products"));
                 used_knobs.extend(knobs.seconds.map(|_| "seconds"));
                 used_knobs.extend(knobs.tolerance.map(|_| "tolerance"));
                 used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
@@ -178,6 +188,6 @@ fn shipped_sweeps_expand() {
     used_knobs.dedup();
     assert_eq!(
         used_knobs,
-        ["Gaussians per token", "renderer", "seconds", "size", "steps", "thresholds", "tolerance", "views"]
+        ["Gaussians per token", "products", "renderer", "seconds", "size", "steps", "thresholds", "tolerance", "views"]
     );
 }

@@ -1,4 +1,4 @@
-use atsplat_model::network::{Network, Reconstruction};
+use atsplat_model::network::{Network, Products, Reconstruction};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use super::splatting::{Splatting, parameters};
@@ -17,6 +17,7 @@ pub struct AtSplat {
     /// Used instead of `network` for large pictures.
     high_resolution: Option<Network>,
     splatting: Splatting,
+    products: Products,
     /// Combined with the trial's identity into the seed of each forward pass.
     call_seed: u64,
     record: MethodRecord,
@@ -81,7 +82,8 @@ impl AtSplat {
         }
         splatting.describe(&mut record);
         record.record_network(&network);
-        Ok(Self { network, high_resolution: None, splatting, call_seed, record })
+        let products = Products::default();
+        Ok(Self { network, high_resolution: None, splatting, products, call_seed, record })
     }
 
     /// Adds a network for pictures of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
@@ -93,6 +95,16 @@ impl AtSplat {
         self.record.parameters.insert("high-resolution".to_owned(), as_json(network.config())?);
         self.high_resolution = Some(network);
         Ok(self)
+    }
+
+    /// Computes matrix products on the CPU in this precision, which the record states unless it is f32.
+    #[must_use]
+    pub fn with_products(mut self, products: Products) -> Self {
+        if products != Products::default() {
+            self.record.parameters.insert("products".to_owned(), "bf16".into());
+        }
+        self.products = products;
+        self
     }
 
     /// Records how the weights were trained.
@@ -130,7 +142,8 @@ impl AtSplat {
             network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
         let seed = trial_seed(self.call_seed, input.trial);
         let network = self.network_for(views.size());
-        let reconstruction = network.reconstruct(&views, seed).map_err(|error| method_error(&error))?;
+        let reconstruction = self.products.scope(|| network.reconstruct(&views, seed));
+        let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let seen_at = reconstruction.seen_at;
         let note = (seen_at != views.size())
             .then(|| format!("the network saw context pictures of {} at {seen_at}", views.size()));

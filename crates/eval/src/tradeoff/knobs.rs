@@ -1,6 +1,7 @@
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::{BlockExpansion, SelectionRatio};
+use atsplat_model::network::Products;
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_scene::preprocess::{RescaleAndCrop, Step};
 use atsplat_splat::RendererConstants;
@@ -37,6 +38,9 @@ pub struct Knobs {
     /// quarter of a grey level by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
+    /// Precision of the network's matrix products on the CPU.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub products: Option<Products>,
     /// Optimise each trial's Gaussians on its context views for so many steps: the network's, or random ones with `strategy`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<u64>,
@@ -166,6 +170,20 @@ impl Knobs {
             }
             tolerance => Ok(tolerance),
         }
+    }
+
+    /// The precision of the network's products, if set.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] where another precision would change nothing or more than the network: on a graphics adapter
+    /// (`on_adapter`), and with an optimisation.
+    pub(crate) fn network_products(&self, on_adapter: bool) -> Result<Products, EvalError> {
+        let products = self.products.unwrap_or_default();
+        let optimised = self.steps.is_some() || self.seconds.is_some();
+        if products != Products::F32 && (on_adapter || optimised) {
+            return invalid("products", "f32 on a graphics adapter, and with steps or seconds", products);
+        }
+        Ok(products)
     }
 
     /// How long each trial is optimised, if it is.

@@ -71,6 +71,7 @@ impl SweepBase {
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
         let (splatting, budget) = (self.splatting(knobs)?, knobs.budget()?);
+        let products = knobs.network_products(self.device.is_adapter())?;
         if let (Some(strategy), Some(budget)) = (knobs.strategy, budget) {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
@@ -95,7 +96,7 @@ impl SweepBase {
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         Ok(match budget {
             Some(budget) => Arc::new(Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?),
-            None => Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?),
+            None => Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?.with_products(products)),
         })
     }
 
