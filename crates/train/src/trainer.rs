@@ -176,7 +176,7 @@ impl Trainer {
         };
         let step = found.as_ref().map(|(state, _)| state.step);
         tracing::info!(folder = %folder.display(), ?start, last_checkpoint = step, "opening the run");
-        let (state, notices) = match (found, start) {
+        let (state, mut notices): (State, Vec<String>) = match (found, start) {
             (Some((state, passed_over)), Start::Resume) => {
                 let notices = passed_over.into_iter().map(|reason| format!("a checkpoint was passed over: {reason}"));
                 (state, notices.collect())
@@ -194,6 +194,9 @@ impl Trainer {
             let name = |adapter: &Option<String>| adapter.clone().unwrap_or_else(|| "the CPU".to_owned());
             let expected = format!("{}, on which the run was begun", name(&state.adapter));
             return Err(TrainError::malformed("checkpoint", "adapter", expected, name(&adapter)));
+        }
+        if config.products != Products::F32 && !config.products.is_fast() {
+            notices.push("products in bfloat16 take longer than in f32 on this processor: it has no AMX".to_owned());
         }
         let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
