@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use atsplat_protocol::{EvaluationIndex, IndexFile, Preset};
@@ -6,16 +7,19 @@ use crate::EvalError;
 use crate::runner::{Dataset, PlannedIndex};
 use crate::sources::simulated;
 
-/// Every preset of simulated scenes. `max_scenes` limits the scenes of a preset by its numbers of context views and of
+/// The first simulated stand-in of each published protocol. `max_scenes` limits the scenes of a preset by its numbers of context views and of
 /// targets.
 ///
 /// # Errors
 /// [`EvalError::Protocol`] for a broken preset or index, [`EvalError::Settings`] if a preset with an embedded index is not
 /// simulated.
 pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<Vec<Dataset>, EvalError> {
-    let mut datasets = Vec::new();
+    let (mut datasets, mut imitated) = (Vec::new(), BTreeSet::new());
     for name in Preset::names() {
         let preset = Preset::named(name)?;
+        if preset.stands_for.as_ref().is_some_and(|published| !imitated.insert(published.clone())) {
+            continue;
+        }
         let Some(accepted) = preset.index.accepted.first() else { continue };
         let Some(file) = IndexFile::embedded(&accepted.name) else { continue };
         let file = file?;
@@ -61,5 +65,8 @@ mod tests {
         for dataset in &datasets {
             assert!(!dataset.index.index.scenes.is_empty() && dataset.index.index.scenes.len() <= 2);
         }
+        let rooms: Vec<_> =
+            datasets.iter().filter(|own| own.preset.stands_for.as_deref() == Some("re10k-2v-256")).collect();
+        assert!(matches!(rooms[..], [own] if own.name == "rooms-2v-128"), "one stand-in of each, the first");
     }
 }

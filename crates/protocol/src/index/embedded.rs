@@ -10,6 +10,7 @@ macro_rules! embedded {
 /// Indices of the simulated datasets, in `eval/indices/`.
 const EMBEDDED: &[(&str, &str)] = embedded![
     "rooms-2v",
+    "rooms-2v-200",
     "rooms-overlap",
     "rooms-extrapolation",
     "yards-2v",
