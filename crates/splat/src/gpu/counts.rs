@@ -56,7 +56,7 @@ impl Sub for GpuCounts {
 
 impl fmt::Display for GpuCounts {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mebibytes = |bytes: u64| bytes as f64 / (1 << 20) as f64;
+        let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         write!(
             formatter,
             "{} submissions, {} waits, {} dispatches, {} repeats, {:.1} MiB up, {:.1} MiB down",

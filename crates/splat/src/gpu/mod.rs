@@ -188,7 +188,7 @@ impl GpuRenderer {
         self.stages.clear();
         self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, bounds, .. } = self;
-        Work { context, pool, pipelines, limits, bounds }
+        Work { context, pipelines, pool, limits, bounds }
     }
 
     /// Copies Gaussians to the device.
