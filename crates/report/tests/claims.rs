@@ -1,7 +1,5 @@
 //! What `reports/claims` says is what its stores hold.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::path::Path;
 
 use atsplat_eval::Results;

@@ -83,7 +83,9 @@ fn of_scored(
     let mut devices: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for sample in &samples {
         let of_device = sample.device.as_ref().map(|device| devices.entry(device.clone()).or_default());
-        of_device.into_iter().for_each(|labels| labels.push(sample.label.clone()));
+        if let Some(labels) = of_device {
+            labels.push(sample.label.clone());
+        }
     }
     let along = |axis| frontier(&samples, &contrasts, direction(metric), axis, step);
     Tradeoff {

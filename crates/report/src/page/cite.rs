@@ -34,7 +34,9 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     }
     if let Some(method) = method {
         for (what, adapter) in [("network", &method.network_adapter), ("renderer", &method.renderer_adapter)] {
-            adapter.iter().for_each(|adapter| text.push_str(&format!(", {what} on {adapter}")));
+            if let Some(adapter) = adapter {
+                text.push_str(&format!(", {what} on {adapter}"));
+            }
         }
         for (what, hash) in
             [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)]
