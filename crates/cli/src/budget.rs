@@ -34,7 +34,7 @@ pub(crate) struct Args {
     #[arg(long)]
     run: bool,
 
-    /// Device of --run: cpu, or wgpu[:N], a graphics adapter, N as `atsplat adapters` numbers them, in builds with `--features
+    /// Device of --run: cpu, wgpu or wgpu:N, a graphics adapter, N as `atsplat adapters` numbers them, in builds with `--features
     /// gpu-network`. The peak is that of host memory.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu", requires = "run")]
     processor: Processor,

@@ -38,7 +38,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
 
-    /// Where network and splatter run, forward and backward: cpu, or wgpu[:N], a graphics adapter, N as `atsplat adapters`
+    /// Where network and splatter run, forward and backward: cpu, wgpu or wgpu:N, a graphics adapter, N as `atsplat adapters`
     /// numbers them, in builds with `--features gpu-network`. Losses and optimiser stay on the CPU. A run resumes on its device.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
     processor: Processor,
