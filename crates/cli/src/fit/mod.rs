@@ -216,13 +216,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     });
     let seconds = begin.elapsed().as_secs_f64();
     log.evaluate(&mut fit)?;
-    let at_scales = at_scales(&mut fit, &input.scaled)?;
     // After a fault, the last good state is written before the message.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
     if let Some(folder) = &args.plots {
         log.draw(folder, &mut fit, &input.training)?;
     }
+    // After the Gaussians are written: large renders may fail.
+    let at_scales = at_scales(&mut fit, &input.scaled)?;
     let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),

@@ -29,8 +29,6 @@ pub(super) struct Evaluation {
     pub(super) ssim: f64,
 }
 
-/// Everything that the Gaussians depend on, and how good they are. Independent of date and speed of the machine, unless the
-/// budget was a time.
 /// Scores of the held-out views at a multiple of their size.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -59,6 +57,8 @@ fn mean_score(fit: &mut Fit, views: &[TrainingView]) -> anyhow::Result<Score> {
     Ok(Score { psnr: mean(|score| score.psnr), ssim: mean(|score| score.ssim) })
 }
 
+/// Everything that the Gaussians depend on, and how good they are. Independent of date and speed of the machine, unless the
+/// budget was a time.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Record {

@@ -82,9 +82,8 @@ fn of_scored(
     };
     let mut devices: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for sample in &samples {
-        let of_device = sample.device.as_ref().map(|device| devices.entry(device.clone()).or_default());
-        if let Some(labels) = of_device {
-            labels.push(sample.label.clone());
+        if let Some(device) = &sample.device {
+            devices.entry(device.clone()).or_default().push(sample.label.clone());
         }
     }
     let along = |axis| frontier(&samples, &contrasts, direction(metric), axis, step);

@@ -134,6 +134,7 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// [`SplatError::Gpu`].
+    #[expect(clippy::expect_used, reason = "results without a census stay open")]
     pub fn settle_all<'a, T>(&mut self, pending: &[&'a Pending<T>]) -> Result<Vec<Settled<'a, T>>, SplatError> {
         let mut work = self.work();
         let context = work.context;
@@ -157,7 +158,7 @@ impl GpuRenderer {
                 open = incomplete;
             }
             let settled = pending.iter().zip(repeated).map(|(one, was_repeated)| {
-                let census = one.census.get().copied().unwrap_or_default();
+                let census = *one.census.get().expect("the loop ends when every result has its census");
                 Settled { result: &one.result, census, was_repeated }
             });
             Ok(settled.collect())
@@ -198,16 +199,14 @@ impl GpuRenderer {
     ) -> Result<(Vec<Vec<u8>>, Census), SplatError> {
         let mut work = self.work();
         let context = work.context;
-        let sources: Vec<_> = sources.iter().copied().chain([(&pending.report, status::BYTES)]).collect();
         context.guarded(|| {
             let mut plan = pending.plan;
             loop {
                 let mut recorder = Recorder::new(context, work.pipelines);
                 prepare(&mut recorder)?;
-                let mut contents = recorder.submit_and_read(&sources)?.contents;
-                let status = Status::parse(&context.name, &contents.pop().unwrap_or_default())?;
+                let (finished, status) = recorder.submit_and_read_with_status(sources, &pending.report)?;
                 if !work.bounds.learn(context, &plan, &status)? {
-                    return Ok((contents, *pending.census.get_or_init(|| status.census)));
+                    return Ok((finished.contents, *pending.census.get_or_init(|| status.census)));
                 }
                 plan = pending.submit(&mut work)?;
             }

@@ -2,6 +2,7 @@ use super::GpuError;
 use super::context::Context;
 use super::kernels::{Kernel, Pipelines, UNIFORM_BYTES};
 use super::read::Reading;
+use super::status::{self, Status};
 
 /// Offset alignment that every adapter accepts.
 const UNIFORM_STEP: usize = 256;
@@ -148,7 +149,23 @@ impl<'a> Recorder<'a> {
         self.context.submit(self.encoder);
     }
 
+    /// As [`Self::submit_and_read`], and reads the report of the rendering too.
+    #[expect(clippy::expect_used, reason = "every source has contents")]
+    pub(super) fn submit_and_read_with_status(
+        self,
+        sources: &[(&wgpu::Buffer, u64)],
+        report: &wgpu::Buffer,
+    ) -> Result<(Finished, Status), GpuError> {
+        let context = self.context;
+        let sources: Vec<_> = sources.iter().copied().chain([(report, status::BYTES)]).collect();
+        let mut finished = self.submit_and_read(&sources)?;
+        let report = finished.contents.pop().expect("the report is the last source");
+        let status = Status::parse(&context.name, &report)?;
+        Ok((finished, status))
+    }
+
     /// Submits all commands, waits for the device, and returns the first bytes of buffers.
+    #[expect(clippy::expect_used, reason = "every source has contents")]
     pub(super) fn submit_and_read(mut self, sources: &[(&wgpu::Buffer, u64)]) -> Result<Finished, GpuError> {
         self.pass = None;
         let context = self.context;
@@ -159,7 +176,8 @@ impl<'a> Recorder<'a> {
         let reading = Reading::begin(context, &mut self.encoder, &sources);
         self.submit();
         let mut contents = reading.finish(context)?;
-        let stamps = if stamps.is_some() { contents.pop().unwrap_or_default() } else { Vec::new() };
+        let stamps =
+            if stamps.is_some() { contents.pop().expect("time stamps are the last source") } else { Vec::new() };
         let period = f64::from(context.queue.get_timestamp_period()) * 1e-9;
         let ticks: Vec<u64> = stamps.as_chunks().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
         let lengths = ticks.as_chunks::<2>().0.iter().map(|[from, to]| to.saturating_sub(*from) as f64 * period);

@@ -4,7 +4,6 @@ use super::context::Context;
 use super::kernels::{Pipelines, Pool};
 use super::record::{Finished, Recorder};
 use super::render::Resources;
-use super::status::{self, Status};
 use crate::{Census, SplatError};
 
 /// Records commands that may be repeated.
@@ -36,13 +35,11 @@ impl Work<'_> {
         sources: &[(&wgpu::Buffer, u64)],
         record: Record<'_>,
     ) -> Result<(Census, Finished), SplatError> {
-        let sources: Vec<_> = sources.iter().copied().chain([(report, status::BYTES)]).collect();
         loop {
             let mut recorder = Recorder::new(self.context, self.pipelines).timed();
             let plan =
                 record(&mut recorder, Resources { pool: self.pool, limits: self.limits, bounds: self.bounds, report })?;
-            let mut finished = recorder.submit_and_read(&sources)?;
-            let status = Status::parse(&self.context.name, &finished.contents.pop().unwrap_or_default())?;
+            let (finished, status) = recorder.submit_and_read_with_status(sources, report)?;
             if !self.bounds.learn(self.context, &plan, &status)? {
                 return Ok((status.census, finished));
             }
