@@ -14,6 +14,15 @@ pub struct Fault {
     pub what: FaultKind,
 }
 
+/// What went wrong with a sample, or with several that went through the network together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SampleFault {
+    /// Name of the sample, or names.
+    pub sample: String,
+    /// What went wrong.
+    pub what: FaultKind,
+}
+
 /// Why a step cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]

@@ -27,9 +27,9 @@ pub use config::{
 };
 pub use error::TrainError;
 pub use evaluation::Evaluation;
-pub use fault::{Diagnosis, Fault, FaultKind};
+pub use fault::{Diagnosis, Fault, FaultKind, SampleFault};
 pub use features::FeatureCache;
-pub use objective::{Objective, PartSeconds, SampleGradients, Terms};
+pub use objective::{GroupGradients, Objective, PartSeconds, Terms};
 pub use parameters::Parameters;
 pub use sheet::{SheetRow, contact_sheet};
 pub use trainer::{Event, Limits, Start, Trainer};

@@ -1,8 +1,8 @@
-//! The loss of one sample and its gradient with respect to every parameter.
+//! The loss of samples and its gradient with respect to every parameter.
 
 use std::time::Instant;
 
-use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, f32_values};
+use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, Views, f32_values};
 use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
 use burn::Tensor;
 use burn::tensor::TensorData;
@@ -10,7 +10,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use crate::config::LossConfig;
-use crate::fault::FaultKind;
+use crate::fault::{FaultKind, SampleFault};
 use crate::losses::{Perceptual, Stack, d_ssim, log_distance, mse, uncertainty};
 use crate::samples::{Sample, pixel_size};
 use crate::{FeatureCache, TrainError};
@@ -66,11 +66,11 @@ impl Terms {
     }
 }
 
-/// Wall-clock seconds that one sample took, by part.
+/// Wall-clock seconds that a group of samples took, by part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct PartSeconds {
-    /// Making the sample.
+    /// Making the samples.
     pub sample: f64,
     /// The network, forward.
     pub forward: f64,
@@ -83,7 +83,7 @@ pub struct PartSeconds {
 }
 
 impl PartSeconds {
-    /// The sum over several samples.
+    /// The sum over several groups.
     pub fn sum(all: impl Iterator<Item = Self>) -> Self {
         all.fold(Self::default(), |a, b| Self {
             sample: a.sample + b.sample,
@@ -95,12 +95,12 @@ impl PartSeconds {
     }
 }
 
-/// The loss of one sample and its gradients.
+/// The losses of a group of samples, which go through the network together, and the gradients of their sum.
 #[derive(Clone, Debug, Default)]
-pub struct SampleGradients {
-    /// The loss.
-    pub terms: Terms,
-    /// By parameter name, in the layout of weights files; a parameter that the loss does not depend on is absent.
+pub struct GroupGradients {
+    /// The loss of each sample.
+    pub terms: Vec<Terms>,
+    /// By parameter name, in the layout of weights files; a parameter that no loss depends on is absent.
     pub gradients: IndexMap<String, Vec<f32>>,
     /// Time taken.
     pub seconds: PartSeconds,
@@ -128,85 +128,86 @@ impl Objective {
         self.perceptual.name()
     }
 
-    /// Runs the network on a sample, renders every set of Gaussians, and propagates back. The network must be on an
-    /// autodiff device. `features` is the cache of a frozen backbone's features; `call_seed` seeds random selection; `share`
-    /// of the run is done.
+    /// Runs the network on samples with the same number of context pictures of the same size, renders every set of Gaussians, and
+    /// propagates the sum of all losses back. The network must be on an autodiff device. `features` is the cache of a frozen
+    /// backbone's features; `call_seed` seeds random selection in the first sample, the next number that in the second; `share` of
+    /// the run is done.
     ///
     /// # Errors
-    /// [`FaultKind`] if the step cannot be used; nothing is changed.
+    /// [`SampleFault`] if the step cannot be used; nothing is changed.
     pub fn gradients(
         &self,
         network: &Network,
-        sample: &Sample,
+        samples: &[Sample],
         features: Option<&FeatureCache>,
         call_seed: u64,
         share: f64,
-    ) -> Result<SampleGradients, FaultKind> {
-        finite_pictures(sample)?;
+    ) -> Result<GroupGradients, SampleFault> {
         let mut clock = Clock::start();
-        let mut result = SampleGradients::default();
-        let views = match features {
-            Some(features) => features.views(network, &sample.context),
-            None => sample.context.views(),
+        let of_all = |what| SampleFault { sample: names(samples), what };
+        let refused = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
+        let views = |sample: &Sample| {
+            finite_pictures(sample)?;
+            let views = features.map_or_else(|| sample.context.views(), |own| own.views(network, &sample.context));
+            views.map_err(|error| refused(&error))
         };
-        let views = views.map_err(|error| FaultKind::Refused(error.to_string()))?;
-        let forward = network.forward(&[views], call_seed).map_err(|error| FaultKind::Refused(error.to_string()))?;
-        result.seconds.forward = clock.lap();
-
-        let mut backward = WeightedGradients::default();
+        let views: Result<Vec<Views>, SampleFault> =
+            samples.iter().map(|sample| views(sample).map_err(|what| sample.fault(what))).collect();
+        let forward = network.forward(&views?, call_seed).map_err(|error| of_all(refused(&error)))?;
+        let mut group = Group {
+            samples,
+            terms: vec![Terms::default(); samples.len()],
+            seconds: PartSeconds { forward: clock.lap(), ..PartSeconds::default() },
+            clock,
+            backward: WeightedGradients::default(),
+        };
         let weight = self.config.distance_weight_at(share);
         if weight > 0.0 {
-            let (Some(distances), Some(exact)) = (&forward.initial.depths, &sample.distances) else {
-                let missing = "losses.distance-weight: the network has no anchors, or the sample no exact distances";
-                return Err(FaultKind::Refused(missing.to_owned()));
-            };
-            let loss = log_distance(&f32_values(distances.clone()), &exact.distances);
-            result.terms.distance = loss.value;
-            result.terms.total += weight * loss.value;
-            backward.add(distances, &loss.gradient, weight);
+            group.add_distances(forward.initial.depths.as_ref(), weight)?;
         }
-        self.add_final(&forward.gaussians, sample, &mut result, &mut clock, &mut backward)?;
+        self.add_final(&forward.gaussians, &mut group)?;
         for pair in forward.blocks.windows(2) {
             let [block, next] = pair else { continue };
             let gaussians = network.gaussians(&block.tokens);
             let scores = next.expanded.as_ref().and_then(|expanded| expanded.scores.clone());
-            self.add_intermediate(&gaussians, scores, sample, &mut result, &mut clock, &mut backward)?;
+            self.add_intermediate(&gaussians, scores, &mut group)?;
         }
-        if let Some((name, _)) = result.terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
-            return Err(FaultKind::Term(name));
+        let Group { terms, mut seconds, mut clock, backward, .. } = group;
+        for (sample, terms) in samples.iter().zip(&terms) {
+            if let Some((name, _)) = terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
+                return Err(sample.fault(FaultKind::Term(name)));
+            }
         }
-        if let Some(sum) = backward.sum {
-            result.gradients = network.gradients(&sum.backward());
-        }
-        result.seconds.backward = clock.lap();
-        let broken = result.gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
+        let gradients = backward.sum.map(|sum| network.gradients(&sum.backward())).unwrap_or_default();
+        seconds.backward = clock.lap();
+        let broken = gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
         let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(4).collect();
-        if broken.is_empty() { Ok(result) } else { Err(FaultKind::Gradients(broken)) }
+        if broken.is_empty() {
+            Ok(GroupGradients { terms, gradients, seconds })
+        } else {
+            Err(of_all(FaultKind::Gradients(broken)))
+        }
     }
 
     /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
-    fn add_final(
-        &self,
-        gaussians: &GaussianTensors,
-        sample: &Sample,
-        result: &mut SampleGradients,
-        clock: &mut Clock,
-        backward: &mut WeightedGradients,
-    ) -> Result<(), FaultKind> {
-        let (truth, stack) = (&sample.targets.pictures, sample.targets.stack());
-        let images = self.render(gaussians, sample, stack, None)?;
-        result.seconds.splat += clock.lap();
-        let rgb = f32_values(images.rgb.clone());
-        let mut loss = mse(&rgb, truth);
-        result.terms.mse = loss.value;
-        if self.config.perceptual_weight > 0.0 {
-            let perceptual = self.perceptual.evaluate(&rgb, truth, stack);
-            result.terms.perceptual = perceptual.value;
-            loss.add(&perceptual, self.config.perceptual_weight);
+    fn add_final(&self, gaussians: &GaussianTensors, group: &mut Group<'_>) -> Result<(), SampleFault> {
+        for (at, sample) in group.samples.iter().enumerate() {
+            let (truth, stack) = (&sample.targets.pictures, sample.targets.stack());
+            let images = self.render(gaussians, group, at, stack, None)?;
+            group.seconds.splat += group.clock.lap();
+            let rgb = f32_values(images.rgb.clone());
+            let mut loss = mse(&rgb, truth);
+            let terms = group.terms_of(at);
+            terms.mse = loss.value;
+            if self.config.perceptual_weight > 0.0 {
+                let perceptual = self.perceptual.evaluate(&rgb, truth, stack);
+                terms.perceptual = perceptual.value;
+                loss.add(&perceptual, self.config.perceptual_weight);
+            }
+            terms.total += loss.value;
+            group.backward.add(&images.rgb, &loss.gradient, 1.0);
+            group.seconds.losses += group.clock.lap();
         }
-        result.terms.total += loss.value;
-        backward.add(&images.rgb, &loss.gradient, 1.0);
-        result.seconds.losses += clock.lap();
         Ok(())
     }
 
@@ -215,56 +216,62 @@ impl Objective {
         &self,
         gaussians: &GaussianTensors,
         scores: Option<Tensor<2>>,
-        sample: &Sample,
-        result: &mut SampleGradients,
-        clock: &mut Clock,
-        backward: &mut WeightedGradients,
-    ) -> Result<(), FaultKind> {
-        let all = sample.targets.stack();
-        let stack = Stack {
-            views: self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views)),
-            ..all
-        };
-        #[expect(clippy::expect_used, reason = "the stack holds at most all of the sample's targets")]
-        let truth = sample.targets.pictures.get(..stack.samples()).expect("a prefix of the targets");
+        group: &mut Group<'_>,
+    ) -> Result<(), SampleFault> {
         let scores = scores.filter(|_| self.config.uncertainty_weight > 0.0);
         if scores.is_none() && self.config.intermediate_weight <= 0.0 {
             return Ok(());
         }
-        let images = self.render(gaussians, sample, stack, scores)?;
-        result.seconds.splat += clock.lap();
-        let rgb = f32_values(images.rgb.clone());
-        let dissimilarity = d_ssim(&rgb, truth, stack);
-        let mut loss = mse(&rgb, truth);
-        result.terms.intermediate_mse += loss.value;
-        result.terms.intermediate_d_ssim += dissimilarity.loss.value;
-        loss.add(&dissimilarity.loss, self.config.intermediate_d_ssim_weight);
-        result.terms.total += self.config.intermediate_weight * loss.value;
-        if self.config.intermediate_weight > 0.0 {
-            backward.add(&images.rgb, &loss.gradient, self.config.intermediate_weight);
+        for (at, sample) in group.samples.iter().enumerate() {
+            let all = sample.targets.stack();
+            let stack = Stack {
+                views: self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views)),
+                ..all
+            };
+            #[expect(clippy::expect_used, reason = "the stack holds at most all of the sample's targets")]
+            let truth = sample.targets.pictures.get(..stack.samples()).expect("a prefix of the targets");
+            let images = self.render(gaussians, group, at, stack, scores.as_ref())?;
+            group.seconds.splat += group.clock.lap();
+            let rgb = f32_values(images.rgb.clone());
+            let dissimilarity = d_ssim(&rgb, truth, stack);
+            let mut loss = mse(&rgb, truth);
+            let terms = group.terms_of(at);
+            terms.intermediate_mse += loss.value;
+            terms.intermediate_d_ssim += dissimilarity.loss.value;
+            loss.add(&dissimilarity.loss, self.config.intermediate_d_ssim_weight);
+            terms.total += self.config.intermediate_weight * loss.value;
+            let uncertainty = images.scalar.as_ref().map(|map| {
+                let loss = uncertainty(&f32_values(map.clone()), &dissimilarity.map);
+                terms.uncertainty += loss.value;
+                terms.total += self.config.uncertainty_weight * loss.value;
+                (map, loss)
+            });
+            if self.config.intermediate_weight > 0.0 {
+                group.backward.add(&images.rgb, &loss.gradient, self.config.intermediate_weight);
+            }
+            if let Some((map, loss)) = uncertainty {
+                group.backward.add(map, &loss.gradient, self.config.uncertainty_weight);
+            }
+            group.seconds.losses += group.clock.lap();
         }
-        if let Some(map) = &images.scalar {
-            let loss = uncertainty(&f32_values(map.clone()), &dissimilarity.map);
-            result.terms.uncertainty += loss.value;
-            result.terms.total += self.config.uncertainty_weight * loss.value;
-            backward.add(map, &loss.gradient, self.config.uncertainty_weight);
-        }
-        result.seconds.losses += clock.lap();
         Ok(())
     }
 
-    /// Renders the first targets of a sample; the score of a token goes to all of its Gaussians.
+    /// Renders the first targets of one sample; the score of a token goes to all of its Gaussians.
     fn render(
         &self,
         gaussians: &GaussianTensors,
-        sample: &Sample,
+        group: &Group<'_>,
+        at: usize,
         stack: Stack,
-        scores: Option<Tensor<2>>,
-    ) -> Result<RenderedTensors, FaultKind> {
+        scores: Option<&Tensor<2>>,
+    ) -> Result<RenderedTensors, SampleFault> {
+        let sample = &group.samples[at];
         let [_, count, _] = gaussians.means.dims();
         let scalars = scores.map(|scores| {
             let [_, tokens] = scores.dims();
-            scores.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens.max(1)).reshape([count])
+            let own = scores.clone().narrow(0, at, 1);
+            own.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens.max(1)).reshape([count])
         });
         let options = RenderOptions {
             background: self.config.background,
@@ -273,8 +280,49 @@ impl Objective {
             ..RenderOptions::default()
         };
         let views = target_views(sample, stack.views);
-        gaussians.render(0, &views, &options, scalars).map_err(|error| FaultKind::Refused(error.to_string()))
+        let rendered = gaussians.render(at, &views, &options, scalars);
+        rendered.map_err(|error| sample.fault(FaultKind::Refused(error.to_string())))
     }
+}
+
+/// Samples on their way through the losses.
+struct Group<'a> {
+    samples: &'a [Sample],
+    terms: Vec<Terms>,
+    seconds: PartSeconds,
+    clock: Clock,
+    backward: WeightedGradients,
+}
+
+impl Group<'_> {
+    fn terms_of(&mut self, sample: usize) -> &mut Terms {
+        &mut self.terms[sample]
+    }
+
+    /// Adds the loss of the anchors' depths, `[samples, patches]`.
+    fn add_distances(&mut self, depths: Option<&Tensor<2>>, weight: f64) -> Result<(), SampleFault> {
+        let missing = || {
+            let missing = "losses.distance-weight: the network has no anchors, or the sample no exact distances";
+            FaultKind::Refused(missing.to_owned())
+        };
+        let depths = depths.ok_or_else(|| SampleFault { sample: names(self.samples), what: missing() })?;
+        let values = f32_values(depths.clone());
+        let mut gradient = Vec::with_capacity(values.len());
+        let own = values.chunks(values.len() / self.samples.len().max(1));
+        for ((sample, predicted), terms) in self.samples.iter().zip(own).zip(&mut self.terms) {
+            let exact = sample.distances.as_ref().ok_or_else(|| sample.fault(missing()))?;
+            let loss = log_distance(predicted, &exact.distances);
+            terms.distance = loss.value;
+            terms.total += weight * loss.value;
+            gradient.extend(loss.gradient);
+        }
+        self.backward.add(depths, &gradient, weight);
+        Ok(())
+    }
+}
+
+fn names(samples: &[Sample]) -> String {
+    samples.iter().map(|sample| sample.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 /// The first targets of a sample as the renderer's views.

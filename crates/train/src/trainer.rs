@@ -15,11 +15,11 @@ use rayon::prelude::*;
 use crate::checkpoint::{Checkpoints, State};
 use crate::config::{SourceConfig, WHAT};
 use crate::evaluation::Evaluation;
-use crate::fault::{Diagnosis, Fault, FaultKind};
+use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
-use crate::objective::{Objective, PartSeconds, SampleGradients, Terms};
+use crate::objective::{GroupGradients, Objective, PartSeconds, Terms};
 use crate::parameters::Parameters;
-use crate::samples::{Draw, Source};
+use crate::samples::{Draw, Sample, Source};
 use crate::update::update;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
@@ -97,7 +97,7 @@ impl Trainer {
     }
 
     /// [`Self::new`] with network and splatter on this processor, forward and backward; losses and the optimiser stay on the
-    /// CPU, as do the evaluation's renders. On a graphics adapter, samples of a batch run one after the other, and steps are not
+    /// CPU, as do the evaluation's renders. On a graphics adapter, groups of samples run one after the other, and steps are not
     /// those of the CPU bit for bit.
     ///
     /// # Errors
@@ -332,11 +332,13 @@ impl Trainer {
         let first = step * self.config.batch.get() as u64;
         let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
         let network = self.state.parameters.network(&self.template)?;
-        let gradients = |number: &u64| self.sample_gradients(*number, &network);
-        let batch: Vec<Result<SampleGradients, Fault>> = match self.state.adapter {
-            None => numbers.par_iter().map(gradients).collect(),
-            // An adapter runs one sample at a time, with all of its threads.
-            Some(_) => numbers.iter().map(gradients).collect(),
+        let gradients = |group: &[u64]| self.group_gradients(group, &network);
+        let together = self.config.together.get();
+        let groups: Result<Vec<Vec<GroupGradients>>, Fault> = match self.state.adapter {
+            // Every group is computed, so that the same fault is reported at any number of threads.
+            None => numbers.par_chunks(together).map(gradients).collect::<Vec<_>>().into_iter().collect(),
+            // An adapter runs one group at a time, with all of its threads.
+            Some(_) => numbers.chunks(together).map(gradients).collect(),
         };
         let mut record = StepRecord {
             step,
@@ -347,8 +349,8 @@ impl Trainer {
             parts: PartSeconds::default(),
             fault: None,
         };
-        let batch: Result<Vec<SampleGradients>, Fault> = batch.into_iter().collect();
-        match batch.and_then(|batch| self.update(&batch, rate, &mut record)) {
+        let groups = groups.map(|groups| groups.into_iter().flatten().collect::<Vec<GroupGradients>>());
+        match groups.and_then(|groups| self.update(&groups, rate, &mut record)) {
             Ok(()) => {
                 self.state.faults_in_a_row = 0;
                 self.faults.clear();
@@ -371,36 +373,48 @@ impl Trainer {
         Ok(())
     }
 
-    /// Gradients of one sample. Each sample has its own graph over the same weights, so samples run in parallel.
-    fn sample_gradients(&self, number: u64, network: &Network) -> Result<SampleGradients, Fault> {
+    /// Gradients of the samples with these consecutive numbers, which go through the network together as far as their pictures are as
+    /// many and as large. Each group has its own graph over the same weights, so groups run in parallel.
+    fn group_gradients(&self, numbers: &[u64], network: &Network) -> Result<Vec<GroupGradients>, Fault> {
         let step = self.state.step;
-        let fault = |sample: &str, what| Fault { step, sample: sample.to_owned(), what };
         let start = Instant::now();
-        let draw = Draw { seed: self.config.seed, number, step };
-        let sample = self.samples.sample(draw);
-        let sample =
-            sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
+        let draw = |&number: &u64| {
+            let sample = self.samples.sample(Draw { seed: self.config.seed, number, step });
+            sample.map_err(|error| {
+                let what = FaultKind::Refused(error.to_string());
+                Fault { step, sample: format!("sample {number}"), what }
+            })
+        };
+        let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, Fault>>()?;
         let sample_secs = start.elapsed().as_secs_f64();
-        let network = network.clone().fork(&network.device());
         let share = step as f64 / self.config.steps.get() as f64;
-        let gradients = self
-            .config
-            .products
-            .scope(|| self.objective.gradients(&network, &sample, self.features.as_ref(), number, share));
-        let mut gradients = gradients.map_err(|what| fault(&sample.name, what))?;
-        gradients.seconds.sample = sample_secs;
-        Ok(gradients)
+        let mut rest = numbers;
+        let mut gradients = |group: &[Sample]| {
+            let (own, others) = rest.split_at(group.len());
+            rest = others;
+            let network = network.clone().fork(&network.device());
+            let features = self.features.as_ref();
+            let computed =
+                self.config.products.scope(|| self.objective.gradients(&network, group, features, own[0], share));
+            computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })
+        };
+        let groups = samples.chunk_by(Sample::has_shape_of).map(&mut gradients);
+        let mut groups: Vec<GroupGradients> = groups.collect::<Result<_, Fault>>()?;
+        if let Some(first) = groups.first_mut() {
+            first.seconds.sample = sample_secs;
+        }
+        Ok(groups)
     }
 
     /// Updates every parameter and fills in the step's record.
-    fn update(&mut self, batch: &[SampleGradients], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
+    fn update(&mut self, batch: &[GroupGradients], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
         let updated = update(&mut self.state, batch, rate, &self.config);
         let sample = || "all of the step".to_owned();
         let norm = updated.map_err(|what| Fault { step: record.step, sample: sample(), what })?;
-        let terms: Vec<Terms> = batch.iter().map(|sample| sample.terms).collect();
+        let terms: Vec<Terms> = batch.iter().flat_map(|group| group.terms.iter().copied()).collect();
         record.terms = Some(Terms::mean(&terms));
         record.gradient_norm = Some(norm);
-        record.parts = PartSeconds::sum(batch.iter().map(|sample| sample.seconds));
+        record.parts = PartSeconds::sum(batch.iter().map(|group| group.seconds));
         Ok(())
     }
 

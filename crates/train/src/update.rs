@@ -5,28 +5,29 @@ use rayon::prelude::*;
 use crate::TrainConfig;
 use crate::checkpoint::State;
 use crate::fault::FaultKind;
-use crate::objective::SampleGradients;
+use crate::objective::GroupGradients;
 use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
 
-/// Averages the gradients in the order of the samples, clips the mean, and updates every parameter and the moving averages;
-/// returns the norm of the mean before clipping. A parameter that is absent from a sample's gradients has gradient zero.
+/// Averages the gradients over samples, in the order of the groups, clips the mean, and updates every parameter and the moving averages;
+/// returns the norm of the mean before clipping. A parameter that is absent from a group's
+/// gradients has gradient zero.
 ///
 /// # Errors
 /// [`FaultKind::Gradients`] if the norm is not finite; nothing is changed.
 pub(crate) fn update(
     state: &mut State,
-    batch: &[SampleGradients],
+    batch: &[GroupGradients],
     rate: f64,
     config: &TrainConfig,
 ) -> Result<f64, FaultKind> {
-    let share = 1.0 / batch.len().max(1) as f64;
+    let share = 1.0 / batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1) as f64;
     let list = state.parameters.list();
     let gradients: Vec<Vec<f32>> = list
         .par_iter()
         .map(|parameter| {
             let mut sum = vec![0.0f32; parameter.elements()];
-            for gradient in batch.iter().filter_map(|sample| sample.gradients.get(&parameter.name)) {
+            for gradient in batch.iter().filter_map(|group| group.gradients.get(&parameter.name)) {
                 sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
             }
             sum
@@ -60,6 +61,7 @@ mod tests {
     use serde::Deserialize;
 
     use super::*;
+    use crate::objective::Terms;
     use crate::optimiser::AdamW;
     use crate::parameters::Parameters;
 
@@ -120,10 +122,20 @@ mod tests {
         views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }
     "#;
 
-    fn batch(step: &Step) -> Vec<SampleGradients> {
-        let sample =
-            |gradients: &IndexMap<_, _>| SampleGradients { gradients: gradients.clone(), ..SampleGradients::default() };
-        step.batch.iter().map(sample).collect()
+    /// The first samples as one group, each of the others as one of its own.
+    fn groups(step: &Step, together: usize) -> Vec<GroupGradients> {
+        let (first, others) = step.batch.split_at(together);
+        let mut sums = first[0].clone();
+        for (name, gradient) in first[1..].iter().flatten() {
+            let sum = sums.entry(name.clone()).or_insert_with(|| vec![0.0; gradient.len()]);
+            sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
+        }
+        let group = |gradients, samples| GroupGradients {
+            terms: vec![Terms::default(); samples],
+            gradients,
+            ..GroupGradients::default()
+        };
+        std::iter::once(group(sums, together)).chain(others.iter().map(|own| group(own.clone(), 1))).collect()
     }
 
     #[test]
@@ -134,8 +146,8 @@ mod tests {
         assert!(run.parameters.iter().any(|start| start.shape.len() == 1), "vectors");
         assert!(run.parameters.iter().any(|start| start.shape.len() == 3), "more than matrices");
         for (number, step) in run.steps.iter().enumerate() {
-            let batch = batch(step);
-            assert_eq!(batch.len(), 3);
+            assert_eq!(step.batch.len(), 3);
+            let batch = groups(step, 1 + number % 2);
             let norm = update(&mut state, &batch, step.rate, &config).unwrap();
             Tolerance::relative(1e-6).assert([norm], [step.norm], "norm of the mean gradient");
             for ((found, expected), start) in state.parameters.values().iter().zip(&step.after).zip(&run.parameters) {
@@ -150,7 +162,7 @@ mod tests {
     #[test]
     fn a_norm_that_is_not_finite_changes_nothing() {
         let (run, mut state, config) = run();
-        let mut broken = batch(&run.steps[0]);
+        let mut broken = groups(&run.steps[0], 1);
         broken[1].gradients[0][0] = f32::NAN;
         assert!(matches!(update(&mut state, &broken, 1e-2, &config), Err(FaultKind::Gradients(_))));
         assert_eq!(state.updates, 0);

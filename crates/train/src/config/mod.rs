@@ -37,6 +37,9 @@ pub struct TrainConfig {
     pub steps: NonZeroU64,
     /// Samples per step; their gradients are averaged, so any number fits into memory.
     pub batch: NonZeroUsize,
+    /// Samples that go through the network together. More are quicker, need more memory, and change the order of sums.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub together: NonZeroUsize,
     /// The network.
     pub model: ModelChoice,
     /// Normalisation of poses before they are given to the network.
@@ -132,6 +135,15 @@ impl Default for CheckpointConfig {
 
 const fn mean_camera() -> PoseNormalisation {
     PoseNormalisation::mean_camera(MeanCameraScale::LongLrm)
+}
+
+const fn one() -> NonZeroUsize {
+    NonZeroUsize::MIN
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_one(number: &NonZeroUsize) -> bool {
+    *number == NonZeroUsize::MIN
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]

@@ -24,6 +24,7 @@ pub use rooms::{RoomsConfig, RoomsSource};
 pub use views::ViewChoice;
 
 use crate::TrainError;
+use crate::fault::{FaultKind, SampleFault};
 use crate::losses::Stack;
 
 /// Context views and target views with their pictures, in the network's frame.
@@ -103,6 +104,16 @@ impl PosedPictures {
 }
 
 impl Sample {
+    /// A fault of this sample.
+    pub(crate) fn fault(&self, what: FaultKind) -> SampleFault {
+        SampleFault { sample: self.name.clone(), what }
+    }
+
+    /// If the network can see both at once.
+    pub(crate) fn has_shape_of(&self, other: &Self) -> bool {
+        self.context.stack() == other.context.stack()
+    }
+
     /// For each target, the context view with the nearest camera: the nearest-view baseline copies it.
     ///
     /// # Panics

@@ -5,7 +5,7 @@ use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
 use atsplat_train::samples::{PatchDistances, Sample};
-use atsplat_train::{Evaluation, FaultKind, LossConfig, Objective, Parameters, SampleGradients};
+use atsplat_train::{Evaluation, FaultKind, GroupGradients, LossConfig, Objective, Parameters, Terms};
 
 fn network() -> Network {
     let model = config("").model.config().unwrap();
@@ -13,12 +13,21 @@ fn network() -> Network {
     parameters.network(&Network::new(&model, &Device::flex().autodiff()).unwrap()).unwrap()
 }
 
-fn gradients(losses: LossConfig, sample: &Sample) -> Result<SampleGradients, FaultKind> {
-    Objective::new(losses).unwrap().gradients(&network(), sample, None, 0, 0.0)
+fn gradients(losses: LossConfig, sample: &Sample) -> Result<GroupGradients, FaultKind> {
+    let objective = Objective::new(losses).unwrap();
+    let computed = objective.gradients(&network(), std::slice::from_ref(sample), None, 0, 0.0);
+    computed.map_err(|fault| {
+        assert_eq!(fault.sample, sample.name);
+        fault.what
+    })
+}
+
+fn terms(losses: LossConfig, sample: &Sample) -> Terms {
+    gradients(losses, sample).unwrap().terms[0]
 }
 
 /// Names of parameters with a gradient other than zero.
-fn moved(gradients: &SampleGradients) -> Vec<&str> {
+fn moved(gradients: &GroupGradients) -> Vec<&str> {
     let moved = gradients.gradients.iter().filter(|(_, values)| values.iter().any(|value| *value != 0.0));
     moved.map(|(name, _)| name.as_str()).collect()
 }
@@ -41,7 +50,7 @@ fn every_parameter_has_a_gradient_and_the_total_is_the_weighted_sum() {
     let names: Vec<String> = result.gradients.keys().cloned().collect();
     assert_eq!(moved(&result).len(), names.len());
     assert_eq!(names.len(), atsplat_model::parameters::parameters(&config("").model.config().unwrap()).len());
-    let terms = result.terms;
+    let terms = result.terms[0];
     let sum = terms.mse
         + 0.5 * terms.perceptual
         + 0.5 * (terms.intermediate_mse + 0.5 * terms.intermediate_d_ssim)
@@ -73,9 +82,9 @@ fn the_rendering_losses_do_not_reach_the_score_heads() {
 
 #[test]
 fn fewer_intermediate_targets_do_not_change_the_final_terms() {
-    let all = gradients(LossConfig::default(), &sample(4)).unwrap().terms;
+    let all = terms(LossConfig::default(), &sample(4));
     let one = LossConfig { intermediate_targets: std::num::NonZeroUsize::new(1), ..LossConfig::default() };
-    let fewer = gradients(one, &sample(4)).unwrap().terms;
+    let fewer = terms(one, &sample(4));
     Tolerance::EXACT.assert([all.mse, all.perceptual], [fewer.mse, fewer.perceptual], "final renders");
     assert!(!Tolerance::EXACT.accepts(all.intermediate_mse, fewer.intermediate_mse));
 }
@@ -90,12 +99,13 @@ fn exact_distances_reach_what_predicts_depth_and_fade_out() {
     sample.distances = Some(PatchDistances { columns: 2, distances });
     let only = LossConfig { distance_weight: 0.5, distance_until: 0.8, ..NOTHING };
     let objective = Objective::new(only).unwrap();
-    let at = |share: f64| objective.gradients(&network, &sample, None, 0, share).unwrap();
+    let at = |share: f64| objective.gradients(&network, std::slice::from_ref(&sample), None, 0, share).unwrap();
     for (share, weight) in [(0.0, 0.5), (0.2, 0.375), (0.8, 0.0), (1.0, 0.0)] {
         let result = at(share);
         let distance = if weight > 0.0 { 2f64.ln() } else { 0.0 };
-        let expected = [distance, result.terms.mse + weight * distance];
-        Tolerance::relative(1e-5).assert([result.terms.distance, result.terms.total], expected, "terms");
+        let terms = result.terms[0];
+        let expected = [distance, terms.mse + weight * distance];
+        Tolerance::relative(1e-5).assert([terms.distance, terms.total], expected, "terms");
     }
     let (first, last) = (at(0.0), at(1.0));
     let differ = |name: &str| first.gradients[name] != last.gradients[name];
@@ -123,7 +133,7 @@ fn black_pictures_and_identical_views_give_finite_gradients() {
     let same_targets = with(|sample| sample.targets = sample.context.clone());
     for sample in [black, one_view, same_targets] {
         let result = gradients(LossConfig::default(), &sample).unwrap();
-        assert!(result.terms.total.is_finite());
+        assert!(result.terms[0].total.is_finite());
         assert!(result.gradients.values().flatten().all(|value| value.is_finite()));
     }
 }
@@ -137,4 +147,34 @@ fn a_picture_that_is_not_finite_is_named() {
         assert_eq!(gradients(default(), &context).unwrap_err(), FaultKind::Picture("context picture 0".to_owned()));
         assert_eq!(gradients(default(), &target).unwrap_err(), FaultKind::Picture("target picture 1".to_owned()));
     }
+}
+
+/// Three samples at once, every loss switched on: each has its own terms to the bit, and the gradients are sums.
+#[test]
+fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
+    let mut model = config("").model.config().unwrap();
+    model.expansion.selection = atsplat_model::config::Selection::Random { seed: 1 };
+    let parameters = Parameters::fresh(&model, 5, StoredTensors::default());
+    let network = parameters.network(&Network::new(&model, &Device::flex().autodiff()).unwrap()).unwrap();
+    let exact = |number: usize| (0..8).map(|patch| 1.0 + (number * patch) as f32).collect();
+    let samples = [0, 1, 2].map(|number| Sample {
+        distances: Some(PatchDistances { columns: 2, distances: exact(number) }),
+        ..sample(number as u64 + 7)
+    });
+    let objective = Objective::new(LossConfig { distance_weight: 0.2, ..LossConfig::default() }).unwrap();
+    let of = |samples: &[Sample], call_seed| objective.gradients(&network, samples, None, call_seed, 0.0).unwrap();
+    let together = of(&samples, 40);
+    let alone: Vec<GroupGradients> =
+        samples.iter().zip(40..).map(|(sample, seed)| of(std::slice::from_ref(sample), seed)).collect();
+    assert_eq!(together.terms, alone.iter().map(|own| own.terms[0]).collect::<Vec<_>>());
+    assert!(together.gradients.keys().eq(alone[0].gradients.keys()));
+    for (name, found) in &together.gradients {
+        let sums = (0..found.len()).map(|at| alone.iter().map(|own| f64::from(own.gradients[name][at])).sum::<f64>());
+        let largest = found.iter().fold(0.0f64, |most, value| most.max(f64::from(value.abs())));
+        Tolerance::absolute(2e-5 * largest).assert(found.iter().copied().map(f64::from), sums, name);
+    }
+    let mut broken = samples;
+    broken[1].targets.pictures[3] = f32::NAN;
+    let fault = objective.gradients(&network, &broken, None, 0, 0.0).unwrap_err();
+    assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Picture("target picture 0".to_owned())));
 }

@@ -1,21 +1,21 @@
 //! A step of the trainer is `AdamW` on the clipped mean of its samples' gradients, at the schedule's rate. The update itself
 //! is compared with PyTorch's in `src/update.rs`.
 
-use crate::common::{Noise, config, sample, trainer};
+use crate::common::{Noise, SIZE, config, sample, trainer};
 use atsplat_model::network::{Device, Network};
 use atsplat_numeric::Tolerance;
 use atsplat_train::journal::{self, StepRecord};
-use atsplat_train::{Objective, Parameters, SampleGradients, Start, TrainConfig};
+use atsplat_train::{GroupGradients, Objective, Parameters, Start, TrainConfig};
 use tempfile::tempdir;
 
 /// The gradients of a step's samples, through the public interface.
-fn batch(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<SampleGradients> {
+fn batch(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<GroupGradients> {
     let model = config.model.config().unwrap();
     let network = parameters.network(&Network::new(&model, &Device::flex().autodiff()).unwrap()).unwrap();
     let objective = Objective::new(config.losses.clone()).unwrap();
     let size = config.batch.get() as u64;
     let numbers = step * size..(step + 1) * size;
-    numbers.map(|number| objective.gradients(&network, &sample(number), None, number, 0.0).unwrap()).collect()
+    numbers.map(|number| objective.gradients(&network, &[sample(number)], None, number, 0.0).unwrap()).collect()
 }
 
 /// Every weight follows the formulas of Kingma and Ba (2015) and of Loshchilov and Hutter (2019), in f64.
@@ -63,6 +63,33 @@ fn a_step_updates_every_weight_by_the_clipped_mean_gradient() {
                 parameter.name,
                 after[place]
             );
+        }
+    }
+}
+
+/// Every second sample has one context picture less, so that of three samples that may go together none can; without that, two go
+/// together and the third alone.
+#[test]
+fn a_step_sees_the_same_samples_however_many_go_together() {
+    let mixed = Noise {
+        corrupt: |number, sample| {
+            if number % 2 == 1 {
+                sample.context.cameras.pop();
+                sample.context.pictures.truncate(sample.context.cameras.len() * SIZE.height * SIZE.width * 3);
+            }
+        },
+    };
+    for source in [Noise::CLEAN, mixed] {
+        let first = [1, 2, 3, 8].map(|together| {
+            let config =
+                TrainConfig { batch: 3.try_into().unwrap(), together: together.try_into().unwrap(), ..config("") };
+            let folder = tempdir().unwrap();
+            trainer(config, folder.path(), &Start::Fresh, source).step(&mut |_| ()).unwrap();
+            journal::read::<StepRecord>(&folder.path().join("steps.jsonl")).unwrap().remove(0)
+        });
+        for record in &first[1..] {
+            assert_eq!((record.terms, &record.fault), (first[0].terms, &None));
+            Tolerance::relative(1e-5).assert(record.gradient_norm, first[0].gradient_norm, "norm of the mean gradient");
         }
     }
 }
