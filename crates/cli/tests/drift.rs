@@ -83,6 +83,7 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
                 final_tokens: None,
                 gaussians: Some(gaussians),
                 gaussians_drawn: None,
+                context_psnr: None,
                 peak_bytes: None,
                 network_adapter: None,
                 renderer_adapter: None,

@@ -61,6 +61,7 @@ pub(crate) fn trial(method: &str, scene: &str, entry: u32, targets: usize) -> Tr
         final_tokens: Some(1440),
         gaussians: Some(23_040),
         gaussians_drawn: Some(20_000.0),
+        context_psnr: None,
         peak_bytes: Some(1 << 20),
         network_adapter: None,
         renderer_adapter: None,

@@ -4,7 +4,7 @@ use atsplat_files::FileError;
 
 use crate::definition::TableDefinition;
 use crate::emit::{TableFormat, orders_as_markdown};
-use crate::figures::{of_frontier, of_store, of_table};
+use crate::figures::{of_frontier, of_store, of_table, optimisation_section};
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
@@ -70,11 +70,13 @@ impl Report {
         for source in &sources {
             plots.extend(of_store(source)?);
         }
-        let (title, sections) = (request.title.clone(), request.sections.as_slice());
+        let sections: Vec<PlotSection> =
+            optimisation_section(&sources)?.into_iter().chain(request.sections.iter().cloned()).collect();
+        let title = request.title.clone();
         let (live, max_bytes) = (request.live.as_slice(), request.max_bytes);
-        let page = Page { title, tables: &measured, plots: &plots, sections, live, stores, max_bytes };
+        let page = Page { title, tables: &measured, plots: &plots, sections: &sections, live, stores, max_bytes };
         let html = page.write()?;
-        plots.extend(sections.iter().flat_map(|section| section.plots.iter().cloned()));
+        plots.extend(sections.into_iter().flat_map(|section| section.plots));
         let films = request.live.iter().filter_map(|trial| trial.film.clone()).collect();
         Ok(Self { films, tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
     }

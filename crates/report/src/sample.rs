@@ -139,6 +139,7 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         final_tokens: own(1440),
         gaussians: own(23_040),
         gaussians_drawn: None,
+        context_psnr: None,
         peak_bytes: None,
         network_adapter: None,
         renderer_adapter: None,

@@ -83,6 +83,7 @@ pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::R
             dataset.name, dataset.description
         ),
         plots: of_expansion(&subject, &scenes)?,
+        leads: false,
     };
     Ok(Shown { section, live, not_run })
 }

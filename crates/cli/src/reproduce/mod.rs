@@ -16,6 +16,10 @@ use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{Results, Store};
 use atsplat_fit::Budget;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
+use atsplat_report::figures::optimisation_section;
+use atsplat_report::page::PlotSection;
+use atsplat_report::store_labels;
+use atsplat_report::table::Source;
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
 
@@ -68,6 +72,11 @@ pub(crate) struct Args {
     /// Read every image again to detect changes since its results were made.
     #[arg(long)]
     verify: bool,
+
+    /// Start the report with the curves of these results: accuracy against seconds of optimisation, as `atsplat tradeoff sweep`
+    /// measures it; may be given several times.
+    #[arg(long, value_name = "STORE")]
+    curve: Vec<PathBuf>,
 }
 
 /// Extent of a run.
@@ -111,6 +120,7 @@ struct Evaluated {
 /// Reproduces; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
+    let curves = args.curves()?;
     let mut warnings = Warnings::new();
     let Found { datasets, mut not_run } = args.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
@@ -131,7 +141,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if empty.len() == groups.len() {
         bail!("nothing was evaluated: {}", empty.join("; "));
     }
-    let (mut sections, mut live) = (Vec::new(), Vec::new());
+    let (mut sections, mut live) = (curves, Vec::new());
     for Group { trained, datasets } in groups.iter().take(1) {
         match expansion::shown(datasets, trained) {
             Ok(shown) => {
@@ -213,6 +223,20 @@ fn reasons(not_run: &[NotRun]) -> String {
 }
 
 impl Args {
+    /// The section of the results that the report starts with.
+    fn curves(&self) -> anyhow::Result<Vec<PlotSection>> {
+        let reading = |path: &PathBuf| Results::read(path).with_context(|| format!("--curve {}", path.display()));
+        let results = self.curve.iter().map(reading).collect::<anyhow::Result<Vec<_>>>()?;
+        let labels = store_labels(&self.curve);
+        let sources = labels.iter().zip(&results).map(|(label, results)| Source { label, results });
+        let section = optimisation_section(&sources.collect::<Vec<_>>())?;
+        anyhow::ensure!(
+            self.curve.is_empty() || section.is_some(),
+            "--curve: expected trials that were optimised with several budgets, and timed; found none"
+        );
+        Ok(section.into_iter().collect())
+    }
+
     fn found(&self, warnings: &mut Warnings) -> anyhow::Result<Found> {
         if let Some(folder) = &self.data {
             Ok(find_datasets(folder, warnings)?)

@@ -130,6 +130,8 @@ pub struct Cost {
     pub gaussians: Option<u64>,
     /// Wall-clock seconds of the encoding's stages; meaningful only if nothing else runs, as in a timing pass.
     pub stages: BTreeMap<String, f64>,
+    /// Mean PSNR in dB on the context views, of a method that is optimised on them.
+    pub context_psnr: Option<f64>,
     /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
     /// Measured peak of the resident memory of the method's own processes since they were started, in bytes; `None` for a

@@ -184,8 +184,8 @@ impl Method for Optimised {
         // The last pass over the context, so that overfitting shows next to the held-out PSNR.
         let last = training.len().saturating_sub(input.pictures.len());
         let last = training.get(last..).unwrap_or(&[]);
-        let mean = last.iter().sum::<f64>() / last.len().max(1) as f64;
-        cost.notes.push(format!("optimisation: {} steps, {mean:.2} dB on the context views", fit.step_count()));
+        cost.context_psnr = (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64);
+        cost.notes.push(format!("optimisation: {} steps", fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
     }
 }
@@ -224,13 +224,16 @@ mod tests {
             let prediction = method.predict(input).unwrap();
             let cost = prediction.cost();
             assert!(cost.stages["optimisation"] > 0.0 && cost.gaussians.is_some_and(|count| count > 0), "{cost:?}");
+            assert!(cost.context_psnr.is_some_and(|psnr| psnr > 0.0), "{cost:?}");
             (cost, prediction.render(&[0]).remove(0).unwrap().image)
         };
         let steps = |count| scratch(Strategy::MipSplatting, Budget::Steps(count));
         let ((cost, first), (_, again), (_, longer)) = (rendered(&steps(2)), rendered(&steps(2)), rendered(&steps(12)));
         assert!(first == again && first != longer);
         assert!(cost.notes.iter().any(|note| note.contains("stand in for COLMAP")), "{:?}", cost.notes);
-        assert!(cost.notes.iter().any(|note| note.starts_with("optimisation: 2 steps")), "{:?}", cost.notes);
+        assert!(cost.notes.iter().any(|note| note == "optimisation: 2 steps"), "{:?}", cost.notes);
+        let long = rendered(&steps(60)).0.context_psnr;
+        assert!(long > cost.context_psnr, "it fits its context views better and better: {long:?}");
         assert_eq!((steps(2).record().name.as_str(), steps(2).record().deterministic), ("mip-splatting-2", true));
         let timed = scratch(Strategy::Mcmc, Budget::Seconds(0.2));
         assert!(!timed.record().deterministic && rendered(&timed).0.gaussians.is_some_and(|count| count <= 400));

@@ -46,6 +46,10 @@ pub struct TrialRow {
     pub gaussians: Option<u64>,
     /// Gaussians that contributed to a picture, averaged over the targets.
     pub gaussians_drawn: Option<f64>,
+    /// Mean PSNR in dB on the context views in the last pass of an optimisation over them; `None` for methods that are not
+    /// optimised for each trial, and in rows of older versions.
+    #[serde(default)]
+    pub context_psnr: Option<f64>,
     /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
     /// The graphics adapter of the method's network; `None` on the CPU, without a network, and in rows of older versions.

@@ -279,6 +279,7 @@ impl TrialResult {
             final_tokens: cost.final_tokens,
             gaussians: cost.gaussians,
             gaussians_drawn: mean(&drawn),
+            context_psnr: cost.context_psnr,
             peak_bytes: cost.peak_bytes,
             network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),

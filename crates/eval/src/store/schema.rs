@@ -75,8 +75,12 @@ pub(super) struct Schema {
 }
 
 /// The text of every version, oldest first. A released version never changes.
-const VERSIONS: &[&str] =
-    &[include_str!("../../schema/v1.txt"), include_str!("../../schema/v2.txt"), include_str!("../../schema/v3.txt")];
+const VERSIONS: &[&str] = &[
+    include_str!("../../schema/v1.txt"),
+    include_str!("../../schema/v2.txt"),
+    include_str!("../../schema/v3.txt"),
+    include_str!("../../schema/v4.txt"),
+];
 
 /// The schema version that is written.
 #[expect(clippy::cast_possible_truncation, reason = "a handful of versions")]

@@ -19,6 +19,7 @@ fn trial(scene: &str) -> TrialRow {
         final_tokens: None,
         gaussians: Some(1 << 40),
         gaussians_drawn: Some(0.1),
+        context_psnr: Some(31.0 + 1.0 / 3.0),
         peak_bytes: None,
         network_adapter: Some("one card".to_owned()),
         renderer_adapter: Some("another card".to_owned()),
@@ -101,28 +102,44 @@ fn rows_are_bit_identical_from_parts_and_tables() {
     assert_eq!(parts.provenance.schema_hash, schema_hash());
 }
 
-/// Version 2 had no adapters: its rows are those of the CPU, as far as they say.
+/// Version 3 had no PSNR on the context, version 2 no adapters either.
 #[test]
-fn a_store_of_version_2_is_read_without_adapters_and_not_resumed() {
+fn stores_of_older_versions_are_read_with_nulls_and_not_resumed() {
+    for (version, added) in [(3, &["context-psnr"][..]), (2, &["context-psnr", "network-adapter", "renderer-adapter"])]
+    {
+        of_version(version, added);
+    }
+}
+
+fn of_version(version: u32, added: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     let store = filled(folder.path(), &["a"]);
     store.add_timings(vec![timing("a", 1)]).unwrap();
     let newest = store.finish().unwrap();
     assert!(newest.trials[0].network_adapter.is_some() && newest.timings[0].renderer_adapter.is_some());
-    let older = |frame: PolarsOutcome| frame.map(|frame| frame.drop_many(["network-adapter", "renderer-adapter"]));
+    assert!(newest.trials[0].context_psnr.is_some());
+    let older = |frame: PolarsOutcome| frame.map(|frame| frame.drop_many(added.iter().copied()));
     table::write(&folder.path().join(TRIALS), older(trials::columns(&newest.trials).frame())).unwrap();
     table::write(&folder.path().join("timings.parquet"), older(timings::columns(&newest.timings).frame())).unwrap();
     let path = folder.path().join(PROVENANCE);
     let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-    value["schema-version"] = 2.into();
-    value["schema-hash"] = schema::hash(2).unwrap().into();
+    value["schema-version"] = version.into();
+    value["schema-hash"] = schema::hash(version).unwrap().into();
     fs::write(&path, value.to_string()).unwrap();
     let read = Results::read(folder.path()).unwrap();
-    let without = |row: &TrialRow| TrialRow { network_adapter: None, renderer_adapter: None, ..row.clone() };
+    let kept = |adapter: &Option<String>| adapter.clone().filter(|_| !added.contains(&"network-adapter"));
+    let without = |row: &TrialRow| TrialRow {
+        context_psnr: None,
+        network_adapter: kept(&row.network_adapter),
+        renderer_adapter: kept(&row.renderer_adapter),
+        ..row.clone()
+    };
     assert_eq!(read.trials, newest.trials.iter().map(without).collect::<Vec<_>>());
-    assert_eq!(read.timings, [TimingRow { renderer_adapter: None, ..newest.timings[0].clone() }]);
+    let timing = &newest.timings[0];
+    assert_eq!(read.timings, [TimingRow { renderer_adapter: kept(&timing.renderer_adapter), ..timing.clone() }]);
     let refused = Store::resume(folder.path(), Provenance::default()).unwrap_err().to_string();
-    assert!(refused.contains("schema versions of the two runs differ: 2 and 3"), "{refused}");
+    let differ = format!("schema versions of the two runs differ: {version} and 4");
+    assert!(refused.contains(&differ), "{refused}");
 }
 
 #[test]

@@ -21,6 +21,7 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
         .optional_count("final-tokens", |row| row.final_tokens)
         .optional_count("gaussians", |row| row.gaussians)
         .optional_number("gaussians-drawn", |row| row.gaussians_drawn)
+        .optional_number("context-psnr", |row| row.context_psnr)
         .optional_count("peak-bytes", |row| row.peak_bytes)
         .optional_text("network-adapter", |row| row.network_adapter.as_deref())
         .optional_text("renderer-adapter", |row| row.renderer_adapter.as_deref())
@@ -49,6 +50,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
             final_tokens: row.optional_count("final-tokens"),
             gaussians: row.optional_count("gaussians"),
             gaussians_drawn: row.optional_number("gaussians-drawn"),
+            context_psnr: row.optional_number("context-psnr"),
             peak_bytes: row.optional_count("peak-bytes"),
             network_adapter: row.optional_text("network-adapter"),
             renderer_adapter: row.optional_text("renderer-adapter"),

@@ -12,9 +12,10 @@ use pictures::{contact_sheet, strips, token_expansion, uncertainty};
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, Estimate,
     EstimatePoint, EstimatorPanel, EstimatorScatter, ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier,
-    FrontierPoint, Frontiers, HistogramPanel, Histograms, KPoint, KScaling, LearningCurve, Origin, OverlapBin,
-    OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapHistogram, OverlapSeries, ScatterPanel, ScatterPoint,
-    SceneScatter, StageTime, StageTimeRow, StressError, StressErrors,
+    FrontierPoint, Frontiers, HistogramPanel, Histograms, KPoint, KScaling, LearningCurve, OptimisationCurves,
+    OptimisationPanel, OptimisationPoint, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves,
+    OverlapHistogram, OverlapSeries, ScatterPanel, ScatterPoint, SceneScatter, StageTime, StageTimeRow, StressError,
+    StressErrors,
 };
 
 const SYNTHETIC: &str = "synthetic data of 8 scenes";
@@ -23,6 +24,7 @@ const SYNTHETIC: &str = "synthetic data of 8 scenes";
 pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
     vec![
         ("frontiers", frontiers().draw()),
+        ("optimisation", optimisation().draw()),
         ("frontier-gaussians", frontier(CostAxis::Gaussians).draw()),
         ("frontier-seconds", frontier(CostAxis::Seconds).draw()),
         ("overlap-curves", overlap_curves().draw()),
@@ -59,6 +61,32 @@ fn noise(seed: usize) -> f64 {
 
 fn around(value: f64, half: f64) -> Estimate {
     Estimate { value, interval: Some([value - half, value + half]) }
+}
+
+fn optimisation() -> OptimisationCurves {
+    let curve = |label: &str, [from, rise, context]: [f64; 3]| {
+        let point = |step: i32| OptimisationPoint {
+            secs: 0.2 * 4.0f64.powi(step),
+            held_out: around(from + rise * f64::from(step), 0.8),
+            context: (step > 0).then_some(context + 2.0 * f64::from(step)),
+        };
+        (label.to_owned(), (0..4).map(point).collect())
+    };
+    let panel = |views: usize| OptimisationPanel {
+        name: format!("{views} views · 8 scenes"),
+        curves: vec![
+            curve("ATSplat + refinement", [22.0, 0.3, 24.0]),
+            curve("3DGS", [13.0 + views as f64, -0.4, 30.0]),
+            curve("Mip-Splatting", [14.0 + views as f64, 0.2, 28.0]),
+        ],
+    };
+    OptimisationCurves {
+        title: "PSNR against seconds of optimisation".to_owned(),
+        subtitle: format!("12 views, {SYNTHETIC}"),
+        quality: figure("psnr"),
+        panels: [2, 3, 6, 12].map(panel).to_vec(),
+        note: "Bars: 95 % intervals over scenes.".to_owned(),
+    }
 }
 
 fn frontier(cost: CostAxis) -> Frontier {

@@ -2,12 +2,13 @@
 
 use super::{
     ablation, around, budget_histogram, contact_sheet, drift_history, estimators, extrapolation, frontier, frontiers,
-    histograms, k_scaling, overlap_bins, overlap_curves, scatter, stage_time, strips, token_expansion, uncertainty,
+    histograms, k_scaling, optimisation, overlap_bins, overlap_curves, scatter, stage_time, strips, token_expansion,
+    uncertainty,
 };
 use crate::plot::{
     Ablation, BudgetHistogram, ContactSheet, CostAxis, Drawing, DriftHistory, EstimatorScatter, ExpansionStrips,
-    ExtrapolationDecay, Frontier, Frontiers, Histograms, KScaling, OverlapBinMeans, OverlapSeries, SceneScatter,
-    StageTime, StressErrors, TokenExpansion, UncertaintyTriplets,
+    ExtrapolationDecay, Frontier, Frontiers, Histograms, KScaling, OptimisationCurves, OverlapBinMeans, OverlapSeries,
+    SceneScatter, StageTime, StressErrors, TokenExpansion, UncertaintyTriplets,
 };
 
 /// The same plots without data, with one point, with equal values and with overlong names.
@@ -37,6 +38,15 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         .panels
         .iter_mut()
         .for_each(|(_, points)| points.iter_mut().for_each(|point| point.label.push_str(" and its setting")));
+    let mut several = optimisation();
+    several.panels.extend(several.panels.clone());
+    several.panels[1].curves[0].1[2].held_out.value = f64::NAN;
+    let mut single = optimisation();
+    single.panels.truncate(1);
+    single.panels[0].curves.truncate(1);
+    single.panels[0].curves[0].0.clone_from(&long);
+    single.panels[0].curves[0].1.iter_mut().for_each(|point| point.context = None);
+    let none = OptimisationCurves { panels: Vec::new(), ..optimisation() };
     let mut many = overlap_curves();
     many.series =
         (0..14).map(|at| OverlapSeries { label: format!("method {at}"), ..many.series[at % 4].clone() }).collect();
@@ -51,6 +61,9 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     empty[1].series.iter_mut().for_each(|series| series.points.clear());
     vec![
         ("no points", Frontier { points: Vec::new(), ..frontier(CostAxis::Gaussians) }.draw()),
+        ("many panels", several.draw()),
+        ("one curve", single.draw()),
+        ("no panels", none.draw()),
         ("one point", one_point.draw()),
         ("no numbers", broken.draw()),
         ("equal scenes", level.draw()),

@@ -58,6 +58,8 @@ pub struct PlotSection {
     pub hint: String,
     /// Plots by name, in order.
     pub plots: Vec<(String, Drawing)>,
+    /// Whether it stands before the tables.
+    pub leads: bool,
 }
 
 /// A store and its folder.
@@ -87,7 +89,7 @@ impl Page<'_> {
 
     /// As [`write`](Self::write), with an extra script at the end, for tests.
     pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
-        let plots = [figures(self.plots)?, self.sections()?, live::section(self.live)?];
+        let plots = [self.sections(true)?, figures(self.plots)?, self.sections(false)?, live::section(self.live)?];
         let mut budget = self.max_bytes;
         loop {
             let page = self.with_pictures(budget, &plots, extra)?;
@@ -103,7 +105,7 @@ impl Page<'_> {
     fn with_pictures(
         &self,
         budget: usize,
-        [plots, sections, live]: &[String; 3],
+        [leading, plots, sections, live]: &[String; 4],
         extra: Option<&str>,
     ) -> Result<String, ReportError> {
         let pictures = pictures::Album::fill(self.stores, budget);
@@ -137,10 +139,12 @@ impl Page<'_> {
             ("summary", facts::summary(self.tables, self.stores)),
             ("protocols", protocols::write(self.tables, self.stores)),
             ("tables", tables::write(self.tables, self.stores)),
+            ("leading", leading.clone()),
             ("plots", plots.clone()),
             ("sections", sections.clone()),
             ("live", live.clone()),
-            ("links", self.links()),
+            ("leading-links", self.links(true)),
+            ("links", self.links(false)),
             ("contents", self.contents()),
             ("scenes", scenes::section(self.stores, &pictures)),
             ("origin", facts::origin(self.stores)),
@@ -150,19 +154,20 @@ impl Page<'_> {
         Ok(filled(PAGE, &slots))
     }
 
-    fn shown(&self) -> impl Iterator<Item = (usize, &PlotSection)> {
-        self.sections.iter().enumerate().filter(|(_, section)| !section.plots.is_empty())
+    /// The sections with plots that stand before the tables, or the others.
+    fn shown(&self, leads: bool) -> impl Iterator<Item = (usize, &PlotSection)> {
+        self.sections.iter().enumerate().filter(move |(_, own)| own.leads == leads && !own.plots.is_empty())
     }
 
-    fn sections(&self) -> Result<String, ReportError> {
-        let section = |(at, PlotSection { title, hint, plots }): (usize, &PlotSection)| {
+    fn sections(&self, leads: bool) -> Result<String, ReportError> {
+        let section = |(at, PlotSection { title, hint, plots, .. }): (usize, &PlotSection)| {
             let (title, hint, figures) = (escaped(title), escaped(hint), figures(plots)?);
             Ok(format!(
                 "<section id=\"section-{at}\" aria-labelledby=\"section-{at}-head\">\n  <h2 id=\"section-{at}-head\">{title}</h2>\n  \
                  <p class=\"hint\">{hint}</p>\n  {figures}\n</section>\n"
             ))
         };
-        self.shown().map(section).collect()
+        self.shown(leads).map(section).collect()
     }
 
     /// Contents of the printed page.
@@ -173,17 +178,26 @@ impl Page<'_> {
             let heading: Vec<&str> = drawing.texts().take(2).collect();
             item(&format!("plot-{name}"), &heading.join(": "))
         });
-        let sections = self.shown().map(|(at, section)| item(&format!("section-{at}"), &section.title));
+        let sections = |leads| {
+            self.shown(leads).map(|(at, section)| item(&format!("section-{at}"), &section.title)).collect::<Vec<_>>()
+        };
         let live = (!self.live.is_empty()).then(|| item("live", "Trials in pictures"));
-        let items: String =
-            tables.chain(plots).chain(sections).chain(live).chain([item("origin", "Provenance")]).collect();
+        let items: String = sections(true)
+            .into_iter()
+            .chain(tables)
+            .chain(plots)
+            .chain(sections(false))
+            .chain(live)
+            .chain([item("origin", "Provenance")])
+            .collect();
         format!("<nav class=\"contents\" aria-label=\"Contents\"><h2>Contents</h2><ol>{items}</ol></nav>")
     }
 
-    fn links(&self) -> String {
+    /// Links to the sections on one side of the tables, and to the live view.
+    fn links(&self, leads: bool) -> String {
         let link = |name: &str, title: &str| format!("<a href=\"#{name}\">{title}</a>\n      ");
-        let sections = self.shown().map(|(at, section)| link(&format!("section-{at}"), &escaped(&section.title)));
-        sections.chain((!self.live.is_empty()).then(|| link("live", "Live view"))).collect()
+        let sections = self.shown(leads).map(|(at, section)| link(&format!("section-{at}"), &escaped(&section.title)));
+        sections.chain((!leads && !self.live.is_empty()).then(|| link("live", "Live view"))).collect()
     }
 }
 

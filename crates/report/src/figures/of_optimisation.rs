@@ -1,0 +1,207 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
+use atsplat_eval::timing::times;
+use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow};
+
+use super::{first_metric, plain, subject};
+use crate::ReportError;
+use crate::page::PlotSection;
+use crate::plot::{Drawing, Estimate, OptimisationCurves, OptimisationPanel, OptimisationPoint};
+use crate::table::{BUSY, Source};
+
+/// Kinds of methods that are optimised for each trial, and their curves' names, in the order of the legend.
+const OPTIMISED: [(&str, &str); 4] = [
+    ("atsplat+refine", "ATSplat + refinement"),
+    ("3dgs", "3DGS"),
+    ("mip-splatting", "Mip-Splatting"),
+    ("mcmc", "3DGS-MCMC"),
+];
+/// The kind of the network alone, from which the refinement's curve starts.
+const NETWORK: &str = "atsplat";
+
+/// [`of_optimisation`] as the section that a report starts with; `None` without a plot.
+///
+/// # Errors
+/// As [`of_optimisation`].
+pub fn optimisation_section(sources: &[Source<'_>]) -> Result<Option<PlotSection>, ReportError> {
+    let plots = of_optimisation(sources)?;
+    Ok((!plots.is_empty()).then(|| PlotSection {
+        title: "Accuracy against time".to_owned(),
+        hint: "From one pass of a network to minutes of optimisation of each scene: what more seconds buy, and where more \
+               views are needed."
+            .to_owned(),
+        plots,
+        leads: true,
+    }))
+}
+
+/// Accuracy against the seconds of optimisation, by name: a plot for each protocol of a store under which trials were optimised with
+/// at least two budgets, with a panel for each number of context views.
+///
+/// # Errors
+/// [`ReportError::Store`] for an invalid protocol in a store.
+fn of_optimisation(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
+    let mut plots = BTreeMap::new();
+    for Source { results, label } in sources {
+        let mut seen = BTreeSet::new();
+        for preset in results.provenance.presets.iter().filter(|preset| seen.insert(&preset.name)) {
+            let Some(plot) = curves(results, preset)? else { continue };
+            let name = format!("optimisation-{}", plain(&preset.name));
+            // Stores are measured on their own: curves of two would mix machines.
+            let name = if plots.contains_key(&name) { format!("{name}-{}", plain(label)) } else { name };
+            plots.insert(name, plot.draw());
+        }
+    }
+    Ok(plots.into_iter().collect())
+}
+
+/// A method's point and where it belongs.
+struct Placed<'a> {
+    views: usize,
+    method: &'a MethodRecord,
+    point: OptimisationPoint,
+    scenes: u64,
+}
+
+fn curves(results: &Results, preset: &PresetRecord) -> Result<Option<OptimisationCurves>, ReportError> {
+    let Some(metric) = first_metric(results, &preset.name) else { return Ok(None) };
+    let aggregation = preset.protocol()?.aggregation;
+    let is_optimised = |kind: &str| OPTIMISED.iter().any(|(own, _)| *own == kind);
+    let (mut placed, mut untimed, mut busy, mut machine) = (Vec::new(), Vec::new(), false, None);
+    for method in &results.provenance.methods {
+        if !is_optimised(&method.kind) && method.kind != NETWORK {
+            continue;
+        }
+        let is_own = |trial: &&TrialRow| trial.key.preset == preset.name && trial.key.method == method.name;
+        let trials: Vec<&TrialRow> = results.trials.iter().filter(is_own).collect();
+        let Some(first) = trials.first() else { continue };
+        let query = MetricQuery {
+            preset: &preset.name,
+            method: &method.name,
+            metric: metric.id,
+            leaked: Leaked::Included,
+            identical: Identical::Excluded,
+        };
+        let found = summary(results, &query, aggregation);
+        let Some(value) = found.mean else { continue };
+        let timed = times(results, &preset.name, &method.name).ok();
+        let Some((timed, first_picture)) = timed.and_then(|own| Some((own.first_picture?, own)).map(|(a, b)| (b, a)))
+        else {
+            untimed.push(method.title.clone());
+            continue;
+        };
+        busy |= timed.busy;
+        machine.get_or_insert(timed.machine);
+        let psnrs: Vec<f64> = trials.iter().filter_map(|trial| trial.context_psnr).collect();
+        placed.push(Placed {
+            views: first.context.len(),
+            method,
+            scenes: found.scenes,
+            point: OptimisationPoint {
+                secs: first_picture.median,
+                held_out: Estimate { value, interval: found.interval },
+                context: (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64),
+            },
+        });
+    }
+    let views: BTreeSet<usize> = placed.iter().map(|own| own.views).collect();
+    let panels: Vec<OptimisationPanel> = views.iter().filter_map(|&views| panel(&placed, views)).collect();
+    if panels.is_empty() {
+        return Ok(None);
+    }
+    let machine = machine.map_or_else(String::new, |machine| format!("; timed on {machine}"));
+    let mark = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
+    let mut note = "Points of one curve differ in the budget of their optimisation; the refinement starts from the network alone. \
+                    Bars: 95 % intervals over scenes."
+        .to_owned();
+    if !untimed.is_empty() {
+        note.push_str(&format!(" Without a time, so without a point: {}.", untimed.join(", ")));
+    }
+    Ok(Some(OptimisationCurves {
+        title: format!("{} against seconds of optimisation", metric.name),
+        subtitle: format!("{}{machine}{mark}", subject(results, preset)),
+        quality: metric.into(),
+        panels,
+        note,
+    }))
+}
+
+/// The curves for one number of context views; `None` without a curve of two points.
+fn panel(placed: &[Placed<'_>], views: usize) -> Option<OptimisationPanel> {
+    let own = || placed.iter().filter(|own| own.views == views);
+    let mut curves = Vec::new();
+    for (kind, label) in OPTIMISED {
+        let of_kind = || own().filter(|own| own.method.kind == kind);
+        let model = |own: &Placed<'_>| own.method.parameters.get("model-hash").cloned();
+        let models: BTreeSet<String> = of_kind().filter_map(model).map(|hash| hash.to_string()).collect();
+        let is_start = |own: &&Placed<'_>| {
+            kind == OPTIMISED[0].0 && own.method.kind == NETWORK && model(own).is_some_and(|hash| models.contains(&hash.to_string()))
+        };
+        let mut points: Vec<OptimisationPoint> = of_kind().chain(own().filter(is_start)).map(|own| own.point).collect();
+        points.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        if of_kind().next().is_some() {
+            curves.push((label.to_owned(), points));
+        }
+    }
+    let is_curve = curves.iter().any(|(_, points)| points.len() > 1);
+    let scenes = own().map(|own| own.scenes).max()?;
+    let [plural, many] =
+        [views, usize::try_from(scenes).unwrap_or(usize::MAX)].map(|count| if count == 1 { "" } else { "s" });
+    is_curve.then(|| OptimisationPanel { name: format!("{views} view{plural} · {scenes} scene{many}"), curves })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{atsplat, floor, preset, results};
+
+    /// Two budgets of refinement and one of 3DGS with two views, by times of a stated order.
+    #[test]
+    fn budgets_of_one_method_are_a_curve_that_starts_from_the_network() {
+        let optimised = |name: &str, kind: &str| MethodRecord {
+            kind: kind.to_owned(),
+            parameters: [("model-hash".to_owned(), "1f".into())].into(),
+            ..atsplat(name, |_| ())
+        };
+        let methods = || {
+            vec![
+                optimised("atsplat", "atsplat"),
+                optimised("refined 10", "atsplat+refine"),
+                optimised("refined 100", "atsplat+refine"),
+                optimised("3dgs-100", "3dgs"),
+                floor(),
+            ]
+        };
+        let mut own = results(vec![preset("re10k-2v-256")], methods());
+        for timing in &mut own.timings {
+            let secs = match timing.key.method.as_str() {
+                "refined 100" => 3.0,
+                "atsplat" => 0.1,
+                _ => 0.5,
+            };
+            timing.encode = vec![secs; 5];
+        }
+        for trial in &mut own.trials {
+            trial.context_psnr = (trial.key.method == "3dgs-100").then_some(41.5);
+        }
+        let found = curves(&own, &own.provenance.presets[0]).unwrap().unwrap();
+        let [panel] = &found.panels[..] else { panic!("{:?}", found.panels) };
+        assert_eq!(panel.name, "2 views · 4 scenes");
+        let lengths: Vec<(&str, usize)> = panel.curves.iter().map(|(label, own)| (label.as_str(), own.len())).collect();
+        assert_eq!(lengths, [("ATSplat + refinement", 3), ("3DGS", 1)]);
+        let refined = &panel.curves[0].1;
+        assert!(refined[0].secs < refined[1].secs && 4.0 * refined[1].secs < refined[2].secs, "{refined:?}");
+        assert_eq!((refined[0].context, panel.curves[1].1[0].context), (None, Some(41.5)));
+
+        own.timings.retain(|timing| timing.key.method != "refined 100");
+        let note = curves(&own, &own.provenance.presets[0]).unwrap().unwrap().note;
+        assert!(note.contains("Without a time, so without a point: "), "{note}");
+        let alone = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        assert!(curves(&alone, &alone.provenance.presets[0]).unwrap().is_none());
+        let source = |label| Source { label, results: &own };
+        let names = of_optimisation(&[source("a"), source("b")]).unwrap();
+        let names: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["optimisation-re10k-2v-256", "optimisation-re10k-2v-256-b"]);
+    }
+}

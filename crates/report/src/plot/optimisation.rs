@@ -1,0 +1,140 @@
+use atsplat_numeric::Extremes as _;
+use plotters::style::RGBColor;
+
+use super::axes::{Axes, AxisText};
+use super::labels::names_above;
+use super::scale::{Scale, own_label, time_unit};
+use super::series::{Estimate, Figure, Origin, mark, note, plain, whisker};
+use super::shape::{Drawing, Extent, MARGIN, Stroke};
+use super::theme::colour;
+
+/// Quality against the seconds that a trial's Gaussians were optimised for: held-out targets in the upper row, the context views
+/// that were optimised in the lower one, so that overfitting shows.
+#[derive(Clone, Debug)]
+pub struct OptimisationCurves {
+    /// Title.
+    pub title: String,
+    /// Protocol, scenes, machine.
+    pub subtitle: String,
+    /// The metric of the held-out targets.
+    pub quality: Figure,
+    /// Side by side, at most four in a row.
+    pub panels: Vec<OptimisationPanel>,
+    /// Below the panels.
+    pub note: String,
+}
+
+/// The curves for one number of context views.
+#[derive(Clone, Debug)]
+pub struct OptimisationPanel {
+    /// Above the panel: `2 views · 8 scenes`.
+    pub name: String,
+    /// Curves by label; the same label has the same colour in every panel.
+    pub curves: Vec<(String, Vec<OptimisationPoint>)>,
+}
+
+/// A method with one budget.
+#[derive(Clone, Copy, Debug)]
+pub struct OptimisationPoint {
+    /// Seconds from context pictures to the first rendered picture, above 0.
+    pub secs: f64,
+    /// The metric on held-out targets.
+    pub held_out: Estimate,
+    /// PSNR in dB on the context views, of a method that is optimised on them.
+    pub context: Option<f64>,
+}
+
+/// Height of a panel's inside.
+const HEIGHT: f64 = 260.0;
+/// Between the insides of two panels.
+const GAP: f64 = 56.0;
+
+impl OptimisationCurves {
+    /// Draws it.
+    pub fn draw(&self) -> Drawing {
+        let columns = self.panels.len().clamp(1, 4);
+        let width = [760.0, 400.0, 320.0, 280.0][columns - 1];
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels")]
+        let (mut drawing, head) =
+            Drawing::titled(((width + GAP) * columns as f64) as u32 + 40, &self.title, &self.subtitle);
+        let mut labels: Vec<&str> = Vec::new();
+        for (label, _) in self.panels.iter().flat_map(|panel| &panel.curves) {
+            if !labels.contains(&label.as_str()) {
+                labels.push(label);
+            }
+        }
+        let mut below = drawing.legend(MARGIN, head + 12.0, &labels, |drawing, at, place| {
+            mark(drawing, place, Origin::Measured, colour(at));
+        });
+        let points = || self.panels.iter().flat_map(|panel| &panel.curves).flat_map(|(_, points)| points);
+        let (unit, length) = time_unit(points().map(|point| point.secs));
+        let x = Scale::logarithmic(points().map(|point| point.secs / length), 0.06);
+        let held_out = Scale::around(points().flat_map(|point| point.held_out.extent()), 0.08);
+        let context = Scale::around(points().filter_map(|point| point.context), 0.08);
+        let has_context = points().any(|point| point.context.is_some());
+        let x_title = format!("time to the first picture in {unit}, logarithmic");
+        let x_text = AxisText { title: &x_title, label: &|value, _| own_label(value) };
+        let upper_title = format!("held out: {}", self.quality.title());
+        for row in self.panels.chunks(4) {
+            let place = |at: usize, top: f64| {
+                let left = 64.0 + (width + GAP) * at as f64;
+                Extent::new(left, top, left + width - GAP + 36.0, top + HEIGHT)
+            };
+            let top = below + 56.0;
+            let mut lowest = top;
+            for (at, panel) in row.iter().enumerate() {
+                let axes = Axes { inside: place(at, top), x, y: held_out };
+                let Extent { left, right, .. } = axes.inside;
+                names_above(
+                    &mut drawing,
+                    top - 30.0,
+                    &[(panel.name.clone(), [left, right])],
+                    [left - 40.0, right + 20.0],
+                );
+                axes.draw_y(&mut drawing, &plain(&upper_title));
+                lowest = axes.draw_x(&mut drawing, &x_text).maximum_of(lowest);
+                for (label, points) in &panel.curves {
+                    let own = points.iter().map(|point| (point.secs / length, point.held_out)).collect::<Vec<_>>();
+                    curve(&mut drawing, &axes, (label, colour_of(&labels, label)), &own);
+                }
+            }
+            let top = lowest + 34.0;
+            for (at, panel) in row.iter().enumerate().filter(|_| has_context) {
+                let axes = Axes { inside: place(at, top), x, y: context };
+                axes.draw_y(&mut drawing, &plain("context views: PSNR in dB"));
+                lowest = axes.draw_x(&mut drawing, &x_text).maximum_of(lowest);
+                for (label, points) in &panel.curves {
+                    let own = |point: &OptimisationPoint| Some((point.secs / length, Estimate::exact(point.context?)));
+                    let own = points.iter().filter_map(own).collect::<Vec<_>>();
+                    curve(&mut drawing, &axes, (label, colour_of(&labels, label)), &own);
+                }
+            }
+            below = lowest;
+        }
+        let bottom = note(&mut drawing, below, &self.note);
+        drawing.end_at(bottom + 14.0);
+        drawing
+    }
+}
+
+fn colour_of(labels: &[&str], label: &str) -> RGBColor {
+    colour(labels.iter().take_while(|other| **other != label).count())
+}
+
+/// A line with a mark and an interval at each point; numbers that are not finite have none.
+fn curve(drawing: &mut Drawing, axes: &Axes, (label, colour): (&str, RGBColor), points: &[(f64, Estimate)]) {
+    let points: Vec<&(f64, Estimate)> = points.iter().filter(|(x, mean)| (x * mean.value).is_finite()).collect();
+    let line: Vec<[f64; 2]> = points.iter().map(|(x, mean)| axes.place(*x, mean.value)).collect();
+    drawing.data(label, |drawing| {
+        if line.len() > 1 {
+            drawing.line(line.clone(), Stroke::new(colour, 2.0));
+        }
+        for ((_, mean), at) in points.iter().zip(&line) {
+            if let Some(interval) = mean.interval {
+                let [low, high] = interval.map(|value| axes.y_of(value));
+                whisker(drawing, at[0], [low, high], Stroke::new(colour, 1.0));
+            }
+            mark(drawing, *at, Origin::Measured, colour);
+        }
+    });
+}
