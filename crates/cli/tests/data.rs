@@ -224,7 +224,11 @@ fn costs_of_effects_are_not_negative_and_compared_with_all() {
     let plain = ["--scenes", "2", "--frames", "3", "--size", "48x32", "--costs"];
     let simulate =
         |out: &str, more: &[&str]| succeed(folder.path(), &[&["data", "simulate", out], &plain[..], more].concat());
-    let text = simulate("text", &[]);
+    let text = simulate("text", &["--plot", "costs.svg"]);
+    let plot = std::fs::read_to_string(folder.path().join("costs.svg")).unwrap();
+    for shown in ["2 rooms, 48×32, 4 rays a pixel", "soft shadows", "of 2 scenes"] {
+        assert!(plot.contains(shown), "{shown}: {plot}");
+    }
     let measured: Vec<&str> = text.lines().filter(|line| line.starts_with("    ")).collect();
     for name in ["soft shadows", "the frame", "with all effects", "difference"] {
         assert!(measured.iter().any(|line| line.trim_start().starts_with(name)), "{name}: {text}");

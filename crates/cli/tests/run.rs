@@ -193,6 +193,10 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     assert!(times["repetitions"].as_u64().unwrap() >= 7 && render["median"].as_f64().unwrap() > 0.0, "{times}");
     assert!(times["busy"].is_boolean() && render["mad"].is_number() && times["machine"]["threads"].is_u64(), "{times}");
     let table = succeed(here, &["tradeoff", "store"]);
+    let refused = atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]);
+    let expected = "--curve: expected trials that were optimised with several budgets, and timed; found none";
+    assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
+    assert!(!here.join("report/results").exists(), "nothing was run");
     assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
 }
 

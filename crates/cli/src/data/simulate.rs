@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
-use atsplat_numeric::median;
+use atsplat_numeric::{median, quantile};
+use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
     EffectChoice, EffectKind, FrameCosts, Layout, ManifestScene, PictureCoding, Request, Route, SceneKind, SceneSeed,
     Simulation, Split, WriteOptions, write_dataset,
@@ -16,6 +17,7 @@ use serde::Serialize;
 
 use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
+use crate::plot::PlotFile;
 use crate::progress::Progress;
 
 pub(super) const KINDS: [(&str, SceneKind); 2] = [("rooms", SceneKind::Rooms), ("yards", SceneKind::Yards)];
@@ -81,6 +83,10 @@ pub(crate) struct Args {
     #[arg(long)]
     costs: bool,
 
+    /// Draw the costs, over all scenes, into this file (.svg or .png).
+    #[arg(long, value_name = "FILE", requires = "costs", value_parser = PlotFile::parser())]
+    plot: Option<PlotFile>,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -108,6 +114,7 @@ struct SceneRecord {
 /// Simulates; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_nonempty_folder(&args.out)?;
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
     let requests = args.requests(&mut warnings)?;
     let progress = Progress::new("scenes", requests.len());
@@ -126,7 +133,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if let Some(error) = failed {
         return Err(error);
     }
-    print_report(&Report { folder: args.out.clone(), scenes: records }, args.json)?;
+    let report = Report { folder: args.out.clone(), scenes: records };
+    if let Some(plot) = plot {
+        plot.finish(|format| report.plot(args).draw().encode(format))?;
+    }
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
     if args.layout != Layout::Nerfstudio && warnings.counts().next().is_some() {
         warn("note: --layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
@@ -206,18 +217,48 @@ impl Report {
             let measured = millis(times.iter().filter_map(|time| time.secs).collect());
             writeln!(f, "{:<20} {:>3}/{:<3}  {measured:>16}", effect.to_string(), times.len(), costs.len())?;
         }
-        let total = |read: fn(&FrameCosts) -> Option<f64>| costs.iter().filter_map(|costs| read(costs)).sum::<f64>();
-        let (own, all) = (total(|costs| costs.frame.secs), total(|costs| costs.all.secs));
-        let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, |a, b| if b > a { b } else { a });
-        let beyond = costs.iter().map(|costs| costs.difference.beyond).sum::<f64>() / costs.len() as f64;
-        writeln!(
-            f,
-            "all effects take {:.2} times as long; the largest difference is {:.1} of 255, and {:.3} % of pixels differ by more than 1",
-            all / own,
-            largest * 255.0,
-            beyond * 100.0
-        )
+        writeln!(f, "{}", against_all(&costs))
     }
+
+    /// The median and the quartiles of each effect's costs over the scenes that call for it.
+    fn plot(&self, args: &Args) -> EffectCosts {
+        let costs: Vec<&FrameCosts> = self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect();
+        let row = |effect: EffectKind| {
+            let of = || costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
+            let mut millis: Vec<f64> = of().filter_map(|cost| cost.time.secs).map(|secs| secs * 1e3).collect();
+            millis.sort_by(f64::total_cmp);
+            let at = |share| quantile(&millis, share);
+            EffectCostRow {
+                effect: effect.to_string(),
+                called_for: of().count(),
+                scenes: costs.len(),
+                millis: at(0.25).zip(at(0.5)).zip(at(0.75)).map(|((low, median), high)| [low, median, high]),
+            }
+        };
+        let frame = median(costs.iter().filter_map(|costs| costs.frame.secs));
+        let frame = frame.map_or_else(String::new, |secs| format!("; a frame takes {:.0} ms, median", secs * 1e3));
+        let ImageSize { width, height } = args.size.unwrap_or_else(|| native_size(args.layout));
+        EffectCosts {
+            title: "What each effect costs in simulated frames, and where it is called for".to_owned(),
+            subtitle: format!("{} {}, {width}×{height}, {} rays a pixel{frame}", costs.len(), args.kind, args.samples),
+            rows: EffectKind::ALL.into_iter().map(row).collect(),
+            note: format!("Bars: medians over scenes; lines: quartiles; {}.", against_all(&costs)),
+        }
+    }
+}
+
+/// What the effects that scenes call for save against all of them, and change.
+fn against_all(costs: &[&FrameCosts]) -> String {
+    let total = |read: fn(&FrameCosts) -> Option<f64>| costs.iter().filter_map(|costs| read(costs)).sum::<f64>();
+    let (own, all) = (total(|costs| costs.frame.secs), total(|costs| costs.all.secs));
+    let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, |a, b| if b > a { b } else { a });
+    let beyond = costs.iter().map(|costs| costs.difference.beyond).sum::<f64>() / costs.len() as f64;
+    format!(
+        "all effects take {:.2} times as long; the largest difference is {:.1} of 255, and {:.3} % of pixels differ by more than 1",
+        all / own,
+        largest * 255.0,
+        beyond * 100.0
+    )
 }
 
 impl fmt::Display for Report {

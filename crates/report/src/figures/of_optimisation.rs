@@ -136,7 +136,9 @@ fn panel(placed: &[Placed<'_>], views: usize) -> Option<OptimisationPanel> {
         let model = |own: &Placed<'_>| own.method.parameters.get("model-hash").cloned();
         let models: BTreeSet<String> = of_kind().filter_map(model).map(|hash| hash.to_string()).collect();
         let is_start = |own: &&Placed<'_>| {
-            kind == OPTIMISED[0].0 && own.method.kind == NETWORK && model(own).is_some_and(|hash| models.contains(&hash.to_string()))
+            kind == OPTIMISED[0].0
+                && own.method.kind == NETWORK
+                && model(own).is_some_and(|hash| models.contains(&hash.to_string()))
         };
         let mut points: Vec<OptimisationPoint> = of_kind().chain(own().filter(is_start)).map(|own| own.point).collect();
         points.sort_by(|a, b| a.secs.total_cmp(&b.secs));

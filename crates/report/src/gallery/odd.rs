@@ -1,9 +1,9 @@
 //! The plots with missing, broken, long or many values.
 
 use super::{
-    ablation, around, budget_histogram, contact_sheet, drift_history, estimators, extrapolation, frontier, frontiers,
-    histograms, k_scaling, optimisation, overlap_bins, overlap_curves, scatter, stage_time, strips, token_expansion,
-    uncertainty,
+    ablation, around, budget_histogram, contact_sheet, drift_history, effect_costs, estimators, extrapolation,
+    frontier, frontiers, histograms, k_scaling, optimisation, overlap_bins, overlap_curves, scatter, stage_time,
+    strips, token_expansion, uncertainty,
 };
 use crate::plot::{
     Ablation, BudgetHistogram, ContactSheet, CostAxis, Drawing, DriftHistory, EstimatorScatter, ExpansionStrips,
@@ -46,6 +46,9 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     single.panels[0].curves.truncate(1);
     single.panels[0].curves[0].0.clone_from(&long);
     single.panels[0].curves[0].1.iter_mut().for_each(|point| point.context = None);
+    let mut free = effect_costs();
+    free.rows.iter_mut().for_each(|row| row.millis = None);
+    free.rows[0].effect.clone_from(&long);
     let none = OptimisationCurves { panels: Vec::new(), ..optimisation() };
     let mut many = overlap_curves();
     many.series =
@@ -64,6 +67,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("many panels", several.draw()),
         ("one curve", single.draw()),
         ("no panels", none.draw()),
+        ("nothing costs", free.draw()),
         ("one point", one_point.draw()),
         ("no numbers", broken.draw()),
         ("equal scenes", level.draw()),

@@ -49,13 +49,17 @@ impl Sample {
     }
 
     fn write(&self, max_bytes: usize, extra: Option<&str>) -> String {
+        self.write_with_sections(max_bytes, extra, &[])
+    }
+
+    fn write_with_sections(&self, max_bytes: usize, extra: Option<&str>, sections: &[PlotSection]) -> String {
         let source = Source { label: LABEL, results: &self.results };
         let stores = [PageStore { source, folder: Some(self.folder.path()) }];
         let page = Page {
             title: format!("Report {HOSTILE}"),
             tables: &self.tables,
             plots: &self.plots,
-            sections: &[],
+            sections,
             live: &[],
             stores: &stores,
             max_bytes,
@@ -87,6 +91,23 @@ fn data_is_escaped() {
     let scenes: Vec<&str> =
         data["runs"][0]["trials"].as_array().unwrap().iter().map(|trial| trial["scene"].as_str().unwrap()).collect();
     assert!(scenes.contains(&HOSTILE), "the data is unchanged: {scenes:?}");
+}
+
+#[test]
+fn a_leading_section_stands_before_the_tables_and_others_after_the_plots() {
+    let sample = Sample::new();
+    let section = |title: &str, leads| PlotSection {
+        title: title.to_owned(),
+        hint: "A hint.".to_owned(),
+        plots: vec![(format!("plot of {title}"), sample.plots[0].1.clone())],
+        leads,
+    };
+    let page = sample.write_with_sections(usize::MAX, None, &[section("Afterwards", false), section("At first", true)]);
+    let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}"));
+    let order = ["section-1-head\">At first", "id=\"tables-head\"", "id=\"plots-head\"", "section-0-head\">Afterwards"];
+    assert!(order.map(at).is_sorted(), "{:?}", order.map(at));
+    let links = ["href=\"#section-1\"", "href=\"#tables\"", "href=\"#section-0\"", "href=\"#scenes\""];
+    assert!(links.map(at).is_sorted(), "{:?}", links.map(at));
 }
 
 #[test]
