@@ -3,7 +3,7 @@
 use crate::common::{config, sample};
 use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::samples::{PatchDistances, Sample};
 use atsplat_train::{Evaluation, FaultKind, GroupGradients, LossConfig, Objective, Parameters, Terms};
 
@@ -170,7 +170,7 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
     assert!(together.gradients.keys().eq(alone[0].gradients.keys()));
     for (name, found) in &together.gradients {
         let sums = (0..found.len()).map(|at| alone.iter().map(|own| f64::from(own.gradients[name][at])).sum::<f64>());
-        let largest = found.iter().fold(0.0f64, |most, value| most.max(f64::from(value.abs())));
+        let largest = found.iter().fold(0.0f64, |most, value| most.maximum_of(f64::from(value.abs())));
         Tolerance::absolute(2e-5 * largest).assert(found.iter().copied().map(f64::from), sums, name);
     }
     let mut broken = samples;
