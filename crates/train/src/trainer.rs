@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 use atsplat_files::Sha256Digest;
 use atsplat_model::network::{Device, Network, Processor, Products};
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, read_backbone};
-use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
 use burn::module::Module as _;
 use rayon::prelude::*;
 
 use crate::checkpoint::{Checkpoints, State};
-use crate::config::{SourceConfig, WHAT};
+use crate::config::WHAT;
 use crate::evaluation::Evaluation;
 use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
@@ -140,7 +140,7 @@ impl Trainer {
         require_run_to_resume(folder, start)?;
         let model = config.model.config()?;
         let objective = Objective::new(config.losses.clone())?;
-        check_resolution(&config, &model)?;
+        config.check_model(&model)?;
         let device = opened(processor)?;
         let template = Network::new(&model, &device.clone().autodiff())?;
         let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
@@ -481,20 +481,6 @@ fn opened(processor: Processor) -> Result<Device, TrainError> {
         None => Ok(device),
         Some(why) => Err(ModelError::Processor { processor, why: format!("it cannot render: {why}") }.into()),
     }
-}
-
-/// Inference resizes pictures to the scale of the model's resolution, so simulated training pictures must have that scale too.
-fn check_resolution(config: &TrainConfig, model: &ModelConfig) -> Result<(), TrainError> {
-    let shorter = |size: ImageSize| size.height.min(size.width);
-    for data in &config.data {
-        if let SourceConfig::Rooms(rooms) = &data.source
-            && shorter(rooms.size) != shorter(model.resolution)
-        {
-            let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
-            return Err(TrainError::malformed(WHAT, "data.source.rooms.size", expected, rooms.size));
-        }
-    }
-    Ok(())
 }
 
 /// Resuming needs a folder in which a run was started.

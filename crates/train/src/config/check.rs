@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_model::config::BlockExpansion;
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_numeric::SplitMix64;
 use atsplat_protocol::samplers::SceneViews;
@@ -82,6 +83,30 @@ impl TrainConfig {
     }
 }
 
+impl TrainConfig {
+    /// Checks the configuration against its network.
+    pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
+        // Inference resizes pictures to the scale of the model's resolution, so simulated pictures must have that scale too.
+        let shorter = |size: ImageSize| size.height.min(size.width);
+        for data in &self.data {
+            if let SourceConfig::Rooms(rooms) = &data.source
+                && shorter(rooms.size) != shorter(model.resolution)
+            {
+                let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
+                return refuse("data.source.rooms.size".to_owned(), &expected, rooms.size);
+            }
+        }
+        let expansions = model.decoder.blocks.iter().filter_map(|block| block.expansion.as_ref());
+        let by_threshold = expansions.filter(|expansion| matches!(expansion, BlockExpansion::Threshold(_))).count();
+        if self.together.get() > 1 && by_threshold > 0 {
+            let expected =
+                "1 for a network that expands by thresholds, which select other numbers of tokens in each sample";
+            return refuse("together".to_owned(), expected, self.together);
+        }
+        Ok(())
+    }
+}
+
 /// Size of a protocol's preprocessed pictures, if the protocol states the source size.
 fn size_of(preset: &Preset) -> Option<ImageSize> {
     let source = preset.preprocessing.expected_size?;
@@ -153,4 +178,35 @@ fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
 
 fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, TrainError> {
     Err(TrainError::malformed(WHAT, field, expected, found))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_go_together_only_if_they_expand_as_many_tokens() {
+        let text = r#"
+            title = "two together"
+            seed = 1
+            steps = 1
+            batch = 2
+            together = 2
+            model = { base = "nano" }
+
+            [[data]]
+            [data.source.rooms]
+            scenes-of = "rooms"
+            scenes = 1
+            size = [256, 256]
+            views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }
+        "#;
+        let config = TrainConfig::from_toml(text).unwrap();
+        let by_ratio = config.model.config().unwrap();
+        let by_threshold = by_ratio.with_thresholds(&[0.1; 3]).unwrap();
+        config.check_model(&by_ratio).unwrap();
+        let error = config.check_model(&by_threshold).unwrap_err().to_string();
+        assert!(error.contains("together") && error.contains("found 2"), "{error}");
+        TrainConfig { together: NonZeroUsize::MIN, ..config }.check_model(&by_threshold).unwrap();
+    }
 }
