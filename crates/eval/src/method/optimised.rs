@@ -17,7 +17,7 @@ pub const START_POINTS: usize = 5000;
 pub const MAX_GAUSSIANS: usize = 100_000;
 
 /// Gaussians optimised for each trial on its context views: 3DGS, Mip-Splatting and MCMC from a random start, or the
-/// refinement of what a network made.
+/// refinement of what a network made; rendered and differentiated by the backend that renders the targets.
 ///
 /// The papers start 3DGS and Mip-Splatting from COLMAP's points of the context views; trials have none, so random points
 /// seen by the context cameras stand in for them, and each row says so.
@@ -105,6 +105,9 @@ impl Optimised {
             ("seed", self.seed.into()),
         ]));
         self.splatting.describe(&mut self.record);
+        if self.splatting.backend.adapter().is_some() {
+            self.record.parameters.extend(parameters([("optimised-on", "the renderer's adapter".into())]));
+        }
         if let Some(network) = &self.network {
             self.record.record_network(network);
         }
@@ -171,9 +174,10 @@ impl Method for Optimised {
         let mut config = self.config(&input);
         let start = self.start(&input, &views, &mut config, &mut cost)?;
         let begin = Instant::now();
-        let (steps, deadline) = self.budget.plan(&config, &views, &start).map_err(failed)?;
+        let device = self.splatting.backend.fit_device();
+        let (steps, deadline) = self.budget.plan(&config, &views, &start, &device).map_err(failed)?;
         config.steps = steps;
-        let mut fit = Fit::new(config, views, &start).map_err(failed)?;
+        let mut fit = Fit::new(config, views, &start).map_err(failed)?.on(device);
         let mut training = Vec::new();
         fit.run(deadline, |_, step| {
             training.push(step.psnr());
