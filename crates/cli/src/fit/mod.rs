@@ -232,19 +232,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         log.step(fit, step)
     });
     let seconds = begin.elapsed().as_secs_f64();
-    // A lost adapter renders nothing any more.
-    let is_lost = outcome.as_ref().is_err_and(of_device);
-    if !is_lost {
-        log.evaluate(&mut fit)?;
-    }
-    // After a fault, the last good state is written before the message.
+    // After a fault the last good state, and before further renders, which may fail.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
-    if let Some(folder) = args.plots.as_ref().filter(|_| !is_lost) {
-        log.draw(folder, &mut fit, &input.training)?;
+    let mut scaled = Vec::new();
+    // A lost adapter renders nothing any more.
+    if !outcome.as_ref().is_err_and(of_device) {
+        log.evaluate(&mut fit)?;
+        if let Some(folder) = &args.plots {
+            log.draw(folder, &mut fit, &input.training)?;
+        }
+        scaled = at_scales(&mut fit, &input.scaled)?;
     }
-    // After the Gaussians are written: large renders may fail.
-    let at_scales = if is_lost { Vec::new() } else { at_scales(&mut fit, &input.scaled)? };
     let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
@@ -264,7 +263,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         corrections: corrections(&fit, &input.training)?,
         training_psnr: log.training_psnr(),
         evaluations: log.evaluations.clone(),
-        at_scales,
+        at_scales: scaled,
     };
     drop(log);
     record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
