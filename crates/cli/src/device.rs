@@ -8,7 +8,7 @@ use crate::adapter_tests::AdapterTests;
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct DeviceArgs {
-    /// Where networks run and evaluations render: cpu, wgpu or wgpu:N, the best graphics adapter or number N of `atsplat
+    /// Where networks run and Gaussians are rendered: cpu, wgpu or wgpu:N, the best graphics adapter or number N of `atsplat
     /// adapters`, which must pass its test and is recorded. Networks need a build with `--features gpu-network` for it.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
     pub(crate) processor: Processor,

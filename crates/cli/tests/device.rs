@@ -15,7 +15,7 @@ use common::{atsplat, succeed};
 use evaluation::write_noise;
 
 const TINY: [&str; 6] = ["tiny.toml", "--data", "data", "--out", "store", "--json"];
-/// Optimises a few Gaussians on the CPU: they are rendered on the device.
+/// Optimises a few Gaussians, and renders them, on the device.
 const OPTIMISED: [&str; 5] = ["--method", "3dgs:2", "--max-gaussians", "300", "--timing"];
 
 fn run(more: &[&str]) -> Vec<String> {
@@ -29,7 +29,7 @@ fn texts(args: &[String]) -> Vec<&str> {
 #[test]
 fn a_device_is_spelled_in_one_way() {
     let folder = tempfile::tempdir().unwrap();
-    for command in ["run", "score", "reproduce", "train", "reconstruct", "budget"] {
+    for command in ["run", "score", "reproduce", "train", "reconstruct", "budget", "fit"] {
         let refused = atsplat(folder.path(), &[command, "--device", "gpu:0"]);
         let expected = "expected cpu, wgpu or wgpu:N, N as `atsplat adapters` numbers them, found \"gpu:0\"";
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{command}: {}", refused.stderr);

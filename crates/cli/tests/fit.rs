@@ -4,6 +4,9 @@ mod common;
 
 use std::path::Path;
 
+use atsplat_numeric::Tolerance;
+use atsplat_splat::gpu::adapters;
+use atsplat_tests::skip_without_graphics;
 use serde_json::Value;
 use tempfile::tempdir;
 
@@ -38,4 +41,41 @@ fn held_out_photos_are_compared_at_other_scales() {
     let enlarged = atsplat(folder.path(), &with_scales("4"));
     assert_ne!(enlarged.code, 0);
     assert!(enlarged.stderr.contains("--scales 4") && enlarged.stderr.contains("128"), "{}", enlarged.stderr);
+}
+
+/// The record names the device, and a checkpoint of the CPU is not resumed on an adapter.
+#[test]
+fn a_fit_on_an_adapter_says_so() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = |more: &[&'static str]| -> Vec<&str> {
+        let input = ["fit", "photos", "--views", "..", "--held-out", "..:4", "--size", "32x32", "--start", SCENE];
+        let run = ["--strategy", "3dgs", "--steps", "4", "--out", "fitted.ply"];
+        [&input[..], &run, more].concat()
+    };
+    let unknown = atsplat(here, &fit(&["--device", "wgpu:99"]));
+    let names_both = unknown.stderr.contains("error: --device wgpu:99: ")
+        && unknown.stderr.contains("graphics adapter: expected number 99, found ");
+    assert!(unknown.code == 1 && names_both, "{}", unknown.stderr);
+    assert!(!here.join("fitted.ply").exists());
+    let checkpoint = ["--checkpoint", "state", "--checkpoint-every", "2"];
+    let text = succeed(here, &fit(&checkpoint));
+    assert!(text.lines().next().is_some_and(|line| line.ends_with(" on cpu")), "{text}");
+    let record = || -> Value { serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap() };
+    let on_cpu = record();
+    assert_eq!(on_cpu["device"], "cpu");
+    let Some(adapter) = adapters().into_iter().next() else {
+        return skip_without_graphics("cli fit", "none listed");
+    };
+    let adapter = format!("{adapter}, {}", adapter.driver);
+    let refused = atsplat(here, &fit(&[&checkpoint[..], &["--resume", "--device", "wgpu:0"]].concat()));
+    let expected = format!("checkpoint: device: expected {adapter}, found cpu (state)");
+    assert!(refused.code == 1 && refused.stderr.contains(&expected), "{}", refused.stderr);
+    let text = succeed(here, &fit(&["--device", "wgpu:0"]));
+    assert!(text.lines().next().is_some_and(|line| line.ends_with(&format!(" on {adapter}"))), "{text}");
+    let on_adapter = record();
+    assert_eq!(on_adapter["device"], adapter);
+    let psnr = |record: &Value| record["evaluations"].as_array().unwrap().last().unwrap()["psnr"].as_f64().unwrap();
+    Tolerance::absolute(0.05).assert([psnr(&on_adapter)], [psnr(&on_cpu)], "held-out PSNR");
 }

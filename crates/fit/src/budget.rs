@@ -2,7 +2,7 @@ use std::time::{Duration, Instant};
 
 use atsplat_splat::Gaussians;
 
-use crate::{Fit, FitConfig, FitError, StepRecord, TrainingView};
+use crate::{Fit, FitConfig, FitDevice, FitError, StepRecord, TrainingView};
 
 /// How long an optimisation runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ const TRIAL_SHARE: f64 = 0.05;
 const GROWTH: f64 = 1.5;
 
 impl Budget {
-    /// Number of steps, for which schedules are made, and when to stop.
+    /// Number of steps on a device, for which schedules are made, and when to stop.
     ///
     /// # Errors
     /// As [`Fit::new`] and [`Fit::step`].
@@ -28,6 +28,7 @@ impl Budget {
         config: &FitConfig,
         views: &[TrainingView],
         start: &Gaussians,
+        device: &FitDevice,
     ) -> Result<(u64, Option<Instant>), FitError> {
         let seconds = match self {
             Self::Steps(steps) => return Ok((steps, None)),
@@ -41,7 +42,10 @@ impl Budget {
         })?;
         let begin = Instant::now();
         // Long enough that no schedule begins.
-        let mut trial = Fit::new(FitConfig { steps: 30_000, ..config.clone() }, views.to_vec(), start)?;
+        let config = FitConfig { steps: 30_000, ..config.clone() };
+        let mut trial = Fit::new(config, views.to_vec(), start)?.on(device.clone());
+        // Not timed: the first step allocates, and compiles the kernels of an adapter.
+        trial.step()?;
         let trial_begin = Instant::now();
         let mut count = 0u32;
         while count < 3 || (trial_begin.elapsed() < limit.mul_f64(TRIAL_SHARE) && count < 200) {

@@ -10,7 +10,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
 
 use crate::corrections::Corrections;
-use crate::{Fit, FitConfig, FitError, Scene, TrainingView};
+use crate::{Fit, FitConfig, FitDevice, FitError, Scene, TrainingView};
 
 const METADATA: &str = "atsplat.fit";
 const PARTS: [&str; 3] = ["value", "first-moment", "second-moment"];
@@ -20,6 +20,9 @@ struct Metadata {
     step: u64,
     /// Hash of configuration and views.
     run: String,
+    /// Name of the device, as bits differ between them; files without one are of the CPU.
+    #[serde(default = "cpu")]
+    device: String,
     sh_degree: u8,
     filtered: bool,
     memory: Vec<String>,
@@ -45,6 +48,7 @@ impl Fit {
         let metadata = Metadata {
             step: self.step,
             run: run_hash(&self.config, &self.views),
+            device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
             filtered: filters.is_some(),
             memory: memory.iter().map(|(name, _)| (*name).to_owned()).collect(),
@@ -64,7 +68,8 @@ impl Fit {
         atsplat_files::write(path, &bytes).map_err(failed)
     }
 
-    /// The state of a checkpoint that a run with the same configuration and views wrote; `start` is the run's start.
+    /// The state of a checkpoint that a run with the same configuration and views wrote on the same device; `start` is the
+    /// run's start.
     ///
     /// # Errors
     /// As [`Fit::new`]; [`FitError::Checkpoint`] for a file of another run or a damaged one; [`FitError::Io`].
@@ -72,6 +77,7 @@ impl Fit {
         config: FitConfig,
         views: Vec<TrainingView>,
         start: &Gaussians,
+        device: FitDevice,
         path: &Path,
     ) -> Result<Self, FitError> {
         let wrong = |field: &str, expected: &str, found: String| FitError::Checkpoint {
@@ -91,7 +97,10 @@ impl Fit {
         if metadata.run != run_hash(&config, &views) {
             return Err(wrong("run", "the configuration and views of this run", "others".to_owned()));
         }
-        let mut fit = Self::new(config, views, start)?;
+        if metadata.device != device.name() {
+            return Err(wrong("device", device.name(), metadata.device));
+        }
+        let mut fit = Self::new(config, views, start)?.on(device);
         let own: Vec<&str> = fit.density.memory().into_iter().map(|(name, _)| name).collect();
         if metadata.memory != own {
             return Err(wrong("memory", &format!("{own:?}"), format!("{:?}", metadata.memory)));
@@ -133,6 +142,10 @@ impl Fit {
         fit.density.restore(memory);
         Ok(fit)
     }
+}
+
+fn cpu() -> String {
+    FitDevice::CPU.to_owned()
 }
 
 fn arrays(parts: &GaussianParts) -> [(&'static str, &[f32]); 5] {

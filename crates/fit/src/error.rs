@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use atsplat_camera::CameraError;
 use atsplat_files::FileError;
 use atsplat_splat::SplatError;
+use atsplat_splat::gpu::GpuError;
 use thiserror::Error;
 
 /// What can go wrong in an optimisation.
@@ -103,6 +104,8 @@ pub enum Fault {
     Empty,
     /// No training camera sees any Gaussian.
     Unseen,
+    /// The graphics adapter failed.
+    Device(GpuError),
 }
 
 impl fmt::Display for Fault {
@@ -115,6 +118,7 @@ impl fmt::Display for Fault {
             }
             Self::Empty => f.write_str("density control pruned every Gaussian"),
             Self::Unseen => f.write_str("no training camera sees any Gaussian"),
+            Self::Device(error) => error.fmt(f),
         }
     }
 }

@@ -1,18 +1,17 @@
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
-use atsplat_splat::{
-    Cleaning, Exposure, Gaussians, Gradients, ImageGradients, RasterMode, RenderOptions, Rendering, View,
-};
+use atsplat_splat::{Cleaning, Exposure, Gaussians, RasterMode, RenderOptions, Rendering, SplatError, View};
 use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::adam::Adam;
 use crate::corrections::{Corrections, Slopes};
 use crate::density::{Adaptive, At, Changes, Density, DensityError, Fixed, Mcmc, Seen};
+use crate::device::{Derivative, Job, Splatter};
 use crate::filter_3d::{Cameras, MIP_BLUR};
 use crate::loss::{Photometric, Terms};
 use crate::random::{Purpose, stream, uniform};
 use crate::view::{TrainingView, scene_extent};
-use crate::{Background, Diagnosis, Fault, FitConfig, FitError, Scene, Schedule, Strategy, memory};
+use crate::{Background, Diagnosis, Fault, FitConfig, FitDevice, FitError, Scene, Schedule, Strategy, memory};
 
 /// Gradients that are checked at once.
 const CHUNK: usize = 1 << 14;
@@ -35,11 +34,9 @@ pub struct Fit {
     pub(crate) corrections: Corrections,
     dropped: usize,
     options: RenderOptions,
-    renderer: CpuRenderer,
+    pub(crate) splatter: Splatter,
     loss: Photometric,
-    images: ImageGradients<f32>,
-    gradients: Gradients<f32>,
-    absolute: Vec<[f32; 2]>,
+    derivative: Derivative,
 }
 
 /// One step.
@@ -112,7 +109,7 @@ impl Fit {
             options.constants.blur = MIP_BLUR;
             options.mode = RasterMode::Antialiased;
         }
-        let renderer = CpuRenderer::new(CpuOptions { memory_limit: config.memory_limit, ..CpuOptions::default() });
+        let cpu = CpuRenderer::new(CpuOptions { memory_limit: config.memory_limit, ..CpuOptions::default() });
         let mut fit = Self {
             schedule: Schedule::of(config.steps),
             corrections: Corrections::new(&config, views.len()),
@@ -127,14 +124,24 @@ impl Fit {
             density,
             dropped: found.rejected,
             options,
-            renderer,
+            splatter: Splatter { cpu, device: FitDevice::default() },
             loss: Photometric::default(),
-            images: ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None },
-            gradients: Gradients::default(),
-            absolute: Vec::new(),
+            derivative: Derivative::default(),
         };
         fit.filter().map_err(|fault| fit.stopped(1, 0, fault))?;
         Ok(fit)
+    }
+
+    /// The same optimisation before its first step, rendered and differentiated on a device instead of the CPU.
+    #[must_use]
+    pub fn on(mut self, device: FitDevice) -> Self {
+        self.splatter.device = device;
+        self
+    }
+
+    /// Name of the device: adapter and driver, or `cpu`.
+    pub fn device(&self) -> &str {
+        self.splatter.device.name()
     }
 
     /// The configuration.
@@ -186,18 +193,22 @@ impl Fit {
     /// Takes the next step. After an error the scene is that of the last good step.
     ///
     /// # Errors
-    /// [`FitError::Stopped`] with a diagnosis; [`FitError::Splat`] if the renderer needs more memory than the limit.
+    /// [`FitError::Stopped`] with a diagnosis, such as that of a lost device; [`FitError::Splat`] if the renderer needs more
+    /// memory than its limit.
     pub fn step(&mut self) -> Result<StepRecord, FitError> {
         let step = self.step + 1;
         let number = self.view_of(step);
         let degree = self.schedule.degree(self.first_degree, self.config.sh_degree, step);
         self.options.max_sh_degree = degree;
         self.options.background = self.background(Some(step));
-        let (terms, slopes) = self.differentiate(number)?;
+        let (terms, slopes) = self.differentiate(number).map_err(|error| match error {
+            FitError::Splat(SplatError::Gpu(error)) => self.stopped(step, number, Fault::Device(error)),
+            other => other,
+        })?;
         if !terms.total.is_finite() {
             return Err(self.stopped(step, number, Fault::Loss { l1: terms.l1, d_ssim: terms.d_ssim }));
         }
-        let regularisers = self.density.regularise(&self.scene, &mut self.gradients);
+        let regularisers = self.density.regularise(&self.scene, &mut self.derivative.gradients);
         if let Some(fault) = self.broken_gradient() {
             return Err(self.stopped(step, number, fault));
         }
@@ -212,7 +223,7 @@ impl Fit {
             sh_degree: degree,
             step,
         };
-        adam.update(&mut self.scene, &self.gradients);
+        adam.update(&mut self.scene, &self.derivative.gradients);
         self.corrections.update(number, &slopes, &self.config, (step, self.extent));
         let at = At {
             step,
@@ -251,32 +262,29 @@ impl Fit {
     /// Forward and backward pass of one training view.
     fn differentiate(&mut self, number: usize) -> Result<(Terms, Slopes), FitError> {
         let exposure = self.exposure(number);
-        let Self { views, scene, options, renderer, loss, images, gradients, absolute, density, config, .. } = self;
+        let Self { views, scene, options, splatter, loss, derivative, density, config, .. } = self;
         #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
         let TrainingView { view, rgb, .. } = views.get(number).expect("a view of the run");
         let view = &self.corrections.view(number, view)?;
         scene.with_gaussians(|gaussians| {
-            let mut recording = renderer.record(gaussians, view, options)?;
-            let rendered = &recording.rendering().rgb;
-            let exposed = exposure.map(|exposure| exposed(&exposure, rendered));
-            let shown = exposed.as_ref().unwrap_or(rendered);
-            let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, &mut images.rgb);
-            let d_exposure = exposure.map(|_| Exposure::gradient(rendered, &images.rgb)).transpose()?;
-            if let Some(exposure) = exposure {
-                images.rgb.iter_mut().for_each(|slope| *slope = before(&exposure, *slope));
-            }
-            if terms.total.is_finite() {
-                if config.absolute_gradients {
-                    recording.backward_with_absolute(images, gradients, absolute)?;
-                } else {
-                    recording.backward_into(images, gradients)?;
+            let absolute = config.absolute_gradients;
+            let job = Job { gaussians, view, options, absolute };
+            let (terms, d_exposure) = splatter.differentiate(job, derivative, |rendered, slopes| {
+                let exposed = exposure.map(|exposure| exposed(&exposure, rendered));
+                let shown = exposed.as_deref().unwrap_or(rendered);
+                let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, slopes);
+                let d_exposure = exposure.map(|_| Exposure::gradient(rendered, slopes)).transpose()?;
+                if let Some(exposure) = exposure {
+                    slopes.iter_mut().for_each(|slope| *slope = before(&exposure, *slope));
                 }
-                let drawn: Vec<u32> = recording.drawn().collect();
-                let means_2d = if config.absolute_gradients { absolute.as_slice() } else { &gradients.means_2d };
+                Ok((terms, d_exposure))
+            })?;
+            let Derivative { gradients, screen, .. } = derivative;
+            if terms.total.is_finite() {
+                let means_2d = if absolute { &screen.absolute_2d } else { &gradients.means_2d };
                 let size = [f64::from(view.size.width), f64::from(view.size.height)];
-                density.observe(&Seen { drawn: &drawn, means_2d, size, count: gaussians.len() });
+                density.observe(&Seen { drawn: &screen.drawn, means_2d, size, count: gaussians.len() });
             }
-            renderer.reuse(recording);
             Ok((terms, Slopes { pose: gradients.pose, exposure: d_exposure }))
         })
     }
@@ -287,8 +295,8 @@ impl Fit {
     /// [`FitError::Splat`].
     pub fn render(&mut self, view: &View) -> Result<Rendering<f32>, FitError> {
         let options = self.options();
-        let Self { scene, renderer, .. } = self;
-        Ok(scene.with_gaussians(|gaussians| renderer.render(gaussians, view, &options))?)
+        let Self { scene, splatter, .. } = self;
+        Ok(scene.with_gaussians(|gaussians| splatter.render(gaussians, view, &options))?)
     }
 
     /// Compares the render of a view with its picture.
@@ -335,7 +343,7 @@ impl Fit {
 
     fn broken_gradient(&self) -> Option<Fault> {
         let used = ["means", "quaternions", "log_scales", "opacity_logits", "sh", "pose"];
-        let fields = self.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
+        let fields = self.derivative.gradients.fields().into_iter().filter(|(name, _)| used.contains(name));
         fields.into_iter().find_map(|(parameter, values)| {
             let broken = |values: &[f32]| values.iter().filter(|value| !value.is_finite()).count();
             let count =

@@ -2,80 +2,19 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+mod common;
+
+use atsplat_camera::CameraFromWorld;
 use atsplat_fit::density::relocated;
-use atsplat_fit::start::{Point, from_points, in_frustums};
-use atsplat_fit::{Background, Fault, Fit, FitConfig, FitError, Rates, Strategy, TrainingView};
+use atsplat_fit::start::{Point, from_points};
+use atsplat_fit::{Background, Fault, Fit, FitConfig, FitDevice, FitError, Rates, Strategy, TrainingView};
 use atsplat_numeric::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions, View};
+use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
+use common::{config, held_out, random, run, start, truth, view, views};
 use glam::{DMat3, DVec3};
 
 const STRATEGIES: [Strategy; 4] = [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc, Strategy::Fixed];
-
-/// Uniform in [low, high).
-#[expect(clippy::cast_possible_truncation, reason = "a test's numbers are f32")]
-fn random(generator: &mut SplitMix64, low: f32, high: f32) -> f32 {
-    low + (high - low) * ((generator.next_u64() >> 40) as f64 / f64::from(1 << 24)) as f32
-}
-
-/// A cloud of coloured blobs around the origin.
-fn truth() -> Gaussians {
-    let mut generator = SplitMix64::new(5);
-    let mut parts = GaussianParts::default();
-    for _ in 0..60 {
-        let mut row = |low, high| std::array::from_fn(|_| random(&mut generator, low, high));
-        parts.means.push(row(-1.0, 1.0));
-        parts.log_scales.push(row(-2.2, -1.2));
-        parts.sh.push(row(-1.5, 1.5));
-        let [w, x, y] = row(-1.0, 1.0);
-        parts.quaternions.push([w, x, y, 0.3]);
-        parts.opacity_logits.push(2.0);
-    }
-    Gaussians::new(parts).unwrap()
-}
-
-/// A camera on a circle around the origin.
-fn view(angle: f64, side: u32) -> View {
-    let centre = DVec3::new(4.0 * angle.sin(), 0.8 * (2.0 * angle).cos(), -4.0 * angle.cos());
-    let forward = -centre.normalize();
-    let right = DVec3::Y.cross(forward).normalize();
-    let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
-    let pose = CameraFromWorld::new(rotation, -(rotation * centre)).unwrap();
-    let intrinsics = NormalizedIntrinsics::new(1.2, 1.2, 0.5, 0.5).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: side, height: side } }
-}
-
-/// Training views, and two that are held out.
-fn views() -> (Vec<TrainingView>, Vec<TrainingView>) {
-    let mut renderer = CpuRenderer::default();
-    let picture = |number: u32| {
-        let view = view(f64::from(number) * 0.4, 40);
-        let rgb = renderer.render(&truth(), &view, &RenderOptions::default()).unwrap().rgb;
-        let rgb = rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
-        TrainingView { name: format!("view {number}"), view, rgb }
-    };
-    (0..16).map(picture).partition(|view| !["view 3", "view 9"].contains(&view.name.as_str()))
-}
-
-fn config(strategy: Strategy, steps: u64) -> FitConfig {
-    FitConfig { sh_degree: 1, max_gaussians: 4000, seed: 11, ..FitConfig::new(strategy, steps) }
-}
-
-fn start(strategy: Strategy, count: usize) -> Gaussians {
-    in_frustums(&views().0, count, None, 1, strategy).unwrap()
-}
-
-fn run(fit: &mut Fit, steps: u64) {
-    for _ in 0..steps {
-        fit.step().unwrap();
-    }
-}
-
-fn held_out(fit: &mut Fit) -> f64 {
-    let scores: Vec<f64> = views().1.iter().map(|view| fit.score(view).unwrap().psnr).collect();
-    scores.iter().sum::<f64>() / scores.len() as f64
-}
 
 #[test]
 fn every_strategy_learns_views_that_it_does_not_see() {
@@ -169,7 +108,7 @@ fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
             killed.checkpoint(&path).unwrap();
             // What comes after the checkpoint is lost.
             killed.step().unwrap();
-            killed = Fit::resume(config.clone(), views.clone(), &start, &path).unwrap();
+            killed = Fit::resume(config.clone(), views.clone(), &start, FitDevice::default(), &path).unwrap();
         }
         run(&mut killed, 1);
         assert_eq!(killed.gaussians(), whole.gaussians(), "{}", strategy.name());
@@ -183,16 +122,20 @@ fn a_checkpoint_of_another_run_or_a_damaged_one_is_rejected() {
     let (views, start, config) = (views().0, start(Strategy::Mcmc, 50), config(Strategy::Mcmc, 50));
     Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
     let other = FitConfig { seed: 12, ..config.clone() };
-    let error = Fit::resume(other, views.clone(), &start, &path).unwrap_err().to_string();
+    let error = Fit::resume(other, views.clone(), &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(error.contains("expected the configuration and views of this run"), "{error}");
     let mut bytes = std::fs::read(&path).unwrap();
     let last = bytes.len() - 30;
     bytes[last] ^= 1;
     std::fs::write(&path, &bytes).unwrap();
-    let error = Fit::resume(config.clone(), views.clone(), &start, &path).unwrap_err().to_string();
+    let error =
+        Fit::resume(config.clone(), views.clone(), &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(error.contains("expected the tensors that were written"), "{error}");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-    assert!(matches!(Fit::resume(config, views, &start, &path), Err(FitError::Checkpoint { .. })));
+    assert!(matches!(
+        Fit::resume(config, views, &start, FitDevice::default(), &path),
+        Err(FitError::Checkpoint { .. })
+    ));
 }
 
 #[test]
@@ -208,7 +151,7 @@ fn a_checkpoint_without_all_that_density_control_remembers_is_rejected() {
     let at = bytes.windows(names.len()).position(|window| window == names).unwrap();
     bytes[at..at + names.len()].copy_from_slice(fewer);
     std::fs::write(&path, &bytes).unwrap();
-    let error = Fit::resume(config, views, &start, &path).unwrap_err().to_string();
+    let error = Fit::resume(config, views, &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(
         error.contains(r#"memory: expected ["gradient-sums", "gradient-counts"], found ["gradient-sums"]"#),
         "{error}"

@@ -1,5 +1,5 @@
 use crate::cpu::CpuRenderer;
-use crate::gpu::GpuCounts;
+use crate::gpu::{GpuCounts, GpuRenderer};
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View, reference};
 
 /// A rendering backend with forward and backward passes, chosen at run time.
@@ -38,6 +38,11 @@ pub trait Renderer: Send {
 
     /// What passed between the host and a graphics processor so far; `None` on the processor.
     fn device_counts(&self) -> Option<GpuCounts> {
+        None
+    }
+
+    /// The renderer of a graphics adapter, with what it can do beyond this trait; `None` on the processor.
+    fn on_adapter(&mut self) -> Option<&mut GpuRenderer> {
         None
     }
 }

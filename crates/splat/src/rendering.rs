@@ -269,6 +269,19 @@ fn max_abs<T: Copy + Into<f64> + Sync>(values: &[T]) -> f64 {
     f64::from_bits(values.par_chunks(CHUNK).map(most).max().unwrap_or(0))
 }
 
+impl<T> ImageGradients<T> {
+    /// # Errors
+    /// [`SplatError::Length`] for gradients of depth or scalar.
+    pub(crate) fn check_colour_only(&self) -> Result<(), SplatError> {
+        for (field, image) in [("depth gradient", &self.depth), ("scalar gradient", &self.scalar)] {
+            if let Some(image) = image {
+                return Err(SplatError::Length { field, expected: 0, found: image.len() });
+            }
+        }
+        Ok(())
+    }
+}
+
 impl<T: Copy + Default> ImageGradients<T> {
     /// The gradient at one pixel of images that passed [`Self::check`].
     #[expect(clippy::expect_used, reason = "every image has one value per pixel")]

@@ -188,11 +188,11 @@ impl StartArgs {
         &self,
         input: &Input,
         data: &Path,
-        network: Option<&NetworkSource>,
+        network: Option<(&NetworkSource, Device)>,
         (seed, strategy): (u64, Strategy),
     ) -> anyhow::Result<Gaussians> {
-        if let Some(source) = network {
-            let (network, _) = source.load(&Device::flex())?;
+        if let Some((source, device)) = network {
+            let (network, _) = source.load(&device)?;
             return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians);
         }
         if let Some(count) = self.start.strip_prefix("random:") {

@@ -7,11 +7,13 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use atsplat_fit::{Background, Budget, Fit, FitConfig, Strategy, TrainingView};
+use atsplat_fit::{Background, Budget, Fault, Fit, FitConfig, FitError, Strategy, TrainingView};
 use atsplat_scene::Warnings;
+use atsplat_splat::SplatError;
 use atsplat_splat::files::{self, Encoding, Output};
 use clap::ValueEnum;
 
+use crate::device::DeviceArgs;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse;
 use input::{InputArgs, StartArgs};
@@ -28,6 +30,9 @@ pub(crate) struct Args {
 
     #[command(flatten, next_help_heading = "Optimisation")]
     optimisation: OptimisationArgs,
+
+    #[command(flatten)]
+    device: DeviceArgs,
 
     /// PLY file of the Gaussians, in the frame of DATA; FILE.json next to it records how they were made.
     #[arg(long, short, value_name = "FILE", value_parser = ply, help_heading = "Output")]
@@ -185,6 +190,15 @@ fn corrections(fit: &Fit, training: &[TrainingView]) -> anyhow::Result<Vec<Corre
     training.iter().enumerate().map(correction).collect()
 }
 
+/// Whether an error is one of the graphics adapter.
+fn of_device(error: &anyhow::Error) -> bool {
+    match error.downcast_ref::<FitError>() {
+        Some(FitError::Stopped(diagnosis)) => matches!(diagnosis.fault, Fault::Device(_)),
+        Some(FitError::Splat(error)) => matches!(error, SplatError::Gpu(_)),
+        _ => false,
+    }
+}
+
 /// Optimises until the last step or the end of the time.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let record_file = PendingFile::open(&args.out.with_added_extension("json"))?;
@@ -192,17 +206,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     drop(PendingFile::open(&args.out)?);
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
+    let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };
     let input = args.input.read(network.as_ref(), &mut warnings)?;
     print_warnings(&warnings);
     let mut config = args.optimisation.config();
-    let start = args.start.gaussians(&input, &args.input.data, network.as_ref(), (config.seed, config.strategy))?;
+    let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
+    let start = args.start.gaussians(&input, &args.input.data, network, (config.seed, config.strategy))?;
+    let device = device.backend().fit_device();
     let begin = Instant::now();
-    let (steps, deadline) = args.optimisation.budget().plan(&config, &input.training, &start)?;
+    let (steps, deadline) = args.optimisation.budget().plan(&config, &input.training, &start, &device)?;
     config.steps = steps;
     let (count, views) = (start.len(), input.training.clone());
     let mut fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
-        Some(path) => Fit::resume(config, views, &start, path)?,
-        None => Fit::new(config, views, &start)?,
+        Some(path) => Fit::resume(config, views, &start, device, path)?,
+        None => Fit::new(config, views, &start)?.on(device),
     };
     if fit.dropped() > 0 {
         warn(&format!("warning: {} of {count} Gaussians of the start are invalid and were dropped", fit.dropped()));
@@ -215,15 +232,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         log.step(fit, step)
     });
     let seconds = begin.elapsed().as_secs_f64();
-    log.evaluate(&mut fit)?;
-    // After a fault, the last good state is written before the message.
+    // After a fault the last good state, and before further renders, which may fail.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
-    if let Some(folder) = &args.plots {
-        log.draw(folder, &mut fit, &input.training)?;
+    let mut scaled = Vec::new();
+    // A lost adapter renders nothing any more.
+    if !outcome.as_ref().is_err_and(of_device) {
+        log.evaluate(&mut fit)?;
+        if let Some(folder) = &args.plots {
+            log.draw(folder, &mut fit, &input.training)?;
+        }
+        scaled = at_scales(&mut fit, &input.scaled)?;
     }
-    // After the Gaussians are written: large renders may fail.
-    let at_scales = at_scales(&mut fit, &input.scaled)?;
     let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
@@ -236,13 +256,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         dropped: fit.dropped(),
         extent: fit.extent(),
         configuration: fit.config().clone(),
+        device: fit.device().to_owned(),
         steps: fit.step_count(),
         file: args.out.clone(),
         gaussians: gaussians.len(),
         corrections: corrections(&fit, &input.training)?,
         training_psnr: log.training_psnr(),
         evaluations: log.evaluations.clone(),
-        at_scales,
+        at_scales: scaled,
     };
     drop(log);
     record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;

@@ -73,6 +73,8 @@ pub(super) struct Record {
     pub(super) dropped: usize,
     pub(super) extent: f64,
     pub(super) configuration: FitConfig,
+    /// Graphics adapter and driver, or `cpu`.
+    pub(super) device: String,
     pub(super) steps: u64,
     pub(super) file: PathBuf,
     pub(super) gaussians: usize,
@@ -109,10 +111,11 @@ pub(super) struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Record { scene, views, configuration, steps, file, gaussians, training_psnr, evaluations, .. } =
+        let Record { scene, views, configuration, device, steps, file, gaussians, training_psnr, evaluations, .. } =
             &self.record;
         let strategy = configuration.strategy.name();
-        writeln!(f, "scene {scene}, {} views, {strategy}, {steps} steps in {:.1} s", views.len(), self.seconds)?;
+        let (views, seconds) = (views.len(), self.seconds);
+        writeln!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s on {device}")?;
         writeln!(f, "{gaussians} Gaussians into {}", file.display())?;
         if let Some(psnr) = training_psnr {
             writeln!(f, "{psnr:.2} dB on the training views")?;

@@ -164,7 +164,8 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
     tolerance: f64,
 
-    /// Renderer, if not that of --device. gpu takes the best adapter that passes its test, or else the CPU, and records why.
+    /// Renderer, of optimisations too, if not that of --device. gpu takes the best adapter that passes its test, or else the
+    /// CPU, and records why.
     #[arg(long, value_name = "WHO")]
     backend: Option<BackendArg>,
 

@@ -17,7 +17,7 @@ pub const START_POINTS: usize = 5000;
 pub const MAX_GAUSSIANS: usize = 100_000;
 
 /// Gaussians optimised for each trial on its context views: 3DGS, Mip-Splatting and MCMC from a random start, or the
-/// refinement of what a network made.
+/// refinement of what a network made; rendered and differentiated by the backend that renders the targets.
 ///
 /// The papers start 3DGS and Mip-Splatting from COLMAP's points of the context views; trials have none, so random points
 /// seen by the context cameras stand in for them, and each row says so.
@@ -105,6 +105,9 @@ impl Optimised {
             ("seed", self.seed.into()),
         ]));
         self.splatting.describe(&mut self.record);
+        if self.splatting.backend.adapter().is_some() {
+            self.record.parameters.extend(parameters([("optimised-on", "the renderer's adapter".into())]));
+        }
         if let Some(network) = &self.network {
             self.record.record_network(network);
         }
@@ -171,9 +174,10 @@ impl Method for Optimised {
         let mut config = self.config(&input);
         let start = self.start(&input, &views, &mut config, &mut cost)?;
         let begin = Instant::now();
-        let (steps, deadline) = self.budget.plan(&config, &views, &start).map_err(failed)?;
+        let device = self.splatting.backend.fit_device();
+        let (steps, deadline) = self.budget.plan(&config, &views, &start, &device).map_err(failed)?;
         config.steps = steps;
-        let mut fit = Fit::new(config, views, &start).map_err(failed)?;
+        let mut fit = Fit::new(config, views, &start).map_err(failed)?.on(device);
         let mut training = Vec::new();
         fit.run(deadline, |_, step| {
             training.push(step.psnr());
@@ -205,13 +209,19 @@ fn failed(error: FitError) -> MethodError {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Arc, Mutex};
+
     use atsplat_model::ModelConfig;
     use atsplat_model::network::Device;
     use atsplat_model::parameters::parameters;
     use atsplat_model::weights::generated;
     use atsplat_protocol::Preset;
+    use atsplat_splat::Renderer;
+    use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
 
     use super::*;
+    use crate::AdapterRecord;
+    use crate::method::Backend;
     use crate::method::atsplat::tests::trials;
 
     #[test]
@@ -238,12 +248,50 @@ mod tests {
         let timed = scratch(Strategy::Mcmc, Budget::Seconds(0.2));
         assert!(!timed.record().deterministic && rendered(&timed).0.gaussians.is_some_and(|count| count <= 400));
 
+        let method = refined(Splatting::default());
+        let (cost, _) = rendered(&method);
+        assert!(cost.final_tokens.is_some() && method.record().untrained);
+    }
+
+    /// Two steps of refining what a network makes.
+    fn refined(splatting: Splatting) -> Optimised {
         let config = ModelConfig::named("nano").unwrap();
         let network = Network::new(&config, &Device::flex()).unwrap();
         let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
         let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
-        let method = Optimised::refined(None, network, &weights, Budget::Steps(2), 0, Splatting::default()).unwrap();
-        let (cost, _) = rendered(&method);
-        assert!(cost.final_tokens.is_some() && method.record().untrained);
+        Optimised::refined(None, network, &weights, Budget::Steps(2), 0, splatting).unwrap()
+    }
+
+    /// Before any target is rendered there: one submission for each of both passes of two steps.
+    #[test]
+    fn optimises_on_the_adapter_of_its_backend() {
+        let renderer: Box<dyn Renderer> = match GpuRenderer::new(&AdapterChoice::Automatic, GpuOptions::default()) {
+            Ok(renderer) => Box::new(renderer),
+            Err(error @ GpuError::NoAdapter { .. }) => {
+                return atsplat_tests::skip_without_graphics("eval optimised", error);
+            }
+            Err(error) => panic!("{error}"),
+        };
+        let renderer = Arc::new(Mutex::new(renderer));
+        let backend = Backend::One(Arc::clone(&renderer), Some(AdapterRecord::default()));
+        let splatting = || Splatting { backend: backend.clone(), ..Splatting::default() };
+        let submissions = || renderer.lock().unwrap().device_counts().unwrap().submissions;
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let scratch = [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc]
+            .map(|strategy| Optimised::from_scratch(None, strategy, Budget::Steps(2), 400, 0, splatting()));
+        for method in scratch.into_iter().chain([refined(splatting())]) {
+            let before = submissions();
+            method.predict(input).unwrap();
+            let record = method.record();
+            assert!(submissions() >= before + 4, "{}", record.name);
+            assert_eq!(
+                (&record.parameters["optimised-on"], record.deterministic),
+                (&"the renderer's adapter".into(), false)
+            );
+        }
+        let on_cpu = Optimised::from_scratch(None, Strategy::Mcmc, Budget::Steps(2), 400, 0, Splatting::default());
+        assert!(!on_cpu.record().parameters.contains_key("optimised-on"));
     }
 }

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use atsplat_fit::FitDevice;
 use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
 use atsplat_splat::cpu::CpuRenderer;
@@ -67,6 +68,17 @@ impl Backend {
         match self {
             Self::Cpu(_) => None,
             Self::One(_, adapter) => adapter.as_ref(),
+        }
+    }
+
+    /// Where optimisations for this backend run: its graphics adapter, or the CPU.
+    pub fn fit_device(&self) -> FitDevice {
+        match self {
+            Self::Cpu(_) => FitDevice::default(),
+            Self::One(renderer, adapter) => {
+                let name = adapter.as_ref().map_or_else(|| self.name(), ToString::to_string);
+                FitDevice::adapter(Arc::clone(renderer), name).unwrap_or_default()
+            }
         }
     }
 

@@ -158,11 +158,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         gradients: &mut Gradients<f32>,
         absolute_2d: &mut Vec<[f32; 2]>,
     ) -> Result<(), SplatError> {
-        for (field, image) in [("depth gradient", &images.depth), ("scalar gradient", &images.scalar)] {
-            if let Some(image) = image {
-                return Err(SplatError::Length { field, expected: 0, found: image.len() });
-            }
-        }
+        images.check_colour_only()?;
         absolute_2d.clear();
         absolute_2d.resize(self.gaussians.borrow().len(), [0.0; 2]);
         self.differentiate(images, gradients, Some(absolute_2d))

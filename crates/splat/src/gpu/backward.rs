@@ -43,9 +43,9 @@ pub(super) fn check(
 
 /// Bytes on the device, excluding tile lists.
 fn bytes_with_gradients(gaussians: &GpuGaussians, view: &View) -> u64 {
-    // Bytes per Gaussian: sums 48, pose 32, records 96, gradients of its parameters and of 5 projected values; and per
-    // pixel two more images and its gradients.
-    let own = gaussians.size_in_bytes().saturating_add(gaussians.len().saturating_mul(176 + 20));
+    // Bytes per Gaussian: sums 48, pose 32, records 96, gradients of its parameters of 5 projected values and of the
+    // screen; and per pixel two more images and its gradients.
+    let own = gaussians.size_in_bytes().saturating_add(gaussians.len().saturating_mul(176 + 28));
     bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80))
 }
 
@@ -54,8 +54,7 @@ pub(super) fn record(
     recorder: &mut Recorder<'_>,
     resources: Resources<'_>,
     job: Job<'_>,
-    images: &GpuImageGradients,
-    gradients: &GpuGradients,
+    (images, gradients, absolute): (&GpuImageGradients, &GpuGradients, bool),
 ) -> Result<Plan, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     let Resources { pool, limits, bounds, report } = resources;
@@ -63,7 +62,8 @@ pub(super) fn record(
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, true)
         .with_flag(flag::HAS_OWNERS, true)
-        .with_flag(flag::EXPOSED_LOSS, options.exposure.is_some());
+        .with_flag(flag::EXPOSED_LOSS, options.exposure.is_some())
+        .with_flag(flag::ABSOLUTE, absolute);
     let strips = images::strips(context, view)?;
     // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
     let room = limits.memory_limit.saturating_sub(bytes_with_gradients(gaussians, view));
@@ -196,6 +196,7 @@ fn part_gradients(
     recorder.dispatch(Kernel::ProjectBackward, block.bytes(), &buffers, groups)?;
     let first = u64::from(block.part[1]);
     // Output, offset in a record, number of values, stride in the output, first Gaussian there.
+    let screen = gradients.screen.as_ref().map(|screen| (screen, 22, 2, 2, 0));
     let unpacked = [
         (&gradients.means, 0, 3, 3, 0),
         (&gradients.quaternions, 3, 4, 4, 0),
@@ -206,7 +207,7 @@ fn part_gradients(
         (&sums.rotations, 16, 3, 4, first),
         (&sums.translations, 19, 3, 4, first),
     ];
-    for (result, from, width, stride, first) in unpacked {
+    for (result, from, width, stride, first) in unpacked.into_iter().chain(screen) {
         let uniform = [words(&[count, from, width, stride]), words(&[first, 0, 0, 0])].concat();
         recorder.dispatch(Kernel::Unpack, &uniform, &[&records, result], groups)?;
     }

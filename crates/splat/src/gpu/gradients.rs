@@ -55,6 +55,33 @@ pub struct GpuGradientPart {
     pub means_2d: wgpu::Buffer,
     /// Three per Gaussian.
     pub conics: wgpu::Buffer,
+    /// Two per Gaussian: its absolute gradients of [`ScreenGradients`], or −1 if it is not drawn.
+    pub(super) screen: Option<wgpu::Buffer>,
+}
+
+/// What density control of an optimisation needs besides [`Gradients`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ScreenGradients {
+    /// Positions of the Gaussians that are drawn, in order.
+    pub drawn: Vec<u32>,
+    /// Sums over pixels of the magnitudes of their gradients with respect to each projected mean, along columns and rows;
+    /// zeros if they were not requested. See [`crate::cpu::Recording::backward_with_absolute`].
+    pub absolute_2d: Vec<[f32; 2]>,
+}
+
+impl ScreenGradients {
+    /// From pairs that are −1 for Gaussians that are not drawn.
+    pub(super) fn new(mut pairs: Vec<[f32; 2]>) -> Self {
+        let mut drawn = Vec::new();
+        for (position, pair) in (0..).zip(&mut pairs) {
+            if pair[0] < 0.0 {
+                *pair = [0.0; 2];
+            } else {
+                drawn.push(position);
+            }
+        }
+        Self { drawn, absolute_2d: pairs }
+    }
 }
 
 impl GpuImageGradients {
@@ -93,6 +120,7 @@ impl GpuGradients {
     pub(super) fn allocate(
         pool: &mut Pool,
         gaussians: &GpuGaussians,
+        with_screen: bool,
         allocate: Allocate<'_>,
     ) -> Result<Self, GpuError> {
         let stored = sh_coefficients(gaussians.sh_degree) as u64;
@@ -110,6 +138,7 @@ impl GpuGradients {
                 scalars: part.scalars.is_some().then(|| field(pool, "scalar gradients", 1)).transpose()?,
                 means_2d: field(pool, "2D mean gradients", 2)?,
                 conics: field(pool, "conic gradients", 3)?,
+                screen: with_screen.then(|| field(pool, "screen gradients", 2)).transpose()?,
             });
         }
         let pose_and_background = allocate(pool, "pose and background", 0, 48)?;
@@ -132,31 +161,35 @@ impl GpuGradients {
                 (&part.conics, bytes(3)),
             ]);
             sources.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
+            sources.extend(part.screen.as_ref().map(|screen| (screen, bytes(2))));
         }
         sources.push((&self.pose_and_background, 48));
         sources
     }
 
-    /// The gradients from their copies; `gaussians` have passed [`Self::check`].
-    pub(super) fn arrange(&self, contents: &[Vec<u8>], gaussians: &Gaussians) -> Gradients<f32> {
+    /// The gradients from their copies, and those of the screen if they were allocated; `gaussians` have passed
+    /// [`Self::check`].
+    pub(super) fn arrange(&self, contents: &[Vec<u8>], gaussians: &Gaussians) -> (Gradients<f32>, Vec<[f32; 2]>) {
         let mut gradients = Gradients::zero(gaussians);
+        let mut screen = vec![[0.0; 2]; gaussians.len()];
         let stored = sh_coefficients(self.sh_degree);
         let mut contents = contents.iter();
         let mut first = 0;
         for part in &self.parts {
             let count = part.count as usize;
-            let targets: [(&mut [f32], usize); 8] = [
-                (gradients.means.as_flattened_mut(), 3),
-                (gradients.quaternions.as_flattened_mut(), 4),
-                (gradients.log_scales.as_flattened_mut(), 3),
-                (&mut gradients.opacity_logits, 1),
-                (gradients.sh.as_flattened_mut(), 3 * stored),
-                (gradients.means_2d.as_flattened_mut(), 2),
-                (gradients.conics.as_flattened_mut(), 3),
-                (&mut gradients.scalars, 1),
+            let targets: [(bool, &mut [f32], usize); 9] = [
+                (true, gradients.means.as_flattened_mut(), 3),
+                (true, gradients.quaternions.as_flattened_mut(), 4),
+                (true, gradients.log_scales.as_flattened_mut(), 3),
+                (true, &mut gradients.opacity_logits, 1),
+                (true, gradients.sh.as_flattened_mut(), 3 * stored),
+                (true, gradients.means_2d.as_flattened_mut(), 2),
+                (true, gradients.conics.as_flattened_mut(), 3),
+                (part.scalars.is_some(), &mut gradients.scalars, 1),
+                (part.screen.is_some(), screen.as_flattened_mut(), 2),
             ];
-            let arrays = if part.scalars.is_some() { 8 } else { 7 };
-            for ((target, each), bytes) in targets.into_iter().zip(contents.by_ref().take(arrays)) {
+            for (_, target, each) in targets.into_iter().filter(|(is_read, ..)| *is_read) {
+                let Some(bytes) = contents.next() else { continue };
                 let own = target.iter_mut().skip(first * each).take(count * each);
                 for (slot, word) in own.zip(bytes.as_chunks().0) {
                     *slot = f32::from_le_bytes(*word);
@@ -171,7 +204,7 @@ impl GpuGradients {
         };
         gradients.pose = [rx, ry, rz, tx, ty, tz];
         gradients.background = [red, green, blue];
-        gradients
+        (gradients, screen)
     }
 
     /// Checks that these are gradients of such Gaussians.

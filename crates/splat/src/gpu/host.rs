@@ -5,7 +5,9 @@ use std::time::Instant;
 use super::gaussians::GpuGaussians;
 use super::kernels::Pool;
 use super::render::{self, Job, check_memory_before_upload};
-use super::{GpuCounts, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward, images, status};
+use super::{
+    GpuCounts, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, ScreenGradients, backward, images, status,
+};
 use crate::{
     Gaussians, Gradients, ImageGradients, MAX_SH_DEGREE, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
@@ -52,6 +54,64 @@ impl Renderer for GpuRenderer {
         options: &RenderOptions,
         images: &ImageGradients<f32>,
     ) -> Result<Gradients<f32>, SplatError> {
+        Ok(self.differentiate(Inputs { gaussians, view, options, images }, None)?.0)
+    }
+
+    fn stages(&self) -> Vec<Stage> {
+        self.stages.clone()
+    }
+
+    fn device_counts(&self) -> Option<GpuCounts> {
+        Some(self.counts())
+    }
+
+    fn on_adapter(&mut self) -> Option<&mut GpuRenderer> {
+        Some(self)
+    }
+}
+
+/// Inputs of a backward pass, on the host.
+#[derive(Clone, Copy)]
+struct Inputs<'a> {
+    gaussians: &'a Gaussians,
+    view: &'a View,
+    options: &'a RenderOptions,
+    images: &'a ImageGradients<f32>,
+}
+
+/// Whether absolute gradients of the projected means are requested.
+#[derive(Clone, Copy)]
+struct Absolute(bool);
+
+impl GpuRenderer {
+    /// As [`Renderer::backward`], with what density control needs; absolute gradients of the projected means only if
+    /// `absolute`.
+    ///
+    /// # Errors
+    /// As [`Renderer::backward`]; [`SplatError::Length`] for gradients of depth or scalar together with absolute ones, which
+    /// is not supported.
+    pub fn backward_with_screen(
+        &mut self,
+        gaussians: &Gaussians,
+        view: &View,
+        options: &RenderOptions,
+        images: &ImageGradients<f32>,
+        absolute: bool,
+    ) -> Result<(Gradients<f32>, ScreenGradients), SplatError> {
+        if absolute {
+            images.check_colour_only()?;
+        }
+        let inputs = Inputs { gaussians, view, options, images };
+        let (gradients, screen) = self.differentiate(inputs, Some(Absolute(absolute)))?;
+        Ok((gradients, ScreenGradients::new(screen)))
+    }
+
+    /// The backward pass; pairs of [`ScreenGradients`] if they are requested.
+    fn differentiate(
+        &mut self,
+        Inputs { gaussians, view, options, images }: Inputs<'_>,
+        screen: Option<Absolute>,
+    ) -> Result<(Gradients<f32>, Vec<[f32; 2]>), SplatError> {
         let start = Instant::now();
         images.check(view)?;
         let mut work = self.work();
@@ -65,24 +125,17 @@ impl Renderer for GpuRenderer {
             let job = Job { gaussians: &resident, view, options };
             backward::check(context, work.limits, job, &images)?;
             let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
-            let made = GpuGradients::allocate(work.pool, &resident, &mut allocate)?;
+            let made = GpuGradients::allocate(work.pool, &resident, screen.is_some(), &mut allocate)?;
             let report = work.pool.get(context, "report", 0, status::BYTES)?;
+            let absolute = screen.is_some_and(|Absolute(absolute)| absolute);
             let (_, finished) = work.run(&report, &made.sources(), &|recorder, resources| {
-                backward::record(recorder, resources, job, &images, &made)
+                backward::record(recorder, resources, job, (&images, &made, absolute))
             })?;
             made.check(gaussians)?;
             Ok::<_, SplatError>((made.arrange(&finished.contents, gaussians), finished.timings))
         })?;
         self.stages = stages(&timings, start.elapsed().as_secs_f64());
         Ok(gradients)
-    }
-
-    fn stages(&self) -> Vec<Stage> {
-        self.stages.clone()
-    }
-
-    fn device_counts(&self) -> Option<GpuCounts> {
-        Some(self.counts())
     }
 }
 

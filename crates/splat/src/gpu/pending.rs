@@ -114,9 +114,9 @@ impl GpuRenderer {
         context.guarded(|| {
             backward::check(context, work.limits, task.job(), image_gradients(&task))?;
             let mut allocate = |_: &mut _, name, _, bytes| context.buffer(name, bytes);
-            let result = GpuGradients::allocate(work.pool, gaussians, &mut allocate)?;
+            let result = GpuGradients::allocate(work.pool, gaussians, false, &mut allocate)?;
             begin(&mut work, task, result, |recorder, resources, task, gradients| {
-                backward::record(recorder, resources, task.job(), image_gradients(task), gradients)
+                backward::record(recorder, resources, task.job(), (image_gradients(task), gradients, false))
             })
         })
     }
@@ -187,7 +187,7 @@ impl GpuRenderer {
     ) -> Result<Gradients<f32>, SplatError> {
         gradients.result.check(gaussians)?;
         let (contents, _) = self.complete(gradients, &gradients.result.sources(), &|_| Ok(()))?;
-        Ok(gradients.result.arrange(&contents, gaussians))
+        Ok(gradients.result.arrange(&contents, gaussians).0)
     }
 
     /// Reads buffers, which `prepare` may fill from a result, together with its report; again until it is complete.

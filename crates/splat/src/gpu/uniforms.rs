@@ -49,6 +49,7 @@ pub(super) mod flag {
     pub(crate) const APPLY_EXPOSURE: u32 = 16384;
     pub(crate) const EXPOSED_LOSS: u32 = 32768;
     pub(crate) const RESUMES: u32 = 65536;
+    pub(crate) const ABSOLUTE: u32 = 131_072;
 }
 
 impl ViewBlock {

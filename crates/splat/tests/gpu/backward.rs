@@ -1,7 +1,8 @@
 use atsplat_camera::Distortion;
 use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{
-    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, RasterMode, RenderOptions, Renderer,
+    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
     RendererConstants, ShAxes, View, reference,
 };
 
@@ -91,6 +92,35 @@ fn gradients_match_for_every_lens() {
         let constants = without_thresholds(RendererConstants::default());
         let options = RenderOptions { constants, ..everything() };
         check(&cloud(500, 1, 23), &view, &options, &format!("{distortion:?}"));
+    }
+}
+
+/// What density control needs, against the CPU's, which is tested pixel by pixel: culled Gaussians are not drawn, and the two
+/// directions differ.
+#[test]
+fn absolute_gradients_and_drawn_gaussians_match_the_cpu() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(600, 1, 5), view(61, 45));
+    let constants = without_thresholds(RendererConstants::default());
+    let options = RenderOptions { constants, background: [0.1, 0.6, 0.3], ..RenderOptions::default() };
+    let mut images = narrow(&image_gradients(&view));
+    assert!(gpu.backward_with_screen(&gaussians, &view, &options, &images, true).is_err(), "with depth");
+    (images.depth, images.scalar) = (None, None);
+    let mut recording = CpuRenderer::default().record(&gaussians, &view, &options).unwrap();
+    let (mut of_cpu, mut expected) = (Gradients::default(), Vec::new());
+    recording.backward_with_absolute(&images, &mut of_cpu, &mut expected).unwrap();
+    let drawn: Vec<u32> = recording.drawn().collect();
+    assert!(drawn.len() > 100 && drawn.len() < 600, "{}", drawn.len());
+
+    let signed = gpu.backward(&gaussians, &view, &options, &images).unwrap();
+    for (absolute, expected) in [(true, expected), (false, vec![[0.0; 2]; 600])] {
+        let (gradients, screen) = gpu.backward_with_screen(&gaussians, &view, &options, &images, absolute).unwrap();
+        assert!(gradients == signed, "{absolute}: the signed gradients change");
+        assert_eq!(screen.drawn, drawn, "{absolute}");
+        let expected: Vec<f64> = expected.as_flattened().iter().copied().map(f64::from).collect();
+        let size = expected.iter().fold(0.0f64, |most, value| most.maximum_of(*value));
+        let found = screen.absolute_2d.as_flattened().iter().copied().map(f64::from);
+        Tolerance { absolute: 1e-6 * size, relative: 1e-4 }.assert(found, expected, "absolute gradients");
     }
 }
 

@@ -1,6 +1,6 @@
 use atsplat_splat::cpu::CpuOptions;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, adapters, with_fallback};
-use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
+use atsplat_splat::{ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
 use crate::scenes::{
@@ -15,6 +15,10 @@ fn small_limits_give_identical_results() {
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 71));
     assert!(limited.strips(&view).unwrap().len() > 1 && gpu.strips(&view).unwrap().len() == 1);
     assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
+    let images = ImageGradients { depth: None, scalar: None, ..narrow_images(&image_gradients(&view)) };
+    let [whole, parts] = [&mut *gpu, &mut limited]
+        .map(|gpu| gpu.backward_with_screen(&gaussians, &view, &RenderOptions::default(), &images, true).unwrap());
+    assert!(whole.1.drawn.len() > 1000 && whole == parts);
 }
 
 /// The pixels per thread change no pixel; only sums over pixels round differently (bounded by the self-test).

@@ -4,7 +4,7 @@
 @group(0) @binding(3) var<storage, read> seconds: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> colours: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> reaches: array<vec2<u32>>;
-// Records of this part, 24 values per Gaussian; this kernel writes the first three.
+// Records of this part, 24 values per Gaussian; this kernel writes the first three and the last two.
 @group(0) @binding(6) var<storage, read_write> records: array<f32>;
 @group(0) @binding(7) var<storage, read_write> d_sh: array<f32>;
 @group(0) @binding(8) var<storage, read_write> d_scalars: array<f32>;
@@ -23,7 +23,7 @@ fn main(
     let is_drawn = reaches[index].y != 0u;
     let first = 3u * view.part.z * at;
     if has(HAS_SCALAR) {
-        d_scalars[at] = select(0.0, saturated(seconds[index].w), is_drawn);
+        d_scalars[at] = select(0.0, saturated(seconds[index].w), is_drawn && !has(ABSOLUTE));
     }
     var d_mean = vec3(0.0);
     if is_drawn {
@@ -68,4 +68,8 @@ fn main(
     records[24u * at] = d_mean.x;
     records[24u * at + 1u] = d_mean.y;
     records[24u * at + 2u] = d_mean.z;
+    // The exponent is ln 2 times a sum of two squares.
+    let absolute = select(vec2(0.0), 1.3862944 * vec2(colours[index].w, seconds[index].w), has(ABSOLUTE));
+    records[24u * at + 22u] = select(-1.0, saturated(absolute.x), is_drawn);
+    records[24u * at + 23u] = select(-1.0, saturated(absolute.y), is_drawn);
 }

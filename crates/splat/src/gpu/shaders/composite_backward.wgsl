@@ -3,7 +3,8 @@
 // index.
 @group(0) @binding(7) var<storage, read_write> pixels: array<vec4<f32>>;
 // Twelve values per pair. With e, the gradient of the exponent, and the whitened distance (a, b): Σe, Σea, Σeb, Σeaa,
-// Σeab, Σebb; then the gradients of red, green, blue, depth and scalar.
+// Σeab, Σebb; then the gradients of red, green, blue, depth and scalar. With ABSOLUTE, in place of the last two, the sums
+// of |e| times the whitened distance's absolute change with the centre, along columns and rows.
 @group(0) @binding(8) var<storage, read_write> sums: array<f32>;
 
 const BATCH: u32 = 4u * ROWS;
@@ -116,8 +117,14 @@ fn main(
                 total[6] += dot(weight, d_red[r]);
                 total[7] += dot(weight, d_green[r]);
                 total[8] += dot(weight, d_blue[r]);
-                total[9] += dot(weight, d_depth[r]);
-                total[10] += dot(weight, d_scalar[r]);
+                if has(ABSOLUTE) {
+                    let down = falloff.along * shape.y + falloff.across * shape.z;
+                    total[9] += dot(abs(e), abs(falloff.along * shape.x));
+                    total[10] += dot(abs(e), abs(down));
+                } else {
+                    total[9] += dot(weight, d_depth[r]);
+                    total[10] += dot(weight, d_scalar[r]);
+                }
                 transmittance[r] = layer.transmittance;
                 max_transmittance = max(max_transmittance, transmittance[r]);
             }

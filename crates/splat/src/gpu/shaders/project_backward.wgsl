@@ -4,7 +4,7 @@
 @group(0) @binding(6) var<storage, read> firsts: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> seconds: array<vec4<f32>>;
 // 24 values per Gaussian: mean, quaternion, log-scales, logit, projected centre, conic, pose (rotation, then
-// translation), two unused. On entry the first three hold the mean's gradient through the colour.
+// translation), two that `colour_backward.wgsl` wrote. On entry the first three hold the mean's gradient through the colour.
 @group(0) @binding(8) var<storage, read_write> records: array<f32>;
 
 fn store3(at: u32, value: vec3<f32>) {
@@ -26,7 +26,7 @@ fn main(
     let index = view.part.y + at;
     let record = 24u * at;
     let d_mean = vec3(records[record], records[record + 1u], records[record + 2u]);
-    for (var k = 0u; k < 24u; k++) {
+    for (var k = 0u; k < 22u; k++) {
         records[record + k] = 0.0;
     }
     let first = firsts[index];

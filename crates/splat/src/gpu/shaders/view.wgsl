@@ -52,6 +52,7 @@ const EXTRA_GRADIENTS: u32 = 8192u;
 const APPLY_EXPOSURE: u32 = 16384u;
 const EXPOSED_LOSS: u32 = 32768u;
 const RESUMES: u32 = 65536u;
+const ABSOLUTE: u32 = 131072u;
 
 @group(0) @binding(0) var<uniform> view: View;
 

@@ -1,0 +1,137 @@
+//! Where pictures are rendered and differentiated.
+
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::gpu::ScreenGradients;
+use atsplat_splat::{
+    Exposure, Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, View,
+};
+
+use crate::loss::Terms;
+
+/// A renderer that others use too.
+type Shared = Arc<Mutex<Box<dyn Renderer>>>;
+
+/// Where the pictures of an optimisation are rendered and differentiated: the CPU, or a graphics adapter. Loss, Adam, density
+/// control and filters run on the CPU in both cases.
+#[derive(Clone, Default)]
+pub struct FitDevice(Option<Adapter>);
+
+#[derive(Clone)]
+struct Adapter {
+    renderer: Shared,
+    name: String,
+}
+
+impl FitDevice {
+    /// The CPU's name in checkpoints.
+    pub(crate) const CPU: &str = "cpu";
+
+    /// A graphics adapter by its renderer, which others may use between the passes of a step; `name` tells adapters and
+    /// drivers apart, because their bits differ. `None` if the renderer is not one of an adapter.
+    pub fn adapter(renderer: Shared, name: String) -> Option<Self> {
+        let is_of_adapter = renderer.lock().unwrap_or_else(PoisonError::into_inner).on_adapter().is_some();
+        is_of_adapter.then_some(Self(Some(Adapter { renderer, name })))
+    }
+
+    /// Name of the adapter with its driver, or `cpu`.
+    pub fn name(&self) -> &str {
+        self.0.as_ref().map_or(Self::CPU, |adapter| &adapter.name)
+    }
+}
+
+impl fmt::Debug for FitDevice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Renders and differentiates on a device.
+#[derive(Debug)]
+pub(crate) struct Splatter {
+    pub(crate) cpu: CpuRenderer,
+    pub(crate) device: FitDevice,
+}
+
+/// What to differentiate.
+#[derive(Clone, Copy)]
+pub(crate) struct Job<'a> {
+    pub(crate) gaussians: &'a Gaussians,
+    pub(crate) view: &'a View,
+    pub(crate) options: &'a RenderOptions,
+    /// Whether absolute gradients of the projected means are needed.
+    pub(crate) absolute: bool,
+}
+
+/// The gradients of a step, whose memory is reused.
+#[derive(Debug)]
+pub(crate) struct Derivative {
+    images: ImageGradients<f32>,
+    pub(crate) gradients: Gradients<f32>,
+    pub(crate) screen: ScreenGradients,
+}
+
+impl Default for Derivative {
+    fn default() -> Self {
+        let images = ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None };
+        Self { images, gradients: Gradients::default(), screen: ScreenGradients::default() }
+    }
+}
+
+/// The loss of a picture and the gradient of its exposure.
+type Evaluated = (Terms, Option<Exposure>);
+
+impl Splatter {
+    pub(crate) fn render(
+        &mut self,
+        gaussians: &Gaussians,
+        view: &View,
+        options: &RenderOptions,
+    ) -> Result<Rendering<f32>, SplatError> {
+        match &self.device.0 {
+            None => self.cpu.render(gaussians, view, options),
+            Some(Adapter { renderer, .. }) => {
+                renderer.lock().unwrap_or_else(PoisonError::into_inner).render(gaussians, view, options)
+            }
+        }
+    }
+
+    /// Forward pass, `loss` of the picture with its gradient, and backward pass, unless the loss is not finite.
+    pub(crate) fn differentiate(
+        &mut self,
+        job: Job<'_>,
+        into: &mut Derivative,
+        loss: impl FnOnce(&[[f32; 3]], &mut Vec<[f32; 3]>) -> Result<Evaluated, SplatError>,
+    ) -> Result<Evaluated, SplatError> {
+        let Job { gaussians, view, options, absolute } = job;
+        let Derivative { images, gradients, screen } = into;
+        let Some(Adapter { renderer, .. }) = &self.device.0 else {
+            let mut recording = self.cpu.record(gaussians, view, options)?;
+            let evaluated = loss(&recording.rendering().rgb, &mut images.rgb)?;
+            if evaluated.0.total.is_finite() {
+                if absolute {
+                    recording.backward_with_absolute(images, gradients, &mut screen.absolute_2d)?;
+                } else {
+                    recording.backward_into(images, gradients)?;
+                }
+                screen.drawn.clear();
+                screen.drawn.extend(recording.drawn());
+            }
+            self.cpu.reuse(recording);
+            return Ok(evaluated);
+        };
+        // Not locked during the loss, which uses many threads.
+        let locked = || renderer.lock().unwrap_or_else(PoisonError::into_inner);
+        let rendering = locked().render(gaussians, view, options)?;
+        let evaluated = loss(&rendering.rgb, &mut images.rgb)?;
+        if evaluated.0.total.is_finite() {
+            let mut renderer = locked();
+            #[expect(clippy::expect_used, reason = "checked when the device was made")]
+            let renderer = renderer.on_adapter().expect("the renderer of an adapter");
+            (*gradients, *screen) = renderer.backward_with_screen(gaussians, view, options, images, absolute)?;
+        }
+        Ok(evaluated)
+    }
+}

@@ -1,0 +1,73 @@
+//! A small scene whose pictures are rendered from known Gaussians.
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_fit::start::in_frustums;
+use atsplat_fit::{Fit, FitConfig, Strategy, TrainingView};
+use atsplat_numeric::SplitMix64;
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
+use glam::{DMat3, DVec3};
+
+/// Uniform in [low, high).
+#[expect(clippy::cast_possible_truncation, reason = "a test's numbers are f32")]
+pub(crate) fn random(generator: &mut SplitMix64, low: f32, high: f32) -> f32 {
+    low + (high - low) * ((generator.next_u64() >> 40) as f64 / f64::from(1 << 24)) as f32
+}
+
+/// A cloud of coloured blobs around the origin.
+pub(crate) fn truth() -> Gaussians {
+    let mut generator = SplitMix64::new(5);
+    let mut parts = GaussianParts::default();
+    for _ in 0..60 {
+        let mut row = |low, high| std::array::from_fn(|_| random(&mut generator, low, high));
+        parts.means.push(row(-1.0, 1.0));
+        parts.log_scales.push(row(-2.2, -1.2));
+        parts.sh.push(row(-1.5, 1.5));
+        let [w, x, y] = row(-1.0, 1.0);
+        parts.quaternions.push([w, x, y, 0.3]);
+        parts.opacity_logits.push(2.0);
+    }
+    Gaussians::new(parts).unwrap()
+}
+
+/// A camera on a circle around the origin.
+pub(crate) fn view(angle: f64, side: u32) -> View {
+    let centre = DVec3::new(4.0 * angle.sin(), 0.8 * (2.0 * angle).cos(), -4.0 * angle.cos());
+    let forward = -centre.normalize();
+    let right = DVec3::Y.cross(forward).normalize();
+    let rotation = DMat3::from_cols(right, forward.cross(right), forward).transpose();
+    let pose = CameraFromWorld::new(rotation, -(rotation * centre)).unwrap();
+    let intrinsics = NormalizedIntrinsics::new(1.2, 1.2, 0.5, 0.5).unwrap();
+    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: side, height: side } }
+}
+
+/// Training views, and two that are held out.
+pub(crate) fn views() -> (Vec<TrainingView>, Vec<TrainingView>) {
+    let mut renderer = CpuRenderer::default();
+    let picture = |number: u32| {
+        let view = view(f64::from(number) * 0.4, 40);
+        let rgb = renderer.render(&truth(), &view, &RenderOptions::default()).unwrap().rgb;
+        let rgb = rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
+        TrainingView { name: format!("view {number}"), view, rgb }
+    };
+    (0..16).map(picture).partition(|view| !["view 3", "view 9"].contains(&view.name.as_str()))
+}
+
+pub(crate) fn config(strategy: Strategy, steps: u64) -> FitConfig {
+    FitConfig { sh_degree: 1, max_gaussians: 4000, seed: 11, ..FitConfig::new(strategy, steps) }
+}
+
+pub(crate) fn start(strategy: Strategy, count: usize) -> Gaussians {
+    in_frustums(&views().0, count, None, 1, strategy).unwrap()
+}
+
+pub(crate) fn run(fit: &mut Fit, steps: u64) {
+    for _ in 0..steps {
+        fit.step().unwrap();
+    }
+}
+
+pub(crate) fn held_out(fit: &mut Fit) -> f64 {
+    let scores: Vec<f64> = views().1.iter().map(|view| fit.score(view).unwrap().psnr).collect();
+    scores.iter().sum::<f64>() / scores.len() as f64
+}
