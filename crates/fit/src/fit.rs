@@ -275,7 +275,9 @@ impl Fit {
                 let terms = loss.evaluate(shown, rgb, view.size, config.d_ssim, slopes);
                 let d_exposure = exposure.map(|_| Exposure::gradient(rendered, slopes)).transpose()?;
                 if let Some(exposure) = exposure {
-                    slopes.iter_mut().for_each(|slope| *slope = before(&exposure, *slope));
+                    for slope in slopes.iter_mut() {
+                        *slope = before(&exposure, *slope);
+                    }
                 }
                 Ok((terms, d_exposure))
             })?;
