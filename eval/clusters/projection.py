@@ -9,7 +9,7 @@ FRAME = 22_900 / 256**2 * 640 * 360  # bytes: JPEG, as many per pixel as a real 
 SCENE = 279 * FRAME  # bytes: all frames of that scene
 MERGED_STORE, MERGED_TRIAL = 0.0018, 0.000074  # s: processor time of `merge` of 6474 trials in 16 and in 256 stores, on a memory file system
 CHUNK = 1e8  # bytes: assumed, as pixelSplat's converter fills them
-STORE, TRIAL_ROW, TARGET_ROW = 27_000, 140, 76  # bytes: a store of one trial, and what each further row adds
+STORE, TRIAL_ROW, TARGET_ROW = 27_000, 140, 76  # bytes: a store of one trial, and what each row adds; 32 assumed for a hash that repeats in the rows that were measured
 
 # Protocol: scenes, context views, targets of all scenes, pixels of a target.
 PROTOCOLS = {
