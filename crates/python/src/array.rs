@@ -3,7 +3,7 @@
 //! The package makes arrays contiguous and of the requested type in `_arrays.py`. The `numpy` crate would save a copy, but it asks for
 //! a feature of `num-integer` with which all of `arrow` is built again.
 
-use atsplat_pixels::{Image, ImageU8};
+use atsplat_pixels::{Image, ImageU8, PixelError};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
 
@@ -39,9 +39,17 @@ pub(crate) fn read_rows<const N: usize>(bytes: &[u8]) -> Vec<[f32; N]> {
     read_floats(bytes).as_chunks::<N>().0.to_vec()
 }
 
-/// Samples of pictures: count × height × width × 3.
-#[derive(Debug)]
-pub(crate) enum Pictures {
+/// Pictures of one size, as the array held them.
+#[derive(Clone, Debug)]
+pub(crate) struct Pictures {
+    pub(crate) count: usize,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    samples: Samples,
+}
+
+#[derive(Clone, Debug)]
+enum Samples {
     /// Nominally in [0, 1].
     Floats(Vec<f32>),
     /// From 0 to 255.
@@ -49,24 +57,27 @@ pub(crate) enum Pictures {
 }
 
 impl Pictures {
-    /// Copies the samples of an array of type `f4` or `u1`.
-    pub(crate) fn of(kind: &str, bytes: &[u8]) -> Self {
-        if kind == "u1" { Self::Bytes(bytes.to_vec()) } else { Self::Floats(read_floats(bytes)) }
-    }
-
-    /// One image for each picture.
-    pub(crate) fn into_images(self, shape: &[usize]) -> Result<Vec<Image>, Failure> {
+    /// Copies an array of type `f4` or `u1`, of shape count × height × width × 3.
+    pub(crate) fn of(shape: &[usize], kind: &str, bytes: &[u8]) -> Result<Self, Failure> {
         let [count, height, width, 3] = *shape else {
             return Err(Failure::invalid("images", format!("expected count × height × width × 3, found {shape:?}")));
         };
         let side = |side: usize| u32::try_from(side).map_err(|error| Failure::invalid("images", error));
-        let (width, height, samples) = (side(width)?, side(height)?, width * height * 3);
-        let nth = |nth: usize| nth * samples..(nth + 1) * samples;
-        let image = |at: usize| match &self {
-            Self::Floats(all) => Image::new(width, height, all.get(nth(at)).unwrap_or_default().to_vec()),
-            Self::Bytes(all) => ImageU8::new(width, height, all.get(nth(at)).unwrap_or_default().to_vec())
-                .map(|picture| Image::from_u8(&picture)),
-        };
-        (0..count).map(|at| image(at).map_err(Failure::from)).collect()
+        let samples = if kind == "u1" { Samples::Bytes(bytes.to_vec()) } else { Samples::Floats(read_floats(bytes)) };
+        Ok(Self { count, width: side(width)?, height: side(height)?, samples })
+    }
+
+    /// The picture at a position.
+    pub(crate) fn image(&self, at: usize) -> Result<Image, PixelError> {
+        let Self { width, height, samples, .. } = self;
+        let size = *width as usize * *height as usize * 3;
+        let own = at * size..(at + 1) * size;
+        match samples {
+            Samples::Floats(all) => Image::new(*width, *height, all.get(own).unwrap_or_default().to_vec()),
+            Samples::Bytes(all) => {
+                let picture = ImageU8::new(*width, *height, all.get(own).unwrap_or_default().to_vec())?;
+                Ok(Image::from_u8(&picture))
+            }
+        }
     }
 }

@@ -149,8 +149,7 @@ fn output(py: Python<'_>, trial: Trial, callable: &Py<PyAny>) -> PyResult<Output
         return Ok(Output::Gaussians(Arc::clone(&gaussians.get().0)));
     }
     let (shape, kind, bytes): (Vec<usize>, String, Bound<'_, PyBytes>) = returned.extract()?;
-    let pictures = Pictures::of(&kind, bytes.as_bytes());
-    Ok(Output::Images(pictures.into_images(&shape)?))
+    Ok(Output::Pictures(Pictures::of(&shape, &kind, bytes.as_bytes())?))
 }
 
 /// `ValueError: what it says (file.py:12)`.

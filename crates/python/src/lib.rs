@@ -23,6 +23,10 @@ mod trial;
 
 use pyo3::prelude::*;
 
+/// The binary's: pictures come and go, and glibc would map and clear each anew.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// The native part of atsplat. Its functions are documented where the package calls them.
 #[pymodule]
 mod _native {

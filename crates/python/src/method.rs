@@ -4,16 +4,16 @@ use std::sync::Arc;
 
 use atsplat_eval::MethodRecord;
 use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Splatting, TrialInput};
-use atsplat_pixels::Image;
 use atsplat_protocol::trial::Trial;
 
+use crate::array::Pictures;
 use crate::exchange::Calls;
 
 /// What a method made of a trial.
 #[derive(Debug)]
 pub(crate) enum Output {
     /// A picture of each target.
-    Images(Vec<Image>),
+    Pictures(Pictures),
     /// Gaussians in the trial's world.
     Gaussians(Arc<atsplat_splat::Gaussians>),
 }
@@ -68,7 +68,7 @@ impl Method for Precomputed {
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let output = match &self.output {
-            Output::Images(images) => Output::Images(images.clone()),
+            Output::Pictures(pictures) => Output::Pictures(pictures.clone()),
             Output::Gaussians(gaussians) => Output::Gaussians(Arc::clone(gaussians)),
         };
         prediction(&self.splatting, input, output)
@@ -81,16 +81,17 @@ fn prediction<'a>(
     output: Output,
 ) -> Result<Box<dyn Prediction + 'a>, MethodError> {
     match output {
-        Output::Images(images) => {
-            check(input.trial, &images)?;
-            Ok(Box::new(Pictures(images)))
+        Output::Pictures(pictures) => {
+            check(input.trial, &pictures)?;
+            Ok(Box::new(pictures))
         }
         Output::Gaussians(gaussians) => Ok(splatting.predict(input, Arc::unwrap_or_clone(gaussians), Cost::default())),
     }
 }
 
 /// One picture of each target, of its size.
-fn check(trial: &Trial, images: &[Image]) -> Result<(), MethodError> {
+fn check(trial: &Trial, pictures: &Pictures) -> Result<(), MethodError> {
+    let Pictures { count, width, height, .. } = *pictures;
     let sizes = |sizes: &mut dyn Iterator<Item = (u32, u32)>| {
         let mut all: Vec<String> = sizes.map(|(height, width)| format!("{height} × {width}")).collect();
         let count = all.len();
@@ -98,20 +99,17 @@ fn check(trial: &Trial, images: &[Image]) -> Result<(), MethodError> {
         format!("{count} × {} × 3", if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) })
     };
     let expected = sizes(&mut trial.targets().iter().map(|target| (target.size.height, target.size.width)));
-    let found = sizes(&mut images.iter().map(|image| (image.height(), image.width())));
+    let found = sizes(&mut std::iter::repeat_n((height, width), count));
     if expected == found {
         return Ok(());
     }
     Err(MethodError::Failed(format!("images: expected targets × height × width × 3 of {expected}, found {found}")))
 }
 
-/// A picture of each target.
-struct Pictures(Vec<Image>);
-
 impl Prediction for Pictures {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |at: &usize| {
-            let image = self.0.get(*at).cloned().ok_or_else(|| format!("no target {at}"))?;
+            let image = self.image(*at).map_err(|error| error.to_string())?;
             Ok(Rendered { image, drawn: None, effects: Vec::new() })
         };
         targets.iter().map(one).collect()

@@ -62,13 +62,10 @@ impl Suite {
         renders: (String, Bound<'_, PyBytes>),
         truths: (String, Bound<'_, PyBytes>),
     ) -> Result<Vec<Vec<f64>>, Failure> {
-        let renders = Pictures::of(&renders.0, renders.1.as_bytes());
-        let truths = Pictures::of(&truths.0, truths.1.as_bytes());
-        work(py, || {
-            let (renders, truths) = (renders.into_images(&shape)?, truths.into_images(&shape)?);
-            let pairs = renders.iter().zip(&truths);
-            pairs.map(|(render, truth)| numbers(self.0.score(render, truth, None).scores)).collect()
-        })
+        let renders = Pictures::of(&shape, &renders.0, renders.1.as_bytes())?;
+        let truths = Pictures::of(&shape, &truths.0, truths.1.as_bytes())?;
+        let score = |at| numbers(self.0.score(&renders.image(at)?, &truths.image(at)?, None).scores);
+        work(py, || (0..renders.count).map(score).collect())
     }
 }
 

@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-use atsplat_eval::store::Merged;
 use atsplat_eval::{Results, RunReport};
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -25,14 +24,13 @@ pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, Str
 pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, partial: bool) -> Result<(), Failure> {
     work(py, || {
         let parts = stores.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
-        let Merged { results, missing_shards, .. } = Results::merge(parts)?;
-        if !missing_shards.is_empty() && !partial {
-            return Err(Failure::invalid(
-                "stores",
-                format!("shards {missing_shards:?} are missing: partial=True merges the others"),
-            ));
+        let merged = Results::merge(parts)?;
+        let lacking = merged.lacking();
+        if !lacking.is_empty() && !partial {
+            let lacking = lacking.join("; ");
+            return Err(Failure::invalid("stores", format!("{lacking}: partial=True merges the other results")));
         }
-        Ok(results.write(&out)?)
+        Ok(merged.results.write(&out)?)
     })
 }
 

@@ -127,8 +127,8 @@ impl Trial {
         bytes: &Bound<'_, PyBytes>,
         suite: &Suite,
     ) -> Result<String, Failure> {
-        let pictures = Pictures::of(kind, bytes.as_bytes());
-        work(py, || self.score(Output::Images(pictures.into_images(&shape)?), suite))
+        let pictures = Pictures::of(&shape, kind, bytes.as_bytes())?;
+        work(py, || self.score(Output::Pictures(pictures), suite))
     }
 
     /// Renders and scores Gaussians in the trial's world; the rows as JSON.

@@ -30,13 +30,12 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
-    let Merged { results, missing_shards, unfinished, repeated } = Results::merge(read(&args.stores)?)?;
-    let missing: Vec<String> = missing_shards.iter().map(ToString::to_string).collect();
-    let missing = (!missing.is_empty()).then(|| format!("shards {} are missing", missing.join(", ")));
-    let lacking: Vec<String> = missing.into_iter().chain(unfinished.iter().map(ToString::to_string)).collect();
+    let merged = Results::merge(read(&args.stores)?)?;
+    let lacking = merged.lacking();
     if !lacking.is_empty() && !args.partial {
         bail!("{}: --partial merges the other results", lacking.join("; "));
     }
+    let Merged { results, repeated, .. } = merged;
     results.write(&args.out)?;
     print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {

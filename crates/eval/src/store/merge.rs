@@ -45,6 +45,15 @@ impl fmt::Display for Unfinished {
     }
 }
 
+impl Merged {
+    /// What keeps the results from being those of the whole run: missing shards, and stores that are not done.
+    pub fn lacking(&self) -> Vec<String> {
+        let missing: Vec<String> = self.missing_shards.iter().map(ToString::to_string).collect();
+        let missing = (!missing.is_empty()).then(|| format!("shards {} are missing", missing.join(", ")));
+        missing.into_iter().chain(self.unfinished.iter().map(ToString::to_string)).collect()
+    }
+}
+
 impl Results {
     /// The protocols and methods whose run into this store has not ended: entries have neither a row nor a reason.
     pub fn unfinished(&self) -> Vec<Unfinished> {

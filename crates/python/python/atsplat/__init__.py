@@ -17,7 +17,7 @@ from ._native import __version__
 from .cameras import Cameras
 from .drift import Drift, accept_baseline, drift
 from .errors import AtsplatError, DriftedError, FileError, InvalidError, NotApplicable
-from .evaluation import evaluate
+from .evaluation import RayOptions, evaluate
 from .gaussians import Gaussians
 from .metrics import lpips, metrics, psnr, ssim
 from .protocols import Protocol, Scores, Trial, Views, protocol, protocols
@@ -35,6 +35,7 @@ __all__ = [
     "InvalidError",
     "NotApplicable",
     "Protocol",
+    "RayOptions",
     "Rendering",
     "Report",
     "Scores",

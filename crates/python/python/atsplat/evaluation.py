@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypedDict
 
 from . import _methods, _native
 from .errors import AtsplatError
@@ -14,6 +15,23 @@ from .protocols import Data, Protocol, check_setting, protocol
 from .stores import Store, open_store
 
 Path = str | PathLike
+
+
+class RayOptions(TypedDict, total=False):
+    """How an evaluation is spread over a Ray cluster."""
+
+    #: Actors at once; by default as many as the cluster's processors (and GPUs, if asked for) hold.
+    workers: int
+    #: Parts of the scenes; by default 64, or as many as give each 16 scenes.
+    shards: int
+    #: How often a shard is begun again after its worker died.
+    retries: int
+    #: Processors of each actor, which are its threads.
+    num_cpus: float
+    #: GPUs of each actor.
+    num_gpus: float
+    #: Whether the method is a function without arguments that loads the method, once on each actor.
+    factory: bool
 
 
 def evaluate(
@@ -34,6 +52,7 @@ def evaluate(
     setting: str = "ATSplat",
     deterministic: bool = False,
     progress: Callable[[], None] | None = None,
+    ray: bool | RayOptions = False,
     **options: Any,
 ) -> Store:
     """Evaluates a method on every trial of protocols.
@@ -68,7 +87,9 @@ def evaluate(
         keep_pictures: ``none``, ``worst`` (and typical and best) or ``all``.
         setting: whose published pose normalisation, near and far planes are used (:attr:`atsplat.Protocol.settings`).
         deterministic: whether equal input gives equal bits; drift then compares bit by bit.
-        progress: called after each result.
+        progress: called after each result; with ``ray``, for all of a shard when it has ended.
+        ray: evaluate on a Ray cluster, with the options of :class:`~atsplat.RayOptions` if it is a dict. The method is pickled, and
+            stays loaded in each worker; ``data`` is a path that every node can read.
         options: ``index``, ``sampler``, ``any_size``, ``frames``, ``images``, as for :meth:`atsplat.Protocol.open`.
 
     Returns:
@@ -81,7 +102,6 @@ def evaluate(
     named = [one if isinstance(one, Protocol) else protocol(one) for one in listed]
     for one in named:
         check_setting(one, setting)
-    opened = [one.open(data, **options) for one in named]
     record = _methods.record(method, name, title, parameters or {}, setting, deterministic)
     settings = {
         "out": fspath(out),
@@ -94,10 +114,36 @@ def evaluate(
         "setting": setting,
         "command": [PurePath(argument).name if at == 0 else argument for at, argument in enumerate(sys.argv)],
     }
-    called = method if isinstance(method, str) else _methods.adapted(method)
-    _, nothing = _native.evaluate(called, record, [one._native for one in opened], settings, progress)
+    run = Run(named, data, options, record, settings)
+    if ray is not False:
+        from . import _ray
+
+        _ray.evaluate(run, method, {} if ray is True else ray, fspath(out), progress)
+        return open_store(out)
+    nothing = run.evaluate(method, run.open(), progress)
     if nothing is not None:
         error = AtsplatError(f"nothing was evaluated: {nothing}")
         error.file = fspath(out)
         raise error
     return open_store(out)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is evaluated, apart from the method."""
+
+    protocols: list[Protocol]
+    data: Path | Data
+    options: dict[str, Any]
+    #: The method's record, as JSON.
+    record: str
+    settings: dict[str, Any]
+
+    def open(self) -> list[Data]:
+        return [one.open(self.data, **self.options) for one in self.protocols]
+
+    def evaluate(self, method: Callable | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any) -> str | None:
+        """Evaluates into a store, with changes of the settings; why nothing was evaluated, if so."""
+        called = method if isinstance(method, str) else _methods.adapted(method)
+        settings = {**self.settings, **changes}
+        return _native.evaluate(called, self.record, [one._native for one in data], settings, progress)[1]

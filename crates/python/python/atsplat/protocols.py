@@ -43,6 +43,9 @@ class Protocol:
         #: SHA-256 of everything in it that can change a number.
         self.hash: str = self._native.hash
 
+    def __reduce__(self) -> tuple:
+        return Protocol, (self._source,)
+
     def __repr__(self) -> str:
         return f"Protocol({self.name!r}): {self.title}"
 
