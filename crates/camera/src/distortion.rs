@@ -1,6 +1,8 @@
 mod fisheye;
 mod opencv;
 
+use std::fmt;
+
 use glam::{DMat2, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -36,6 +38,26 @@ pub enum Distortion {
         /// Coefficients of θ³, θ⁵, θ⁷, θ⁹.
         k: [f64; 4],
     },
+}
+
+impl fmt::Display for Distortion {
+    /// `OpenCV's model, k1 -0.02, p2 0.001`, without the coefficients that are 0.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (model, coefficients): (&str, &[(&str, f64)]) = match *self {
+            Self::None => ("a pinhole", &[]),
+            Self::OpenCv { k1, k2, k3, p1, p2 } => {
+                ("OpenCV's model", &[("k1", k1), ("k2", k2), ("k3", k3), ("p1", p1), ("p2", p2)])
+            }
+            Self::Fisheye { k: [k1, k2, k3, k4] } => {
+                ("OpenCV's fisheye model", &[("k1", k1), ("k2", k2), ("k3", k3), ("k4", k4)])
+            }
+        };
+        f.write_str(model)?;
+        coefficients
+            .iter()
+            .filter(|(_, value)| *value != 0.0)
+            .try_for_each(|(name, value)| write!(f, ", {name} {value}"))
+    }
 }
 
 impl Distortion {
@@ -202,6 +224,14 @@ mod tests {
 
     proptest! {
         #[test]
+    fn coefficients_print_in_order_without_zeros() {
+        let lens = Distortion::OpenCv { k1: -0.02, k2: 0.0, k3: 0.5, p1: 0.0, p2: 0.001 };
+        assert_eq!(lens.to_string(), "OpenCV's model, k1 -0.02, k3 0.5, p2 0.001");
+        assert_eq!(Distortion::Fisheye { k: [0.0, 0.25, 0.0, -1.0] }.to_string(), "OpenCV's fisheye model, k2 0.25, k4 -1");
+        assert_eq!(Distortion::None.to_string(), "a pinhole");
+    }
+
+    #[test]
         fn undistorting_inverts_distorting_up_to_the_fold(
             lens in any_lens(), share in 0.0..0.98, azimuth in 0.0..std::f64::consts::TAU,
         ) {

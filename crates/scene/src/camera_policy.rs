@@ -56,7 +56,7 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
         (!fine).then(|| format!("cx {cx:.5}, cy {cy:.5}"))
     });
     report(WarningKind::LensDistortion, &|camera| {
-        (camera.distortion != Distortion::None).then(|| format!("{:?}", camera.distortion))
+        (camera.distortion != Distortion::None).then(|| camera.distortion.to_string())
     });
 }
 
