@@ -4,7 +4,7 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
 use atsplat_eval::timing::times;
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow};
 
-use super::{first_metric, plain, subject};
+use super::{first_metric, plain};
 use crate::ReportError;
 use crate::page::PlotSection;
 use crate::plot::{Drawing, Estimate, OptimisationCurves, OptimisationPanel, OptimisationPoint};
@@ -44,10 +44,14 @@ pub fn optimisation_section(sources: &[Source<'_>]) -> Result<Option<PlotSection
 fn of_optimisation(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = BTreeMap::new();
     for Source { results, label } in sources {
-        let mut seen = BTreeSet::new();
-        for preset in results.provenance.presets.iter().filter(|preset| seen.insert(&preset.name)) {
-            let Some(plot) = curves(results, preset)? else { continue };
-            let name = format!("optimisation-{}", plain(&preset.name));
+        // Sweeps over the number of views evaluate one protocol on an index for each number.
+        let mut protocols: BTreeMap<(&str, &str), Vec<&PresetRecord>> = BTreeMap::new();
+        for preset in &results.provenance.presets {
+            protocols.entry((&preset.preset, &preset.hash)).or_default().push(preset);
+        }
+        for ((name, _), presets) in protocols {
+            let Some(plot) = curves(results, &presets)? else { continue };
+            let name = format!("optimisation-{}", plain(name));
             // Stores are measured on their own: curves of two would mix machines.
             let name = if plots.contains_key(&name) { format!("{name}-{}", plain(label)) } else { name };
             plots.insert(name, plot.draw());
@@ -64,15 +68,16 @@ struct Placed<'a> {
     scenes: u64,
 }
 
-fn curves(results: &Results, preset: &PresetRecord) -> Result<Option<OptimisationCurves>, ReportError> {
-    let Some(metric) = first_metric(results, &preset.name) else { return Ok(None) };
-    let aggregation = preset.protocol()?.aggregation;
+/// The curves of one protocol on one or several indices.
+fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<OptimisationCurves>, ReportError> {
+    let Some(first) = presets.first() else { return Ok(None) };
+    let Some(metric) = first_metric(results, &first.name) else { return Ok(None) };
+    let aggregation = first.protocol()?.aggregation;
     let is_optimised = |kind: &str| OPTIMISED.iter().any(|(own, _)| *own == kind);
     let (mut placed, mut untimed, mut busy, mut machine) = (Vec::new(), Vec::new(), false, None);
-    for method in &results.provenance.methods {
-        if !is_optimised(&method.kind) && method.kind != NETWORK {
-            continue;
-        }
+    let methods = results.provenance.methods.iter();
+    let methods = methods.filter(|method| is_optimised(&method.kind) || method.kind == NETWORK);
+    for (method, preset) in methods.flat_map(|method| presets.iter().map(move |preset| (method, preset))) {
         let is_own = |trial: &&TrialRow| trial.key.preset == preset.name && trial.key.method == method.name;
         let trials: Vec<&TrialRow> = results.trials.iter().filter(is_own).collect();
         let Some(first) = trials.first() else { continue };
@@ -110,6 +115,8 @@ fn curves(results: &Results, preset: &PresetRecord) -> Result<Option<Optimisatio
     if panels.is_empty() {
         return Ok(None);
     }
+    let scenes = placed.iter().map(|own| own.scenes).fold(0, u64::max);
+    let plural = if scenes == 1 { "" } else { "s" };
     let machine = machine.map_or_else(String::new, |machine| format!("; timed on {machine}"));
     let mark = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
     let mut note = "Points of one curve differ in the budget of their optimisation; the refinement starts from the network alone. \
@@ -120,7 +127,7 @@ fn curves(results: &Results, preset: &PresetRecord) -> Result<Option<Optimisatio
     }
     Ok(Some(OptimisationCurves {
         title: format!("{} against seconds of optimisation", metric.name),
-        subtitle: format!("{}{machine}{mark}", subject(results, preset)),
+        subtitle: format!("{} ({}); {scenes} scene{plural}{machine}{mark}", first.title, first.preset),
         quality: metric.into(),
         panels,
         note,
@@ -187,7 +194,8 @@ mod tests {
         for trial in &mut own.trials {
             trial.context_psnr = (trial.key.method == "3dgs-100").then_some(41.5);
         }
-        let found = curves(&own, &own.provenance.presets[0]).unwrap().unwrap();
+        let curves = |own: &Results| curves(own, &own.provenance.presets.iter().collect::<Vec<_>>()).unwrap();
+        let found = curves(&own).unwrap();
         let [panel] = &found.panels[..] else { panic!("{:?}", found.panels) };
         assert_eq!(panel.name, "2 views · 4 scenes");
         let lengths: Vec<(&str, usize)> = panel.curves.iter().map(|(label, own)| (label.as_str(), own.len())).collect();
@@ -197,10 +205,37 @@ mod tests {
         assert_eq!((refined[0].context, panel.curves[1].1[0].context), (None, Some(41.5)));
 
         own.timings.retain(|timing| timing.key.method != "refined 100");
-        let note = curves(&own, &own.provenance.presets[0]).unwrap().unwrap().note;
+        let note = curves(&own).unwrap().note;
         assert!(note.contains("Without a time, so without a point: "), "{note}");
         let alone = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
-        assert!(curves(&alone, &alone.provenance.presets[0]).unwrap().is_none());
+        assert!(curves(&alone).is_none());
+        // The same protocol with three views, on an index of its own.
+        let mut more = results(vec![preset("re10k-2v-256")], methods()[..4].to_vec());
+        for (at, method) in more.provenance.methods.iter_mut().enumerate() {
+            method.name = format!("{at} with three");
+        }
+        let renamed = |name: &str| format!("{} with three", methods().iter().position(|own| own.name == name).unwrap());
+        more.provenance.presets[0].name.push_str("-3-views");
+        let name = &more.provenance.presets[0].name;
+        for trial in &mut more.trials {
+            (trial.key.method, trial.key.preset) = (renamed(&trial.key.method), name.clone());
+            trial.context = vec![0, 15, 30];
+        }
+        for target in &mut more.targets {
+            (target.key.method, target.key.preset) = (renamed(&target.key.method), name.clone());
+        }
+        for timing in &mut more.timings {
+            (timing.key.method, timing.key.preset) = (renamed(&timing.key.method), name.clone());
+            timing.encode = vec![0.7; 5];
+        }
+        let mut both = own.clone();
+        both.provenance.presets.extend(more.provenance.presets);
+        both.provenance.methods.extend(more.provenance.methods);
+        both.trials.extend(more.trials);
+        both.targets.extend(more.targets);
+        both.timings.extend(more.timings);
+        let panels: Vec<String> = curves(&both).unwrap().panels.into_iter().map(|panel| panel.name).collect();
+        assert_eq!(panels, ["2 views · 4 scenes", "3 views · 4 scenes"]);
         let source = |label| Source { label, results: &own };
         let names = of_optimisation(&[source("a"), source("b")]).unwrap();
         let names: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
