@@ -23,13 +23,12 @@ fn published_orders_are_those_of_the_stores() {
             .filter(Table::is_measured)
             .collect();
         // Folders whose tables hold no published order show slopes: the table of their protocol.
-        let (built, file) = match orders_as_markdown(&built) {
-            Some(orders) => (orders, "orders.md"),
-            None => {
-                let protocols = protocol_tables(&[source], Mixing::Apart).unwrap();
-                assert_eq!(protocols.len(), 1, "{}", path.display());
-                (TableFormat::Markdown.write(&protocols[0]).unwrap(), "protocol.md")
-            }
+        let (built, file) = if let Some(orders) = orders_as_markdown(&built) {
+            (orders, "orders.md")
+        } else {
+            let protocols = protocol_tables(&[source], Mixing::Apart).unwrap();
+            assert_eq!(protocols.len(), 1, "{}", path.display());
+            (TableFormat::Markdown.write(&protocols[0]).unwrap(), "protocol.md")
         };
         let committed = std::fs::read_to_string(path.join(file)).unwrap();
         assert_eq!(built, committed, "{}", path.display());
