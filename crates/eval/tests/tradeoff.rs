@@ -158,11 +158,11 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
     assert!(error.contains("gaussians-per-token") && error.contains("head."), "{error}");
 }
 
-/// Every shipped sweep expands into methods and protocols on a scene of four views.
+/// Every shipped sweep expands into methods and protocols on a scene of twelve views.
 #[test]
 fn shipped_sweeps_expand() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
-    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 1, 4, 6], &[2])])];
+    let datasets = [dataset(Walls::new(1, 13), &[entry(&[0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12], &[2])])];
     let trained = SweepBase { weights: WeightsSource::File { sha256: "00".to_owned() }, ..swept() };
     let mut used_knobs = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {

@@ -20,10 +20,11 @@ const OPTIMISED: [(&str, &str); 4] = [
 /// The kind of the network alone, from which the refinement's curve starts.
 const NETWORK: &str = "atsplat";
 
-/// [`of_optimisation`] as the section that a report starts with; `None` without a plot.
+/// The section that a report starts with: accuracy against the seconds of optimisation, a plot for each protocol of a store under
+/// which trials were optimised with at least two budgets, with a panel for each number of context views. `None` without a plot.
 ///
 /// # Errors
-/// As [`of_optimisation`].
+/// [`ReportError::Store`] for an invalid protocol in a store.
 pub fn optimisation_section(sources: &[Source<'_>]) -> Result<Option<PlotSection>, ReportError> {
     let plots = of_optimisation(sources)?;
     Ok((!plots.is_empty()).then(|| PlotSection {
@@ -36,11 +37,7 @@ pub fn optimisation_section(sources: &[Source<'_>]) -> Result<Option<PlotSection
     }))
 }
 
-/// Accuracy against the seconds of optimisation, by name: a plot for each protocol of a store under which trials were optimised with
-/// at least two budgets, with a panel for each number of context views.
-///
-/// # Errors
-/// [`ReportError::Store`] for an invalid protocol in a store.
+/// The plots by name.
 fn of_optimisation(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = BTreeMap::new();
     for Source { results, label } in sources {
