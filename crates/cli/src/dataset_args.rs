@@ -1,11 +1,17 @@
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use atsplat_scene::{ColmapOptions, Dataset, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings};
+use atsplat_scene::{
+    ColmapOptions, Dataset, Fetch, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings,
+};
+
+use crate::objects::{CacheArgs, RemoteData};
 
 /// A dataset and where its pictures are.
 #[derive(Debug, clap::Args)]
 pub(crate) struct DatasetArgs {
-    /// RE10K trajectories, `.torch` chunks, a `transforms.json`, a COLMAP model, or a folder of them.
+    /// RE10K trajectories, `.torch` chunks, a `transforms.json`, a COLMAP model, or a folder of them; also as a URL (s3://, gs://,
+    /// az://).
     pub(crate) data: PathBuf,
 
     #[command(flatten)]
@@ -26,6 +32,9 @@ pub(crate) struct PictureArgs {
     /// Use DL3DV's undistorted `gaussian_splat/` in scenes that have it.
     #[arg(long, requires = "data")]
     prefer_undistorted: bool,
+
+    #[command(flatten)]
+    pub(crate) cache: CacheArgs,
 }
 
 impl DatasetArgs {
@@ -36,8 +45,21 @@ impl DatasetArgs {
 }
 
 impl PictureArgs {
-    /// Opens the dataset at `path`; its format is detected.
+    /// Opens the dataset at a path or URL; its format is detected.
     pub(crate) fn open(&self, path: &Path, warnings: &mut Warnings) -> anyhow::Result<Dataset> {
+        self.open_at(path, self.cache.dataset(path)?.as_ref(), warnings)
+    }
+
+    /// Opens the dataset at `path`, or at the URL that was listed.
+    pub(crate) fn open_at(
+        &self,
+        path: &Path,
+        remote: Option<&Arc<RemoteData>>,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Dataset> {
+        if let Some(url) = self.frames.as_deref().and_then(atsplat_objects::url) {
+            anyhow::bail!("--frames: expected a folder of this machine, found {url}");
+        }
         let pictures = match self.images {
             None => PictureFolder::default(),
             Some(1) => PictureFolder::Listed,
@@ -51,7 +73,9 @@ impl PictureArgs {
                 ..NerfstudioOptions::default()
             },
             colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
+            fetch: remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>),
         };
+        let path = remote.map_or(path, |remote| remote.path());
         Ok(atsplat_scene::open_with(path, &options, warnings)?)
     }
 }

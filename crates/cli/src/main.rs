@@ -15,6 +15,7 @@ mod expansion;
 mod fit;
 mod log;
 mod model_args;
+mod objects;
 mod output;
 mod parse;
 mod plot;
@@ -92,6 +93,8 @@ enum Command {
     Drift(drift::Args),
     /// Show which settings of a method are worth their time and their Gaussians.
     Tradeoff(tradeoff::Args),
+    /// Measure what token expansion does over a protocol: whether predicted uncertainty ranks errors, and where children lie.
+    Expansion(Box<WithStrict<expansion::Args>>),
     /// List and test graphics adapters.
     Adapters(adapters::Args),
     /// Train a network from a configuration; a run can be killed at any moment and resumed with identical results.
@@ -156,6 +159,7 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Adapters(args) => done(adapters::run(args)),
         Command::Drift(args) => drift::run(args),
         Command::Tradeoff(args) => tradeoff::run(args),
+        Command::Expansion(args) => args.run(expansion::run),
         Command::Budget(args) => Ok(exit_of_check(budget::run(args)?)),
         Command::Train(args) => train::run(args).map(|()| Exit::Done),
         Command::Stress(args) => Ok(exit_of_check(stress::run(args)?)),

@@ -24,17 +24,21 @@ const FLOORS: [&str; 2] = ["--method", "nearest-view,warp"];
 
 /// Simulated yards under a protocol of small images, in `data/test`, next to their index.
 fn simulated(here: &Path, scenes: u32) {
+    simulated_at(here, scenes, SceneKind::Yards, 40);
+}
+
+fn simulated_at(here: &Path, scenes: u32, kind: SceneKind, side: u32) {
     let request = |number| Request {
-        size: ImageSize { width: 40, height: 40 },
+        size: ImageSize { width: side, height: side },
         frames: 5,
         samples: 1,
         effects: EffectChoice::None,
-        ..Request::new(SceneKind::Yards, SceneSeed { split: Split::Test, number })
+        ..Request::new(kind, SceneSeed { split: Split::Test, number })
     };
     let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
     let requests: Vec<Request> = (0..scenes).map(request).collect();
     let written = write_dataset(&here.join("data"), requests, &options, &mut Warnings::default(), |_, _| {}).unwrap();
-    write_preset(here, 40);
+    write_preset(here, side);
     let keys: Vec<&str> = written.iter().map(|scene| scene.key.as_str()).collect();
     write_index(&here.join("data/test"), &keys, "[0, 4]", "[1, 2, 4]");
 }
@@ -73,6 +77,38 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     assert!(again.contains("0 results computed; 2 were there before"), "{again}");
     let json: serde_json::Value = serde_json::from_str(&succeed(here, &[&score[..], &["--json"]].concat())).unwrap();
     assert_eq!((&json["rows"][0]["identical"], &json["rows"][0]["means"]["psnr"]), (&6.into(), &100.0.into()));
+}
+
+#[test]
+fn expansion_is_measured_over_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated_at(here, 6, SceneKind::Rooms, 64);
+    let args = ["expansion", "tiny.toml", "--data", "data/test"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&args[..], &["--json"]].concat())).unwrap();
+    assert_eq!((&report["network"], &report["scenes"]), (&"micro-rooms".into(), &6.into()));
+    let blocks = report["blocks"].as_array().unwrap();
+    // The network sees two views of 128x128, as it was trained; half of the tokens, half, and a quarter of them become two.
+    let counts = |field: &str| blocks.iter().map(|row| row[field].as_f64().unwrap()).collect::<Vec<_>>();
+    Tolerance::F64.assert(counts("tokens"), [512.0, 768.0, 1152.0], "tokens");
+    Tolerance::F64.assert(counts("expanded"), [256.0, 384.0, 288.0], "expanded");
+    for row in blocks {
+        let low = |field: &str| row[field]["interval"][0].as_f64().unwrap();
+        assert!(low("correlation") > 0.0 && low("contrast") > 1.0, "errors are where they are predicted: {row}");
+    }
+    assert_eq!(report["thresholds"].as_array().unwrap().len(), 3);
+
+    let first = succeed(here, &[&args[..], &["--limit", "1", "--expand-first", "1"]].concat());
+    assert!(first.contains("1 trials of 1 scenes") && first.contains("| 2 | 512 | 256 |"), "{first}");
+    assert!(!first.contains("| 3 |"), "{first}");
+    std::fs::remove_dir_all(here.join("data/test/rooms-test-00000002")).unwrap();
+    let strict = atsplat(here, &[&args[..], &["--strict"]].concat());
+    assert_eq!(strict.code, 4, "{}", strict.stderr);
+    assert!(
+        strict.stdout.contains("5 trials of 5 scenes") && strict.stderr.contains("rooms-test-00000002"),
+        "{}",
+        strict.stderr
+    );
 }
 
 /// Uniform draws from [0, 1).

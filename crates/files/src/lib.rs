@@ -16,3 +16,9 @@ pub use error::{FileError, Malformed, shortened};
 pub fn name_of(path: &std::path::Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
+
+/// Whether text is the name of one file or folder on every system, so that a file written under it cannot end up in another folder:
+/// keys of chunks and indices, names of frames and of objects are untrusted text.
+pub fn is_plain_name(name: &str) -> bool {
+    !matches!(name, "" | "." | "..") && !name.contains(['/', '\\', ':', '\0'])
+}

@@ -9,14 +9,23 @@ use crate::{Fit, FitConfig, FitDevice, FitError, StepRecord, TrainingView};
 pub enum Budget {
     /// This many steps: the result is the same everywhere.
     Steps(u64),
-    /// About this many seconds: a number of steps is planned by timing a few, and the run stops when the time is over.
+    /// About this many seconds: a number of steps is planned by timing a few, and planned again as they become faster or slower;
+    /// the run stops when the time is over.
     Seconds(f64),
+}
+
+/// When a run stops that has a number of seconds.
+#[derive(Clone, Copy, Debug)]
+pub struct Deadline {
+    begin: Instant,
+    limit: Duration,
 }
 
 /// Share of the time that goes into timing steps.
 const TRIAL_SHARE: f64 = 0.05;
-/// Steps become slower as Gaussians are added.
-const GROWTH: f64 = 1.5;
+/// Share of the time after which the number of steps is planned again. Random Gaussians are large at first, and slow to render;
+/// later, density control adds others.
+const REPLAN_SHARE: f64 = 0.05;
 
 impl Budget {
     /// Number of steps on a device, for which schedules are made, and when to stop.
@@ -29,7 +38,7 @@ impl Budget {
         views: &[TrainingView],
         start: &Gaussians,
         device: &FitDevice,
-    ) -> Result<(u64, Option<Instant>), FitError> {
+    ) -> Result<(u64, Option<Deadline>), FitError> {
         let seconds = match self {
             Self::Steps(steps) => return Ok((steps, None)),
             Self::Seconds(seconds) => seconds,
@@ -52,28 +61,98 @@ impl Budget {
             trial.step()?;
             count += 1;
         }
-        let each = trial_begin.elapsed().as_secs_f64() / f64::from(count) * GROWTH;
+        let each = trial_begin.elapsed().as_secs_f64() / f64::from(count);
         let left = limit.saturating_sub(begin.elapsed()).as_secs_f64();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive number, rounded down")]
-        let steps = (left / each) as u64;
-        Ok((steps.max(1), Some(begin + limit)))
+        Ok((whole_steps(left / each).max(1), Some(Deadline { begin, limit })))
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive number, rounded down")]
+const fn whole_steps(steps: f64) -> u64 {
+    steps as u64
+}
+
+/// Plans the steps that are left from the speed of the last ones.
+#[derive(Debug)]
+struct Pace {
+    limit: Duration,
+    /// Step and time of the last plan.
+    planned: (u64, Duration),
+}
+
+impl Pace {
+    /// The new total number of steps, if it is time for another plan.
+    fn replanned(&mut self, step: u64, elapsed: Duration) -> Option<u64> {
+        let (since, at) = self.planned;
+        let [steps, secs] = [step.saturating_sub(since) as f64, elapsed.saturating_sub(at).as_secs_f64()];
+        if steps < 1.0 || secs < self.limit.as_secs_f64() * REPLAN_SHARE {
+            return None;
+        }
+        self.planned = (step, elapsed);
+        let left = self.limit.saturating_sub(elapsed).as_secs_f64();
+        Some(step + whole_steps(left * steps / secs))
     }
 }
 
 impl Fit {
-    /// Takes steps until the last one or a deadline, and shows each to `on_step`.
+    /// Takes steps until the last one or a deadline, and shows each to `on_step`. With a deadline, the schedule follows the time:
+    /// the number of steps changes while the run goes on.
     ///
     /// # Errors
     /// As [`Fit::step`], and those of `on_step`.
     pub fn run<E: From<FitError>>(
         &mut self,
-        deadline: Option<Instant>,
+        deadline: Option<Deadline>,
         mut on_step: impl FnMut(&mut Self, &StepRecord) -> Result<(), E>,
     ) -> Result<(), E> {
-        while !self.is_complete() && deadline.is_none_or(|deadline| Instant::now() < deadline) {
+        let mut timed = deadline
+            .map(|Deadline { begin, limit }| (begin, Pace { limit, planned: (self.step_count(), begin.elapsed()) }));
+        while !self.is_complete() && timed.as_ref().is_none_or(|(begin, pace)| begin.elapsed() < pace.limit) {
             let record = self.step()?;
             on_step(self, &record)?;
+            if let Some((begin, pace)) = &mut timed
+                && let Some(steps) = pace.replanned(self.step_count(), begin.elapsed())
+            {
+                self.plan_steps(steps);
+            }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Total seconds and steps of a run whose steps take `millis`, first planned as `steps`.
+    fn run(limit: u64, mut steps: u64, millis: impl Fn(u64) -> u64) -> (f64, u64) {
+        let mut pace = Pace { limit: Duration::from_secs(limit), planned: (0, Duration::ZERO) };
+        let (mut step, mut elapsed) = (0, Duration::ZERO);
+        while step < steps && elapsed < pace.limit {
+            elapsed += Duration::from_millis(millis(step));
+            step += 1;
+            steps = pace.replanned(step, elapsed).unwrap_or(steps);
+        }
+        (elapsed.as_secs_f64(), step)
+    }
+
+    #[test]
+    fn steps_that_become_faster_or_slower_fill_the_time() {
+        // 100 steps of 40 ms and 600 of 10 ms make ten seconds; from the first ones, 250 were planned.
+        let (secs, steps) = run(10, 250, |step| if step < 100 { 40 } else { 10 });
+        assert!((9.8..=10.05).contains(&secs) && (680..=700).contains(&steps), "{steps} steps in {secs} s");
+        let (secs, steps) = run(10, 1000, |step| 10 + step / 20);
+        assert!((9.5..=10.05).contains(&secs) && (460..=480).contains(&steps), "{steps} steps in {secs} s");
+        let (secs, steps) = run(10, 1000, |_| 10);
+        assert!((9.95..=10.0).contains(&secs) && (995..=1000).contains(&steps), "{steps} steps in {secs} s");
+    }
+
+    #[test]
+    fn a_plan_is_kept_until_enough_time_has_passed() {
+        let mut pace = Pace { limit: Duration::from_secs(100), planned: (10, Duration::from_secs(20)) };
+        assert_eq!(pace.replanned(30, Duration::from_secs(24)), None);
+        assert_eq!(pace.replanned(10, Duration::from_secs(30)), None, "no step was taken");
+        assert_eq!(pace.replanned(40, Duration::from_secs(30)), Some(40 + 210));
+        assert_eq!(pace.replanned(45, Duration::from_secs(34)), None, "less than a twentieth since the last plan");
     }
 }

@@ -144,6 +144,12 @@ impl Fit {
         self.splatter.device.name()
     }
 
+    /// Changes the number of steps, at least those done, and with it the schedule of the rest.
+    pub(crate) fn plan_steps(&mut self, steps: u64) {
+        self.config.steps = steps.max(self.step);
+        self.schedule = Schedule::of(self.config.steps);
+    }
+
     /// The configuration.
     pub const fn config(&self) -> &FitConfig {
         &self.config

@@ -33,7 +33,7 @@ pub mod start;
 mod view;
 
 pub use adam::Adam;
-pub use budget::Budget;
+pub use budget::{Budget, Deadline};
 pub use config::{Background, FitConfig, Rates, Strategy};
 pub use device::FitDevice;
 pub use error::{Diagnosis, Fault, FitError};

@@ -90,6 +90,7 @@ impl Protocol {
                 re10k: Re10kOptions { frames_root: frames.clone() },
                 nerfstudio: NerfstudioOptions { pictures, ..NerfstudioOptions::default() },
                 colmap: ColmapOptions { pictures, images_root: frames },
+                ..OpenOptions::default()
             };
             let source: Arc<dyn SceneSource> = Arc::new(atsplat_scene::open_with(&data, &options, &mut warnings)?);
             let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;

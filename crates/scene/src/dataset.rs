@@ -1,4 +1,4 @@
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
@@ -19,6 +19,15 @@ pub trait SceneSource: Send + Sync {
     /// [`SceneError::UnknownScene`] for a key that is not in [`SceneSource::keys`], other [`SceneError`]s if the scene's
     /// files are unusable. Problems that leave the scene usable go to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
+
+    /// Files and folders that [`SceneSource::load`] reads for a scene, but for the pictures of its frames; none if scenes are not
+    /// read from files.
+    ///
+    /// # Errors
+    /// [`SceneError::UnknownScene`], [`SceneError::Io`].
+    fn files(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        Ok(Vec::new())
+    }
 }
 
 /// A dataset of one scene that is already loaded.

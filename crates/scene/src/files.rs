@@ -125,12 +125,6 @@ pub(crate) fn split_picture_name(name: &str) -> Option<(&str, usize)> {
     (!stem.is_empty()).then_some((stem, rank))
 }
 
-/// Whether a scene's key or a frame's name is a plain file name, so that a file written under it cannot end up in another
-/// folder: keys of chunks and indices are untrusted text.
-pub fn is_plain_name(name: &str) -> bool {
-    !matches!(name, "" | "." | "..") && !name.contains(['/', '\\', ':', '\0'])
-}
-
 /// The components of a path inside a dataset, relative to the scene's folder: `.` and inner `..` are resolved,
 /// backslashes are separators, as Windows tools write them. `None` if the path leaves the folder, or is absolute and not
 /// below it: a dataset must not refer to the rest of the disk.
@@ -160,6 +154,8 @@ pub(crate) fn inside<'a>(root: &Path, listed: &'a str) -> Option<Vec<&'a str>> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_files::is_plain_name;
+
     use super::*;
 
     #[test]

@@ -11,6 +11,7 @@ mod dataset;
 mod error;
 #[cfg(feature = "columns")]
 pub mod export;
+mod fetch;
 mod files;
 mod fit;
 pub mod geometry;
@@ -30,11 +31,12 @@ mod test_source;
 pub mod torch;
 mod warnings;
 
+pub use atsplat_files::is_plain_name;
 pub use atsplat_pickle::SharedBytes;
 pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
-pub use files::is_plain_name;
+pub use fetch::Fetch;
 pub use fit::PictureMismatch;
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};

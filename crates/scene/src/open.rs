@@ -1,21 +1,26 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Serialize;
 
 use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
+use crate::fetch::picture_files;
 use crate::files::{list, read_file, read_start};
 use crate::json;
 use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
 use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_trajectory, trajectory_files};
 use crate::torch::TorchChunks;
-use crate::{SceneError, SceneSource, Warnings};
+use crate::{Fetch, SceneError, SceneSource, Warnings};
 
 /// The supported formats, for messages.
 const EXPECTED: &str = "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model";
 
 /// Bytes read of a file to detect its format.
 const PROBE: u64 = 1 << 16;
+
+/// Text files that are read to find a trajectory.
+const PROBED: usize = 20;
 
 /// A dataset's format, detected from its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -59,6 +64,18 @@ pub struct OpenOptions {
     pub nerfstudio: NerfstudioOptions,
     /// For [`Format::Colmap`].
     pub colmap: ColmapOptions,
+    /// For a dataset of which only the names of files are on this disk.
+    pub fetch: Option<Arc<dyn Fetch>>,
+}
+
+impl OpenOptions {
+    fn fetch(&self, action: &'static str, dataset: &Path, paths: &[PathBuf]) -> Result<(), SceneError> {
+        fetch(self.fetch.as_deref(), action, dataset, paths)
+    }
+}
+
+fn fetch(by: Option<&dyn Fetch>, action: &'static str, dataset: &Path, paths: &[PathBuf]) -> Result<(), SceneError> {
+    by.map_or(Ok(()), |by| by.fetch(paths)).map_err(SceneError::io(action, dataset))
 }
 
 /// An open dataset of a detected format.
@@ -68,6 +85,7 @@ pub struct Dataset {
     /// The path that was opened.
     pub path: PathBuf,
     source: Box<dyn SceneSource>,
+    fetch: Option<Arc<dyn Fetch>>,
 }
 
 impl fmt::Debug for Dataset {
@@ -83,7 +101,18 @@ impl SceneSource for Dataset {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<crate::Scene, SceneError> {
         tracing::debug!(scene = key, "loading");
-        self.source.load(key, warnings)
+        if self.fetch.is_none() {
+            return self.source.load(key, warnings);
+        }
+        let fetch = |paths: &[PathBuf]| fetch(self.fetch.as_deref(), "fetching a scene", &self.path, paths);
+        fetch(&self.source.files(key)?)?;
+        let scene = self.source.load(key, warnings)?;
+        fetch(&picture_files(&scene))?;
+        Ok(scene)
+    }
+
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.source.files(key)
     }
 }
 
@@ -110,8 +139,16 @@ pub fn open_with(
 ) -> Result<Dataset, SceneError> {
     let path = path.as_ref();
     std::fs::metadata(path).map_err(SceneError::io("opening a dataset", path))?;
-    let start = if path.is_dir() { None } else { Some(read_start("opening a dataset", path, PROBE)?) };
+    let start = if path.is_dir() {
+        None
+    } else {
+        options.fetch("fetching a dataset", path, &[path.to_owned()])?;
+        Some(read_start("opening a dataset", path, PROBE)?)
+    };
     for entry in REGISTRY {
+        if options.fetch.is_some() && start.is_none() {
+            options.fetch("fetching a dataset", path, &(entry.read_to_open)(path)?)?;
+        }
         let place = match &start {
             Some(start) => (entry.file)(path, start),
             None => (entry.folder)(path)?.then(|| path.to_owned()),
@@ -120,7 +157,8 @@ pub fn open_with(
             let source = (entry.open)(&place, options, warnings)?;
             let scenes = source.keys().len();
             tracing::info!(path = %path.display(), format = %entry.format, scenes, "opened dataset");
-            return Ok(Dataset { format: entry.format, path: path.to_owned(), source });
+            let (format, path, fetch) = (entry.format, path.to_owned(), options.fetch.clone());
+            return Ok(Dataset { format, path, source, fetch });
         }
     }
     if let Some(content) = start.as_deref().filter(|start| is_json(start, b'[')).and_then(|_| json_content(path)) {
@@ -141,6 +179,8 @@ struct Entry {
     /// The path to open, given a file and its first bytes; `None` if it is not of this format.
     file: fn(&Path, &[u8]) -> Option<PathBuf>,
     folder: fn(&Path) -> Result<bool, SceneError>,
+    /// Files whose content decides whether a folder is of this format, or is read when it is opened.
+    read_to_open: fn(&Path) -> Result<Vec<PathBuf>, SceneError>,
     open: Opener,
 }
 
@@ -151,24 +191,28 @@ const REGISTRY: [Entry; 4] = [
         format: Format::TorchChunks,
         file: |path, start| is_chunk(start).then(|| path.to_owned()),
         folder: holds_chunks,
+        read_to_open: |path| if holds_chunks(path)? { TorchChunks::read_to_open(path) } else { Ok(Vec::new()) },
         open: |path, _, warnings| Ok(Box::new(TorchChunks::open(path, warnings)?)),
     },
     Entry {
         format: Format::Nerfstudio,
         file: |path, start| is_json(start, b'{').then(|| path.to_owned()),
         folder: |path| Ok(!scene_files(path, false)?.is_empty()),
+        read_to_open: |_| Ok(Vec::new()),
         open: |path, options, warnings| Ok(Box::new(NerfstudioScenes::open(path, options.nerfstudio, warnings)?)),
     },
     Entry {
         format: Format::Colmap,
         file: |path, _| model_around(path),
         folder: |path| Ok(!model_folders(path)?.is_empty()),
+        read_to_open: |_| Ok(Vec::new()),
         open: |path, options, _| Ok(Box::new(ColmapScenes::open(path, options.colmap.clone())?)),
     },
     Entry {
         format: Format::Re10k,
         file: |path, start| starts_like_a_trajectory(start).then(|| path.to_owned()),
         folder: holds_trajectories,
+        read_to_open: |path| Ok(trajectory_files(path)?.into_values().take(PROBED).collect()),
         open: |path, options, _| Ok(Box::new(Re10kScenes::open(path, options.re10k.clone())?)),
     },
 ];
@@ -215,7 +259,7 @@ fn model_around(file: &Path) -> Option<PathBuf> {
 
 /// Whether one of the first text files in a folder is a trajectory; others may be a licence, for example.
 fn holds_trajectories(folder: &Path) -> Result<bool, SceneError> {
-    for file in trajectory_files(folder)?.values().take(20) {
+    for file in trajectory_files(folder)?.values().take(PROBED) {
         if starts_like_a_trajectory(&read_start("opening a dataset", file, PROBE)?) {
             return Ok(true);
         }

@@ -151,7 +151,7 @@ impl Args {
         let request = |number| {
             let plain = Request::new(self.kind, SceneSeed { split: self.split, number });
             Request {
-                size: self.size.unwrap_or_else(|| native_size(self.layout)),
+                size: self.size(),
                 samples: self.samples,
                 effects: self.effects.clone(),
                 frames: self.frames.unwrap_or(plain.frames),
@@ -160,6 +160,10 @@ impl Args {
             }
         };
         Ok(self.scenes.clone().map(request).collect())
+    }
+
+    fn size(&self) -> ImageSize {
+        self.size.unwrap_or_else(|| native_size(self.layout))
     }
 
     fn route(&self, warnings: &mut Warnings) -> anyhow::Result<Route> {
@@ -203,48 +207,54 @@ const fn native_size(layout: Layout) -> ImageSize {
 }
 
 impl Report {
+    /// What was measured in each scene.
+    fn costs(&self) -> Vec<&FrameCosts> {
+        self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect()
+    }
+
     /// A table of what was measured in all scenes.
     fn summary(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let costs: Vec<&FrameCosts> = self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect();
+        let costs = self.costs();
         if costs.is_empty() {
             return Ok(());
         }
         writeln!(f, "{:<20} {:>7}  {:>16}", "effect", "scenes", "median ms a frame")?;
-        let millis = |secs: Vec<f64>| median(secs).map_or_else(|| "-".to_owned(), |secs| format!("{:.1}", secs * 1e3));
-        for effect in EffectKind::ALL {
-            let of = costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
-            let times: Vec<_> = of.map(|cost| cost.time).collect();
-            let measured = millis(times.iter().filter_map(|time| time.secs).collect());
-            writeln!(f, "{:<20} {:>3}/{:<3}  {measured:>16}", effect.to_string(), times.len(), costs.len())?;
+        for EffectCostRow { effect, called_for, scenes, millis } in effect_rows(&costs) {
+            let measured = millis.map_or_else(|| "-".to_owned(), |[_, median, _]| format!("{median:.1}"));
+            writeln!(f, "{effect:<20} {called_for:>3}/{scenes:<3}  {measured:>16}")?;
         }
         writeln!(f, "{}", against_all(&costs))
     }
 
     /// The median and the quartiles of each effect's costs over the scenes that call for it.
     fn plot(&self, args: &Args) -> EffectCosts {
-        let costs: Vec<&FrameCosts> = self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect();
-        let row = |effect: EffectKind| {
-            let of = || costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
-            let mut millis: Vec<f64> = of().filter_map(|cost| cost.time.secs).map(|secs| secs * 1e3).collect();
-            millis.sort_by(f64::total_cmp);
-            let at = |share| quantile(&millis, share);
-            EffectCostRow {
-                effect: effect.to_string(),
-                called_for: of().count(),
-                scenes: costs.len(),
-                millis: at(0.25).zip(at(0.5)).zip(at(0.75)).map(|((low, median), high)| [low, median, high]),
-            }
-        };
+        let costs = self.costs();
         let frame = median(costs.iter().filter_map(|costs| costs.frame.secs));
         let frame = frame.map_or_else(String::new, |secs| format!("; a frame takes {:.0} ms, median", secs * 1e3));
-        let ImageSize { width, height } = args.size.unwrap_or_else(|| native_size(args.layout));
+        let ImageSize { width, height } = args.size();
         EffectCosts {
             title: "What each effect costs in simulated frames, and where it is called for".to_owned(),
             subtitle: format!("{} {}, {width}×{height}, {} rays a pixel{frame}", costs.len(), args.kind, args.samples),
-            rows: EffectKind::ALL.into_iter().map(row).collect(),
+            rows: effect_rows(&costs),
             note: format!("Bars: medians over scenes; lines: quartiles; {}.", against_all(&costs)),
         }
     }
+}
+
+fn effect_rows(costs: &[&FrameCosts]) -> Vec<EffectCostRow> {
+    let row = |effect: EffectKind| {
+        let of = || costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
+        let mut millis: Vec<f64> = of().filter_map(|cost| cost.time.secs).map(|secs| secs * 1e3).collect();
+        millis.sort_by(f64::total_cmp);
+        let at = |share| quantile(&millis, share);
+        EffectCostRow {
+            effect: effect.to_string(),
+            called_for: of().count(),
+            scenes: costs.len(),
+            millis: at(0.25).zip(at(0.5)).zip(at(0.75)).map(|((low, median), high)| [low, median, high]),
+        }
+    };
+    EffectKind::ALL.into_iter().map(row).collect()
 }
 
 /// What the effects that scenes call for save against all of them, and change.

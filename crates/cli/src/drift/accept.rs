@@ -7,12 +7,13 @@ use clap::builder::NonEmptyStringValueParser;
 
 use super::recipe;
 use crate::exit::Exit;
+use crate::objects::CacheArgs;
 use crate::output::print_report;
 use crate::provenance;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Folder of results.
+    /// Folder of results, or its URL (s3://, gs://, az://).
     store: PathBuf,
 
     /// Baseline file to create or replace.
@@ -36,6 +37,9 @@ pub(super) struct Args {
     #[arg(long)]
     no_probe: bool,
 
+    #[command(flatten)]
+    cache: CacheArgs,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -44,8 +48,9 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let requested = args.probe.as_deref().map(recipe).transpose()?;
     let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
-    let results = Results::read(&args.store)?;
-    let repeats = args.repeat.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
+    let read = |store: &PathBuf| Ok::<_, anyhow::Error>(Results::read(&args.cache.store(store)?)?);
+    let results = read(&args.store)?;
+    let repeats = args.repeat.iter().map(read).collect::<anyhow::Result<Vec<_>>>()?;
     let scored = results.targets.iter().filter(|row| !row.scores.is_empty()).count();
     anyhow::ensure!(
         scored > 0,

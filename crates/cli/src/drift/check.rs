@@ -14,7 +14,7 @@ pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Re
     let baseline = Baseline::read(baseline_path)?;
     let probe = if args.no_probe { None } else { baseline.read_probe(baseline_path)? };
     anyhow::ensure!(requested.is_none() || probe.is_some(), "--probe: the baseline has no probe: accept one first");
-    let results = Results::read(store)?;
+    let results = Results::read(&args.cache.store(store)?)?;
     let report = compare(&results, &baseline);
     let report = match probe {
         None => report,

@@ -11,6 +11,7 @@ use atsplat_eval::drift::probe::Recipe;
 use clap::Subcommand;
 
 use crate::exit::Exit;
+use crate::objects::CacheArgs;
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -18,7 +19,7 @@ pub(crate) struct Args {
     #[command(subcommand)]
     command: Option<Command>,
 
-    /// Folder of results.
+    /// Folder of results, or its URL (s3://, gs://, az://).
     #[arg(required = true)]
     store: Option<PathBuf>,
 
@@ -36,6 +37,9 @@ pub(crate) struct Args {
 
     #[command(flatten)]
     history: history::HistoryArgs,
+
+    #[command(flatten)]
+    cache: CacheArgs,
 
     /// Print JSON.
     #[arg(long)]

@@ -74,7 +74,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "N", required_unless_present = "seconds", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     steps: Option<u64>,
 
-    /// Seconds instead of steps: their number is planned from the speed of a few, so that results differ between machines.
+    /// Seconds instead of steps: their number follows the speed of the last ones, so that results differ between machines.
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     seconds: Option<f64>,
 

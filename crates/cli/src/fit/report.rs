@@ -184,6 +184,8 @@ impl<'a> Log<'a> {
         }
         let psnr = self.training_psnr().unwrap_or(f64::NAN);
         let line = format!("loss {:.4}, {psnr:.2} dB, {} Gaussians", record.terms.total, record.gaussians);
+        // Of a number of seconds, the number of steps is planned again and again.
+        self.bar.set_length(fit.config().steps);
         self.bar.set_position(record.step);
         if self.plain && self.last_line.elapsed() >= LOG_INTERVAL {
             self.last_line = Instant::now();

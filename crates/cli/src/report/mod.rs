@@ -13,12 +13,13 @@ use atsplat_report::{Report, Request, store_labels};
 use clap::ValueEnum;
 use serde_json::json;
 
+use crate::objects::CacheArgs;
 use crate::output::{print_text, warn};
 use crate::parse::once;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Folders of results of `atsplat run`, complete or not.
+    /// Folders of results of `atsplat run`, complete or not, or URLs (s3://, gs://, az://).
     #[arg(value_name = "STORE", required = true)]
     stores: Vec<PathBuf>,
 
@@ -50,6 +51,9 @@ pub(crate) struct Args {
     /// printed and fail the command.
     #[arg(long)]
     check_plots: bool,
+
+    #[command(flatten)]
+    cache: CacheArgs,
 
     /// Print the tables as JSON.
     #[arg(long)]
@@ -90,11 +94,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let labels = store_labels(&args.stores);
     std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
-    let results = args.stores.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
+    let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
+    let results = folders.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
     let stores: Vec<PageStore<'_>> = results
         .iter()
         .zip(&labels)
-        .zip(&args.stores)
+        .zip(&folders)
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
     let tables = if args.tables.is_empty() {

@@ -1,19 +1,14 @@
 //! The report's section on token expansion and its live view: two scenes, block by block.
 
-use std::sync::Arc;
-
 use atsplat_eval::discovery::NotRun;
-use atsplat_eval::method::constants_of;
 use atsplat_eval::runner::Dataset;
 use atsplat_eval::trained::TrainedNetwork;
 use atsplat_protocol::EvaluationIndex;
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
 use atsplat_report::figures::{ExpansionScene, of_expansion, of_trial};
 use atsplat_report::page::{LiveTrial, PlotSection};
-use atsplat_splat::RenderOptions;
 
 use super::film::film;
-use crate::expansion::study_trial;
+use crate::expansion::{render_options, study_trial, trials};
 
 /// The protocol of the paper's figures on expansion.
 const PROTOCOL: &str = "re10k-2v-256";
@@ -45,12 +40,7 @@ pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::R
     for outcome in trials(dataset, &first_trials(dataset)) {
         match outcome {
             Ok((trial, truths)) => {
-                let options = RenderOptions {
-                    constants: constants_of(&dataset.preset.renderer, trial.near_far()),
-                    background: dataset.preset.renderer.background,
-                    ..RenderOptions::default()
-                };
-                let (studied, scene) = study_trial(&network, (&trial, &truths), options, 0, 1)?;
+                let (studied, scene) = study_trial(&network, (&trial, &truths), render_options(dataset, &trial), 0, 1)?;
                 let context = trial.context().iter().map(|view| Ok((view.frame, view.picture()?)));
                 let context = context.collect::<anyhow::Result<Vec<_>>>()?;
                 let pictures = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
@@ -93,12 +83,6 @@ fn first_trials(dataset: &Dataset) -> EvaluationIndex {
     let present = dataset.index.index.scenes.iter().filter(|(key, _)| dataset.source.keys().contains(key));
     let first = present.filter_map(|(key, entries)| Some((key.clone(), vec![entries.first()?.clone()])));
     EvaluationIndex { scenes: first.take(CANDIDATES).collect() }
-}
-
-/// The trials of an index, decoded when needed.
-pub(super) fn trials(dataset: &Dataset, index: &EvaluationIndex) -> Trials {
-    let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    Trials::new(Arc::clone(&dataset.source), index, TrialRecipe::of(&dataset.preset, "ATSplat"), no_prefetch)
 }
 
 #[cfg(test)]

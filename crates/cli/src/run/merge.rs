@@ -1,27 +1,30 @@
 //! `atsplat merge`: the shards of a run into one store.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use atsplat_eval::store::Merged;
 use atsplat_eval::{Results, RunReport};
 
-use super::read;
+use crate::objects::CacheArgs;
 use crate::output::{print_report, warn};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Stores that `atsplat run --shard` filled.
+    /// Stores that `atsplat run --shard` filled, also as URLs.
     #[arg(value_name = "STORE", required = true)]
     stores: Vec<PathBuf>,
 
-    /// Folder of the merged results.
+    /// Folder of the merged results, or a URL (s3://, gs://, az://).
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
     /// Merge even if shards are missing or not done; the result is marked as partial.
     #[arg(long)]
     partial: bool,
+
+    #[command(flatten)]
+    cache: CacheArgs,
 
     /// Print JSON.
     #[arg(long)]
@@ -30,18 +33,25 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
-    let merged = Results::merge(read(&args.stores)?)?;
+    let merged =
+        Results::merge(args.stores.iter().map(|store| read(store, &args.cache)).collect::<anyhow::Result<_>>()?)?;
     let lacking = merged.lacking();
     if !lacking.is_empty() && !args.partial {
         bail!("{}: --partial merges the other results", lacking.join("; "));
     }
     let Merged { results, repeated, .. } = merged;
-    results.write(&args.out)?;
+    let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write(folder)?))?;
+    out.finish()?;
     print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {
         warn(&format!("warning: {repeated} results stood in several stores with equal values, and were taken once"));
     }
     Ok(lacking.is_empty())
+}
+
+fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<Results> {
+    let read = || Ok::<_, anyhow::Error>(Results::read(&cache.store(store)?)?);
+    read().with_context(|| format!("reading {}", store.display()))
 }
 
 /// Rejects stores that are given twice, even by different paths.

@@ -7,12 +7,12 @@ pub(crate) mod score;
 pub(crate) mod settings;
 mod shard;
 
-use std::path::PathBuf;
+use std::path::Path;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
+use atsplat_eval::RunReport;
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Plan};
-use atsplat_eval::{Results, RunReport};
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings, warn};
@@ -66,7 +66,8 @@ fn evaluate(
 ) -> anyhow::Result<bool> {
     let timing = timing.plan()?;
     let mut warnings = Warnings::new();
-    let datasets = protocols.open(&mut warnings)?;
+    let remote = protocols.remote()?;
+    let datasets = protocols.open(remote.as_ref(), &mut warnings)?;
     let suite = settings.suite(&datasets)?;
     let plan = Plan {
         datasets: &datasets,
@@ -81,10 +82,28 @@ fn evaluate(
     for survey in plan.surveys()? {
         warn(&survey.to_string());
     }
-    let store = settings.store(plan.provenance(provenance())?)?;
+    let record = plan.provenance(provenance())?;
+    let open = |folder: &Path| Ok(settings.store(folder, record.clone())?);
+    let (out, store) = protocols.cache().output(settings.out(), open)?;
     let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
-    let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
+    let step = || {
+        progress.step();
+        out.step();
+    };
+    // Object storage that fails is no property of the data: the run stops, where an unreadable scene is skipped.
+    let failure = || remote.as_ref().and_then(|remote| remote.failure()).or_else(|| out.failure());
+    let outcome = runner::run_until(&plan, store, &step, &|| failure().is_some());
     drop(progress);
+    if let Some(error) = failure() {
+        if out.failure().is_none() {
+            out.finish()?;
+        }
+        return Err(
+            anyhow!(error).context("the run stopped; its results so far are kept, and the same command resumes it")
+        );
+    }
+    let (results, summary) = outcome?;
+    out.finish()?;
     let takes_any_size = protocols.takes_any_size();
     print_report(&RunReport::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
     print_warnings(&warnings);
@@ -93,10 +112,4 @@ fn evaluate(
         bail!("nothing was evaluated: {why}");
     }
     Ok(summary.is_complete())
-}
-
-/// Reads results stores.
-fn read(stores: &[PathBuf]) -> anyhow::Result<Vec<Results>> {
-    let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
-    stores.iter().map(read).collect()
 }

@@ -4,11 +4,12 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use atsplat_eval::runner::{Dataset, IndexChoice};
+use atsplat_eval::runner::{Dataset, IndexChoice, PlannedIndex};
 use atsplat_protocol::Preset;
-use atsplat_scene::{SceneSource, Warnings};
+use atsplat_scene::{Fetch as _, SceneSource, Warnings};
 
 use crate::dataset_args::PictureArgs;
+use crate::objects::{CacheArgs, RemoteData};
 use crate::parse;
 
 #[derive(Debug, clap::Args)]
@@ -17,7 +18,7 @@ pub(crate) struct ProtocolArgs {
     #[arg(value_name = "PRESET|FILE", required = true, value_parser = parse::preset)]
     presets: Vec<String>,
 
-    /// Dataset, in any supported format.
+    /// Dataset, in any supported format, or its URL (s3, gs, az): then only what trials need is fetched.
     #[arg(long, value_name = "PATH")]
     data: PathBuf,
 
@@ -42,9 +43,27 @@ pub(crate) struct ProtocolArgs {
 }
 
 impl ProtocolArgs {
-    /// Opens the data and finds each protocol's index.
-    pub(crate) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Dataset>> {
-        let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open(&self.data, warnings)?);
+    /// The data, if they are in object storage.
+    pub(crate) fn remote(&self) -> anyhow::Result<Option<Arc<RemoteData>>> {
+        self.cache().dataset(&self.data)
+    }
+
+    /// Where copies of objects are kept.
+    pub(crate) const fn cache(&self) -> &CacheArgs {
+        &self.pictures.cache
+    }
+
+    /// Opens the data, which are those of [`Self::remote`], and finds each protocol's index.
+    pub(crate) fn open(
+        &self,
+        remote: Option<&Arc<RemoteData>>,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Vec<Dataset>> {
+        if let Some(url) = self.index.as_deref().and_then(atsplat_objects::url) {
+            anyhow::bail!("--index: expected a file or folder of this machine, found {url}");
+        }
+        let data = remote.map_or(self.data.as_path(), |remote| remote.path());
+        let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open_at(&self.data, remote, warnings)?);
         let rule =
             self.sampler.as_deref().map(|name| Ok::<_, anyhow::Error>((name, parse::rule(name)?))).transpose()?;
         let index = match (&rule, &self.index) {
@@ -54,8 +73,17 @@ impl ProtocolArgs {
         };
         let open = |name: &String, warnings: &mut Warnings| -> anyhow::Result<Dataset> {
             let (preset, source) = (Preset::resolve(name)?, Arc::clone(&source));
-            let opened = Dataset::new(preset, source, &self.data, index, self.any_size, warnings);
-            opened.with_context(|| format!("protocol {name}"))
+            if let (Some(remote), IndexChoice::NextToData) = (remote, index) {
+                remote.fetch(PlannedIndex::next_to(data, &preset).as_slice())?;
+            }
+            let opened = Dataset::new(preset, source, data, index, self.any_size, warnings);
+            let mut opened = opened.with_context(|| format!("protocol {name}"))?;
+            if let Some(remote) = remote {
+                // Records of a run do not depend on where copies are.
+                opened.description = remote.with_url(&opened.description);
+                opened.index.description = remote.with_url(&opened.index.description);
+            }
+            Ok(opened)
         };
         self.presets.iter().map(|name| open(name, warnings)).collect()
     }

@@ -13,7 +13,7 @@ use crate::parse::named;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SettingArgs {
-    /// Folder of the results; an unfinished run in it is resumed.
+    /// Folder of the results, or a URL (s3://, gs://, az://); an unfinished run in it is resumed.
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
@@ -102,9 +102,9 @@ impl SettingArgs {
         &self.out
     }
 
-    /// Opens the store: resumed or new.
-    pub(crate) fn store(&self, provenance: Provenance) -> Result<Store, EvalError> {
-        let store = Store::resume(&self.out, provenance)?;
+    /// Opens the store in the folder of [`Self::out`] or of its copy: resumed or new.
+    pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, EvalError> {
+        let store = Store::resume(folder, provenance)?;
         if self.verify { store.reread_pictures() } else { Ok(store) }
     }
 

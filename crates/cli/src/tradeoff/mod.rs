@@ -11,6 +11,7 @@ use atsplat_metrics::definition;
 use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict};
+use crate::objects::CacheArgs;
 use crate::output::print_report;
 
 #[derive(Debug, clap::Args)]
@@ -19,7 +20,7 @@ pub(crate) struct Args {
     #[command(subcommand)]
     command: Option<Command>,
 
-    /// Folder of results, in which each method is a point.
+    /// Folder of results, or its URL (s3://, gs://, az://), in which each method is a point.
     #[arg(required = true)]
     store: Option<PathBuf>,
 
@@ -34,6 +35,9 @@ pub(crate) struct Args {
     /// Put all protocols of the folder on one frontier, although their numbers are not comparable.
     #[arg(long)]
     across: bool,
+
+    #[command(flatten)]
+    cache: CacheArgs,
 
     /// Print JSON.
     #[arg(long)]
@@ -53,7 +57,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         (None, Some(store)) => store,
         (None, None) => anyhow::bail!("expected a folder of results"),
     };
-    let results = Results::read(store)?;
+    let results = Results::read(&args.cache.store(store)?)?;
     let leaked = if args.without_leaked { Leaked::Excluded } else { Leaked::Included };
     let metrics: Vec<&str> = args.metric.iter().map(String::as_str).collect();
     let tradeoffs = if args.across {

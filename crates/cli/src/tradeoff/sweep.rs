@@ -9,6 +9,7 @@ use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, par
 use atsplat_metrics::Suite;
 use atsplat_scene::Warnings;
 
+use crate::objects::RemoteData;
 use crate::output::{print_findings, print_report, print_warnings};
 use crate::parse::usage_error;
 use crate::progress::Progress;
@@ -43,7 +44,11 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
     let swept = swept(&args.network)?;
     let mut warnings = Warnings::new();
-    let datasets = args.protocols.open(&mut warnings)?;
+    if let Some(url) = atsplat_objects::url(args.settings.out()) {
+        bail!("--out: expected a folder of this machine, found {url}");
+    }
+    let remote = args.protocols.remote()?;
+    let datasets = args.protocols.open(remote.as_ref(), &mut warnings)?;
     let suite = args.settings.suite(&datasets)?;
     let parts = parts(&sweep, &swept, &datasets)?;
     let steps = parts.iter().map(|part| plan(args, &suite, part).steps()).sum::<u64>();
@@ -51,8 +56,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut complete = true;
     for part in &parts {
         let plan = plan(args, &suite, part);
-        let store = args.settings.store(plan.provenance(provenance())?)?;
+        let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
         let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
+        RemoteData::check(remote.as_ref())?;
         if let Some(why) = plan.nothing_evaluated(&results) {
             bail!("nothing was evaluated: {why}");
         }

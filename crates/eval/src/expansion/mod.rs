@@ -4,11 +4,14 @@
 //! - [`Stage`]: renders with expansion in more and more blocks (supplement, "Expansion at each decoder block");
 //! - [`Uncertainty`]: whether expanded regions are those with errors ("Predicted uncertainty and selected tokens").
 //!
-//! [`study`] analyses single scenes; its results are not part of a results store.
+//! [`study`] analyses single scenes for pictures, [`survey()`] all trials of a dataset for an [`ExpansionReport`]; their results
+//! are not part of a results store.
 
 mod families;
+mod report;
 mod stages;
 mod subject;
+mod survey;
 #[cfg(test)]
 pub(crate) mod tests;
 mod uncertainty;
@@ -21,9 +24,11 @@ use atsplat_splat::{Channels, Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
 pub use families::{Family, ProjectedFamily, seen_by};
+pub use report::{BlockRow, ExpansionReport, OverScenes, ThresholdRow};
 pub use stages::Stage;
 pub(crate) use subject::views as context_views;
 pub use subject::{Subject, Target};
+pub use survey::{BlockSurvey, Spread, TrialSurvey, survey};
 pub use uncertainty::Uncertainty;
 
 /// Analysis of token expansion in a scene.
@@ -94,7 +99,7 @@ pub fn study(network: &Network, subject: &Subject) -> Result<Study, ExpansionErr
     }
     let stages = stages::stages(network, &trace, subject)?;
     let targets = subject.targets.iter().zip(stages).map(|(target, stages)| {
-        let uncertainty = uncertainty::uncertainty(&trace, target, &subject.options)?;
+        let uncertainty = uncertainty::of_last_block(&trace, target, &subject.options)?;
         let depth = depth(&trace.made.gaussians, &target.view, &subject.options)?;
         Ok(TargetStudy { stages, depth, uncertainty })
     });

@@ -32,14 +32,24 @@ pub struct Uncertainty {
 }
 
 /// Uncertainty of the last block that scores its tokens.
-pub(super) fn uncertainty(
+pub(super) fn of_last_block(
     trace: &Trace,
     target: &Target,
     options: &RenderOptions,
 ) -> Result<Option<Uncertainty>, ExpansionError> {
-    let blocks = trace.made.blocks.iter().zip(&trace.entering).enumerate();
-    let mut scored = blocks.filter_map(|(at, (block, gaussians))| Some((at, block, gaussians, block.scores.as_ref()?)));
-    let Some((at, block, gaussians, scores)) = scored.next_back() else { return Ok(None) };
+    let Some(last) = trace.made.blocks.iter().rposition(|block| block.scores.is_some()) else { return Ok(None) };
+    of_block(trace, last, target, options)
+}
+
+/// Uncertainty of a block, counted from 0; `None` if it does not score its tokens.
+pub(super) fn of_block(
+    trace: &Trace,
+    at: usize,
+    target: &Target,
+    options: &RenderOptions,
+) -> Result<Option<Uncertainty>, ExpansionError> {
+    let Some((block, gaussians)) = trace.made.blocks.get(at).zip(trace.entering.get(at)) else { return Ok(None) };
+    let Some(scores) = &block.scores else { return Ok(None) };
     let Some(per_token) = gaussians.len().checked_div(scores.len()) else { return Ok(None) };
 
     let mut parts = gaussians.parts().clone();

@@ -1,5 +1,6 @@
 //! Allows one writer per store. The operating system holds the lock, so a killed writer leaves none behind.
 
+use std::fmt;
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -69,6 +70,20 @@ impl Holder {
     }
 }
 
+impl fmt::Display for Holder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pid, host, since } = self;
+        let (hours, minutes, seconds) = (since / 3600 % 24, since / 60 % 60, since % 60);
+        let date = crate::drift::date(*since);
+        write!(f, "process {pid} on {host}, since {date} {hours:02}:{minutes:02}:{seconds:02} UTC")
+    }
+}
+
+/// This process, as messages about stores name it: its number, its machine and the time.
+pub fn this_process() -> String {
+    Holder::current().to_string()
+}
+
 /// The error for a locked store. Waits briefly for the holder's description: the lock may be a moment old.
 fn in_use(folder: &Path, holder: &Path) -> EvalError {
     const PATIENCE: Duration = Duration::from_millis(20);
@@ -77,14 +92,7 @@ fn in_use(folder: &Path, holder: &Path) -> EvalError {
         std::thread::sleep(PATIENCE);
         read()
     });
-    let by = found.map_or_else(
-        || "an unidentified process".to_owned(),
-        |Holder { pid, host, since }| {
-            let (hours, minutes, seconds) = (since / 3600 % 24, since / 60 % 60, since % 60);
-            let date = crate::drift::date(since);
-            format!("process {pid} on {host}, since {date} {hours:02}:{minutes:02}:{seconds:02} UTC")
-        },
-    );
+    let by = found.map_or_else(|| "an unidentified process".to_owned(), |holder| holder.to_string());
     EvalError::InUse { folder: folder.to_owned(), by }
 }
 

@@ -35,6 +35,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_protocol::trial::PictureDigests;
+pub use lock::this_process;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 

@@ -116,8 +116,8 @@ fn of_version(version: u32, added: &[&str]) {
     let store = filled(folder.path(), &["a"]);
     store.add_timings(vec![timing("a", 1)]).unwrap();
     let newest = store.finish().unwrap();
-    assert!(newest.trials[0].network_adapter.is_some() && newest.timings[0].renderer_adapter.is_some());
-    assert!(newest.trials[0].context_psnr.is_some());
+    let (trial, timing) = (&newest.trials[0], &newest.timings[0]);
+    assert!(trial.network_adapter.is_some() && timing.renderer_adapter.is_some() && trial.context_psnr.is_some());
     let older = |frame: PolarsOutcome| frame.map(|frame| frame.drop_many(added.iter().copied()));
     table::write(&folder.path().join(TRIALS), older(trials::columns(&newest.trials).frame())).unwrap();
     table::write(&folder.path().join("timings.parquet"), older(timings::columns(&newest.timings).frame())).unwrap();
@@ -135,11 +135,9 @@ fn of_version(version: u32, added: &[&str]) {
         ..row.clone()
     };
     assert_eq!(read.trials, newest.trials.iter().map(without).collect::<Vec<_>>());
-    let timing = &newest.timings[0];
     assert_eq!(read.timings, [TimingRow { renderer_adapter: kept(&timing.renderer_adapter), ..timing.clone() }]);
     let refused = Store::resume(folder.path(), Provenance::default()).unwrap_err().to_string();
-    let differ = format!("schema versions of the two runs differ: {version} and 4");
-    assert!(refused.contains(&differ), "{refused}");
+    assert!(refused.contains(&format!("schema versions of the two runs differ: {version} and 4")), "{refused}");
 }
 
 #[test]

@@ -63,6 +63,11 @@ impl SceneSource for ColmapScenes {
         &self.keys
     }
 
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        let model = self.model_folder(key)?;
+        Ok(["cameras", "images", "points3D"].map(|name| model_file(model, name).0).to_vec())
+    }
+
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let model = self.model_folder(key)?;
         let (cameras_file, encoding) = model_file(model, "cameras");

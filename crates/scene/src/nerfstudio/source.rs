@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
 
 use super::lens::LensFields;
+use super::pictures::without_factor;
 use super::{FoundPicture, PictureFinder, Transforms, parse_transforms};
 use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
@@ -88,6 +89,21 @@ impl NerfstudioScenes {
 impl SceneSource for NerfstudioScenes {
     fn keys(&self) -> &[String] {
         &self.keys
+    }
+
+    /// A file without sizes needs those of pictures, as its author listed them.
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        let file = &self.scene_file(key)?.file;
+        let mut files = vec![file.clone()];
+        if self.options.pictures == PictureFolder::Listed {
+            let root = file.parent().unwrap_or_else(|| Path::new("."));
+            let is_copy = |name: &str| VARIANTS.contains(&name) || without_factor(name) != name;
+            let holds_pictures = |(name, is_folder): &&(String, bool)| {
+                if *is_folder { !is_copy(name) } else { split_picture_name(name).is_some() }
+            };
+            files.extend(list(root)?.iter().filter(holds_pictures).map(|(name, _)| root.join(name)));
+        }
+        Ok(files)
     }
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {

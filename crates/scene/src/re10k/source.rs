@@ -81,6 +81,10 @@ impl SceneSource for Re10kScenes {
         &self.keys
     }
 
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        Ok(vec![find_by_key(&self.keys, &self.files, key, &self.path)?.path.clone()])
+    }
+
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let file = find_by_key(&self.keys, &self.files, key, &self.path)?;
         let trajectory = read_trajectory(&file.path)?;

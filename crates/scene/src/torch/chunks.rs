@@ -55,6 +55,13 @@ impl TorchChunks {
         }
     }
 
+    /// What [`Self::open`] reads in a folder: its index, or else every chunk.
+    pub(crate) fn read_to_open(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
+        let folder = stage(path)?;
+        let index = folder.join(INDEX);
+        if index.is_file() { Ok(vec![index]) } else { chunks_in(&folder) }
+    }
+
     fn new(folder: PathBuf, chunks: Vec<PathBuf>, scenes: Vec<(String, usize)>, reported: bool) -> Self {
         let keys = scenes.iter().map(|(key, _)| key.clone()).collect();
         let recent = Mutex::new(Recent { chunks: Vec::new(), reported: vec![reported; chunks.len()] });
@@ -128,6 +135,14 @@ impl TorchChunks {
         &self.chunks
     }
 
+    /// The chunk of a scene.
+    fn place_of(&self, key: &str) -> Result<(usize, &Path), SceneError> {
+        let unknown = || SceneError::unknown_scene(key, &self.folder);
+        let position = *self.chunk_of.get(key).ok_or_else(unknown)?;
+        let path = self.chunks.get(position).ok_or_else(unknown)?;
+        Ok((position, path))
+    }
+
     fn chunk(&self, position: usize, path: &Path, warnings: &mut Warnings) -> Result<Arc<Chunk>, SceneError> {
         if let Some(chunk) = self.recent.lock().unwrap_or_else(PoisonError::into_inner).get(position) {
             return Ok(chunk);
@@ -147,10 +162,12 @@ impl SceneSource for TorchChunks {
         &self.keys
     }
 
+    fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
+        self.place_of(key).map(|(_, path)| vec![path.to_owned()])
+    }
+
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
-        let unknown = || SceneError::unknown_scene(key, &self.folder);
-        let position = *self.chunk_of.get(key).ok_or_else(unknown)?;
-        let path = self.chunks.get(position).ok_or_else(unknown)?;
+        let (position, path) = self.place_of(key)?;
         let record = self.chunk(position, path, warnings)?.record(key)?;
         record.report_radial(warnings);
         let scene = record.to_scene(path)?;

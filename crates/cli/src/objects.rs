@@ -1,0 +1,137 @@
+//! `s3://`, `gs://` and `az://` in place of folders, through copies on this disk.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use atsplat_eval::store::this_process;
+use atsplat_objects::{Mirror, ObjectError, StoreCopy, Traffic};
+use atsplat_scene::Fetch;
+
+use crate::output::warn;
+
+/// Where copies of objects are kept.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(crate) struct CacheArgs {
+    /// Folder for copies of what is read from object storage (s3://, gs://, az://), which later runs use again; by default
+    /// `atsplat/objects` in the user's folder for caches.
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+}
+
+impl CacheArgs {
+    /// The dataset of which `path` is the URL; `None` for a path of this machine. Contents are not fetched yet.
+    pub(crate) fn dataset(&self, path: &Path) -> anyhow::Result<Option<Arc<RemoteData>>> {
+        let open = |url| Mirror::open(url, self.cache.as_deref()).map(|mirror| Arc::new(RemoteData(mirror)));
+        Ok(atsplat_objects::url(path).map(open).transpose()?)
+    }
+
+    /// The folder of a results store: a copy if `path` is a URL.
+    pub(crate) fn store(&self, path: &Path) -> anyhow::Result<PathBuf> {
+        let Some(url) = atsplat_objects::url(path) else { return Ok(path.to_owned()) };
+        let mirror = Mirror::complete(url, self.cache.as_deref())?;
+        report(url, mirror.traffic());
+        Ok(mirror.path().to_owned())
+    }
+
+    /// The store that `path` names, to be written, and what `open` makes of its folder. If another process writes to it at this
+    /// moment, the store is opened again: the other one stops.
+    pub(crate) fn output<T>(
+        &self,
+        path: &Path,
+        open: impl Fn(&Path) -> anyhow::Result<T>,
+    ) -> anyhow::Result<(Output, T)> {
+        const ATTEMPTS: usize = 5;
+        let Some(url) = atsplat_objects::url(path) else { return Ok((Output::Folder, open(path)?)) };
+        let mut attempts = 1..ATTEMPTS;
+        loop {
+            let copy = StoreCopy::begin(url, self.cache.as_deref(), &this_process())?;
+            let opened = open(copy.folder())?;
+            match copy.claim() {
+                Ok(()) => {
+                    if let Some(by) = copy.unfinished_writer() {
+                        warn(&format!("note: {url}: {by}, did not finish; if it still runs, it stops"));
+                    }
+                    return Ok((Output::Remote(url.to_owned(), Box::new(copy)), opened));
+                }
+                Err(ObjectError::TakenOver { .. }) if attempts.next().is_some() => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+}
+
+fn report(url: &str, traffic: Traffic) {
+    warn(&format!("object storage: {traffic} ({url})"));
+}
+
+/// A dataset in object storage. Says at its end what was exchanged.
+#[derive(Debug)]
+pub(crate) struct RemoteData(Mirror);
+
+impl RemoteData {
+    /// The local file or folder that stands for the dataset.
+    pub(crate) fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// Text with the URL in place of [`Self::path`].
+    pub(crate) fn with_url(&self, text: &str) -> String {
+        self.0.with_url(text)
+    }
+
+    /// An error if a picture or scene could not be fetched, which commands would otherwise report as unreadable data.
+    pub(crate) fn check(remote: Option<&Arc<Self>>) -> anyhow::Result<()> {
+        remote.and_then(|remote| remote.failure()).map_or(Ok(()), |error| Err(error.into()))
+    }
+
+    /// Why a picture or scene could not be fetched, if that has happened: the storage failed then, not the data.
+    pub(crate) fn failure(&self) -> Option<ObjectError> {
+        self.0.failure()
+    }
+}
+
+impl Fetch for RemoteData {
+    fn fetch(&self, paths: &[PathBuf]) -> io::Result<()> {
+        self.0.fetch(paths).map_err(io::Error::other)
+    }
+}
+
+impl Drop for RemoteData {
+    fn drop(&mut self) {
+        report(self.0.url(), self.0.traffic());
+    }
+}
+
+/// A results store that is written.
+#[derive(Debug)]
+pub(crate) enum Output {
+    Folder,
+    Remote(String, Box<StoreCopy>),
+}
+
+impl Output {
+    /// To be called when a trial is finished.
+    pub(crate) fn step(&self) {
+        if let Self::Remote(_, copy) = self {
+            copy.send_soon();
+        }
+    }
+
+    /// Why results could not be sent, if that has happened.
+    pub(crate) fn failure(&self) -> Option<ObjectError> {
+        match self {
+            Self::Folder => None,
+            Self::Remote(_, copy) => copy.failure(),
+        }
+    }
+
+    /// Sends what is left, and says what was exchanged.
+    pub(crate) fn finish(self) -> anyhow::Result<()> {
+        let Self::Remote(url, copy) = self else { return Ok(()) };
+        copy.finish().context("sending results")?;
+        report(&url, copy.traffic());
+        Ok(())
+    }
+}

@@ -1,0 +1,198 @@
+use atsplat_model::network::{Network, Trace};
+use atsplat_numeric::median;
+use atsplat_protocol::trial::{TargetPictures, Trial};
+use atsplat_splat::{RenderOptions, View};
+use glam::DVec2;
+
+use super::families::families;
+use super::uncertainty::of_block;
+use super::{ExpansionError, Family, Subject, Uncertainty, seen_by};
+
+/// Token expansion in one trial.
+#[derive(Clone, Debug)]
+pub struct TrialSurvey {
+    /// Key of the scene.
+    pub scene: String,
+    /// The blocks that expanded a token or scored their tokens, in order.
+    pub blocks: Vec<BlockSurvey>,
+}
+
+/// One block of the decoder in one trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockSurvey {
+    /// Its number, from 1.
+    pub block: usize,
+    /// Number of tokens that entered it.
+    pub tokens: usize,
+    /// Number of tokens that it expanded.
+    pub expanded: usize,
+    /// Predicted uncertainty of every token; empty if the block does not score tokens.
+    pub scores: Vec<f64>,
+    /// Spearman's rank correlation of error and composited prediction over a target's pixels, mean over targets.
+    pub correlation: Option<f64>,
+    /// Mean error where the expanded tokens' Gaussians cover a target, divided by that elsewhere, mean over targets.
+    pub contrast: Option<f64>,
+    /// Medians over the families that the first context view sees.
+    pub children: Option<Spread>,
+}
+
+/// How the children of a token lie around it, in pixels of the first context view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Root mean square of the children's distances from their mean position; 0 if they collapse into one.
+    pub of_children: f64,
+    /// Distance of that mean position from the parent; if it is larger, the children moved to one side.
+    pub from_parent: f64,
+}
+
+/// Runs a network on a trial and measures each block on all targets.
+///
+/// # Errors
+/// As [`Subject::of`] and [`study`](super::study).
+pub fn survey(
+    network: &Network,
+    (trial, truths): (&Trial, &TargetPictures),
+    options: RenderOptions,
+    call_seed: u64,
+) -> Result<TrialSurvey, ExpansionError> {
+    let targets: Vec<usize> = (0..trial.targets().len()).collect();
+    let subject = Subject::of(trial, truths, &targets, options, call_seed)?;
+    let trace = network.trace(&subject.views, subject.call_seed)?;
+    let families = families(&trace);
+    let first = trial.context().first().map(|view| View { camera: view.camera, size: view.size });
+    let mut blocks = Vec::new();
+    for (at, made) in trace.made.blocks.iter().enumerate() {
+        let scores: Vec<f64> = made.scores.iter().flatten().copied().map(f64::from).collect();
+        if scores.is_empty() && made.selected.is_empty() {
+            continue;
+        }
+        let predictions = predictions(&trace, at, &subject)?;
+        let own: Vec<Family> = families.iter().filter(|family| family.block == at + 1).cloned().collect();
+        blocks.push(BlockSurvey {
+            block: at + 1,
+            tokens: made.parents.iter().max().map_or(0, |last| last + 1),
+            expanded: made.selected.len(),
+            scores,
+            correlation: mean(predictions.iter().map(|own| own.correlation)),
+            contrast: mean(predictions.iter().map(contrast)),
+            children: first.as_ref().map(|view| spread(&own, view)).transpose()?.flatten(),
+        });
+    }
+    Ok(TrialSurvey { scene: trial.scene().to_owned(), blocks })
+}
+
+/// Of each target; none if the block does not score its tokens.
+fn predictions(trace: &Trace, at: usize, subject: &Subject) -> Result<Vec<Uncertainty>, ExpansionError> {
+    let of_target = |target| of_block(trace, at, target, &subject.options).transpose();
+    subject.targets.iter().filter_map(of_target).collect()
+}
+
+fn contrast(own: &Uncertainty) -> Option<f64> {
+    let weighted = |weight: &dyn Fn(f64) -> f64| {
+        let weights = own.selected_alpha.iter().map(|alpha| weight(*alpha));
+        let (sum, total) = own
+            .error
+            .iter()
+            .zip(weights)
+            .fold((0.0, 0.0), |(sum, total), (error, own)| (sum + error * own, total + own));
+        (total > 0.0).then(|| sum / total)
+    };
+    let (inside, outside) = (weighted(&|alpha| alpha)?, weighted(&|alpha| 1.0 - alpha)?);
+    (outside > 0.0).then(|| inside / outside)
+}
+
+/// `None` if the view sees no family of which at least two children are in front of the camera.
+fn spread(families: &[Family], view: &View) -> Result<Option<Spread>, ExpansionError> {
+    let seen = seen_by(families, view)?;
+    let siblings = seen.iter().filter(|family| family.children.len() > 1);
+    let (spreads, shifts): (Vec<f64>, Vec<f64>) = siblings
+        .map(|family| {
+            let children: Vec<DVec2> = family.children.iter().copied().map(DVec2::from).collect();
+            let count = children.len() as f64;
+            let centre = children.iter().sum::<DVec2>() / count;
+            let squares: f64 = children.iter().map(|child| child.distance_squared(centre)).sum();
+            ((squares / count).sqrt(), centre.distance(DVec2::from(family.parent)))
+        })
+        .unzip();
+    Ok(median(spreads).zip(median(shifts)).map(|(of_children, from_parent)| Spread { of_children, from_parent }))
+}
+
+/// Of the values that exist.
+fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let values: Vec<f64> = values.flatten().collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
+    use atsplat_numeric::Tolerance;
+    use atsplat_pixels::Image;
+    use glam::DVec3;
+
+    use super::*;
+    use crate::expansion::study;
+    use crate::expansion::tests::{nano, network, trial};
+
+    #[test]
+    fn blocks_are_those_of_the_study() {
+        let (trial, truths) = trial();
+        let network = network(&nano());
+        let found = survey(&network, (&trial, &truths), RenderOptions::default(), 0).unwrap();
+        assert_eq!(found.scene, trial.scene());
+        let subject = Subject::of(&trial, &truths, &[0, 1], RenderOptions::default(), 0).unwrap();
+        let studied = study(&network, &subject).unwrap();
+        let budget = &studied.trace.made.budget;
+        assert_eq!(found.blocks.iter().map(|own| own.block).collect::<Vec<_>>(), [2, 3, 4]);
+        for own in &found.blocks {
+            assert_eq!(own.expanded, budget.expanded[own.block - 1]);
+            assert_eq!(own.tokens, studied.trace.entering[own.block - 1].len() / 16);
+            assert_eq!(own.scores.len(), own.tokens);
+            assert!(own.children.unwrap().of_children > 0.0 && own.contrast.unwrap() > 0.0);
+        }
+        let last = studied.targets.iter().map(|target| target.uncertainty.as_ref().unwrap().correlation);
+        Tolerance::F64.assert([found.blocks[2].correlation.unwrap()], [mean(last).unwrap()], "the last block");
+        assert_ne!(found.blocks[0].correlation, found.blocks[1].correlation);
+    }
+
+    #[test]
+    fn contrast_is_above_one_where_errors_are_selected() {
+        let of = |selected_alpha: &[f64]| {
+            contrast(&Uncertainty {
+                block: 2,
+                size: ImageSize { width: 4, height: 1 },
+                render: Image::new(1, 1, vec![0.0; 3]).unwrap(),
+                error: vec![0.6, 0.2, 0.1, 0.1],
+                predicted: Vec::new(),
+                selected_alpha: selected_alpha.to_vec(),
+                selected: 1,
+                tokens: 2,
+                correlation: None,
+            })
+        };
+        Tolerance::F64.assert([of(&[1.0, 0.5, 0.0, 0.0]).unwrap()], [(0.7 / 1.5) / (0.3 / 2.5)], "errors");
+        assert!(of(&[0.0, 0.0, 1.0, 0.5]).unwrap() < 1.0);
+        assert_eq!((of(&[0.0; 4]), of(&[1.0; 4])), (None, None));
+    }
+
+    #[test]
+    fn spread_and_shift_are_apart() {
+        let camera = Camera::pinhole(
+            WorldFromCamera::new(glam::DMat3::IDENTITY, DVec3::ZERO).unwrap().inverse(),
+            NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
+        );
+        let view = View { camera, size: ImageSize { width: 100, height: 100 } };
+        let family = |children: &[[f64; 2]]| Family {
+            block: 2,
+            score: None,
+            parent: DVec3::Z,
+            children: children.iter().map(|[x, y]| DVec3::new(*x, *y, 1.0)).collect(),
+        };
+        let of = |families: &[Family]| spread(families, &view).unwrap();
+        let found = of(&[family(&[[0.02, 0.0], [0.06, 0.0]]), family(&[[0.1, 0.1]])]).unwrap();
+        Tolerance::absolute(1e-9).assert([found.of_children, found.from_parent], [2.0, 4.0], "both to one side");
+        let found = of(&[family(&[[0.03, -0.04], [-0.03, 0.04]])]).unwrap();
+        Tolerance::absolute(1e-9).assert([found.of_children, found.from_parent], [5.0, 0.0], "around the parent");
+        assert_eq!(of(&[family(&[[0.1, 0.1]])]), None);
+    }
+}

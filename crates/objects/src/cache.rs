@@ -1,0 +1,126 @@
+//! The folder of copies. It may be removed whenever nothing reads it.
+//!
+//! | path | holds |
+//! |---|---|
+//! | `blobs/<xx>/<hash>` | the content of an object, by its URL, size and tag: one that changes gets another file |
+//! | `trees/<hash>/<name>/…` | what one list showed below a URL: links to blobs, and empty files for what was not fetched |
+//! | `stores/` | results that a process writes at present |
+
+use std::ffi::OsString;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use atsplat_files::{FileError, Sha256Digest, is_plain_name};
+
+use crate::ObjectError;
+use crate::storage::Object;
+
+#[derive(Clone, Debug)]
+pub(crate) struct Cache {
+    root: PathBuf,
+}
+
+impl Cache {
+    /// The cache in a folder; by default `atsplat/objects` in the user's folder for caches.
+    pub(crate) fn new(folder: Option<&Path>) -> Result<Self, ObjectError> {
+        let folder = folder.map(Path::to_owned).or_else(|| default_folder(&|name| std::env::var_os(name)));
+        let none =
+            || io::Error::new(io::ErrorKind::NotFound, "expected --cache DIR or the variable HOME, found neither");
+        let folder =
+            folder.ok_or_else(none).map_err(FileError::during::<ObjectError>("choosing a folder for copies", ""))?;
+        let root = std::path::absolute(&folder);
+        Ok(Self { root: root.map_err(FileError::during::<ObjectError>("choosing a folder for copies", folder))? })
+    }
+
+    pub(crate) fn blob(&self, url: &str, object: &Object) -> PathBuf {
+        let hash = Sha256Digest::of(identity(url, object).as_bytes()).to_string();
+        let (start, _) = hash.split_at(2);
+        self.root.join("blobs").join(start).join(&hash)
+    }
+
+    /// The file or folder that stands for a URL, of which these objects were listed.
+    pub(crate) fn tree<'a>(&self, url: &str, objects: impl Iterator<Item = &'a Object>) -> PathBuf {
+        let text: String = std::iter::once(url.to_owned()).chain(objects.map(|object| identity(url, object))).collect();
+        let hash = Sha256Digest::of(text.as_bytes()).to_string();
+        let (start, _) = hash.split_at(32);
+        // Datasets are named after their folder.
+        let name = url.rsplit('/').next().filter(|name| is_plain_name(name)).unwrap_or("root");
+        self.root.join("trees").join(start).join(name)
+    }
+
+    pub(crate) fn stores(&self) -> PathBuf {
+        self.root.join("stores")
+    }
+}
+
+fn identity(url: &str, Object { name, bytes, tag }: &Object) -> String {
+    format!("{url}/{name}\n{bytes} {tag}\n")
+}
+
+fn default_folder(variable: &dyn Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+    let path = |name| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let caches = path("XDG_CACHE_HOME").or_else(|| path("LOCALAPPDATA")).or_else(|| Some(path("HOME")?.join(".cache")));
+    caches.map(|caches| caches.join("atsplat").join("objects"))
+}
+
+/// Puts a blob into a tree, in place of the empty file.
+pub(crate) fn link(blob: &Path, file: &Path) -> Result<(), ObjectError> {
+    let linked = || -> io::Result<()> {
+        let hash = atsplat_files::name_of(blob);
+        let temporary = file.with_file_name(format!(".{hash}-{}.{}", std::process::id(), atsplat_files::PARTIAL));
+        if fs::hard_link(blob, &temporary).is_err() {
+            // Not every file system has links, and none has any number of them.
+            fs::copy(blob, &temporary)?;
+        }
+        fs::rename(&temporary, file)?;
+        // Renaming between links to one file does nothing.
+        fs::remove_file(&temporary)
+            .or_else(|error| if error.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(error) })
+    };
+    linked().map_err(FileError::during("placing a copy of an object", file))
+}
+
+#[cfg(test)]
+mod unit_tests {
+    use super::*;
+
+    #[test]
+    fn the_default_folder_follows_the_environment() {
+        let of = |set: &[(&str, &str)]| {
+            let find = |name: &str| set.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value));
+            default_folder(&find).map(|path| path.to_string_lossy().into_owned())
+        };
+        assert_eq!(of(&[("HOME", "/h"), ("XDG_CACHE_HOME", "/c")]).as_deref(), Some("/c/atsplat/objects"));
+        assert_eq!(of(&[("HOME", "/h"), ("XDG_CACHE_HOME", "")]).as_deref(), Some("/h/.cache/atsplat/objects"));
+        assert_eq!(of(&[]), None);
+    }
+
+    #[test]
+    fn other_urls_sizes_and_tags_are_other_blobs() {
+        let cache = Cache::new(Some(Path::new("cache"))).unwrap();
+        let object = Object { name: "a".to_owned(), bytes: 7, tag: "t".to_owned() };
+        let first = cache.blob("s3://b", &object);
+        assert!(first.is_absolute());
+        assert_ne!(cache.blob("s3://c", &object), first);
+        assert_ne!(cache.blob("s3://b", &Object { bytes: 8, ..object.clone() }), first);
+        assert_ne!(cache.blob("s3://b", &Object { tag: "u".to_owned(), ..object.clone() }), first);
+        assert_eq!(cache.blob("s3://b", &object), first);
+        let tree = |objects: &[Object]| cache.tree("s3://b/data", objects.iter());
+        assert!(tree(&[]).ends_with("data"));
+        assert_ne!(tree(&[object]), tree(&[]));
+    }
+
+    #[test]
+    fn a_link_replaces_the_empty_file_and_leaves_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let [blob, file] = ["blob", "file"].map(|name| folder.path().join(name));
+        fs::write(&blob, "content").unwrap();
+        fs::write(&file, "").unwrap();
+        for _ in 0..2 {
+            link(&blob, &file).unwrap();
+            assert_eq!(fs::read(&file).unwrap(), b"content");
+            assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+        }
+    }
+}

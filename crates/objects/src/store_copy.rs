@@ -1,0 +1,286 @@
+//! A results store that is written in a local folder and sent to object storage.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use atsplat_files::{FileError, is_plain_name};
+use tempfile::TempDir;
+
+use crate::ObjectError;
+use crate::cache::Cache;
+use crate::storage::{Download, Object, Process, Storage, Traffic, Upload, Version};
+
+/// Says which process writes. The one that wrote it last may write; one before it finds that out and stops.
+const WRITER: &str = "writer.txt";
+/// Files of a store that mean nothing on another machine.
+const LOCAL: [&str; 3] = ["run.lock", "run.json", "digests.txt"];
+/// The file without which a folder is no store.
+const FIRST: &str = "provenance.json";
+/// Files that take the place of others, in the order in which they must arrive.
+const LAST: [&str; 3] = ["timings.parquet", "targets.parquet", "trials.parquet"];
+/// Results are sent at most this often while a run goes on.
+const INTERVAL: Duration = Duration::from_secs(2);
+
+/// A results store in object storage, opened for writing: a local folder that begins with what is there.
+///
+/// No lock outlives a process that was killed: a later process takes the store over ([`Self::claim`]), and an earlier one that goes
+/// on after all finds [`ObjectError::TakenOver`] before it writes. Objects are created and replaced on the condition that nobody else did.
+#[derive(Debug)]
+pub struct StoreCopy {
+    storage: Box<dyn Storage>,
+    folder: TempDir,
+    claim: String,
+    before: Option<(String, Version)>,
+    /// The store as it was fetched.
+    begun: Vec<Object>,
+    sent: Mutex<Sent>,
+    /// Apart, because it is asked for while something is sent.
+    failed: Mutex<Option<ObjectError>>,
+}
+
+#[derive(Debug)]
+struct Sent {
+    claimed: bool,
+    files: BTreeMap<String, SentFile>,
+    last: Instant,
+}
+
+/// A file as it was when it was read or written, and its object.
+#[derive(Clone, Debug)]
+struct SentFile {
+    stamp: Stamp,
+    version: Version,
+}
+
+/// Size and time of the last change.
+type Stamp = (u64, Option<SystemTime>);
+
+impl StoreCopy {
+    /// Fetches a store, which may be empty. `writer` describes this process to others.
+    ///
+    /// # Errors
+    /// As [`crate::Mirror::open`], but for an empty store.
+    pub fn begin(url: &str, cache: Option<&Path>, writer: &str) -> Result<Self, ObjectError> {
+        Self::of(Box::new(Process::start(url)?), &Cache::new(cache)?, writer)
+    }
+
+    pub(crate) fn of(storage: Box<dyn Storage>, cache: &Cache, writer: &str) -> Result<Self, ObjectError> {
+        let failed =
+            |path: &Path| FileError::during::<ObjectError>("creating a copy of a results store", path.to_owned());
+        let stores = cache.stores();
+        fs::create_dir_all(&stores).map_err(failed(&stores))?;
+        let folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
+        let before = storage.get(WRITER)?;
+        let begun = list(storage.as_ref())?;
+        let sent = Sent { claimed: false, files: BTreeMap::new(), last: Instant::now() };
+        let claim = claim_of(writer);
+        let copy = Self { storage, folder, claim, before, begun, sent: Mutex::new(sent), failed: Mutex::default() };
+        copy.fetch()?;
+        Ok(copy)
+    }
+
+    fn fetch(&self) -> Result<(), ObjectError> {
+        let mut wanted = Vec::new();
+        for object in self.begun.clone() {
+            if !object.name.split('/').all(is_plain_name) {
+                return Err(ObjectError::Name { url: self.storage.url().to_owned(), name: object.name.clone() });
+            }
+            let file = self.folder().join(&object.name);
+            let folder = file.parent().unwrap_or(&file);
+            fs::create_dir_all(folder)
+                .map_err(FileError::during::<ObjectError>("creating a copy of a results store", folder))?;
+            wanted.push(Download { object, file });
+        }
+        self.storage.download(wanted, &|name, version| {
+            let file = self.folder().join(name);
+            let stamp =
+                stamp(&file).map_err(FileError::during::<ObjectError>("reading a copy of a results store", &file))?;
+            self.lock().files.insert(name.to_owned(), SentFile { stamp, version });
+            Ok(())
+        })
+    }
+
+    /// The local store.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The process that wrote before, and has not said that it was done.
+    pub fn unfinished_writer(&self) -> Option<String> {
+        self.before.as_ref().map(|(claim, _)| writer_of(claim))
+    }
+
+    /// Takes the store over, before anything else is written.
+    ///
+    /// # Errors
+    /// [`ObjectError::TakenOver`] if another process has written to the store since [`Self::begin`]; [`ObjectError::Denied`],
+    /// [`ObjectError::Request`], [`ObjectError::Io`].
+    pub fn claim(&self) -> Result<(), ObjectError> {
+        self.check_claim(&mut self.lock())
+    }
+
+    /// What was exchanged.
+    pub fn traffic(&self) -> Traffic {
+        self.storage.traffic()
+    }
+
+    /// Why results could not be sent, if that has happened.
+    pub fn failure(&self) -> Option<ObjectError> {
+        self.failed.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Sends what is new, unless that was done a moment ago or another thread does it; keeps the error for
+    /// [`Self::failure`]. Callable from any thread, whenever a trial is finished.
+    pub fn send_soon(&self) {
+        let Ok(mut sent) = self.sent.try_lock() else { return };
+        if sent.last.elapsed() < INTERVAL || self.failure().is_some() {
+            return;
+        }
+        if let Err(error) = self.send(&mut sent) {
+            *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        }
+        sent.last = Instant::now();
+    }
+
+    /// Sends everything, and removes what the store no longer holds.
+    ///
+    /// # Errors
+    /// [`ObjectError::TakenOver`], [`ObjectError::Denied`], [`ObjectError::Request`], [`ObjectError::Io`].
+    pub fn finish(&self) -> Result<(), ObjectError> {
+        let mut sent = self.lock();
+        self.send(&mut sent)?;
+        let gone: Vec<String> = sent.files.keys().filter(|name| !self.folder().join(name).exists()).cloned().collect();
+        self.check_claim(&mut sent)?;
+        for name in gone {
+            self.storage.delete(&name)?;
+            sent.files.remove(&name);
+        }
+        self.storage.delete(WRITER)
+    }
+
+    fn send(&self, sent: &mut Sent) -> Result<(), ObjectError> {
+        let mut files = Vec::new();
+        list_files(self.folder(), "", &mut files)?;
+        files.retain(|(name, stamp)| is_shared(name) && sent.files.get(name).is_none_or(|known| known.stamp != *stamp));
+        if files.is_empty() {
+            return Ok(());
+        }
+        self.check_claim(sent)?;
+        let mut rounds: BTreeMap<usize, Vec<(String, Stamp)>> = BTreeMap::new();
+        for (name, stamp) in files {
+            rounds.entry(round(&name)).or_default().push((name, stamp));
+        }
+        for files in rounds.into_values() {
+            let upload = |(name, _): &(String, Stamp)| {
+                let replaces = sent.files.get(name).map(|known| known.version.clone());
+                Upload { name: name.clone(), file: self.folder().join(name), replaces }
+            };
+            let versions = Mutex::new(BTreeMap::new());
+            // A part that is in the tables by now is left out.
+            let outcome = self.storage.put(files.iter().map(upload).collect(), &|name, version| {
+                versions.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), version);
+                Ok(())
+            });
+            let mut versions = versions.into_inner().unwrap_or_else(PoisonError::into_inner);
+            for (name, stamp) in files {
+                if let Some(version) = versions.remove(&name) {
+                    sent.files.insert(name, SentFile { stamp, version });
+                }
+            }
+            outcome?;
+        }
+        Ok(())
+    }
+
+    /// Claims the store, or finds out whether another process has done so since.
+    fn check_claim(&self, sent: &mut Sent) -> Result<(), ObjectError> {
+        let taken_over = |by: String| ObjectError::TakenOver { url: self.storage.url().to_owned(), by };
+        if sent.claimed {
+            return match self.storage.get(WRITER)? {
+                Some((claim, _)) if claim == self.claim => Ok(()),
+                Some((claim, _)) => Err(taken_over(writer_of(&claim))),
+                None => Err(taken_over("a process that is done".to_owned())),
+            };
+        }
+        let file = self.folder().join(WRITER);
+        fs::write(&file, &self.claim).map_err(FileError::during::<ObjectError>("writing results", &file))?;
+        let replaces = self.before.as_ref().map(|(_, version)| version.clone());
+        self.storage.put(vec![Upload { name: WRITER.to_owned(), file, replaces }], &|_, _| Ok(()))?;
+        // Who wrote before has not seen the claim until now.
+        if list(self.storage.as_ref())? != self.begun {
+            return Err(taken_over(self.unfinished_writer().unwrap_or_else(|| "another process".to_owned())));
+        }
+        sent.claimed = true;
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Sent> {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Files below a folder of the local store, with `/` in their names.
+fn list_files(folder: &Path, prefix: &str, found: &mut Vec<(String, Stamp)>) -> Result<(), ObjectError> {
+    let failed = || FileError::during::<ObjectError>("listing results", folder);
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        outcome => outcome.map_err(failed())?,
+    };
+    for entry in entries {
+        let path = entry.map_err(failed())?.path();
+        let name = format!("{prefix}{}", atsplat_files::name_of(&path));
+        if path.is_dir() {
+            list_files(&path, &format!("{name}/"), found)?;
+        } else if let Ok(stamp) = stamp(&path) {
+            // A file that is gone by now was temporary, or is in the tables.
+            found.push((name, stamp));
+        }
+    }
+    Ok(())
+}
+
+/// The objects of a store; none if there is nothing below its URL.
+fn list(storage: &dyn Storage) -> Result<Vec<Object>, ObjectError> {
+    match storage.list() {
+        Ok(mut objects) => {
+            objects.retain(|object| is_shared(&object.name));
+            Ok(objects)
+        }
+        Err(ObjectError::NotFound { .. }) => Ok(Vec::new()),
+        Err(error) => Err(error),
+    }
+}
+
+fn stamp(path: &Path) -> io::Result<Stamp> {
+    let metadata = fs::metadata(path)?;
+    Ok((metadata.len(), metadata.modified().ok()))
+}
+
+fn is_shared(name: &str) -> bool {
+    let is_partial = name.rsplit('.').next() == Some(atsplat_files::PARTIAL);
+    !is_partial && name != WRITER && !LOCAL.contains(&name)
+}
+
+/// Files of a later round are sent when those of the earlier ones have arrived, so that a store that is read or resumed
+/// meanwhile lacks nothing.
+fn round(name: &str) -> usize {
+    match LAST.iter().position(|last| *last == name) {
+        Some(position) => 2 + position,
+        None => usize::from(name != FIRST),
+    }
+}
+
+/// The process as text, and a number that no other process has.
+fn claim_of(writer: &str) -> String {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    format!("{writer}\n{} {}\n", std::process::id(), now.as_nanos())
+}
+
+/// The process that a claim names.
+fn writer_of(claim: &str) -> String {
+    claim.lines().next().unwrap_or("an unknown process").to_owned()
+}

@@ -1,0 +1,216 @@
+//! Against the storage in memory, and in a folder, of the crate `object_store`: without a network.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+
+use object_store::memory::InMemory;
+use object_store::path::Path as ObjectPath;
+use object_store::{ObjectStore, ObjectStoreExt as _};
+use tempfile::TempDir;
+
+use crate::cache::Cache;
+use crate::storage::Storage as _;
+use crate::storage::connected::Connected;
+use crate::{Mirror, ObjectError, StoreCopy};
+
+/// Storage in memory, and a cache on disk.
+struct Fixture {
+    store: Arc<InMemory>,
+    cache: TempDir,
+}
+
+impl Fixture {
+    fn new(objects: &[(&str, &[u8])]) -> Self {
+        let fixture = Self { store: Arc::new(InMemory::new()), cache: tempfile::tempdir().unwrap() };
+        for (name, bytes) in objects {
+            fixture.put(name, bytes);
+        }
+        fixture
+    }
+
+    fn put(&self, name: &str, bytes: &[u8]) {
+        let place = ObjectPath::parse(name).unwrap();
+        futures::executor::block_on(self.store.put(&place, bytes.to_vec().into())).unwrap();
+    }
+
+    fn delete(&self, name: &str) {
+        futures::executor::block_on(self.store.delete(&ObjectPath::parse(name).unwrap())).unwrap();
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.storage("").list().unwrap().into_iter().map(|object| object.name).collect()
+    }
+
+    fn storage(&self, prefix: &str) -> Box<Connected> {
+        let store = Arc::clone(&self.store) as Arc<dyn ObjectStore>;
+        let url = format!("s3://bucket/{prefix}");
+        Box::new(Connected::of(store, ObjectPath::parse(prefix).unwrap(), &url).unwrap())
+    }
+
+    fn cache(&self) -> Cache {
+        Cache::new(Some(self.cache.path())).unwrap()
+    }
+
+    fn mirror(&self, prefix: &str) -> Result<Mirror, ObjectError> {
+        Mirror::of(self.storage(prefix), self.cache())
+    }
+
+    fn copy(&self, writer: &str) -> Result<StoreCopy, ObjectError> {
+        StoreCopy::of(self.storage("store"), &self.cache(), writer)
+    }
+}
+
+fn read(path: &Path) -> Vec<u8> {
+    fs::read(path).unwrap()
+}
+
+#[test]
+fn contents_are_fetched_once_and_only_when_they_are_needed() {
+    // Two parts and a byte, none like another.
+    let large: Vec<u8> = (0..=8u32 << 20).map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let fixture =
+        Fixture::new(&[("data/a.torch", &large), ("data/b.torch", b"bb"), ("data/more/c", b"c"), ("data/more/d", b"")]);
+    fixture.put("data-2/e", b"e");
+    let mirror = fixture.mirror("data").unwrap();
+    let [a, b, more] = ["a.torch", "b.torch", "more"].map(|name| mirror.path().join(name));
+    assert!(mirror.path().ends_with("data"));
+    assert_eq!((mirror.traffic().bytes_read, read(&a), read(&b)), (0, vec![], vec![]));
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| mirror.fetch(std::slice::from_ref(&a)).unwrap());
+        }
+    });
+    assert!(read(&a) == large && read(&b).is_empty());
+    assert_eq!(mirror.traffic().bytes_read, large.len() as u64);
+    assert_eq!(mirror.traffic().requests, 1 + 3, "a list and three ranges");
+    mirror.fetch(&[more.clone(), "/elsewhere".into()]).unwrap();
+    assert_eq!((read(&more.join("c")), read(&more.join("d"))), (b"c".to_vec(), vec![]));
+    let again = fixture.mirror("data").unwrap();
+    assert_eq!(again.path(), mirror.path());
+    again.fetch(&[again.path().to_owned()]).unwrap();
+    assert_eq!((read(&a) == large, read(&b)), (true, b"bb".to_vec()));
+    assert_eq!(again.traffic().bytes_read, 2);
+    assert_eq!(again.with_url(&format!("in {}", b.display())), "in s3://bucket/data/b.torch");
+}
+
+#[test]
+fn one_object_is_a_file() {
+    let fixture = Fixture::new(&[("data/a.torch", b"aa"), ("data/a.torch.txt", b"t")]);
+    let mirror = fixture.mirror("data/a.torch").unwrap();
+    mirror.fetch(&[mirror.path().to_owned()]).unwrap();
+    assert!(mirror.path().ends_with("a.torch"));
+    assert_eq!((read(mirror.path()), mirror.traffic().bytes_read), (b"aa".to_vec(), 2));
+}
+
+#[test]
+fn an_object_that_changes_is_noticed_and_never_mixed() {
+    let fixture = Fixture::new(&[("data/a", b"old"), ("data/b", b"b")]);
+    let first = fixture.mirror("data").unwrap();
+    first.fetch(&[first.path().join("b")]).unwrap();
+    fixture.put("data/a", b"new");
+    for _ in 0..2 {
+        let error = first.fetch(&[first.path().join("a")]).unwrap_err();
+        assert!(matches!(&error, ObjectError::Changed { url, .. } if url == "s3://bucket/data/a"), "{error}");
+    }
+    assert!(first.failure().is_some() && read(&first.path().join("a")).is_empty());
+    let second = fixture.mirror("data").unwrap();
+    assert_ne!(second.path(), first.path());
+    second.fetch(&[second.path().to_owned()]).unwrap();
+    assert_eq!((read(&second.path().join("a")), read(&second.path().join("b"))), (b"new".to_vec(), b"b".to_vec()));
+    assert_eq!(second.traffic().bytes_read, 3, "what did not change is not fetched again");
+}
+
+#[test]
+fn missing_objects_and_impossible_names_are_errors_with_the_url() {
+    let fixture = Fixture::new(&[("data/a", b"a"), ("data/b", b"b"), ("names/c:d", b"x")]);
+    let error = fixture.mirror("dat").unwrap_err();
+    assert!(matches!(&error, ObjectError::NotFound { url } if url == "s3://bucket/dat"), "{error}");
+    assert!(matches!(fixture.mirror("names").unwrap_err(), ObjectError::Name { name, .. } if name == "c:d"));
+    let mirror = fixture.mirror("data").unwrap();
+    fixture.delete("data/a");
+    let error = mirror.fetch(&[mirror.path().to_owned()]).unwrap_err();
+    assert!(matches!(&error, ObjectError::NotFound { url } if url == "s3://bucket/data/a"), "{error}");
+}
+
+#[test]
+fn urls_are_told_from_paths() {
+    assert_eq!(crate::url(Path::new("s3://b/c")), Some("s3://b/c"));
+    for path in ["data", "/data", "c:/data", "https://b/c", "s3:/b"] {
+        assert_eq!(crate::url(Path::new(path)), None, "{path}");
+    }
+    let invalid = Connected::open("s3://").unwrap_err();
+    assert!(
+        matches!(&invalid, ObjectError::Invalid { .. }) && invalid.to_string().contains("s3://BUCKET"),
+        "{invalid}"
+    );
+}
+
+#[test]
+fn a_store_is_sent_resumed_and_cleared_of_what_it_no_longer_holds() {
+    let fixture = Fixture::new(&[]);
+    let first = fixture.copy("one").unwrap();
+    assert_eq!(first.unfinished_writer(), None);
+    fs::create_dir(first.folder().join("parts")).unwrap();
+    for name in ["provenance.json", "parts/1.json", "parts/2.json", "run.lock", "digests.txt", "parts/.x.partial"] {
+        fs::write(first.folder().join(name), name).unwrap();
+    }
+    std::thread::sleep(std::time::Duration::from_millis(2100));
+    first.send_soon();
+    assert!(first.failure().is_none());
+    let sent = ["store/parts/1.json", "store/parts/2.json", "store/provenance.json", "store/writer.txt"];
+    assert_eq!(fixture.names(), sent);
+    // As if the first process had been killed.
+    let second = fixture.copy("two").unwrap();
+    assert_eq!(second.unfinished_writer().as_deref(), Some("one"));
+    assert_eq!(read(&second.folder().join("parts/2.json")), b"parts/2.json");
+    fs::write(second.folder().join("trials.parquet"), "rows").unwrap();
+    fs::remove_dir_all(second.folder().join("parts")).unwrap();
+    second.finish().unwrap();
+    assert_eq!(fixture.names(), ["store/provenance.json", "store/trials.parquet"]);
+    let third = fixture.copy("three").unwrap();
+    assert_eq!((third.unfinished_writer(), read(&third.folder().join("trials.parquet"))), (None, b"rows".to_vec()));
+}
+
+#[test]
+fn of_two_writers_the_earlier_one_stops() {
+    let fixture = Fixture::new(&[("store/trials.parquet", b"none")]);
+    let first = fixture.copy("process 1 on a").unwrap();
+    first.claim().unwrap();
+    let second = fixture.copy("process 2 on b").unwrap();
+    assert_eq!(second.unfinished_writer().as_deref(), Some("process 1 on a"));
+    let taken_over_by = |outcome: Result<(), ObjectError>, by: &str| {
+        let error = outcome.unwrap_err();
+        assert!(matches!(&error, ObjectError::TakenOver { by: found, .. } if found == by), "{error}");
+    };
+    fs::write(first.folder().join("provenance.json"), "1").unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(2100));
+    first.send_soon();
+    // The second knows an older state of the store.
+    taken_over_by(second.claim(), "process 1 on a");
+    let third = fixture.copy("process 3 on c").unwrap();
+    third.claim().unwrap();
+    taken_over_by(first.finish(), "process 3 on c");
+    fs::write(third.folder().join("trials.parquet"), "rows").unwrap();
+    third.finish().unwrap();
+    taken_over_by(third.finish(), "a process that is done");
+    assert_eq!(fixture.names(), ["store/provenance.json", "store/trials.parquet"]);
+    // A change that no process announced.
+    let fourth = fixture.copy("four").unwrap();
+    fourth.claim().unwrap();
+    fixture.put("store/trials.parquet", b"by hand");
+    fs::write(fourth.folder().join("trials.parquet"), "fourth").unwrap();
+    taken_over_by(fourth.finish(), "another process");
+}
+
+#[test]
+fn whoever_only_looks_at_a_store_disturbs_nobody() {
+    let fixture = Fixture::new(&[]);
+    let first = fixture.copy("one").unwrap();
+    first.claim().unwrap();
+    drop(fixture.copy("two").unwrap());
+    fs::write(first.folder().join("provenance.json"), "1").unwrap();
+    first.finish().unwrap();
+}
