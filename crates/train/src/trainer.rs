@@ -388,18 +388,18 @@ impl Trainer {
         let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, Fault>>()?;
         let sample_secs = start.elapsed().as_secs_f64();
         let share = step as f64 / self.config.steps.get() as f64;
-        let mut rest = numbers;
-        let mut gradients = |group: &[Sample]| {
-            let (own, others) = rest.split_at(group.len());
-            rest = others;
+        let mut groups: Vec<GroupGradients> = Vec::new();
+        let mut done = 0;
+        for group in samples.chunk_by(Sample::has_shape_of) {
             let network = network.clone().fork(&network.device());
             let features = self.features.as_ref();
-            let computed =
-                self.config.products.scope(|| self.objective.gradients(&network, group, features, own[0], share));
-            computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })
-        };
-        let groups = samples.chunk_by(Sample::has_shape_of).map(&mut gradients);
-        let mut groups: Vec<GroupGradients> = groups.collect::<Result<_, Fault>>()?;
+            let computed = self
+                .config
+                .products
+                .scope(|| self.objective.gradients(&network, group, features, numbers[done], share));
+            groups.push(computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })?);
+            done += group.len();
+        }
         if let Some(first) = groups.first_mut() {
             first.seconds.sample = sample_secs;
         }

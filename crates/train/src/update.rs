@@ -102,25 +102,10 @@ mod tests {
         let config = TrainConfig {
             clip: run.clip,
             optimiser: AdamW { betas: run.betas, epsilon: run.epsilon, weight_decay: run.weight_decay },
-            ..TrainConfig::from_toml(CONFIG).unwrap()
+            ..TrainConfig::shortest()
         };
         (run, state, config)
     }
-
-    const CONFIG: &str = r#"
-        title = "as in PyTorch"
-        seed = 1
-        steps = 8
-        batch = 3
-        model = { base = "nano" }
-
-        [[data]]
-        [data.source.rooms]
-        scenes-of = "rooms"
-        scenes = 1
-        size = [32, 32]
-        views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }
-    "#;
 
     /// The first samples as one group, each of the others as one of its own.
     fn groups(step: &Step, together: usize) -> Vec<GroupGradients> {

@@ -186,22 +186,8 @@ mod tests {
 
     #[test]
     fn samples_go_together_only_if_they_expand_as_many_tokens() {
-        let text = r#"
-            title = "two together"
-            seed = 1
-            steps = 1
-            batch = 2
-            together = 2
-            model = { base = "nano" }
-
-            [[data]]
-            [data.source.rooms]
-            scenes-of = "rooms"
-            scenes = 1
-            size = [256, 256]
-            views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }
-        "#;
-        let config = TrainConfig::from_toml(text).unwrap();
+        let two = NonZeroUsize::new(2).unwrap();
+        let config = TrainConfig { together: two, ..TrainConfig::shortest() };
         let by_ratio = config.model.config().unwrap();
         let by_threshold = by_ratio.with_thresholds(&[0.1; 3]).unwrap();
         config.check_model(&by_ratio).unwrap();

@@ -160,6 +160,26 @@ const fn five() -> NonZeroU32 {
 }
 
 impl TrainConfig {
+    /// The shortest configuration, for tests that change a field or two.
+    #[cfg(test)]
+    pub(crate) fn shortest() -> Self {
+        let text = r#"
+            title = "the shortest"
+            seed = 1
+            steps = 8
+            batch = 3
+            model = { base = "nano" }
+
+            [[data]]
+            [data.source.rooms]
+            scenes-of = "rooms"
+            scenes = 1
+            size = [256, 256]
+            views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }
+        "#;
+        Self::from_toml(text).unwrap()
+    }
+
     /// Reads a configuration; `base = "other.toml"`, relative to the file, names the configuration that it changes.
     ///
     /// # Errors

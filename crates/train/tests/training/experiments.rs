@@ -112,11 +112,16 @@ fn rows_of_claims_start_from_the_embedded_weights() {
         assert_eq!(alike, full, "{name}: the same samples, steps and losses");
         names.push((name, model));
     }
-    assert_eq!(names.len(), 14);
+    assert_eq!(names.len(), 18);
     let model = |name: &str| names.iter().find(|(own, _)| own == name).map(|(_, model)| model).unwrap();
     let gaussians = |name: &str| budget(model(name), 2, ImageSize::new(64, 64)).unwrap().fixed().unwrap().gaussians;
     assert_eq!(gaussians("expansion-none-k45"), gaussians("full"));
     assert_eq!(gaussians("k-64"), 4 * gaussians("full"));
+    for name in ["random", "farthest-point", "straight-through"].map(|name| format!("sparse-{name}")) {
+        assert_eq!(gaussians(&name), gaussians("k-4"), "{name}");
+    }
+    // As many as whole Gaussians per token allow.
+    assert_eq!((gaussians("sparse-none-k11"), gaussians("k-4")), (1408, 1440));
     for name in ["anchor-ray-depth", "anchor-direct-xyz", "anchor-learnable", "anchor-offset"] {
         assert_eq!(model(name).head.frame, HeadFrame::World, "{name}: without anchors there is no frame of a patch");
     }
