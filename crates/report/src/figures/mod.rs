@@ -58,8 +58,12 @@ fn subject(results: &Results, preset: &PresetRecord) -> String {
     } else {
         String::new()
     };
-    let plural = if scenes == 1 { "scene" } else { "scenes" };
-    format!("{} ({}); {scenes} {plural}{part}", preset.title, preset.name)
+    format!("{} ({}); {}{part}", preset.title, preset.name, counted(scenes, "scene"))
+}
+
+/// `1 scene`, `2 scenes`.
+fn counted(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// A name that is valid on every file system.

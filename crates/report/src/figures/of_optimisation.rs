@@ -4,19 +4,16 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
 use atsplat_eval::timing::times;
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow};
 
-use super::{first_metric, plain};
+use super::{counted, first_metric, plain};
 use crate::ReportError;
 use crate::page::PlotSection;
 use crate::plot::{Drawing, Estimate, OptimisationCurves, OptimisationPanel, OptimisationPoint};
 use crate::table::{BUSY, Source};
 
 /// Kinds of methods that are optimised for each trial, and their curves' names, in the order of the legend.
-const OPTIMISED: [(&str, &str); 4] = [
-    ("atsplat+refine", "ATSplat + refinement"),
-    ("3dgs", "3DGS"),
-    ("mip-splatting", "Mip-Splatting"),
-    ("mcmc", "3DGS-MCMC"),
-];
+const OPTIMISED: [(&str, &str); 4] =
+    [(REFINEMENT, "ATSplat + refinement"), ("3dgs", "3DGS"), ("mip-splatting", "Mip-Splatting"), ("mcmc", "3DGS-MCMC")];
+const REFINEMENT: &str = "atsplat+refine";
 /// The kind of the network alone, from which the refinement's curve starts.
 const NETWORK: &str = "atsplat";
 
@@ -65,13 +62,21 @@ struct Placed<'a> {
     scenes: u64,
 }
 
+impl<'a> Placed<'a> {
+    /// Hash of its network's configuration.
+    fn model(&self) -> Option<&'a str> {
+        self.method.parameters.get("model-hash").and_then(|hash| hash.as_str())
+    }
+}
+
 /// The curves of one protocol on one or several indices.
 fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<OptimisationCurves>, ReportError> {
     let Some(first) = presets.first() else { return Ok(None) };
     let Some(metric) = first_metric(results, &first.name) else { return Ok(None) };
     let aggregation = first.protocol()?.aggregation;
     let is_optimised = |kind: &str| OPTIMISED.iter().any(|(own, _)| *own == kind);
-    let (mut placed, mut untimed, mut busy, mut machine) = (Vec::new(), Vec::new(), false, None);
+    let (mut placed, mut untimed, mut busy) = (Vec::new(), Vec::new(), false);
+    let (mut machines, mut devices) = (BTreeSet::new(), BTreeSet::new());
     let methods = results.provenance.methods.iter();
     let methods = methods.filter(|method| is_optimised(&method.kind) || method.kind == NETWORK);
     for (method, preset) in methods.flat_map(|method| presets.iter().map(move |preset| (method, preset))) {
@@ -87,14 +92,20 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
         };
         let found = summary(results, &query, aggregation);
         let Some(value) = found.mean else { continue };
-        let timed = times(results, &preset.name, &method.name).ok();
-        let Some((timed, first_picture)) = timed.and_then(|own| Some((own.first_picture?, own)).map(|(a, b)| (b, a)))
-        else {
-            untimed.push(method.title.clone());
-            continue;
+        let timed = times(results, &preset.name, &method.name).and_then(|times| {
+            let first_picture = times.first_picture.ok_or("neither encoding nor rendering was timed")?;
+            Ok((times, first_picture))
+        });
+        let (times, first_picture) = match timed {
+            Ok(timed) => timed,
+            Err(why) => {
+                untimed.push(format!("{} ({why})", method.title));
+                continue;
+            }
         };
-        busy |= timed.busy;
-        machine.get_or_insert(timed.machine);
+        busy |= times.busy;
+        machines.insert(times.machine);
+        devices.extend(times.device);
         let psnrs: Vec<f64> = trials.iter().filter_map(|trial| trial.context_psnr).collect();
         placed.push(Placed {
             views: first.context.len(),
@@ -112,9 +123,9 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     if panels.is_empty() {
         return Ok(None);
     }
-    let scenes = placed.iter().map(|own| own.scenes).fold(0, u64::max);
-    let plural = if scenes == 1 { "" } else { "s" };
-    let machine = machine.map_or_else(String::new, |machine| format!("; timed on {machine}"));
+    let scenes = placed.iter().map(|own| own.scenes).max().map_or_else(String::new, |most| counted(most, "scene"));
+    let machines: String = machines.iter().map(|machine| format!("; timed on {machine}")).collect();
+    let devices: String = devices.iter().map(|device| format!("; {device}")).collect();
     let mark = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
     let mut note = "Points of one curve differ in the budget of their optimisation; the refinement starts from the network alone. \
                     Bars: 95 % intervals over scenes."
@@ -124,7 +135,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     }
     Ok(Some(OptimisationCurves {
         title: format!("{} against seconds of optimisation", metric.name),
-        subtitle: format!("{} ({}); {scenes} scene{plural}{machine}{mark}", first.title, first.preset),
+        subtitle: format!("{} ({}); {scenes}{machines}{devices}{mark}", first.title, first.preset),
         quality: metric.into(),
         panels,
         note,
@@ -137,12 +148,9 @@ fn panel(placed: &[Placed<'_>], views: usize) -> Option<OptimisationPanel> {
     let mut curves = Vec::new();
     for (kind, label) in OPTIMISED {
         let of_kind = || own().filter(|own| own.method.kind == kind);
-        let model = |own: &Placed<'_>| own.method.parameters.get("model-hash").cloned();
-        let models: BTreeSet<String> = of_kind().filter_map(model).map(|hash| hash.to_string()).collect();
         let is_start = |own: &&Placed<'_>| {
-            kind == OPTIMISED[0].0
-                && own.method.kind == NETWORK
-                && model(own).is_some_and(|hash| models.contains(&hash.to_string()))
+            let is_refined = || own.model().is_some() && of_kind().any(|refined| refined.model() == own.model());
+            kind == REFINEMENT && own.method.kind == NETWORK && is_refined()
         };
         let mut points: Vec<OptimisationPoint> = of_kind().chain(own().filter(is_start)).map(|own| own.point).collect();
         points.sort_by(|a, b| a.secs.total_cmp(&b.secs));
@@ -152,9 +160,8 @@ fn panel(placed: &[Placed<'_>], views: usize) -> Option<OptimisationPanel> {
     }
     let is_curve = curves.iter().any(|(_, points)| points.len() > 1);
     let scenes = own().map(|own| own.scenes).max()?;
-    let [plural, many] =
-        [views, usize::try_from(scenes).unwrap_or(usize::MAX)].map(|count| if count == 1 { "" } else { "s" });
-    is_curve.then(|| OptimisationPanel { name: format!("{views} view{plural} · {scenes} scene{many}"), curves })
+    let name = format!("{} · {}", counted(views as u64, "view"), counted(scenes, "scene"));
+    is_curve.then_some(OptimisationPanel { name, curves })
 }
 
 #[cfg(test)]

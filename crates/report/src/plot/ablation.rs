@@ -3,7 +3,7 @@ use plotters::style::RGBColor;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{Estimate, Figure, plain};
+use super::series::{Estimate, Figure, level_whisker, plain};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, INK};
 
@@ -121,11 +121,7 @@ fn bar(drawing: &mut Drawing, axes: &Axes, gap: f64, y: f64, colour: RGBColor) {
 
 fn interval(drawing: &mut Drawing, axes: &Axes, gap: Estimate, y: f64) {
     let Some(ends) = gap.interval else { return };
-    let [low, high] = ends.map(|value| axes.x_of(value));
-    drawing.line([[low, y], [high, y]], Stroke::new(INK, 1.5));
-    for x in [low, high] {
-        drawing.line([[x, y - 4.0], [x, y + 4.0]], Stroke::new(INK, 1.5));
-    }
+    level_whisker(drawing, y, ends.map(|value| axes.x_of(value)), Stroke::new(INK, 1.5));
 }
 
 fn signed(quality: Figure, gap: f64) -> String {

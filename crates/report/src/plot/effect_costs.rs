@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes as _;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{note, plain};
+use super::series::{level_whisker, note, plain};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{COLOURS, INK};
 
@@ -64,10 +64,7 @@ impl EffectCosts {
             };
             let [low, median, high] = [low, median, high].map(|millis| axes.x_of(millis));
             drawing.rectangle(Extent::new(left, middle - 9.0, median, middle + 9.0), Fill::solid(COLOURS[0]));
-            drawing.line([[low, middle], [high, middle]], Stroke::new(INK, 1.5));
-            for x in [low, high] {
-                drawing.line([[x, middle - 4.0], [x, middle + 4.0]], Stroke::new(INK, 1.5));
-            }
+            level_whisker(&mut drawing, middle, [low, high], Stroke::new(INK, 1.5));
         }
         let bottom = note(&mut drawing, below, &self.note);
         drawing.end_at(bottom + 14.0);

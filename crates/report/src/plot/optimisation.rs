@@ -44,6 +44,9 @@ pub struct OptimisationPoint {
     pub context: Option<f64>,
 }
 
+/// What a row of panels shows of a point.
+type Reading = fn(&OptimisationPoint) -> Option<Estimate>;
+
 /// Height of a panel's inside.
 const HEIGHT: f64 = 260.0;
 /// Between the insides of two panels.
@@ -69,47 +72,38 @@ impl OptimisationCurves {
         let points = || self.panels.iter().flat_map(|panel| &panel.curves).flat_map(|(_, points)| points);
         let (unit, length) = time_unit(points().map(|point| point.secs));
         let x = Scale::logarithmic(points().map(|point| point.secs / length), 0.06);
-        let held_out = Scale::around(points().flat_map(|point| point.held_out.extent()), 0.08);
-        let context = Scale::around(points().filter_map(|point| point.context), 0.08);
-        let has_context = points().any(|point| point.context.is_some());
         let x_title = format!("time to the first picture in {unit}, logarithmic");
         let x_text = AxisText { title: &x_title, label: &|value, _| own_label(value) };
-        let upper_title = format!("held out: {}", self.quality.title());
-        for row in self.panels.chunks(4) {
-            let place = |at: usize, top: f64| {
-                let left = 64.0 + (width + GAP) * at as f64;
-                Extent::new(left, top, left + width - GAP + 36.0, top + HEIGHT)
-            };
-            let top = below + 56.0;
-            let mut lowest = top;
-            for (at, panel) in row.iter().enumerate() {
-                let axes = Axes { inside: place(at, top), x, y: held_out };
-                let Extent { left, right, .. } = axes.inside;
-                names_above(
-                    &mut drawing,
-                    top - 30.0,
-                    &[(panel.name.clone(), [left, right])],
-                    [left - 40.0, right + 20.0],
-                );
-                axes.draw_y(&mut drawing, &plain(&upper_title));
-                lowest = axes.draw_x(&mut drawing, &x_text).maximum_of(lowest);
-                for (label, points) in &panel.curves {
-                    let own = points.iter().map(|point| (point.secs / length, point.held_out)).collect::<Vec<_>>();
-                    curve(&mut drawing, &axes, (label, colour_of(&labels, label)), &own);
-                }
+        let held_out = Scale::around(points().flat_map(|point| point.held_out.extent()), 0.08);
+        let context = Scale::around(points().filter_map(|point| point.context), 0.08);
+        let mut rows: Vec<(String, Scale, Reading)> =
+            vec![(format!("held out: {}", self.quality.title()), held_out, |point| Some(point.held_out))];
+        if points().any(|point| point.context.is_some()) {
+            let title = "context views: PSNR in dB".to_owned();
+            rows.push((title, context, |point| point.context.map(Estimate::exact)));
+        }
+        for panels in self.panels.chunks(4) {
+            let left_of = |at: usize| 64.0 + (width + GAP) * at as f64;
+            let inside = |at, top| Extent::new(left_of(at), top, left_of(at) + width - GAP + 36.0, top + HEIGHT);
+            let mut top = below + 56.0;
+            for (at, panel) in panels.iter().enumerate() {
+                let Extent { left, right, .. } = inside(at, top);
+                let name = (panel.name.clone(), [left, right]);
+                names_above(&mut drawing, top - 30.0, &[name], [left - 40.0, right + 20.0]);
             }
-            let top = lowest + 34.0;
-            for (at, panel) in row.iter().enumerate().filter(|_| has_context) {
-                let axes = Axes { inside: place(at, top), x, y: context };
-                axes.draw_y(&mut drawing, &plain("context views: PSNR in dB"));
-                lowest = axes.draw_x(&mut drawing, &x_text).maximum_of(lowest);
-                for (label, points) in &panel.curves {
-                    let own = |point: &OptimisationPoint| Some((point.secs / length, Estimate::exact(point.context?)));
-                    let own = points.iter().filter_map(own).collect::<Vec<_>>();
-                    curve(&mut drawing, &axes, (label, colour_of(&labels, label)), &own);
+            for (title, y, estimate) in &rows {
+                for (at, panel) in panels.iter().enumerate() {
+                    let axes = Axes { inside: inside(at, top), x, y: *y };
+                    axes.draw_y(&mut drawing, &plain(title));
+                    below = axes.draw_x(&mut drawing, &x_text).maximum_of(below);
+                    for (label, points) in &panel.curves {
+                        let own = |point: &OptimisationPoint| Some((point.secs / length, estimate(point)?));
+                        let own: Vec<(f64, Estimate)> = points.iter().filter_map(own).collect();
+                        curve(&mut drawing, &axes, (label, colour_of(&labels, label)), &own);
+                    }
                 }
+                top = below + 34.0;
             }
-            below = lowest;
         }
         let bottom = note(&mut drawing, below, &self.note);
         drawing.end_at(bottom + 14.0);

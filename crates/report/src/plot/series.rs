@@ -93,6 +93,14 @@ pub(super) fn whisker(drawing: &mut Drawing, x: f64, [low, high]: [f64; 2], stro
     }
 }
 
+/// Draws a horizontal error bar.
+pub(super) fn level_whisker(drawing: &mut Drawing, y: f64, [low, high]: [f64; 2], stroke: Stroke) {
+    drawing.line([[low, y], [high, y]], stroke);
+    for x in [low, high] {
+        drawing.line([[x, y - 4.0], [x, y + 4.0]], stroke);
+    }
+}
+
 /// A curve with its uncertainty.
 pub(super) struct Curve<'a> {
     pub(super) label: &'a str,
