@@ -165,7 +165,7 @@ impl Objective {
         if weight > 0.0 {
             group.add_distances(forward.initial.depths.as_ref(), weight)?;
         }
-        self.add_final(&forward.gaussians, &mut group)?;
+        self.add_final(&forward.gaussians, self.config.perceptual_weight_at(share), &mut group)?;
         for pair in forward.blocks.windows(2) {
             let [block, next] = pair else { continue };
             let gaussians = network.gaussians(&block.tokens);
@@ -190,7 +190,12 @@ impl Objective {
     }
 
     /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
-    fn add_final(&self, gaussians: &GaussianTensors, group: &mut Group<'_>) -> Result<(), SampleFault> {
+    fn add_final(
+        &self,
+        gaussians: &GaussianTensors,
+        perceptual_weight: f64,
+        group: &mut Group<'_>,
+    ) -> Result<(), SampleFault> {
         for (at, sample) in group.samples.iter().enumerate() {
             let (truth, stack) = (&sample.targets.pictures, sample.targets.stack());
             let images = self.render(gaussians, group, at, stack, None)?;
@@ -199,10 +204,10 @@ impl Objective {
             let mut loss = mse(&rgb, truth);
             let terms = group.terms_of(at);
             terms.mse = loss.value;
-            if self.config.perceptual_weight > 0.0 {
+            if perceptual_weight > 0.0 {
                 let perceptual = self.perceptual.evaluate(&rgb, truth, stack);
                 terms.perceptual = perceptual.value;
-                loss.add(&perceptual, self.config.perceptual_weight);
+                loss.add(&perceptual, perceptual_weight);
             }
             terms.total += loss.value;
             group.backward.add(&images.rgb, &loss.gradient, 1.0);

@@ -127,9 +127,12 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     let machines: String = machines.iter().map(|machine| format!("; timed on {machine}")).collect();
     let devices: String = devices.iter().map(|device| format!("; {device}")).collect();
     let mark = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
-    let mut note = "Points of one curve differ in the budget of their optimisation; the refinement starts from the network alone. \
-                    Bars: 95 % intervals over scenes."
-        .to_owned();
+    let mut note =
+        "Points of one curve differ in the budget of their optimisation; the refinement starts from the network alone."
+            .to_owned();
+    if placed.iter().any(|own| own.point.held_out.interval.is_some()) {
+        note.push_str(" Bars: 95 % intervals over scenes.");
+    }
     if !untimed.is_empty() {
         note.push_str(&format!(" Without a time, so without a point: {}.", untimed.join(", ")));
     }
@@ -137,6 +140,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
         title: format!("{} against seconds of optimisation", metric.name),
         subtitle: format!("{} ({}); {scenes}{machines}{devices}{mark}", first.title, first.preset),
         quality: metric.into(),
+        palette: OPTIMISED.iter().map(|(_, label)| (*label).to_owned()).collect(),
         panels,
         note,
     }))
@@ -210,7 +214,13 @@ mod tests {
 
         own.timings.retain(|timing| timing.key.method != "refined 100");
         let note = curves(&own).unwrap().note;
-        assert!(note.contains("Without a time, so without a point: "), "{note}");
+        assert!(note.contains("Without a time, so without a point: ") && note.contains("95 % intervals"), "{note}");
+        let mut one = own.clone();
+        let scene = own.trials[0].key.scene.clone();
+        one.trials.retain(|trial| trial.key.scene == scene);
+        one.targets.retain(|target| target.key.scene == scene);
+        let note = curves(&one).unwrap().note;
+        assert!(!note.contains("interval"), "one scene has no interval: {note}");
         let alone = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
         assert!(curves(&alone).is_none());
         // The same protocol with three views, on an index of its own.

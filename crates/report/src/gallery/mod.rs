@@ -101,6 +101,7 @@ fn optimisation() -> OptimisationCurves {
         title: "PSNR against seconds of optimisation".to_owned(),
         subtitle: format!("12 views, {SYNTHETIC}"),
         quality: figure("psnr"),
+        palette: ["ATSplat + refinement", "3DGS", "Mip-Splatting"].map(str::to_owned).to_vec(),
         panels: [2, 3, 6, 12].map(panel).to_vec(),
         note: "Bars: 95 % intervals over scenes.".to_owned(),
     }

@@ -45,6 +45,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     single.panels.truncate(1);
     single.panels[0].curves.truncate(1);
     single.panels[0].curves[0].0.clone_from(&long);
+    single.palette[0].clone_from(&long);
     single.panels[0].curves[0].1.iter_mut().for_each(|point| point.context = None);
     let mut free = effect_costs();
     free.rows.iter_mut().for_each(|row| row.millis = None);

@@ -18,6 +18,8 @@ pub struct OptimisationCurves {
     pub subtitle: String,
     /// The metric of the held-out targets.
     pub quality: Figure,
+    /// Labels in the order of their colours, so that a curve keeps its colour in a plot without the others.
+    pub palette: Vec<String>,
     /// Side by side, at most four in a row.
     pub panels: Vec<OptimisationPanel>,
     /// Below the panels.
@@ -29,7 +31,7 @@ pub struct OptimisationCurves {
 pub struct OptimisationPanel {
     /// Above the panel: `2 views · 8 scenes`.
     pub name: String,
-    /// Curves by label; the same label has the same colour in every panel.
+    /// Curves by label, which is one of the palette's.
     pub curves: Vec<(String, Vec<OptimisationPoint>)>,
 }
 
@@ -60,14 +62,10 @@ impl OptimisationCurves {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels")]
         let (mut drawing, head) =
             Drawing::titled(((width + GAP) * columns as f64) as u32 + 40, &self.title, &self.subtitle);
-        let mut labels: Vec<&str> = Vec::new();
-        for (label, _) in self.panels.iter().flat_map(|panel| &panel.curves) {
-            if !labels.contains(&label.as_str()) {
-                labels.push(label);
-            }
-        }
+        let is_drawn = |label: &str| self.panels.iter().flat_map(|panel| &panel.curves).any(|(own, _)| own == label);
+        let labels: Vec<&str> = self.palette.iter().map(String::as_str).filter(|label| is_drawn(label)).collect();
         let mut below = drawing.legend(MARGIN, head + 12.0, &labels, |drawing, at, place| {
-            mark(drawing, place, Origin::Measured, colour(at));
+            mark(drawing, place, Origin::Measured, self.colour_of(labels[at]));
         });
         let points = || self.panels.iter().flat_map(|panel| &panel.curves).flat_map(|(_, points)| points);
         let (unit, length) = time_unit(points().map(|point| point.secs));
@@ -99,7 +97,7 @@ impl OptimisationCurves {
                     for (label, points) in &panel.curves {
                         let own = |point: &OptimisationPoint| Some((point.secs / length, estimate(point)?));
                         let own: Vec<(f64, Estimate)> = points.iter().filter_map(own).collect();
-                        curve(&mut drawing, &axes, (label, colour_of(&labels, label)), &own);
+                        curve(&mut drawing, &axes, (label, self.colour_of(label)), &own);
                     }
                 }
                 top = below + 34.0;
@@ -109,10 +107,10 @@ impl OptimisationCurves {
         drawing.end_at(bottom + 14.0);
         drawing
     }
-}
 
-fn colour_of(labels: &[&str], label: &str) -> RGBColor {
-    colour(labels.iter().take_while(|other| **other != label).count())
+    fn colour_of(&self, label: &str) -> RGBColor {
+        colour(self.palette.iter().take_while(|other| *other != label).count())
+    }
 }
 
 /// A line with a mark and an interval at each point; numbers that are not finite have none.

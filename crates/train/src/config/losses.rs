@@ -15,6 +15,9 @@ pub struct LossConfig {
     pub perceptual: PerceptualChoice,
     /// `λp`.
     pub perceptual_weight: f64,
+    /// `λp` in the last quarter of the run; by default as before.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub late_perceptual_weight: Option<f64>,
     /// `λint`.
     pub intermediate_weight: f64,
     /// `λs`, which the paper does not state; by default the value of `λp`.
@@ -55,6 +58,7 @@ impl Default for LossConfig {
         Self {
             perceptual: PerceptualChoice::DSsim,
             perceptual_weight: 0.5,
+            late_perceptual_weight: None,
             intermediate_weight: 0.5,
             intermediate_d_ssim_weight: 0.5,
             uncertainty_weight: 0.1,
@@ -66,7 +70,15 @@ impl Default for LossConfig {
     }
 }
 
+/// Share of the run after which [`LossConfig::late_perceptual_weight`] holds.
+const LATE: f64 = 0.75;
+
 impl LossConfig {
+    /// Weight of the perceptual term after `share` of the run.
+    pub fn perceptual_weight_at(&self, share: f64) -> f64 {
+        self.late_perceptual_weight.filter(|_| share >= LATE).unwrap_or(self.perceptual_weight)
+    }
+
     /// Weight of exact distances after `share` of the run.
     pub fn distance_weight_at(&self, share: f64) -> f64 {
         self.distance_weight * (1.0 - share / self.distance_until).clamp(0.0, 1.0)
@@ -75,6 +87,7 @@ impl LossConfig {
     pub(super) fn validate(&self) -> Result<(), TrainError> {
         let weights = [
             ("losses.perceptual-weight", self.perceptual_weight),
+            ("losses.late-perceptual-weight", self.perceptual_weight_at(1.0)),
             ("losses.intermediate-weight", self.intermediate_weight),
             ("losses.intermediate-d-ssim-weight", self.intermediate_d_ssim_weight),
             ("losses.uncertainty-weight", self.uncertainty_weight),
@@ -88,5 +101,29 @@ impl LossConfig {
             Some((field, weight)) => Err(TrainError::malformed(WHAT, field, "a number of at least 0", weight)),
             None => Ok(()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_change_over_the_run() {
+        let config: LossConfig =
+            toml::from_str("perceptual-weight = 0.05\nlate-perceptual-weight = 0.2\ndistance-weight = 0.3").unwrap();
+        config.validate().unwrap();
+        let weights = |at: fn(&LossConfig, f64) -> f64| [0.0, 0.3, 0.74, 0.75, 0.99].map(|share| at(&config, share));
+        assert_eq!(weights(LossConfig::perceptual_weight_at), [0.05, 0.05, 0.05, 0.2, 0.2]);
+        atsplat_numeric::Tolerance::absolute(1e-12).assert(
+            weights(LossConfig::distance_weight_at),
+            [0.3, 0.15, 0.0, 0.0, 0.0],
+            "distances",
+        );
+        let constant = LossConfig { late_perceptual_weight: None, ..config.clone() };
+        assert_eq!([0.0, 0.9].map(|share| constant.perceptual_weight_at(share)), [0.05, 0.05]);
+        let broken = LossConfig { late_perceptual_weight: Some(-1.0), ..config };
+        let error = broken.validate().unwrap_err().to_string();
+        assert!(error.contains("losses.late-perceptual-weight"), "{error}");
     }
 }

@@ -1,7 +1,7 @@
 use atsplat_numeric::SplitMix64;
 use std::collections::{HashMap, VecDeque};
 use std::num::{NonZeroU32, NonZeroUsize};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
@@ -36,12 +36,12 @@ pub struct RoomsConfig {
     /// Rays per pixel.
     #[serde(default = "four")]
     pub samples: u32,
-    /// Every `stride`-th frame of a clip is offered; all offered frames are rendered when the scene is first needed.
+    /// Every `stride`-th frame of a clip is offered; a frame is rendered when a sample first needs it.
     #[serde(default = "one")]
     pub stride: NonZeroUsize,
     /// Which frames become a sample; gaps count offered frames.
     pub views: ViewChoice,
-    /// Memory for rendered frames, in MiB; scenes that do not fit are rendered again.
+    /// Memory for frames, in MiB, rendered or not; scenes that do not fit are rendered again.
     #[serde(default = "gibibyte")]
     pub cache_mib: usize,
 }
@@ -75,11 +75,14 @@ pub struct RoomsSource {
 /// The offered frames of a scene.
 #[derive(Debug)]
 struct Clip {
+    simulation: Simulation,
+    /// Numbers of the offered frames in the simulation.
+    frames: Vec<usize>,
     cameras: Vec<Camera>,
     /// 8-bit samples, as in a file.
-    pictures: Vec<Vec<u8>>,
-    /// Distances of each frame's patches, in metres; empty if samples have none.
-    distances: Vec<Vec<f32>>,
+    pictures: Vec<OnceLock<Vec<u8>>>,
+    /// Distances of each frame's patches, in metres.
+    distances: Vec<OnceLock<Vec<f32>>>,
 }
 
 /// Rendered clips; evicted ones are rendered again, identically.
@@ -92,10 +95,37 @@ struct Cache {
 }
 
 impl Clip {
-    fn bytes(&self) -> usize {
-        let distances = self.distances.iter().map(|distances| size_of_val(distances.as_slice()));
-        self.pictures.iter().map(Vec::len).chain(distances).sum()
+    fn new(simulation: Simulation, stride: usize) -> Result<Self, TrainError> {
+        let frames: Vec<usize> = (0..simulation.shots().len()).step_by(stride).collect();
+        let cameras = frames.iter().map(|frame| simulation.camera(*frame)).collect::<Result<_, _>>()?;
+        let (pictures, distances) = frames.iter().map(|_| (OnceLock::new(), OnceLock::new())).unzip();
+        Ok(Self { simulation, frames, cameras, pictures, distances })
     }
+
+    /// Samples of an offered frame.
+    fn picture(&self, at: usize) -> Result<&[u8], TrainError> {
+        let render = || Ok(self.simulation.picture(self.frames[at])?.to_u8(Rounding::Nearest)?.into_samples());
+        kept(&self.pictures[at], render).map(Vec::as_slice)
+    }
+
+    /// Distances of an offered frame's patches of so many pixels a side.
+    fn distances(&self, at: usize, patch: usize) -> Result<&[f32], TrainError> {
+        let measure = || {
+            let geometry = self.simulation.geometry(self.frames[at])?;
+            Ok(distances::of_view(&self.cameras[at], geometry.size, &geometry.depth, patch))
+        };
+        kept(&self.distances[at], measure).map(Vec::as_slice)
+    }
+}
+
+/// What a slot keeps, made when it is empty.
+fn kept<T>(slot: &OnceLock<T>, make: impl FnOnce() -> Result<T, TrainError>) -> Result<&T, TrainError> {
+    if let Some(known) = slot.get() {
+        return Ok(known);
+    }
+    // Another thread may make the same meanwhile.
+    let made = make()?;
+    Ok(slot.get_or_init(|| made))
 }
 
 impl RoomsSource {
@@ -115,24 +145,34 @@ impl RoomsSource {
         if let Some(cached) = self.with_cache(|cache| cache.clips.get(&number).cloned()) {
             return Ok(cached);
         }
-        let clip = Arc::new(self.render_clip(number)?);
-        self.with_cache(|cache| {
-            if cache.clips.insert(number, Arc::clone(&clip)).is_none() {
-                cache.order.push_back(number);
-                cache.bytes += clip.bytes();
+        let clip = Arc::new(Clip::new(self.simulate(number)?, self.config.stride.get())?);
+        Ok(self.with_cache(|cache| {
+            // Another thread may have simulated it meanwhile, and rendered frames.
+            if let Some(other) = cache.clips.get(&number) {
+                return Arc::clone(other);
             }
+            cache.clips.insert(number, Arc::clone(&clip));
+            cache.order.push_back(number);
+            cache.bytes += self.bytes(&clip);
             while cache.bytes > self.config.cache_mib << 20
                 && let Some(oldest) = cache.order.pop_front()
             {
                 #[expect(clippy::expect_used, reason = "both are filled together, above")]
                 let clip = cache.clips.remove(&oldest).expect("the order lists clips that are kept");
-                cache.bytes -= clip.bytes();
+                cache.bytes -= self.bytes(&clip);
             }
-        });
-        Ok(clip)
+            clip
+        }))
     }
 
-    fn render_clip(&self, number: u32) -> Result<Clip, TrainError> {
+    /// Memory of a clip with all of its frames.
+    fn bytes(&self, clip: &Clip) -> usize {
+        let pixels = self.config.size.width * self.config.size.height;
+        let patches = self.patch.map_or(0, |patch| pixels / (patch * patch));
+        clip.frames.len() * (3 * pixels + patches * size_of::<f32>())
+    }
+
+    fn simulate(&self, number: u32) -> Result<Simulation, TrainError> {
         let mut request = Request::new(self.config.scenes_of, SceneSeed { split: self.config.split, number });
         request.size = pixel_size(self.config.size);
         request.samples = self.config.samples;
@@ -143,17 +183,7 @@ impl RoomsSource {
             request.effects = EffectChoice::Only(others);
             simulation = Simulation::new(request)?;
         }
-        let frames = || (0..simulation.shots().len()).step_by(self.config.stride.get());
-        let cameras = frames().map(|frame| simulation.camera(frame)).collect::<Result<Vec<_>, _>>()?;
-        let picture = |frame| Ok::<_, TrainError>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?.into_samples());
-        let pictures = frames().collect::<Vec<_>>().into_par_iter().map(picture).collect::<Result<_, _>>()?;
-        let distances = |(frame, camera): (usize, &Camera)| {
-            let patch = self.patch?;
-            let geometry = simulation.geometry(frame);
-            Some(geometry.map(|geometry| distances::of_view(camera, geometry.size, &geometry.depth, patch)))
-        };
-        let distances = frames().zip(&cameras).filter_map(distances).collect::<Result<_, _>>()?;
-        Ok(Clip { cameras, pictures, distances })
+        Ok(simulation)
     }
 
     /// A sample of one scene by one draw of frames, or why there is none.
@@ -170,30 +200,38 @@ impl RoomsSource {
         };
         let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
         let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
-        let sample = cameras.map(|NormalisedCameras { context, targets, scale }| Sample {
+        let NormalisedCameras { context, targets, scale } = match cameras {
+            Ok(cameras) => cameras,
+            Err(error) => return Ok(Err(format!("{key}: {error}"))),
+        };
+        let needed: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
+        needed.into_par_iter().try_for_each(|frame| clip.picture(frame).map(drop))?;
+        Ok(Ok(Sample {
             name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
-            context: self.posed(&clip, &entry.context, context),
-            targets: self.posed(&clip, &entry.target, targets),
-            distances: self.patch.map(|patch| {
-                let frames = entry.context.iter().flat_map(|frame| &clip.distances[*frame]);
-                let columns = self.config.size.width / patch;
-                PatchDistances { columns, distances: frames.copied().collect() }.scaled(scale)
-            }),
-        });
-        Ok(sample.map_err(|error| format!("{key}: {error}")))
+            context: self.posed(&clip, &entry.context, context)?,
+            targets: self.posed(&clip, &entry.target, targets)?,
+            distances: self.patch.map(|patch| self.distances(&clip, &entry.context, patch, scale)).transpose()?,
+        }))
     }
 
     fn with_cache<T>(&self, work: impl FnOnce(&mut Cache) -> T) -> T {
         work(&mut self.cache.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> PosedPictures {
-        let bytes = frames.iter().flat_map(|frame| &clip.pictures[*frame]);
-        PosedPictures {
-            size: self.config.size,
-            pictures: bytes.map(|byte| f32::from(*byte) / 255.0).collect(),
-            cameras,
+    /// Distances of some frames' patches in the frame of a sample.
+    fn distances(&self, clip: &Clip, frames: &[usize], patch: usize, scale: f64) -> Result<PatchDistances, TrainError> {
+        let frames = frames.iter().map(|frame| clip.distances(*frame, patch)).collect::<Result<Vec<_>, _>>()?;
+        let columns = self.config.size.width / patch;
+        Ok(PatchDistances { columns, distances: frames.concat() }.scaled(scale))
+    }
+
+    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> Result<PosedPictures, TrainError> {
+        let size = self.config.size;
+        let mut pictures = Vec::with_capacity(frames.len() * 3 * size.width * size.height);
+        for frame in frames {
+            pictures.extend(clip.picture(*frame)?.iter().map(|byte| f32::from(*byte) / 255.0));
         }
+        Ok(PosedPictures { size, pictures, cameras })
     }
 }
 

@@ -127,6 +127,39 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     }
 }
 
+/// Each trial of the recipe differs from the plain run in one part, and the last one has them all.
+#[test]
+fn trials_of_the_recipe_add_one_part_each() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments/recipe");
+    let read = |name: &str| {
+        let config = TrainConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
+        TrainConfig { title: String::new(), ..config }
+    };
+    let gaps = |config: &TrainConfig| match &config.data[0].source {
+        SourceConfig::Rooms(rooms) => rooms.views.gaps,
+        SourceConfig::Dataset(_) => panic!("exact distances are those of simulated scenes"),
+    };
+    let (plain, all) = (read("plain"), read("all"));
+    let parts: [(&str, fn(&mut TrainConfig, &TrainConfig)); 5] = [
+        ("average", |config, all| config.average = all.average),
+        ("flips", |config, all| config.flips = all.flips),
+        ("curriculum", |config, all| config.data.clone_from(&all.data)),
+        ("distances", |config, all| config.losses.distance_weight = all.losses.distance_weight),
+        ("late-d-ssim", |config, all| config.losses.late_perceptual_weight = all.losses.late_perceptual_weight),
+    ];
+    let mut together = plain.clone();
+    for (name, add) in parts {
+        let mut expected = plain.clone();
+        add(&mut expected, &all);
+        assert_ne!(expected, plain, "{name}");
+        assert_eq!(read(name), expected, "{name}");
+        add(&mut together, &all);
+    }
+    assert_eq!(together, all);
+    assert_eq!((gaps(&plain).warm_up_steps, gaps(&plain).max, gaps(&all).max), (0, 27, 27));
+    assert!(gaps(&all).initial_max < gaps(&all).max);
+}
+
 #[test]
 fn errors_of_a_configuration_name_file_and_field() {
     let folder = tempdir().unwrap();
