@@ -29,14 +29,39 @@ pub(super) fn multiply(out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, wri
 
 /// The f32 product of the rounded inputs.
 fn multiply_rounded(out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
-    let rounded = |matrix: Matrix<'_>| -> Vec<f32> {
-        let row = |row| (0..matrix.columns).map(move |column| round(matrix.at(row, column)));
-        (0..matrix.rows).flat_map(row).collect()
-    };
     let [a, b] = [left, right].map(rounded);
-    let a = Matrix::new(&a, left.rows, left.columns, left.columns);
-    let b = Matrix::new(&b, right.rows, right.columns, right.columns);
-    multiply_f32(out, a, b, write, threads);
+    multiply_f32(out, a.matrix(left), b.matrix(right), write, threads);
+}
+
+/// A rounded copy of a matrix, whose rows or columns stay adjacent.
+struct Rounded {
+    data: Vec<f32>,
+    by_rows: bool,
+}
+
+fn rounded(matrix: Matrix<'_>) -> Rounded {
+    let by_rows = matrix.strides[1] == 1;
+    let lines = if by_rows { matrix } else { matrix.transposed() };
+    let mut data = Vec::with_capacity(lines.rows * lines.columns);
+    for row in 0..lines.rows {
+        let start = row * lines.strides[0];
+        if lines.strides[1] == 1 {
+            data.extend(lines.data[start..start + lines.columns].iter().map(|value| round(*value)));
+        } else {
+            data.extend((0..lines.columns).map(|column| round(lines.at(row, column))));
+        }
+    }
+    Rounded { data, by_rows }
+}
+
+impl Rounded {
+    fn matrix(&self, of: Matrix<'_>) -> Matrix<'_> {
+        if self.by_rows {
+            Matrix::new(&self.data, of.rows, of.columns, of.columns)
+        } else {
+            Matrix::new(&self.data, of.columns, of.rows, of.rows).transposed()
+        }
+    }
 }
 
 /// The nearest bfloat16, of two equally near ones that with an even mantissa; NaN stays NaN.
