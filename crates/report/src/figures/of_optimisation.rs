@@ -1,6 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
 use atsplat_eval::timing::times;
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow};
 
@@ -18,7 +18,8 @@ const REFINEMENT: &str = "atsplat+refine";
 const NETWORK: &str = "atsplat";
 
 /// The section that a report starts with: accuracy against the seconds of optimisation, a plot for each protocol of a store under
-/// which trials were optimised with at least two budgets, with a panel for each number of context views. `None` without a plot.
+/// which trials were optimised with at least two budgets, with a panel for each number of context views, or for each bin of overlap that
+/// the protocol has. `None` without a plot.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
@@ -54,9 +55,17 @@ fn of_optimisation(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, Rep
     Ok(plots.into_iter().collect())
 }
 
+/// Which panel a point belongs to, in the panels' order.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Panel {
+    Views(usize),
+    /// Position and name of a bin of overlap.
+    Overlap(usize, String),
+}
+
 /// A method's point and where it belongs.
 struct Placed<'a> {
-    views: usize,
+    panel: Panel,
     method: &'a MethodRecord,
     point: OptimisationPoint,
     scenes: u64,
@@ -73,7 +82,8 @@ impl<'a> Placed<'a> {
 fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<OptimisationCurves>, ReportError> {
     let Some(first) = presets.first() else { return Ok(None) };
     let Some(metric) = first_metric(results, &first.name) else { return Ok(None) };
-    let aggregation = first.protocol()?.aggregation;
+    let protocol = first.protocol()?;
+    let (aggregation, bins) = (protocol.aggregation, protocol.overlap_bins);
     let is_optimised = |kind: &str| OPTIMISED.iter().any(|(own, _)| *own == kind);
     let (mut placed, mut untimed, mut busy) = (Vec::new(), Vec::new(), false);
     let (mut machines, mut devices) = (BTreeSet::new(), BTreeSet::new());
@@ -90,8 +100,16 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
             leaked: Leaked::Included,
             identical: Identical::Excluded,
         };
-        let found = summary(results, &query, aggregation);
-        let Some(value) = found.mean else { continue };
+        let found: Vec<(Panel, Summary)> = match &bins {
+            Some(bins) => {
+                let binned = by_overlap(results, &query, bins).bins.into_iter().enumerate();
+                binned.map(|(at, (name, summary))| (Panel::Overlap(at, name), summary)).collect()
+            }
+            None => vec![(Panel::Views(first.context.len()), summary(results, &query, aggregation))],
+        };
+        if found.iter().all(|(_, summary)| summary.mean.is_none()) {
+            continue;
+        }
         let timed = times(results, &preset.name, &method.name).and_then(|times| {
             let first_picture = times.first_picture.ok_or("neither encoding nor rendering was timed")?;
             Ok((times, first_picture))
@@ -106,20 +124,29 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
         busy |= times.busy;
         machines.insert(times.machine);
         devices.extend(times.device);
-        let psnrs: Vec<f64> = trials.iter().filter_map(|trial| trial.context_psnr).collect();
-        placed.push(Placed {
-            views: first.context.len(),
-            method,
-            scenes: found.scenes,
-            point: OptimisationPoint {
-                secs: first_picture.median,
-                held_out: Estimate { value, interval: found.interval },
-                context: (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64),
-            },
-        });
+        for (panel, found) in found {
+            let Some(value) = found.mean else { continue };
+            let is_in_panel = |trial: &&&TrialRow| match (&panel, &bins) {
+                (Panel::Overlap(_, name), Some(bins)) => {
+                    trial.overlap.and_then(|overlap| bins.name_of(overlap)) == Some(name)
+                }
+                _ => true,
+            };
+            let psnrs: Vec<f64> = trials.iter().filter(is_in_panel).filter_map(|trial| trial.context_psnr).collect();
+            placed.push(Placed {
+                panel,
+                method,
+                scenes: found.scenes,
+                point: OptimisationPoint {
+                    secs: first_picture.median,
+                    held_out: Estimate { value, interval: found.interval },
+                    context: (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64),
+                },
+            });
+        }
     }
-    let views: BTreeSet<usize> = placed.iter().map(|own| own.views).collect();
-    let panels: Vec<OptimisationPanel> = views.iter().filter_map(|&views| panel(&placed, views)).collect();
+    let panels: BTreeSet<&Panel> = placed.iter().map(|own| &own.panel).collect();
+    let panels: Vec<OptimisationPanel> = panels.into_iter().filter_map(|panel| drawn(&placed, panel)).collect();
     if panels.is_empty() {
         return Ok(None);
     }
@@ -146,9 +173,9 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     }))
 }
 
-/// The curves for one number of context views; `None` without a curve of two points.
-fn panel(placed: &[Placed<'_>], views: usize) -> Option<OptimisationPanel> {
-    let own = || placed.iter().filter(|own| own.views == views);
+/// The curves of one panel; `None` without a curve of two points.
+fn drawn(placed: &[Placed<'_>], panel: &Panel) -> Option<OptimisationPanel> {
+    let own = || placed.iter().filter(|own| own.panel == *panel);
     let mut curves = Vec::new();
     for (kind, label) in OPTIMISED {
         let of_kind = || own().filter(|own| own.method.kind == kind);
@@ -164,14 +191,19 @@ fn panel(placed: &[Placed<'_>], views: usize) -> Option<OptimisationPanel> {
     }
     let is_curve = curves.iter().any(|(_, points)| points.len() > 1);
     let scenes = own().map(|own| own.scenes).max()?;
-    let name = format!("{} · {}", counted(views as u64, "view"), counted(scenes, "scene"));
+    let name = match panel {
+        Panel::Views(views) => counted(*views as u64, "view"),
+        Panel::Overlap(_, name) => format!("{name} overlap"),
+    };
+    let name = format!("{name} · {}", counted(scenes, "scene"));
     is_curve.then_some(OptimisationPanel { name, curves })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{atsplat, floor, preset, results, results_over};
+    use atsplat_eval::TrialKey;
 
     /// Two budgets of refinement and one of 3DGS with two views, by times of a stated order.
     #[test]
@@ -214,13 +246,11 @@ mod tests {
 
         own.timings.retain(|timing| timing.key.method != "refined 100");
         let note = curves(&own).unwrap().note;
-        assert!(note.contains("Without a time, so without a point: ") && note.contains("95 % intervals"), "{note}");
-        let mut one = own.clone();
-        let scene = own.trials[0].key.scene.clone();
-        one.trials.retain(|trial| trial.key.scene == scene);
-        one.targets.retain(|target| target.key.scene == scene);
-        let note = curves(&one).unwrap().note;
-        assert!(!note.contains("interval"), "one scene has no interval: {note}");
+        assert!(note.contains("Without a time, so without a point: ") && !note.contains("interval"), "{note}");
+        let mut many = results_over(vec![preset("re10k-2v-256")], methods(), 8);
+        many.timings.iter_mut().for_each(|timing| timing.encode = vec![0.5; 5]);
+        let note = curves(&many).unwrap().note;
+        assert!(note.contains("95 % intervals"), "{note}");
         let alone = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
         assert!(curves(&alone).is_none());
         // The same protocol with three views, on an index of its own.
@@ -250,6 +280,19 @@ mod tests {
         both.timings.extend(more.timings);
         let panels: Vec<String> = curves(&both).unwrap().panels.into_iter().map(|panel| panel.name).collect();
         assert_eq!(panels, ["2 views · 4 scenes", "3 views · 4 scenes"]);
+        let mut overlap = results(vec![preset("re10k-overlap")], methods()[..4].to_vec());
+        for (at, trial) in overlap.trials.iter_mut().enumerate() {
+            trial.overlap = Some(if at % 2 == 0 { 0.2 } else { 0.7 });
+            trial.context_psnr = Some(if at % 2 == 0 { 20.0 } else { 40.0 });
+        }
+        let of_trial = |key: &TrialKey| overlap.trials.iter().find(|trial| trial.key == *key).unwrap().overlap;
+        let overlaps: Vec<_> = overlap.targets.iter().map(|target| of_trial(&target.key)).collect();
+        overlap.targets.iter_mut().zip(overlaps).for_each(|(target, overlap)| target.overlap = overlap);
+        overlap.timings.iter_mut().enumerate().for_each(|(at, timing)| timing.encode = vec![0.1 + at as f64; 5]);
+        let panels = curves(&overlap).unwrap().panels;
+        let shown: Vec<(&str, Option<f64>)> =
+            panels.iter().map(|panel| (panel.name.as_str(), panel.curves[0].1[1].context)).collect();
+        assert_eq!(shown, [("small overlap · 2 scenes", Some(20.0)), ("large overlap · 2 scenes", Some(40.0))]);
         let source = |label| Source { label, results: &own };
         let names = of_optimisation(&[source("a"), source("b")]).unwrap();
         let names: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
