@@ -10,6 +10,9 @@ pub enum CameraError {
     /// A focal length or a size is zero or negative.
     #[error("{field}: expected a positive number, found {found}")]
     NotPositive { field: &'static str, found: f64 },
+    /// Text that is not the size of an image.
+    #[error("expected WIDTHxHEIGHT of 1 to {} pixels, found {found:?}", crate::ImageSize::MAX_SIDE)]
+    InvalidSize { found: String },
     /// The 3×3 part of a pose is not a rotation, not even roughly.
     #[error(
         "rotation: expected orthonormal rows and determinant 1, found determinant {determinant} and a residual of {residual}"

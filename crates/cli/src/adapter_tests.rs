@@ -1,6 +1,5 @@
 //! Reports the progress of adapter tests and caches their verdicts.
 
-use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -25,7 +24,7 @@ pub(crate) struct AdapterTests {
 impl AdapterTests {
     /// Uses the verdicts in the user's cache folder, unless `again` is set.
     pub(crate) fn new(again: bool) -> Self {
-        let cache = cache_folder().map(|folder| VerdictCache::new(folder.join("adapters.json")));
+        let cache = atsplat_files::cache_folder().map(|folder| VerdictCache::new(folder.join("adapters.json")));
         let tests = Self { cache, use_cache: !again, ticker: Mutex::default() };
         tests.report("looking for graphics adapters".to_owned());
         tests
@@ -70,19 +69,6 @@ impl Watcher for AdapterTests {
             warn(&format!("warning: the test of {} was not cached: writing {file}: {error}", key.adapter));
         }
     }
-}
-
-/// `atsplat` in the user's cache folder; `None` if the environment does not name one.
-fn cache_folder() -> Option<PathBuf> {
-    let folder_in = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let folder = if cfg!(target_os = "windows") {
-        folder_in("LOCALAPPDATA")
-    } else if cfg!(target_os = "macos") {
-        folder_in("HOME").map(|home| home.join("Library/Caches"))
-    } else {
-        folder_in("XDG_CACHE_HOME").or_else(|| folder_in("HOME").map(|home| home.join(".cache")))
-    };
-    Some(folder?.join("atsplat"))
 }
 
 /// Shows an activity until dropped: a spinner on a terminal, a line every [`LOG_INTERVAL`] elsewhere.

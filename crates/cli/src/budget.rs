@@ -6,9 +6,8 @@ use atsplat_eval::budget::{BudgetCase, BudgetMeasurer, BudgetReport, BudgetRow, 
 use atsplat_model::ModelConfig;
 use atsplat_model::network::Processor;
 
-use crate::model_args::{ChangeArgs, model, model_size};
+use crate::model_args::{ChangeArgs, model};
 use crate::output::{print_report, warn};
-use crate::parse;
 use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
@@ -23,7 +22,7 @@ pub(crate) struct Args {
 
     /// Image size; by default that of the configuration. Width comes first, as in every command; the papers write 448x256
     /// as 256x448.
-    #[arg(long, value_name = "WxH", requires = "model", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH", requires = "model")]
     size: Option<CameraSize>,
 
     #[command(flatten)]
@@ -85,7 +84,7 @@ impl Args {
         };
         let config = self.changes.applied(&ModelConfig::resolve(name)?)?;
         let views = self.views.map_or(config.views, usize::from);
-        let size = self.size.map_or(config.resolution, model_size);
+        let size = self.size.map_or(config.resolution, Into::into);
         let hash = config.hash()?;
         let is_this = |row: &PublishedBudget| -> anyhow::Result<bool> {
             Ok((row.views, row.size) == (views, size) && ModelConfig::named(row.model)?.hash()? == hash)

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use atsplat_eval::EvalError;
 use atsplat_eval::trained::TrainedNetwork;
 use atsplat_model::weights::{TensorError, TensorFile};
 use atsplat_scene::SharedBytes;
@@ -19,13 +19,19 @@ pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
 }
 
 /// The weights in a file, by default the embedded ones, as network of a reproduction.
-pub(crate) fn trained(path: Option<&Path>) -> anyhow::Result<TrainedNetwork> {
+pub(crate) fn trained(path: Option<&Path>) -> Result<TrainedNetwork, EvalError> {
     let Some(path) = path else {
-        let file = embedded(MICRO_ROOMS).with_context(|| format!("no weights {MICRO_ROOMS} are embedded"))??;
-        return Ok(TrainedNetwork::new(&file, format!("{MICRO_ROOMS}, embedded in the binary"))?);
+        #[expect(clippy::expect_used, reason = "the weights are among FILES")]
+        let file = embedded(MICRO_ROOMS).expect("embedded weights")?;
+        return TrainedNetwork::new(&file, format!("{MICRO_ROOMS}, embedded in the binary"));
     };
     let expected = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
-    Ok(TrainedNetwork::new(&find(path, expected)?, path.display().to_string())?)
+    TrainedNetwork::new(&find(path, expected)?, path.display().to_string())
+}
+
+/// As [`trained`], of a file or the name of the embedded weights.
+pub(crate) fn named_or_read(path: &Path) -> Result<TrainedNetwork, EvalError> {
+    trained(Some(path).filter(|path| *path != Path::new(MICRO_ROOMS) || path.exists()))
 }
 
 /// As [`TensorFile::find`], but the name of embedded weights stands for them unless a file has that name.

@@ -1,19 +1,11 @@
-//! `atsplat expansion`: Adaptive Token Expansion over a protocol; and data of its plots in one trial.
+//! `atsplat expansion`: Adaptive Token Expansion over a protocol.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::expansion::{ExpansionReport, Subject, seen_by, study, survey};
-use atsplat_eval::live::LiveScene;
-use atsplat_eval::method::constants_of;
-use atsplat_eval::runner::{Dataset, Selection};
-use atsplat_model::network::Network;
-use atsplat_protocol::EvaluationIndex;
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
-use atsplat_report::figures::{ExpansionScene, ExpansionTarget};
+use atsplat_eval::expansion::{ExpansionReport, survey};
+use atsplat_eval::runner::Selection;
 use atsplat_scene::Warnings;
-use atsplat_splat::{RenderOptions, View};
 
 use crate::embedded;
 use crate::model_args::ChangeArgs;
@@ -57,13 +49,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let remote = args.protocols.remote()?;
     for dataset in args.protocols.open(remote.as_ref(), &mut warnings)? {
         let index = Selection { limit: args.limit, shard: None }.index_of(&dataset);
-        let trials = trials(&dataset, &index);
+        let trials = dataset.trials(&index);
         let progress = Progress::new("trials", trials.size_hint().0);
         let mut surveys = Vec::new();
         for outcome in trials {
             match outcome {
                 Ok((trial, truths)) => {
-                    let surveyed = survey(&network, (&trial, &truths), render_options(&dataset, &trial), 0);
+                    let surveyed = survey(&network, (&trial, &truths), dataset.render_options(&trial), 0);
                     surveys.push(surveyed.with_context(|| format!("scene {}", trial.scene()))?);
                 }
                 Err(skipped) => {
@@ -82,68 +74,4 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_warnings(&warnings);
     Ok(complete)
-}
-
-/// The trials of an index, decoded when needed.
-pub(crate) fn trials(dataset: &Dataset, index: &EvaluationIndex) -> Trials {
-    let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    Trials::new(Arc::clone(&dataset.source), index, TrialRecipe::of(&dataset.preset, "ATSplat"), no_prefetch)
-}
-
-/// How a protocol renders a trial.
-pub(crate) fn render_options(dataset: &Dataset, trial: &Trial) -> RenderOptions {
-    let renderer = &dataset.preset.renderer;
-    RenderOptions {
-        constants: constants_of(renderer, trial.near_far()),
-        background: renderer.background,
-        ..RenderOptions::default()
-    }
-}
-
-/// Studies a trial under a network: the token families seen in the first context view, and at most `max_targets` targets; and its
-/// Gaussians for a live view.
-pub(crate) fn study_trial(
-    network: &Network,
-    (trial, truths): (&Trial, &TargetPictures),
-    options: RenderOptions,
-    call_seed: u64,
-    max_targets: usize,
-) -> anyhow::Result<(ExpansionScene, LiveScene)> {
-    let positions = spread_inside(trial.targets().len(), max_targets);
-    let subject = Subject::of(trial, truths, &positions, options, call_seed)?;
-    let studied = study(network, &subject)?;
-    let live = LiveScene::of(&studied.trace, trial, &subject.options);
-    let first = trial.context().first().context("the trial has no context view")?;
-    let view = View { camera: first.camera, size: first.size };
-    let targets = subject.targets.into_iter().zip(studied.targets);
-    let targets = targets.map(|(target, study)| ExpansionTarget { frame: target.frame, truth: target.truth, study });
-    let scene = ExpansionScene {
-        label: trial.scene().to_owned(),
-        frame: first.frame,
-        picture: first.picture()?,
-        families: seen_by(&studied.families, &view)?,
-        expanded: studied.families.len(),
-        targets: targets.collect(),
-    };
-    Ok((scene, live))
-}
-
-/// At most `max` positions, spread evenly with a margin at both ends: a single position is the middle one.
-fn spread_inside(all: usize, max: usize) -> Vec<usize> {
-    let count = max.min(all);
-    let step = |at: usize| (2 * at + 1) * all / (2 * count);
-    (0..count).map(step).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn targets_are_spread_around_the_middle() {
-        assert_eq!(spread_inside(5, 1), [2]);
-        assert_eq!(spread_inside(8, 2), [2, 6]);
-        assert_eq!(spread_inside(3, 9), [0, 1, 2]);
-        assert_eq!((spread_inside(0, 2), spread_inside(2, 0)), (vec![], vec![]));
-    }
 }

@@ -26,7 +26,6 @@ mod render;
 mod report;
 mod reproduce;
 mod run;
-mod selection;
 mod shell;
 mod stress;
 mod tradeoff;

@@ -2,7 +2,7 @@
 
 use anyhow::Context as _;
 use atsplat_model::config::SelectionRatio;
-use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_model::{ModelConfig, ModelError};
 
 use crate::parse::{name_or_path, not_negative};
 
@@ -43,11 +43,6 @@ impl ChangeArgs {
     pub(crate) const fn is_empty(&self) -> bool {
         self.thresholds.is_empty() && self.ratios.is_empty() && self.expand_first.is_none()
     }
-}
-
-/// The same size in the order of the model: height, then width.
-pub(crate) fn model_size(size: atsplat_camera::ImageSize) -> ImageSize {
-    ImageSize::new(size.height as usize, size.width as usize)
 }
 
 /// Parses the name or path of a configuration.

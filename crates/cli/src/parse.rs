@@ -4,8 +4,6 @@ use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
-use atsplat_camera::ImageSize;
-use atsplat_fit::Budget;
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
 use atsplat_splat::RendererConstants;
@@ -15,8 +13,6 @@ use glam::DVec3;
 
 /// Most frames that one call renders.
 const MAX_FRAMES: usize = 1_000_000;
-/// Longest side of an image that the CPU renderer accepts, in pixels.
-const MAX_SIDE: u32 = u16::MAX as u32;
 
 /// A direction along one of the world's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,15 +37,6 @@ impl FromStr for Axis {
         };
         Ok(Self(axis * sign))
     }
-}
-
-/// `WxH` in pixels.
-pub(crate) fn size(text: &str) -> Result<ImageSize, String> {
-    let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_SIDE).contains(side));
-    let sides = text.split_once(['x', '×']).and_then(|(width, height)| Some((side(width)?, side(height)?)));
-    let (width, height) =
-        sides.ok_or_else(|| format!("expected WIDTHxHEIGHT of 1 to {MAX_SIDE} pixels, found {text:?}"))?;
-    Ok(ImageSize { width, height })
 }
 
 /// A number of frames.
@@ -98,15 +85,6 @@ pub(crate) fn background(text: &str) -> Result<[f64; 3], String> {
     let channels: Option<Vec<f64>> = text.split(',').map(channel).collect();
     let rgb = channels.and_then(|channels| channels.try_into().ok());
     rgb.ok_or_else(|| format!("expected black, white or R,G,B from 0 to 1, found {text:?}"))
-}
-
-/// A budget of an optimisation: `3000` steps, or `10s`.
-pub(crate) fn budget(text: &str) -> Result<Budget, String> {
-    let budget = match text.strip_suffix('s') {
-        Some(seconds) => within(seconds, "", |number| number > 0.0).ok().map(Budget::Seconds),
-        None => text.parse().ok().filter(|steps| *steps > 0).map(Budget::Steps),
-    };
-    budget.ok_or_else(|| format!("expected a number of steps or of seconds, as 3000 or 10s, found {text:?}"))
 }
 
 /// The name or path of a preset of renderer constants.
@@ -224,11 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parses_sizes_and_axes() {
-        assert_eq!(size("640x360"), Ok(ImageSize { width: 640, height: 360 }));
-        for broken in ["640", "0x3", "3x0", "x", "1x2x3", "65536x1", "-1x4"] {
-            assert!(size(broken).is_err(), "{broken:?}");
-        }
+    fn parses_axes() {
         assert_eq!("-y".parse(), Ok(Axis(-DVec3::Y)));
         assert_eq!("+z".parse(), Ok(Axis(DVec3::Z)));
         assert!("up".parse::<Axis>().is_err() && "--y".parse::<Axis>().is_err());

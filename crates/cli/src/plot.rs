@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use atsplat_report::plot::PlotFormat;
+use atsplat_report::plot::{Drawing, PlotFormat};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
 use crate::output::PendingFile;
@@ -55,6 +55,15 @@ impl PendingPlot {
     ) -> anyhow::Result<()> {
         self.file.finish(&encode(self.format)?)
     }
+}
+
+/// Writes a plot as `NAME.svg` and `NAME.png`, and returns these names.
+pub(crate) fn write_both(folder: &Path, name: &str, drawing: &Drawing) -> anyhow::Result<[String; 2]> {
+    let files = [PlotFormat::Svg, PlotFormat::Png].map(|format| (format!("{name}.{}", format.extension()), format));
+    for (file, format) in &files {
+        PendingFile::open(&folder.join(file))?.finish(&drawing.encode(*format)?)?;
+    }
+    Ok(files.map(|(file, _)| file))
 }
 
 #[cfg(test)]

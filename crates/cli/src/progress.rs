@@ -1,6 +1,6 @@
 use std::io::{IsTerminal as _, stderr};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -53,6 +53,48 @@ impl Progress {
 }
 
 impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Progress of steps on standard error: a bar on a terminal, a line every [`Self::INTERVAL`] elsewhere.
+#[derive(Debug)]
+pub(crate) struct StepProgress {
+    bar: ProgressBar,
+    plain: bool,
+    last_line: Instant,
+}
+
+impl StepProgress {
+    const INTERVAL: Duration = Duration::from_secs(30);
+
+    pub(crate) fn new(steps: u64, done: u64) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr());
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos}/{len} {msg}") {
+            bar.set_style(style);
+        }
+        bar.set_position(done);
+        Self { bar, plain: !stderr().is_terminal(), last_line: Instant::now() }
+    }
+
+    /// Shows how many steps are done, and a line about the last one.
+    pub(crate) fn reach(&mut self, done: u64, steps: u64, line: String) {
+        self.bar.set_length(steps);
+        self.bar.set_position(done);
+        if self.plain && self.last_line.elapsed() >= Self::INTERVAL {
+            self.last_line = Instant::now();
+            warn(&format!("step {done}/{steps} {line}"));
+        }
+        self.bar.set_message(line);
+    }
+
+    pub(crate) fn print(&self, text: &str) {
+        if self.plain { warn(text) } else { self.bar.println(text) }
+    }
+}
+
+impl Drop for StepProgress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
     }

@@ -26,6 +26,7 @@ mod run_report;
 pub mod runner;
 #[cfg(test)]
 mod sample_rows;
+mod shard;
 pub mod sources;
 pub mod statistics;
 pub mod store;
@@ -40,8 +41,9 @@ pub use device::ComputeDevice;
 pub use error::EvalError;
 pub use file_name::file_name;
 pub use rows::{
-    AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry,
-    TargetRow, TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
+    AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow,
+    TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
 pub use run_report::RunReport;
+pub use shard::{InvalidShard, Shard};
 pub use store::Store;

@@ -3,12 +3,9 @@
 //! The paper's thresholds are values of its own networks' uncertainty. A network at another scale has other scores, and all of
 //! the paper's thresholds may expand the same tokens; the same quantiles of its own scores give budgets that differ.
 
-use std::sync::Arc;
-
 use atsplat_model::network::Network;
 use atsplat_numeric::quantile;
 use atsplat_protocol::EvaluationIndex;
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
 
 use crate::EvalError;
 use crate::context::trial_seed;
@@ -33,10 +30,8 @@ pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, Eva
         Some((key.clone(), vec![entries.first().filter(|_| present)?.clone()]))
     });
     let index = EvaluationIndex { scenes: first.take(TRIALS).collect() };
-    let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    let trials = Trials::new(Arc::clone(&dataset.source), &index, TrialRecipe::of(&dataset.preset, "ATSplat"), ahead);
     let mut blocks: Vec<Vec<f64>> = Vec::new();
-    for (trial, _) in trials.flatten() {
+    for (trial, _) in dataset.trials(&index).flatten() {
         let settings = |error: crate::expansion::ExpansionError| EvalError::Settings {
             what: "thresholds by quantile",
             expected: format!("context pictures of {}", trial.scene()),

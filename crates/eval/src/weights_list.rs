@@ -222,7 +222,12 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_list_names_its_path() {
+    fn errors_name_the_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let list = folder.path().join("weights.toml");
+        std::fs::write(&list, "[[weights]]\nfile = 'a'\ntable = 're20k'\n").unwrap();
+        let error = WeightsList::read(&list, &BTreeMap::new(), &[]).unwrap_err().to_string();
+        assert!(error.contains("weights entry 1, table: expected one of") && error.contains("weights.toml"), "{error}");
         let error = WeightsList::read(Path::new("no/list.toml"), &BTreeMap::new(), &[]).unwrap_err().to_string();
         assert!(error.contains("reading a list of weights") && error.contains("no/list.toml"), "{error}");
     }

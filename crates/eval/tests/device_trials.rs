@@ -10,7 +10,7 @@ use atsplat_camera::Camera;
 use atsplat_eval::sources::simulated;
 use atsplat_model::weights::{DType, StoredTensor, StoredTensors, TensorFile};
 use atsplat_numeric::Tolerance;
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{IndexFile, Preset};
 use atsplat_scene::SharedBytes;
 
@@ -21,8 +21,7 @@ fn first_trial(preset: &str) -> (Trial, Vec<u8>) {
     index.scenes.truncate(1);
     index.scenes[0].truncate(1);
     let source = Arc::new(simulated(&preset, &index).unwrap().unwrap());
-    let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    let mut trials = Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), ahead);
+    let mut trials = Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), Prefetch::NONE);
     let (trial, targets) = trials.next().unwrap().unwrap();
     let context = trial.context().iter().map(|view| view.picture().unwrap());
     let samples = context.chain([targets.get(0).unwrap().unwrap()]).flat_map(|picture| picture.samples().to_vec());

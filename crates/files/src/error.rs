@@ -63,6 +63,23 @@ impl Malformed {
     }
 }
 
+/// Text, such as an argument, that is not a value of its type.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("expected {expected}, found {found:?}")]
+pub struct InvalidText {
+    /// What values look like.
+    pub expected: String,
+    /// The text.
+    pub found: String,
+}
+
+impl InvalidText {
+    /// The error for a text.
+    pub fn new(expected: impl Into<String>, found: &str) -> Self {
+        Self { expected: expected.into(), found: found.to_owned() }
+    }
+}
+
 struct InParentheses<'a>(Option<&'a Path>);
 
 impl Display for InParentheses<'_> {

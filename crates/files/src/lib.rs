@@ -5,12 +5,14 @@
 //! file or the new one, never a part, and processes that write the same file do not interfere.
 
 mod atomic;
+mod cache;
 mod digest;
 mod error;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
+pub use cache::cache_folder;
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
-pub use error::{FileError, Malformed, shortened};
+pub use error::{FileError, InvalidText, Malformed, shortened};
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {

@@ -1,5 +1,8 @@
+use std::fmt;
+use std::str::FromStr;
 use std::time::{Duration, Instant};
 
+use atsplat_files::InvalidText;
 use atsplat_splat::Gaussians;
 
 use crate::{Fit, FitConfig, FitDevice, FitError, StepRecord, TrainingView};
@@ -12,6 +15,30 @@ pub enum Budget {
     /// About this many seconds: a number of steps is planned by timing a few, and planned again as they become faster or slower;
     /// the run stops when the time is over.
     Seconds(f64),
+}
+
+impl fmt::Display for Budget {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Steps(steps) => steps.fmt(f),
+            Self::Seconds(seconds) => write!(f, "{seconds}s"),
+        }
+    }
+}
+
+impl FromStr for Budget {
+    type Err = InvalidText;
+
+    /// `3000` steps, or `10s`.
+    fn from_str(text: &str) -> Result<Self, InvalidText> {
+        let budget = match text.strip_suffix('s') {
+            Some(seconds) => {
+                seconds.parse().ok().filter(|secs: &f64| secs.is_finite() && *secs > 0.0).map(Self::Seconds)
+            }
+            None => text.parse().ok().filter(|steps| *steps > 0).map(Self::Steps),
+        };
+        budget.ok_or_else(|| InvalidText::new("a number of steps or of seconds, as 3000 or 10s", text))
+    }
 }
 
 /// When a run stops that has a number of seconds.
@@ -134,6 +161,15 @@ mod tests {
             steps = pace.replanned(step, elapsed).unwrap_or(steps);
         }
         (elapsed.as_secs_f64(), step)
+    }
+
+    #[test]
+    fn parses_steps_and_seconds() {
+        assert_eq!(("3000".parse(), "0.5s".parse()), (Ok(Budget::Steps(3000)), Ok(Budget::Seconds(0.5))));
+        assert_eq!([Budget::Steps(3000), Budget::Seconds(0.5)].map(|own| own.to_string()), ["3000", "0.5s"]);
+        for broken in ["", "0", "-1s", "0s", "infs", "NaNs", "ten", "1.5"] {
+            assert!(broken.parse::<Budget>().is_err(), "{broken:?}");
+        }
     }
 
     #[test]

@@ -19,6 +19,9 @@ pub enum Strategy {
 }
 
 impl Strategy {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Gaussians3d, Self::MipSplatting, Self::Mcmc, Self::Fixed];
+
     /// Its name in arguments and files.
     pub const fn name(self) -> &'static str {
         match self {

@@ -63,6 +63,17 @@ pub enum FitError {
     Splat(#[from] SplatError),
 }
 
+impl FitError {
+    /// Whether it is one of the graphics adapter, which may render nothing any more.
+    pub fn is_of_device(&self) -> bool {
+        match self {
+            Self::Stopped(diagnosis) => matches!(diagnosis.fault, Fault::Device(_)),
+            Self::Splat(error) => matches!(error, SplatError::Gpu(_)),
+            _ => false,
+        }
+    }
+}
+
 /// Why an optimisation stopped, and the state it stopped in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {

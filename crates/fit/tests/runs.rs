@@ -14,11 +14,9 @@ use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
 use common::{config, held_out, random, run, start, truth, view, views};
 use glam::{DMat3, DVec3};
 
-const STRATEGIES: [Strategy; 4] = [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc, Strategy::Fixed];
-
 #[test]
 fn every_strategy_learns_views_that_it_does_not_see() {
-    for strategy in STRATEGIES {
+    for strategy in Strategy::ALL {
         let mut fit = Fit::new(config(strategy, 400), views().0, &start(strategy, 300)).unwrap();
         let before = held_out(&mut fit);
         run(&mut fit, 400);
@@ -85,7 +83,7 @@ fn absolute_gradients_densify() {
 fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint");
-    for strategy in STRATEGIES {
+    for strategy in Strategy::ALL {
         let (views, start) = (views().0, start(strategy, 120));
         let config = FitConfig {
             background: Background::Random,

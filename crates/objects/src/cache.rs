@@ -6,7 +6,6 @@
 //! | `trees/<hash>/<name>/…` | what one list showed below a URL: links to blobs, and empty files for what was not fetched |
 //! | `stores/` | results that a process writes at present |
 
-use std::ffi::OsString;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -24,7 +23,8 @@ pub(crate) struct Cache {
 impl Cache {
     /// The cache in a folder; by default `atsplat/objects` in the user's folder for caches.
     pub(crate) fn new(folder: Option<&Path>) -> Result<Self, ObjectError> {
-        let folder = folder.map(Path::to_owned).or_else(|| default_folder(&|name| std::env::var_os(name)));
+        let folder =
+            folder.map(Path::to_owned).or_else(|| atsplat_files::cache_folder().map(|own| own.join("objects")));
         let none =
             || io::Error::new(io::ErrorKind::NotFound, "expected --cache DIR or the variable HOME, found neither");
         let folder =
@@ -58,12 +58,6 @@ fn identity(url: &str, Object { name, bytes, tag }: &Object) -> String {
     format!("{url}/{name}\n{bytes} {tag}\n")
 }
 
-fn default_folder(variable: &dyn Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    let path = |name| variable(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let caches = path("XDG_CACHE_HOME").or_else(|| path("LOCALAPPDATA")).or_else(|| Some(path("HOME")?.join(".cache")));
-    caches.map(|caches| caches.join("atsplat").join("objects"))
-}
-
 /// Puts a blob into a tree, in place of the empty file.
 pub(crate) fn link(blob: &Path, file: &Path) -> Result<(), ObjectError> {
     let linked = || -> io::Result<()> {
@@ -84,17 +78,6 @@ pub(crate) fn link(blob: &Path, file: &Path) -> Result<(), ObjectError> {
 #[cfg(test)]
 mod unit_tests {
     use super::*;
-
-    #[test]
-    fn the_default_folder_follows_the_environment() {
-        let of = |set: &[(&str, &str)]| {
-            let find = |name: &str| set.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value));
-            default_folder(&find).map(|path| path.to_string_lossy().into_owned())
-        };
-        assert_eq!(of(&[("HOME", "/h"), ("XDG_CACHE_HOME", "/c")]).as_deref(), Some("/c/atsplat/objects"));
-        assert_eq!(of(&[("HOME", "/h"), ("XDG_CACHE_HOME", "")]).as_deref(), Some("/h/.cache/atsplat/objects"));
-        assert_eq!(of(&[]), None);
-    }
 
     #[test]
     fn other_urls_sizes_and_tags_are_other_blobs() {

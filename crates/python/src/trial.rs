@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use atsplat_eval::runner::{Dataset, Selection, evaluate_trial};
 use atsplat_eval::{MethodRecord, TargetRow, TrialRow};
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::trial::{self, DecodeAhead, Prefetch, TargetPictures, TrialRecipe};
+use atsplat_protocol::trial::{self, Prefetch, TargetPictures, TrialRecipe};
 use atsplat_protocol::{EvaluationIndex, ProtocolError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -170,11 +170,7 @@ impl Trials {
             let entries = entries.ok_or_else(missing)?.iter().take(entry + 1).cloned().collect();
             index = EvaluationIndex { scenes: [(scene, entries)].into_iter().collect() };
         }
-        let prefetch = if ahead {
-            Prefetch::default()
-        } else {
-            Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 }
-        };
+        let prefetch = if ahead { Prefetch::default() } else { Prefetch::NONE };
         let recipe = TrialRecipe::of(&dataset.preset, setting);
         let trials = trial::Trials::new(Arc::clone(&dataset.source), &index, recipe, prefetch);
         Ok(Self { dataset: Arc::clone(dataset), trials: Mutex::new(trials) })

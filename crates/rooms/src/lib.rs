@@ -9,6 +9,7 @@ mod analytic_tests;
 mod build;
 mod bundle;
 mod bvh;
+mod cost_summary;
 mod costs;
 mod covisibility;
 mod dataset;
@@ -29,6 +30,7 @@ mod source;
 mod tiled_light;
 mod world;
 
+pub use cost_summary::{CostSummary, EffectMillis};
 pub use costs::{EffectCost, FrameCosts, PictureDifference, Timing};
 pub use covisibility::Covisibility;
 pub use dataset::{Layout, ManifestScene, PictureCoding, WriteOptions, encoded_scene, write_dataset};

@@ -3,6 +3,7 @@ use std::sync::OnceLock;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
+use atsplat_scene::Scene;
 
 use crate::effects::{CalledEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
@@ -25,6 +26,17 @@ pub enum Route {
     /// As these cameras with their times in microseconds do, from a place in the scene that has room for it. The
     /// first camera is taken as upright; lengths are metres and shrink where the scene is too small. Lenses are ignored.
     Given(Vec<(i64, Camera)>),
+}
+
+impl Route {
+    /// As a scene's cameras. Scenes without timestamps are assumed to have 30 frames per second.
+    pub fn of_scene(scene: &Scene) -> Self {
+        let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
+            let micros = frame.timestamp_micros.unwrap_or(at * 33_333);
+            (micros, frame.camera)
+        });
+        Self::Given(cameras.collect())
+    }
 }
 
 /// Everything on which a simulated scene depends.

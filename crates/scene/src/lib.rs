@@ -14,6 +14,7 @@ pub mod export;
 mod fetch;
 mod files;
 mod fit;
+mod frame_selection;
 pub mod geometry;
 #[cfg(feature = "columns")]
 pub mod inspect;
@@ -38,6 +39,7 @@ pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use fetch::Fetch;
 pub use fit::PictureMismatch;
+pub use frame_selection::{FrameSelection, InvalidSelection};
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};

@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
-use atsplat_numeric::{median, quantile};
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
-    EffectChoice, EffectKind, FrameCosts, Layout, ManifestScene, PictureCoding, Request, Route, SceneKind, SceneSeed,
-    Simulation, Split, WriteOptions, write_dataset,
+    CostSummary, EffectChoice, EffectMillis, FrameCosts, Layout, ManifestScene, PictureCoding, Request, Route,
+    SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, Warnings, scene_key};
 use serde::Serialize;
@@ -48,7 +47,7 @@ pub(crate) struct Args {
 
     /// Image size; by default that of the dataset that the layout belongs to: 640x360 for re10k and chunks,
     /// 480x270 for nerfstudio.
-    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH")]
     size: Option<ImageSize>,
 
     /// Rays per pixel.
@@ -56,7 +55,7 @@ pub(crate) struct Args {
     samples: u32,
 
     /// auto (the effects that can change a scene's images), all, none, or a list, as soft-shadows,motion-blur.
-    #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto", value_parser = effects)]
+    #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto")]
     effects: EffectChoice,
 
     /// Follow the cameras of this dataset, from a place with enough room.
@@ -72,7 +71,7 @@ pub(crate) struct Args {
     layout: Layout,
 
     /// Image format: png, or jpeg with its quality, as jpeg:90.
-    #[arg(long, value_name = "CODING", default_value = "png", value_parser = coding)]
+    #[arg(long, value_name = "CODING", default_value = "png")]
     pictures: PictureCoding,
 
     /// Also write depth: `depth/<scene>/<frame>.exr`, channel Z, in scene units along the camera's z axis.
@@ -134,8 +133,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         return Err(error);
     }
     let report = Report { folder: args.out.clone(), scenes: records };
-    if let Some(plot) = plot {
-        plot.finish(|format| report.plot(args).draw().encode(format))?;
+    if let Some((plot, costs)) = plot.zip(report.costs()) {
+        plot.finish(|format| args.plot(costs).draw().encode(format))?;
     }
     print_report(&report, args.json)?;
     print_warnings(&warnings);
@@ -163,19 +162,14 @@ impl Args {
     }
 
     fn size(&self) -> ImageSize {
-        self.size.unwrap_or_else(|| native_size(self.layout))
+        self.size.unwrap_or_else(|| self.layout.native_size())
     }
 
     fn route(&self, warnings: &mut Warnings) -> anyhow::Result<Route> {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
         let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
-        // Datasets without timestamps are assumed to have 30 frames per second.
-        let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
-            let micros = frame.timestamp_micros.unwrap_or(at * 33_333);
-            (micros, frame.camera)
-        });
-        Ok(Route::Given(cameras.collect()))
+        Ok(Route::of_scene(&scene))
     }
 
     fn costs_of(&self, simulation: &Simulation) -> anyhow::Result<Option<FrameCosts>> {
@@ -198,77 +192,30 @@ fn reject_nonempty_folder(folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))
 }
 
-/// Image size that the papers' protocols expect.
-const fn native_size(layout: Layout) -> ImageSize {
-    match layout {
-        Layout::Re10k | Layout::Chunks => ImageSize { width: 640, height: 360 },
-        Layout::Nerfstudio => ImageSize { width: 480, height: 270 },
+impl Report {
+    fn costs(&self) -> Option<CostSummary> {
+        CostSummary::of(&self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect::<Vec<_>>())
     }
 }
 
-impl Report {
-    /// What was measured in each scene.
-    fn costs(&self) -> Vec<&FrameCosts> {
-        self.scenes.iter().filter_map(|record| record.costs.as_ref()).collect()
-    }
-
-    /// A table of what was measured in all scenes.
-    fn summary(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let costs = self.costs();
-        if costs.is_empty() {
-            return Ok(());
-        }
-        writeln!(f, "{:<20} {:>7}  {:>16}", "effect", "scenes", "median ms a frame")?;
-        for EffectCostRow { effect, called_for, scenes, millis } in effect_rows(&costs) {
-            let measured = millis.map_or_else(|| "-".to_owned(), |[_, median, _]| format!("{median:.1}"));
-            writeln!(f, "{effect:<20} {called_for:>3}/{scenes:<3}  {measured:>16}")?;
-        }
-        writeln!(f, "{}", against_all(&costs))
-    }
-
+impl Args {
     /// The median and the quartiles of each effect's costs over the scenes that call for it.
-    fn plot(&self, args: &Args) -> EffectCosts {
-        let costs = self.costs();
-        let frame = median(costs.iter().filter_map(|costs| costs.frame.secs));
-        let frame = frame.map_or_else(String::new, |secs| format!("; a frame takes {:.0} ms, median", secs * 1e3));
-        let ImageSize { width, height } = args.size();
+    fn plot(&self, CostSummary { scenes, effects, frame_secs, against_all }: CostSummary) -> EffectCosts {
+        let frame = frame_secs.map(|secs| format!("; a frame takes {:.0} ms, median", secs * 1e3)).unwrap_or_default();
+        let ImageSize { width, height } = self.size();
+        let row = |EffectMillis { effect, called_for, millis }| EffectCostRow {
+            effect: effect.to_string(),
+            called_for,
+            scenes,
+            millis,
+        };
         EffectCosts {
             title: "What each effect costs in simulated frames, and where it is called for".to_owned(),
-            subtitle: format!("{} {}, {width}×{height}, {} rays a pixel{frame}", costs.len(), args.kind, args.samples),
-            rows: effect_rows(&costs),
-            note: format!("Bars: medians over scenes; lines: quartiles; {}.", against_all(&costs)),
+            subtitle: format!("{scenes} {}, {width}×{height}, {} rays a pixel{frame}", self.kind, self.samples),
+            rows: effects.into_iter().map(row).collect(),
+            note: format!("Bars: medians over scenes; lines: quartiles; {against_all}."),
         }
     }
-}
-
-fn effect_rows(costs: &[&FrameCosts]) -> Vec<EffectCostRow> {
-    let row = |effect: EffectKind| {
-        let of = || costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
-        let mut millis: Vec<f64> = of().filter_map(|cost| cost.time.secs).map(|secs| secs * 1e3).collect();
-        millis.sort_by(f64::total_cmp);
-        let at = |share| quantile(&millis, share);
-        EffectCostRow {
-            effect: effect.to_string(),
-            called_for: of().count(),
-            scenes: costs.len(),
-            millis: at(0.25).zip(at(0.5)).zip(at(0.75)).map(|((low, median), high)| [low, median, high]),
-        }
-    };
-    EffectKind::ALL.into_iter().map(row).collect()
-}
-
-/// What the effects that scenes call for save against all of them, and change.
-fn against_all(costs: &[&FrameCosts]) -> String {
-    let total = |read: fn(&FrameCosts) -> Option<f64>| costs.iter().filter_map(|costs| read(costs)).sum::<f64>();
-    let (own, all) = (total(|costs| costs.frame.secs), total(|costs| costs.all.secs));
-    let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, |a, b| if b > a { b } else { a });
-    let beyond = costs.iter().map(|costs| costs.difference.beyond).sum::<f64>() / costs.len() as f64;
-    format!(
-        "all effects take {:.2} times as long; the largest difference is {:.1} of 255, and {:.3} % of pixels differ by more than 1",
-        all / own,
-        largest * 255.0,
-        beyond * 100.0
-    )
 }
 
 impl fmt::Display for Report {
@@ -277,7 +224,9 @@ impl fmt::Display for Report {
             f.write_str(description)?;
             costs.iter().try_for_each(|costs| write!(f, "{costs}"))?;
         }
-        self.summary(f)?;
+        if let Some(costs) = self.costs() {
+            costs.fmt(f)?;
+        }
         let frames: usize = self.scenes.iter().map(|record| record.scene.frames).sum();
         writeln!(f, "{} scenes, {frames} frames, in {}", self.scenes.len(), self.folder.display())
     }
@@ -293,49 +242,16 @@ fn numbers(text: &str) -> Result<Range<u32>, String> {
     range.filter(|range| !range.is_empty()).ok_or_else(message)
 }
 
-fn coding(text: &str) -> Result<PictureCoding, String> {
-    let quality = |text: &str| text.parse().ok().filter(|quality| (1..=100).contains(quality));
-    let coding = match text.split_once(':') {
-        None if text == "png" => Some(PictureCoding::Png),
-        Some(("jpeg", text)) => quality(text).map(PictureCoding::Jpeg),
-        _ => None,
-    };
-    coding.ok_or_else(|| format!("expected png, or jpeg:QUALITY from 1 to 100, found {text:?}"))
-}
-
-fn effects(text: &str) -> Result<EffectChoice, String> {
-    let kind = |name: &str| {
-        EffectKind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
-            let names: Vec<&str> = EffectKind::ALL.into_iter().map(EffectKind::name).collect();
-            format!("expected auto, all, none, or a list of {}, found {name:?}", names.join(", "))
-        })
-    };
-    match text {
-        "auto" => Ok(EffectChoice::Auto),
-        "all" => Ok(EffectChoice::All),
-        "none" => Ok(EffectChoice::None),
-        list => list.split(',').map(kind).collect::<Result<_, _>>().map(EffectChoice::Only),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn parses_scene_ranges_codings_and_effects() {
+    fn parses_scene_ranges() {
         assert_eq!(numbers("8"), Ok(0..8));
         assert_eq!(numbers("16..24"), Ok(16..24));
         for broken in ["0", "", "5..5", "7..3", "-1", "a..b", "1.."] {
             assert!(numbers(broken).is_err(), "{broken:?}");
         }
-        assert_eq!(coding("jpeg:90"), Ok(PictureCoding::Jpeg(90)));
-        for broken in ["jpeg", "jpeg:0", "jpeg:101", "webp", "png:1"] {
-            assert!(coding(broken).is_err(), "{broken:?}");
-        }
-        let only = EffectChoice::Only(vec![EffectKind::MotionBlur, EffectKind::SoftShadows]);
-        assert_eq!(effects("motion-blur,soft-shadows"), Ok(only));
-        let message = effects("fog").unwrap_err();
-        assert!(message.contains("sensor-noise") && message.contains("\"fog\""), "{message}");
     }
 }

@@ -3,25 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use atsplat_camera::{Distortion, ImageSize, PoseNormalisation, PrincipalPointRule};
-use atsplat_eval::fitting::training_view;
-use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, photo_recipe};
-use atsplat_fit::start::{Point, from_points, in_frustums};
+use atsplat_camera::{Distortion, ImageSize};
+use atsplat_eval::fitting::{Start, StartError, common_size, fit_recipe};
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos};
 use atsplat_fit::{Strategy, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
-use atsplat_protocol::trial::TrialRecipe;
-use atsplat_scene::colmap::read_points;
-use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
-use atsplat_scene::{Scene, Warnings};
-use atsplat_splat::{Gaussians, files};
+use atsplat_scene::{FrameSelection, Scene, Warnings};
+use atsplat_splat::Gaussians;
 
 use crate::dataset_args::PictureArgs;
 use crate::embedded;
-use crate::model_args::model_size;
 use crate::parse;
 use crate::reconstruct::input::scene;
-use crate::selection::Selection;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
@@ -32,11 +26,11 @@ pub(super) struct InputArgs {
     /// Photos to optimise for, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all; without those that
     /// are held out.
     #[arg(long, value_name = "SEL", required = true)]
-    views: Selection,
+    views: FrameSelection,
 
     /// Photos to compare renders with, which the optimisation does not see: `..:8` for every eighth.
     #[arg(long, value_name = "SEL")]
-    held_out: Option<Selection>,
+    held_out: Option<FrameSelection>,
 
     /// At the end, compare with the held-out photos at these multiples of their size too: `0.25,4` zooms out and in. No photo is
     /// enlarged.
@@ -52,7 +46,7 @@ pub(super) struct InputArgs {
 
     /// Scale photos to cover this size, and crop them to it; by default they keep their size, and with --refine they have
     /// the model's resolution.
-    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH")]
     size: Option<ImageSize>,
 
     /// Ignore lens distortion in DATA.
@@ -102,69 +96,31 @@ impl InputArgs {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
         let count = scene.frames.len();
-        let targets = self.held_out.as_ref().map(|held_out| held_out.of("--held-out", count)).transpose()?;
+        let targets = self.held_out.as_ref().map(|held_out| held_out.of(count)).transpose().context("--held-out")?;
         let targets = targets.unwrap_or_default();
-        let mut context = self.views.of("--views", count)?;
+        let mut context = self.views.of(count).context("--views")?;
         context.retain(|frame| !targets.contains(frame));
         if context.is_empty() {
             bail!("--views: all of them are held out");
         }
         let selection = PhotoSelection { context, targets };
         let prepared = |size, warnings: &mut Warnings| {
-            Photos::new(scene.clone(), selection.clone(), recipe(size, network), warnings).map_err(anyhow::Error::from)
+            let recipe = fit_recipe(size, network.map(|source| &source.config));
+            Photos::new(scene.clone(), selection.clone(), recipe, warnings)
         };
         let photos = prepared(self.size, warnings)?;
-        let mut training = Vec::new();
-        for view in photos.trial().context() {
-            training.push(training_view(name(&photos, view.frame), view.camera, view.size, view.picture()?.as_ref()));
-        }
-        let held_out = held_out(&photos)?;
+        let (training, held_out) = (photos.training_views()?, photos.held_out_views()?);
         let mut scaled = Vec::new();
         for &scale in &self.scales {
-            let size = scaled_size(&held_out, scale)?;
+            let common = common_size(&held_out);
+            let common = common.context("--scales: held-out photos have several sizes; give them one by --size")?;
+            let at_scale = || format!("--scales {scale}");
+            let size = common.scaled(scale).with_context(at_scale)?;
             // Everything but the size was checked, and warned of, above.
-            let photos = prepared(Some(size), &mut Warnings::new()).with_context(|| format!("--scales {scale}"))?;
-            scaled.push((scale, self::held_out(&photos)?));
+            let photos = prepared(Some(size), &mut Warnings::new()).with_context(at_scale)?;
+            scaled.push((scale, photos.held_out_views()?));
         }
         Ok(Input { photos, training, held_out, scaled })
-    }
-}
-
-fn recipe(size: Option<ImageSize>, network: Option<&NetworkSource>) -> TrialRecipe {
-    if let Some(source) = network {
-        return photo_recipe(size.map_or(source.config.resolution, model_size));
-    }
-    let steps = size.map(|size| RescaleAndCrop::new(size.height, size.width).into());
-    TrialRecipe {
-        preprocessing: Preprocessing { principal_point: PrincipalPointRule::Corrected, ..Preprocessing::of(steps) },
-        pose_normalisation: PoseNormalisation::None,
-        ..photo_recipe(atsplat_model::ImageSize::new(1, 1))
-    }
-}
-
-fn name(photos: &Photos, frame: usize) -> String {
-    photos.name(frame).map_or_else(|| format!("frame {frame}"), str::to_owned)
-}
-
-fn held_out(photos: &Photos) -> anyhow::Result<Vec<TrainingView>> {
-    let mut views = Vec::new();
-    for (position, view) in photos.trial().targets().iter().enumerate() {
-        let picture = photos.ground_truth().get(position).context("a picture for each held-out view")??;
-        views.push(training_view(name(photos, view.frame), view.camera, view.size, picture.as_ref()));
-    }
-    Ok(views)
-}
-
-/// A multiple of the size that all views have, in whole pixels.
-fn scaled_size(views: &[TrainingView], scale: f64) -> anyhow::Result<ImageSize> {
-    let size = |view: &TrainingView| view.view.size;
-    let common = views.first().map(size).filter(|first| views.iter().all(|view| size(view) == *first));
-    let Some(common) = common else { bail!("--scales: held-out photos have several sizes; give them one by --size") };
-    let scaled = |side: u32| (f64::from(side) * scale).round();
-    let [width, height] = [common.width, common.height].map(scaled);
-    match parse::size(&format!("{width}x{height}")) {
-        Ok(size) => Ok(size),
-        Err(message) => bail!("--scales {scale}: {message}"),
     }
 }
 
@@ -195,27 +151,11 @@ impl StartArgs {
             let (network, _) = source.load(&device)?;
             return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians);
         }
-        if let Some(count) = self.start.strip_prefix("random:") {
-            let count = count.parse().ok().filter(|count| *count > 0);
-            let count = count.with_context(|| format!("--start: expected random:N, found {:?}", self.start))?;
-            return Ok(in_frustums(&input.training, count, self.depths, seed, strategy)?);
-        }
-        let path = if self.start == "points" { data.to_owned() } else { PathBuf::from(&self.start) };
-        if !path.is_dir() {
-            let (gaussians, _) = files::read(&path).with_context(|| format!("--start {}", self.start))?;
-            return Ok(gaussians);
-        }
-        let folder = [path.clone(), path.join("sparse/0"), path.join("colmap/sparse/0")];
-        let holds = |folder: &&PathBuf| folder.join("points3D.bin").is_file() || folder.join("points3D.txt").is_file();
-        let folder = folder.iter().find(holds).unwrap_or(&path);
-        let points: Vec<Point> = read_points(folder)
-            .with_context(|| format!("--start {}: COLMAP's points", self.start))?
-            .into_iter()
-            .map(|point| Point {
-                position: point.position.to_array(),
-                colour: point.color.map(|channel| f64::from(channel) / 255.0),
-            })
-            .collect();
-        Ok(from_points(&points, strategy)?)
+        let start = self.start.parse::<Start>().context("--start")?;
+        let made = start.gaussians(&input.training, data, self.depths, (seed, strategy));
+        made.map_err(|error| match error {
+            StartError::Fit(error) => error.into(),
+            unread => anyhow::Error::from(unread).context(format!("--start {}", self.start)),
+        })
     }
 }

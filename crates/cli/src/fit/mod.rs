@@ -7,17 +7,15 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use atsplat_fit::{Background, Budget, Fault, Fit, FitConfig, FitError, Strategy, TrainingView};
+use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, FitRecord, FitReport, Strategy, TrainingView};
 use atsplat_scene::Warnings;
-use atsplat_splat::SplatError;
 use atsplat_splat::files::{self, Encoding, Output};
-use clap::ValueEnum;
 
 use crate::device::DeviceArgs;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse;
 use input::{InputArgs, StartArgs};
-use report::{Correction, Log, Record, Report, at_scales};
+use report::Log;
 
 #[derive(Debug, clap::Args)]
 #[command(override_usage = "atsplat fit <DATA> --views <SEL> --strategy <NAME> --steps <N> --out <FILE> [OPTIONS]")]
@@ -67,8 +65,8 @@ pub(crate) struct Args {
 #[derive(Debug, clap::Args)]
 struct OptimisationArgs {
     /// How the number of Gaussians changes; required without --refine.
-    #[arg(long, value_name = "NAME", required_unless_present = "refine")]
-    strategy: Option<StrategyArg>,
+    #[arg(long, value_name = "NAME", required_unless_present = "refine", value_parser = parse::named(Strategy::ALL.map(|own| (own.name(), own))))]
+    strategy: Option<Strategy>,
 
     /// Number of steps, with which all schedules scale (the papers use 30000).
     #[arg(long, value_name = "N", required_unless_present = "seconds", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
@@ -87,8 +85,8 @@ struct OptimisationArgs {
     sh_degree: u8,
 
     /// What is behind the Gaussians: black, white, or another colour in each step.
-    #[arg(long, value_name = "COLOUR", default_value = "black")]
-    background: BackgroundArg,
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::named(BACKGROUNDS))]
+    background: Background,
 
     /// Densify by absolute gradients of single pixels, as `AbsGS` does.
     #[arg(long)]
@@ -118,21 +116,8 @@ struct OptimisationArgs {
     memory: u64,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum StrategyArg {
-    #[value(name = "3dgs")]
-    Gaussians3d,
-    MipSplatting,
-    Mcmc,
-    Fixed,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum BackgroundArg {
-    Black,
-    White,
-    Random,
-}
+const BACKGROUNDS: [(&str, Background); 3] =
+    [("black", Background::Black), ("white", Background::White), ("random", Background::Random)];
 
 fn ply(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
@@ -142,28 +127,17 @@ fn ply(text: &str) -> Result<PathBuf, String> {
 
 impl OptimisationArgs {
     fn config(&self) -> FitConfig {
-        let strategy = match self.strategy {
-            Some(StrategyArg::Gaussians3d) => Strategy::Gaussians3d,
-            Some(StrategyArg::MipSplatting) => Strategy::MipSplatting,
-            Some(StrategyArg::Mcmc) => Strategy::Mcmc,
-            Some(StrategyArg::Fixed) | None => Strategy::Fixed,
-        };
-        let background = match self.background {
-            BackgroundArg::Black => Background::Black,
-            BackgroundArg::White => Background::White,
-            BackgroundArg::Random => Background::Random,
-        };
         FitConfig {
             seed: self.seed,
             sh_degree: self.sh_degree,
-            background,
+            background: self.background,
             absolute_gradients: self.absolute_gradients,
             pose_rate: self.optimise_poses,
             exposure_rate: self.optimise_exposure,
             extent: self.extent,
             max_gaussians: self.max_gaussians,
             memory_limit: self.memory.saturating_mul(1 << 20),
-            ..FitConfig::new(strategy, 1)
+            ..FitConfig::new(self.strategy.unwrap_or(Strategy::Fixed), 1)
         }
     }
 
@@ -173,29 +147,6 @@ impl OptimisationArgs {
             #[expect(clippy::expect_used, reason = "clap requires one of the two")]
             (steps, None) => Budget::Steps(steps.expect("required without --seconds")),
         }
-    }
-}
-
-/// The optimised cameras and exposures, if there are any, in the frame of the optimisation.
-fn corrections(fit: &Fit, training: &[TrainingView]) -> anyhow::Result<Vec<Correction>> {
-    if fit.config().pose_rate.is_none() && fit.config().exposure_rate.is_none() {
-        return Ok(Vec::new());
-    }
-    let correction = |(number, view): (usize, &TrainingView)| {
-        let found = fit.optimised_view(number)?.unwrap_or(view.view);
-        let exposure = fit.exposure(number).map(|exposure| exposure.to_3dgs());
-        let camera_from_world = found.camera.camera_from_world.to_rows().to_vec();
-        Ok(Correction { view: view.name.clone(), camera_from_world, exposure })
-    };
-    training.iter().enumerate().map(correction).collect()
-}
-
-/// Whether an error is one of the graphics adapter.
-fn of_device(error: &anyhow::Error) -> bool {
-    match error.downcast_ref::<FitError>() {
-        Some(FitError::Stopped(diagnosis)) => matches!(diagnosis.fault, Fault::Device(_)),
-        Some(FitError::Splat(error)) => matches!(error, SplatError::Gpu(_)),
-        _ => false,
     }
 }
 
@@ -236,16 +187,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
     let mut scaled = Vec::new();
+    let of_device = |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_of_device);
     // A lost adapter renders nothing any more.
     if !outcome.as_ref().is_err_and(of_device) {
         log.evaluate(&mut fit)?;
         if let Some(folder) = &args.plots {
             log.draw(folder, &mut fit, &input.training)?;
         }
-        scaled = at_scales(&mut fit, &input.scaled)?;
+        scaled = fit.at_scales(&input.scaled)?;
     }
     let names = |views: &[TrainingView]| views.iter().map(|view| view.name.clone()).collect();
-    let record = Record {
+    let record = FitRecord {
         atsplat: env!("CARGO_PKG_VERSION"),
         data: args.input.data.clone(),
         scene: input.photos.trial().scene().to_owned(),
@@ -260,7 +212,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         steps: fit.step_count(),
         file: args.out.clone(),
         gaussians: gaussians.len(),
-        corrections: corrections(&fit, &input.training)?,
+        corrections: fit.corrections()?,
         training_psnr: log.training_psnr(),
         evaluations: log.evaluations.clone(),
         at_scales: scaled,
@@ -268,5 +220,5 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     drop(log);
     record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
     outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
-    print_report(&Report { record, seconds }, args.json)
+    print_report(&FitReport { record, seconds }, args.json)
 }

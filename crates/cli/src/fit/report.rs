@@ -1,142 +1,24 @@
-//! Live progress, the record next to the scene file, and plots.
+//! Live progress and plots.
 
-use std::fmt;
-use std::io::{IsTerminal as _, stderr};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::Path;
 
 use atsplat_fit::density::Changes;
-use atsplat_fit::{Fit, FitConfig, Score, StepRecord, TrainingView};
+use atsplat_fit::{Evaluation, Fit, Score, StepRecord, TrainingView, nearest_view_psnr};
 use atsplat_pixels::{Image, Rounding};
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde::Serialize;
 
-use crate::output::{PendingFile, warn};
+use crate::output::PendingFile;
+use crate::plot::write_both;
+use crate::progress::StepProgress;
 
-/// Interval of lines if standard error is not a terminal.
-const LOG_INTERVAL: Duration = Duration::from_secs(30);
 /// Views on the contact sheet.
 const SHEET_VIEWS: usize = 6;
-
-/// Mean scores of the held-out views after some steps.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct Evaluation {
-    pub(super) step: u64,
-    pub(super) gaussians: usize,
-    pub(super) psnr: f64,
-    pub(super) ssim: f64,
-}
-
-/// Scores of the held-out views at a multiple of their size.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct AtScale {
-    pub(super) scale: f64,
-    pub(super) width: u32,
-    pub(super) height: u32,
-    pub(super) psnr: f64,
-    pub(super) ssim: f64,
-}
-
-/// Scores the held-out views at each scale.
-pub(super) fn at_scales(fit: &mut Fit, scaled: &[(f64, Vec<TrainingView>)]) -> anyhow::Result<Vec<AtScale>> {
-    let mut rows = Vec::new();
-    for (scale, views) in scaled {
-        let Some(size) = views.first().map(|view| view.view.size) else { continue };
-        let Score { psnr, ssim } = mean_score(fit, views)?;
-        rows.push(AtScale { scale: *scale, width: size.width, height: size.height, psnr, ssim });
-    }
-    Ok(rows)
-}
-
-fn mean_score(fit: &mut Fit, views: &[TrainingView]) -> anyhow::Result<Score> {
-    let scores = views.iter().map(|view| fit.score(view)).collect::<Result<Vec<Score>, _>>()?;
-    let mean = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
-    Ok(Score { psnr: mean(|score| score.psnr), ssim: mean(|score| score.ssim) })
-}
-
-/// Everything that the Gaussians depend on, and how good they are. Independent of date and speed of the machine, unless the
-/// budget was a time.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct Record {
-    pub(super) atsplat: &'static str,
-    pub(super) data: PathBuf,
-    pub(super) scene: String,
-    pub(super) views: Vec<String>,
-    pub(super) held_out: Vec<String>,
-    pub(super) start: String,
-    pub(super) start_gaussians: usize,
-    /// Gaussians of the start that were invalid, and dropped.
-    pub(super) dropped: usize,
-    pub(super) extent: f64,
-    pub(super) configuration: FitConfig,
-    /// Graphics adapter and driver, or `cpu`.
-    pub(super) device: String,
-    pub(super) steps: u64,
-    pub(super) file: PathBuf,
-    pub(super) gaussians: usize,
-    /// Of the training views, if cameras or exposures were optimised.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(super) corrections: Vec<Correction>,
-    /// Mean PSNR of the last step on each training view, in dB.
-    pub(super) training_psnr: Option<f64>,
-    pub(super) evaluations: Vec<Evaluation>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(super) at_scales: Vec<AtScale>,
-}
-
-/// What was optimised for one view.
-#[derive(Clone, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct Correction {
-    pub(super) view: String,
-    /// Row-major 3×4 matrix.
-    pub(super) camera_from_world: Vec<f64>,
-    /// As 3DGS stores it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) exposure: Option<[[f64; 4]; 3]>,
-}
-
-/// The printed report.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct Report {
-    #[serde(flatten)]
-    pub(super) record: Record,
-    pub(super) seconds: f64,
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Record { scene, views, configuration, device, steps, file, gaussians, training_psnr, evaluations, .. } =
-            &self.record;
-        let strategy = configuration.strategy.name();
-        let (views, seconds) = (views.len(), self.seconds);
-        writeln!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s on {device}")?;
-        writeln!(f, "{gaussians} Gaussians into {}", file.display())?;
-        if let Some(psnr) = training_psnr {
-            writeln!(f, "{psnr:.2} dB on the training views")?;
-        }
-        if let Some(Evaluation { psnr, ssim, .. }) = evaluations.last() {
-            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on {} held-out views", self.record.held_out.len())?;
-        }
-        for AtScale { scale, width, height, psnr, ssim } in &self.record.at_scales {
-            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on them at {scale} times their size, {width}x{height}")?;
-        }
-        Ok(())
-    }
-}
 
 /// Follows a run: progress, curves and held-out views.
 pub(super) struct Log<'a> {
     held_out: &'a [TrainingView],
     every: u64,
-    bar: ProgressBar,
-    plain: bool,
-    last_line: Instant,
+    progress: StepProgress,
     pub(super) steps: Vec<u64>,
     l1: Vec<Option<f64>>,
     d_ssim: Vec<Option<f64>>,
@@ -150,17 +32,11 @@ pub(super) struct Log<'a> {
 impl<'a> Log<'a> {
     pub(super) fn new(fit: &Fit, held_out: &'a [TrainingView], every: Option<u64>, views: usize) -> Self {
         let steps = fit.config().steps;
-        let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr());
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos}/{len} {msg}") {
-            bar.set_style(style);
-        }
         Self {
             held_out,
             // Not just after a reset of opacities, which comes every tenth of a run.
             every: every.unwrap_or_else(|| (steps / 8).max(1)),
-            bar,
-            plain: !stderr().is_terminal(),
-            last_line: Instant::now(),
+            progress: StepProgress::new(steps, 0),
             steps: Vec::new(),
             l1: Vec::new(),
             d_ssim: Vec::new(),
@@ -185,13 +61,7 @@ impl<'a> Log<'a> {
         let psnr = self.training_psnr().unwrap_or(f64::NAN);
         let line = format!("loss {:.4}, {psnr:.2} dB, {} Gaussians", record.terms.total, record.gaussians);
         // Of a number of seconds, the number of steps is planned again and again.
-        self.bar.set_length(fit.config().steps);
-        self.bar.set_position(record.step);
-        if self.plain && self.last_line.elapsed() >= LOG_INTERVAL {
-            self.last_line = Instant::now();
-            warn(&format!("step {}/{} {line}", record.step, fit.config().steps));
-        }
-        self.bar.set_message(line);
+        self.progress.reach(record.step, fit.config().steps, line);
         if record.step.is_multiple_of(self.every) {
             self.evaluate(fit)?;
         }
@@ -204,20 +74,15 @@ impl<'a> Log<'a> {
         if self.held_out.is_empty() || self.evaluations.last().is_some_and(|last| last.step == step) {
             return Ok(());
         }
-        let Score { psnr, ssim } = mean_score(fit, self.held_out)?;
+        let Score { psnr, ssim } = fit.mean_score(self.held_out)?;
         self.evaluations.push(Evaluation { step, gaussians: fit.len(), psnr, ssim });
         let Changes { cloned, split, pruned, relocated, added, .. } = self.changes;
-        let text = format!(
+        self.progress.print(&format!(
             "after {step} steps: {psnr:.2} dB, SSIM {ssim:.3} on {} held-out views; {} Gaussians; last change: {cloned} \
              cloned, {split} split, {pruned} pruned, {relocated} relocated, {added} added",
             self.held_out.len(),
             fit.len()
-        );
-        if self.plain {
-            warn(&text);
-        } else {
-            self.bar.println(text);
-        }
+        ));
         Ok(())
     }
 
@@ -243,10 +108,7 @@ impl<'a> Log<'a> {
             losses: &losses,
             evaluations: &evaluations,
         };
-        for format in [PlotFormat::Svg, PlotFormat::Png] {
-            let file = folder.join(format!("learning-curve.{}", format.extension()));
-            PendingFile::open(&file)?.finish(&curve.draw().encode(format)?)?;
-        }
+        write_both(folder, "learning-curve", &curve.draw())?;
         let mut rows = Vec::new();
         for view in shown.iter().take(SHEET_VIEWS) {
             let size = view.view.size;
@@ -261,26 +123,4 @@ impl<'a> Log<'a> {
         let sheet = ContactSheet { title, subtitle, rows }.draw().encode(PlotFormat::Png)?;
         PendingFile::open(&folder.join("contact-sheet.png"))?.finish(&sheet)
     }
-}
-
-impl Drop for Log<'_> {
-    fn drop(&mut self) {
-        self.bar.finish_and_clear();
-    }
-}
-
-/// Mean PSNR of copying the training picture of the nearest camera; `None` without held-out views, or for pictures of other
-/// sizes.
-fn nearest_view_psnr(held_out: &[TrainingView], training: &[TrainingView]) -> Option<f64> {
-    let centre = |view: &TrainingView| view.view.camera.camera_from_world.inverse().centre();
-    let psnr = |view: &TrainingView| {
-        let distance = |other: &&TrainingView| centre(other).distance(centre(view));
-        let nearest = training.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-        let pairs = nearest.rgb.as_flattened().iter().zip(view.rgb.as_flattened());
-        let squared: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
-        let same = nearest.view.size == view.view.size;
-        same.then(|| -10.0 * (squared / (3.0 * view.rgb.len() as f64)).log10())
-    };
-    let all = held_out.iter().map(psnr).collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty())?;
-    Some(all.iter().sum::<f64>() / all.len() as f64)
 }

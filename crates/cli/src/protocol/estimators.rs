@@ -21,7 +21,7 @@ pub(crate) struct Args {
     pairs: u32,
 
     /// Size of images and depth maps.
-    #[arg(long, value_name = "WxH", default_value = "160x90", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH", default_value = "160x90")]
     size: ImageSize,
 
     /// Seed of the choice of pairs.

@@ -2,17 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use atsplat_camera::{Distortion, ImageSize as CameraSize};
 use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe, rendered_scene};
 use atsplat_model::ModelConfig;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::TrialRecipe;
-use atsplat_scene::{Scene, SceneSource as _, Warnings, scene_key};
+use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings, scene_key};
 
 use crate::dataset_args::PictureArgs;
-use crate::model_args::model_size;
 use crate::parse;
-use crate::selection::Selection;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
@@ -22,11 +21,11 @@ pub(super) struct InputArgs {
 
     /// Photos to reconstruct from, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all.
     #[arg(long, value_name = "SEL", required = true)]
-    views: Selection,
+    views: FrameSelection,
 
     /// Further views to render, counted in the same way; without --plots only the size of their photos is read.
     #[arg(long, value_name = "SEL")]
-    targets: Option<Selection>,
+    targets: Option<FrameSelection>,
 
     /// Which scene of DATA, if it holds several.
     #[arg(long, value_name = "KEY")]
@@ -42,7 +41,7 @@ pub(super) struct InputArgs {
     protocol: Option<String>,
 
     /// Size of the images given to the network; by default the model's resolution.
-    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH")]
     size: Option<CameraSize>,
 
     /// Ignore lens distortion in DATA, as the papers do.
@@ -62,8 +61,8 @@ impl InputArgs {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
         let count = scene.frames.len();
-        let context = self.views.of("--views", count)?;
-        let targets = self.targets.as_ref().map(|targets| targets.of("--targets", count)).transpose()?;
+        let context = self.views.of(count).context("--views")?;
+        let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         Ok(Photos::new(scene, selection, self.recipe(config)?, warnings)?)
     }
@@ -72,7 +71,7 @@ impl InputArgs {
     fn recipe(&self, config: &ModelConfig) -> anyhow::Result<TrialRecipe> {
         Ok(match &self.protocol {
             Some(name) => TrialRecipe::of(&Preset::resolve(name)?, "ATSplat"),
-            None => photo_recipe(self.size.map_or(config.resolution, model_size)),
+            None => photo_recipe(self.size.map_or(config.resolution, Into::into)),
         })
     }
 

@@ -2,17 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
+use atsplat_eval::expansion::study_trial;
 use atsplat_eval::images::frame_file_name;
 use atsplat_eval::reconstruct::{GaussianFrame, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders};
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
 use atsplat_report::figures::of_expansion;
-use atsplat_report::plot::PlotFormat;
 use atsplat_splat::{Gaussians, RenderOptions};
 
-use crate::expansion::study_trial;
 use crate::output::PendingFile;
 use crate::parse;
+use crate::plot::write_both;
 
 /// Coordinate frames of the Gaussians.
 pub(super) const FRAMES: [(&str, GaussianFrame); 2] =
@@ -117,11 +117,7 @@ impl PlotArgs {
         let (scene, _) = study_trial(network, (photos.trial(), photos.ground_truth()), options, seed, MAX_TARGETS)?;
         let mut files = Vec::new();
         for (name, drawing) in of_expansion(subject, &[scene])? {
-            for format in [PlotFormat::Svg, PlotFormat::Png] {
-                let file = format!("{name}.{}", format.extension());
-                PendingFile::open(&folder.join(&file))?.finish(&drawing.encode(format)?)?;
-                files.push(file);
-            }
+            files.extend(write_both(folder, &name, &drawing)?);
         }
         Ok(Some(PlotsRecord { folder: folder.clone(), files }))
     }

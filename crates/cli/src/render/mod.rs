@@ -3,7 +3,6 @@
 pub(crate) mod backend;
 mod check;
 mod effects;
-mod exposures;
 mod look;
 mod preview;
 mod scene_file;
@@ -14,8 +13,8 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_eval::rendering::{
-    Frame, FrameCounts, FrameFiles, LookRecord, Plan, Record, RenderFile, Report, Shot, ViewRecord,
-    empty_frames_warning, ignored_principal_points, render_all, unknown_images,
+    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, LookRecord, Plan, Record, RenderFile, Report, Shot,
+    ViewRecord, empty_frames_warning, ignored_principal_points, render_all, unknown_images,
 };
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
@@ -30,7 +29,6 @@ use crate::parse::named;
 use crate::progress::Progress;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
-use exposures::ExposureArg;
 use look::LookArgs;
 use preview::PreviewArgs;
 use scene_file::SceneArgs;
@@ -60,7 +58,7 @@ pub(crate) struct Args {
     /// Exposure applied after compositing: a gain for every view, or a .json like 3DGS' `exposure.json`, with a 3x4 array per
     /// view name; by default as recorded in a `render.json`, else none.
     #[arg(long, value_name = "GAIN|FILE", help_heading = "Rendering")]
-    exposure: Option<ExposureArg>,
+    exposure: Option<ExposureSource>,
 
     /// Renderer.
     #[arg(long, value_name = "NAME", default_value = "cpu", help_heading = "Rendering")]
@@ -112,7 +110,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
     let record = args.out.join("render.json");
     args.views.reject_overwriting(&record)?;
-    let exposures = ExposureArg::read(args.exposure.as_ref())?;
+    let exposures = Exposures::of(args.exposure.as_ref())?;
     let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
     let record_file = PendingFile::open(&record)?;
     let preview_file = args.preview.open()?;

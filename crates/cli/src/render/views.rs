@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_eval::rendering::{PathRecord, Plan, Shot};
-use atsplat_scene::Warnings;
 use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
+use atsplat_scene::{FrameSelection, Warnings};
 use atsplat_splat::{Exposure, Gaussians, View, framing};
 use clap::ArgGroup;
 
 use crate::parse::{self, Axis};
-use crate::selection::Selection;
 
 /// Image size of an orbit.
 const ORBIT_SIZE: ImageSize = ImageSize { width: 960, height: 540 };
@@ -38,14 +37,14 @@ pub(crate) struct ViewArgs {
 
     /// Which cameras of FILE, counted from 0: `0,29,100..200:10`.
     #[arg(long, value_name = "SEL", conflicts_with = "orbit")]
-    frames: Option<Selection>,
+    frames: Option<FrameSelection>,
 
     /// Which scene of FILE, if it holds several.
     #[arg(long, value_name = "KEY", conflicts_with = "orbit")]
     key: Option<String>,
 
     /// Image size; by default that of FILE, and 960x540 for an orbit.
-    #[arg(long, value_name = "WxH", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH")]
     size: Option<ImageSize>,
 
     /// Ignore lens distortion in FILE.
@@ -117,7 +116,7 @@ impl ViewArgs {
         let lens = LensOfPoses { fov: self.fov, size: self.size };
         let mut cameras = camera_file::read(&file, self.key.as_deref(), lens, warnings)?;
         if let Some(selection) = &self.frames {
-            let picked = selection.of("--frames", cameras.len())?;
+            let picked = selection.of(cameras.len()).context("--frames")?;
             cameras = picked.into_iter().filter_map(|position| cameras.get(position).cloned()).collect();
         }
         if self.no_distortion {

@@ -10,12 +10,11 @@ use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request, store_labels};
-use clap::ValueEnum;
 use serde_json::json;
 
 use crate::objects::CacheArgs;
 use crate::output::{print_text, warn};
-use crate::parse::once;
+use crate::parse::{named, once};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -32,8 +31,8 @@ pub(crate) struct Args {
     tables: Vec<String>,
 
     /// Formats of the tables.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values = ["markdown", "latex", "csv", "json", "terminal"])]
-    format: Vec<Format>,
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values = ["markdown", "latex", "csv", "json", "terminal"], value_parser = named(FORMATS))]
+    format: Vec<TableFormat>,
 
     /// Put results of different protocols into one table, which is then marked.
     #[arg(long)]
@@ -60,26 +59,13 @@ pub(crate) struct Args {
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Format {
-    Terminal,
-    Markdown,
-    Latex,
-    Csv,
-    Json,
-}
-
-impl From<Format> for TableFormat {
-    fn from(format: Format) -> Self {
-        match format {
-            Format::Terminal => Self::Terminal,
-            Format::Markdown => Self::Markdown,
-            Format::Latex => Self::Latex,
-            Format::Csv => Self::Csv,
-            Format::Json => Self::Json,
-        }
-    }
-}
+const FORMATS: [(&str, TableFormat); 5] = [
+    ("terminal", TableFormat::Terminal),
+    ("markdown", TableFormat::Markdown),
+    ("latex", TableFormat::Latex),
+    ("csv", TableFormat::Csv),
+    ("json", TableFormat::Json),
+];
 
 fn table_name(text: &str) -> Result<String, String> {
     match TableDefinition::names().find(|name| *name == text) {
@@ -111,7 +97,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         title: args.title.clone(),
         tables,
         protocols: args.tables.is_empty(),
-        formats: args.format.iter().map(|format| (*format).into()).collect(),
+        formats: args.format.clone(),
         mixing: if args.force { Mixing::Forced } else { Mixing::Apart },
         max_bytes: usize::from(args.page_size) * 1_000_000,
         sections: Vec::new(),

@@ -1,14 +1,14 @@
 //! The report's section on token expansion and its live view: two scenes, block by block.
 
 use atsplat_eval::discovery::NotRun;
+use atsplat_eval::expansion::{ExpansionScene, study_trial};
 use atsplat_eval::runner::Dataset;
 use atsplat_eval::trained::TrainedNetwork;
 use atsplat_protocol::EvaluationIndex;
-use atsplat_report::figures::{ExpansionScene, of_expansion, of_trial};
+use atsplat_report::figures::{of_expansion, of_trial};
 use atsplat_report::page::{LiveTrial, PlotSection};
 
 use super::film::film;
-use crate::expansion::{render_options, study_trial, trials};
 
 /// The protocol of the paper's figures on expansion.
 const PROTOCOL: &str = "re10k-2v-256";
@@ -28,8 +28,7 @@ pub(super) struct Shown {
 
 /// Shows the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
 pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<Shown> {
-    let published =
-        |dataset: &&Dataset| dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name) == PROTOCOL;
+    let published = |dataset: &&Dataset| dataset.preset.published() == PROTOCOL;
     let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
     let found = datasets.iter().find(published).or_else(|| datasets.iter().find(similar)).or_else(|| datasets.first());
     let Some(dataset) = found else { anyhow::bail!("there is no dataset") };
@@ -37,10 +36,10 @@ pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::R
     let mut first_skipped = None;
     let mut scenes: Vec<ExpansionScene> = Vec::new();
     let (mut live, mut not_run) = (Vec::new(), Vec::new());
-    for outcome in trials(dataset, &first_trials(dataset)) {
+    for outcome in dataset.trials(&first_trials(dataset)) {
         match outcome {
             Ok((trial, truths)) => {
-                let (studied, scene) = study_trial(&network, (&trial, &truths), render_options(dataset, &trial), 0, 1)?;
+                let (studied, scene) = study_trial(&network, (&trial, &truths), dataset.render_options(&trial), 0, 1)?;
                 let context = trial.context().iter().map(|view| Ok((view.frame, view.picture()?)));
                 let context = context.collect::<anyhow::Result<Vec<_>>>()?;
                 let pictures = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;

@@ -23,7 +23,7 @@ pub(super) fn film(dataset: &Dataset, trained: &TrainedNetwork, trial: &Trial) -
     let target = spread(path.len(), FRAMES).into_iter().filter_map(|at| path.get(at).copied()).collect();
     let entry = IndexEntry { target, ..trial.entry().clone() };
     let index = EvaluationIndex { scenes: [(trial.scene().to_owned(), vec![entry])].into_iter().collect() };
-    let outcome = crate::expansion::trials(dataset, &index).next().context("the scene is missing")?;
+    let outcome = dataset.trials(&index).next().context("the scene is missing")?;
     let (along, truths) = outcome.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
     let pictures = along.context().iter().map(atsplat_protocol::trial::ContextView::picture);
     let pictures = pictures.collect::<Result<Vec<_>, _>>()?;

@@ -3,9 +3,8 @@
 mod expansion;
 mod film;
 mod summary;
-mod weights;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
@@ -13,9 +12,12 @@ use atsplat_eval::discovery::{Found, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{Results, Store};
+use atsplat_eval::trained::{TrainedGroup, TrainedNetworks};
+use atsplat_eval::weights_list::WeightsList;
+use atsplat_eval::{ComputeDevice, Results, Store};
 use atsplat_fit::Budget;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
+use atsplat_report::definition::TableDefinition;
 use atsplat_report::figures::optimisation_section;
 use atsplat_report::page::PlotSection;
 use atsplat_report::store_labels;
@@ -23,15 +25,11 @@ use atsplat_report::table::Source;
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
 
-use self::weights::{Group, Listed};
 use crate::device::DeviceArgs;
+use crate::embedded;
 use crate::output::{print_findings, print_warnings};
-use crate::parse;
 use crate::progress::Progress;
 use crate::provenance;
-
-/// Presets of the paper's ablations; simulated presets may stand in for them.
-const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -51,7 +49,7 @@ pub(crate) struct Args {
 
     /// Also optimise every trial on its context views for so many steps (3000) or seconds (10s): 3DGS, Mip-Splatting and MCMC
     /// from random points, and refinement of what the network made.
-    #[arg(long, value_name = "BUDGET", value_parser = parse::budget)]
+    #[arg(long, value_name = "BUDGET")]
     fit: Option<Budget>,
 
     #[command(flatten)]
@@ -125,11 +123,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let Found { datasets, mut not_run } = args.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
     let device = args.device.open_for_networks()?;
-    let mut networks = Listed::new(args.weights.as_deref(), device)?;
+    let mut networks = networks(args.weights.as_deref(), device)?;
     let groups = networks.groups(datasets, &mut not_run)?;
     anyhow::ensure!(!groups.is_empty(), "nothing to run: {}", reasons(&not_run));
     let (mut stores, mut complete, mut empty) = (Vec::new(), true, Vec::new());
-    for (at, Group { trained, datasets }) in groups.iter().enumerate() {
+    for (at, TrainedGroup { trained, datasets }) in groups.iter().enumerate() {
         let name = numbered("results", at);
         let mut methods = trained.methods()?;
         methods.extend(args.fit.map(|budget| trained.optimised(budget)).transpose()?.unwrap_or_default());
@@ -142,7 +140,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         bail!("nothing was evaluated: {}", empty.join("; "));
     }
     let (mut sections, mut live) = (curves, Vec::new());
-    for Group { trained, datasets } in groups.iter().take(1) {
+    for TrainedGroup { trained, datasets } in groups.iter().take(1) {
         match expansion::shown(datasets, trained) {
             Ok(shown) => {
                 not_run.extend(shown.not_run);
@@ -155,7 +153,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
     }
     let trained = groups.iter().map(|group| group.trained.description.clone()).collect::<Vec<_>>().join("; ");
-    for (at, (methods, datasets)) in ablations(&mut networks, groups)?.into_iter().enumerate() {
+    for (at, (methods, datasets)) in networks.ablations(groups)?.into_iter().enumerate() {
         let name = numbered("ablations", at);
         // Ablation tables have no times.
         let Evaluated { results, summary, .. } = args.evaluate(&name, &datasets, &methods, None)?;
@@ -171,51 +169,21 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     Ok(complete && not_run.is_empty())
 }
 
-/// Methods of a store of ablations, and the datasets that they run on.
-type Ablations = (Vec<Arc<dyn Method>>, Vec<Dataset>);
-
-/// Variants with weights of their own, and for the protocols of the paper's ablations also those that change the network at
-/// inference, unless their name has weights of its own. Datasets with the same variants share a store.
-fn ablations(networks: &mut Listed, groups: Vec<Group>) -> anyhow::Result<Vec<Ablations>> {
-    let mut all: Vec<Ablations> = Vec::new();
-    for Group { trained, datasets } in groups {
-        // Thresholds by quantile are those of the first dataset for all of them.
-        let mut at_inference: Option<Vec<Arc<dyn Method>>> = None;
-        let mut by_names: Vec<(Vec<String>, Ablations)> = Vec::new();
-        for dataset in datasets {
-            let listed = networks.variants(&dataset)?;
-            let mut methods: Vec<Arc<dyn Method>> = listed.iter().map(|(_, method)| Arc::clone(method)).collect();
-            if is_for_ablations(&dataset) {
-                let variants = match &at_inference {
-                    Some(known) => known.clone(),
-                    None => at_inference.insert(trained.variants(&dataset)?).clone(),
-                };
-                let taken: Vec<String> = methods.iter().map(|method| method.record().name).collect();
-                methods.extend(variants.into_iter().filter(|method| !taken.contains(&method.record().name)));
-            }
-            let names: Vec<String> = methods
-                .iter()
-                .map(|method| format!("{} {:?}", method.record().name, method.record().weights_sha256))
-                .collect();
-            match by_names.iter_mut().find(|(known, _)| *known == names) {
-                _ if methods.is_empty() => {}
-                Some((_, (_, datasets))) => datasets.push(dataset),
-                None => by_names.push((names, (methods, vec![dataset]))),
-            }
+/// Those of `--weights`: a weights file, a list (`.toml`), or by default the embedded weights.
+fn networks(weights: Option<&Path>, device: ComputeDevice) -> anyhow::Result<TrainedNetworks> {
+    let list = match weights {
+        None => WeightsList::one(PathBuf::from(embedded::MICRO_ROOMS)),
+        Some(path) if path.extension().is_some_and(|extension| extension == "toml") => {
+            WeightsList::read(path, &TableDefinition::presets_by_name()?, &[embedded::MICRO_ROOMS])?
         }
-        all.extend(by_names.into_iter().map(|(_, own)| own));
-    }
-    Ok(all)
+        Some(path) => WeightsList::one(path.to_owned()),
+    };
+    Ok(TrainedNetworks::new(list, device, embedded::named_or_read))
 }
 
 /// `results`, `results-2` …
 fn numbered(name: &str, at: usize) -> String {
     if at == 0 { name.to_owned() } else { format!("{name}-{}", at + 1) }
-}
-
-fn is_for_ablations(dataset: &Dataset) -> bool {
-    let stands_for = dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name);
-    ABLATIONS.contains(&stands_for)
 }
 
 fn reasons(not_run: &[NotRun]) -> String {

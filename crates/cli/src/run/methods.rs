@@ -1,126 +1,23 @@
 //! Arguments that select methods.
 
-use std::path::PathBuf;
-use std::str::FromStr;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use atsplat_eval::ComputeDevice;
 use atsplat_eval::method::{
-    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, MAX_GAUSSIANS, Method, NearestView,
-    Optimised, Ply, Renders, Splatting, Warp,
+    AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, MAX_GAUSSIANS, Method, MethodKind,
+    MethodSpec, NearestView, Optimised, Ply, Renders, Splatting, Warp,
 };
-use atsplat_fit::{Budget, Strategy};
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
-use clap::ValueEnum;
 
 use crate::parse;
 use crate::reconstruct::network::NetworkArgs;
 use crate::render::backend::{BackendArg, backend};
 
-/// A method on the command line: `KIND` or `NAME=KIND`.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct MethodArg {
-    name: Option<String>,
-    kind: Kind,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Kind {
-    AtSplat,
-    /// The network's Gaussians, optimised further.
-    Refined(Budget),
-    /// Gaussians optimised from a random start.
-    Optimised(Strategy, Budget),
-    NearestView,
-    Warp,
-    Renders(PathBuf),
-    Ply(PathBuf),
-    /// A process with this command.
-    Exec(String),
-}
-
-impl Kind {
-    /// Whether it has a network or Gaussians to render.
-    pub(super) const fn uses_device(&self) -> bool {
-        !matches!(self, Self::NearestView | Self::Warp | Self::Renders(_))
-    }
-}
-
-/// The methods of one argument, separated by commas. A command is the last one: it may hold commas itself.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct MethodList(Vec<MethodArg>);
-
-impl FromStr for MethodList {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let mut methods = Vec::new();
-        let mut rest = Some(text);
-        while let Some(text) = rest {
-            let is_command = parts(text).1.starts_with("exec:");
-            let (first, others) =
-                text.split_once(',').filter(|_| !is_command).map_or((text, None), |(a, b)| (a, Some(b)));
-            methods.push(first.parse()?);
-            rest = others;
-        }
-        Ok(Self(methods))
-    }
-}
-
-/// Name and method of `NAME=METHOD`; a method may hold an equals sign after its colon.
-fn parts(text: &str) -> (Option<&str>, &str) {
-    match text.split_once('=') {
-        Some((name, method)) if !name.contains([':', ',']) => (Some(name), method),
-        _ => (None, text),
-    }
-}
-
-impl FromStr for MethodArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (name, method) = parts(text);
-        let name = name.map(named).transpose()?;
-        let folder = |path: &str| Some(PathBuf::from(path)).filter(|path| !path.as_os_str().is_empty());
-        let kind = match method.split_once(':') {
-            None if method == "atsplat" => Some(Kind::AtSplat),
-            None if method == "nearest-view" => Some(Kind::NearestView),
-            None if method == "warp" => Some(Kind::Warp),
-            Some(("renders", path)) => folder(path).map(Kind::Renders),
-            Some(("ply", path)) => folder(path).map(Kind::Ply),
-            Some(("exec", command)) if !command.trim().is_empty() => Some(Kind::Exec(command.to_owned())),
-            Some(("atsplat+refine", budget)) => Some(Kind::Refined(parse::budget(budget)?)),
-            Some(("3dgs", budget)) => Some(Kind::Optimised(Strategy::Gaussians3d, parse::budget(budget)?)),
-            Some(("mip-splatting", budget)) => Some(Kind::Optimised(Strategy::MipSplatting, parse::budget(budget)?)),
-            Some(("mcmc", budget)) => Some(Kind::Optimised(Strategy::Mcmc, parse::budget(budget)?)),
-            _ => None,
-        };
-        let kind = kind.ok_or_else(|| {
-            format!(
-                "expected atsplat, nearest-view, warp, renders:DIR, ply:DIR, exec:COMMAND, or 3dgs, mip-splatting, mcmc or \
-                 atsplat+refine with a budget, as 3dgs:3000 (steps) or mcmc:10s, optionally after NAME=, found {text:?}"
-            )
-        })?;
-        let is_baseline = matches!(kind, Kind::NearestView | Kind::Warp);
-        if is_baseline && name.is_some() {
-            return Err(format!("{method} has no variants and takes no name, found {text:?}"));
-        }
-        Ok(Self { name, kind })
-    }
-}
-
-/// A method's name in the results.
-pub(super) fn named(text: &str) -> Result<String, String> {
-    let plain = |c: char| c.is_alphanumeric() || "-_.+ ".contains(c);
-    if !text.trim().is_empty() && text.chars().all(plain) && !["truth", "context"].contains(&text) {
-        return Ok(text.trim().to_owned());
-    }
-    Err(format!(
-        "expected a name of letters, digits, spaces, - _ . and +, other than truth and context, found {text:?}"
-    ))
-}
+/// The methods of one argument.
+pub(super) type Methods = Vec<MethodSpec>;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct MethodArgs {
@@ -170,8 +67,8 @@ pub(super) struct GaussianArgs {
     backend: Option<BackendArg>,
 
     /// Coordinate frame of imported Gaussians: the dataset's, or that of the trial's normalised poses.
-    #[arg(long, value_name = "FRAME", default_value = "dataset")]
-    ply_frame: FrameArg,
+    #[arg(long, value_name = "FRAME", default_value = "dataset", value_parser = parse::named(FRAMES))]
+    ply_frame: GaussianFrame,
 
     /// Read stored opacities of imported PLY files as opacities, not logits, as written by the exporters of pixelSplat and
     /// NoPoSplat.
@@ -179,91 +76,68 @@ pub(super) struct GaussianArgs {
     opacities_as_stored: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum FrameArg {
-    Dataset,
-    Trial,
-}
+const FRAMES: [(&str, GaussianFrame); 2] = [("dataset", GaussianFrame::Dataset), ("trial", GaussianFrame::Trial)];
 
 impl MethodArgs {
     /// Rejects contradicting arguments before anything is read.
-    pub(super) fn check(&self, lists: &[MethodList]) -> Result<(), clap::Error> {
-        let kinds = || lists.iter().flat_map(|MethodList(methods)| methods).map(|method| &method.kind);
-        self.network
-            .check()
-            .and_then(|()| self.network.device.check(kinds().any(Kind::uses_device)))
-            .map_err(parse::usage_error)
+    pub(super) fn check(&self, methods: &[MethodSpec]) -> Result<(), clap::Error> {
+        let uses_device = methods.iter().any(|method| method.kind.uses_device());
+        self.network.check().and_then(|()| self.network.device.check(uses_device)).map_err(parse::usage_error)
     }
 
     /// Loads the methods.
-    pub(super) fn methods(&self, lists: &[MethodList]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        let all = || lists.iter().flat_map(|MethodList(methods)| methods);
-        let has_network = all().any(|method| matches!(method.kind, Kind::AtSplat | Kind::Refined(_)));
+    pub(super) fn load(&self, methods: &[MethodSpec]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
+        let has_network = methods.iter().any(|method| method.kind.has_network());
         let device = self.network.device;
         let device = if has_network { device.open_for_networks()? } else { device.open()? };
-        all().map(|arg| self.method(arg, &device)).collect()
+        methods.iter().map(|spec| self.method(spec, &device)).collect()
     }
 
-    fn method(&self, MethodArg { name, kind }: &MethodArg, device: &ComputeDevice) -> anyhow::Result<Arc<dyn Method>> {
+    fn method(
+        &self,
+        MethodSpec { name, kind }: &MethodSpec,
+        device: &ComputeDevice,
+    ) -> anyhow::Result<Arc<dyn Method>> {
+        let name = name.as_deref();
+        let seed = self.network.seed;
         match kind {
-            Kind::AtSplat => {
+            MethodKind::AtSplat => {
                 let source = self.network.source().context("--method atsplat")?;
                 let (network, record) = source.load(&device.network()?)?;
-                let weights = record.weights();
-                let name = name.as_deref().unwrap_or("atsplat");
-                let (seed, splatting) = (self.network.seed, self.gaussians.splatting(device)?);
-                let method = AtSplat::new(name, network, &weights, seed, splatting)?;
+                let splatting = self.gaussians.splatting(device)?;
+                let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
                 Ok(Arc::new(method.trained(record.training())))
             }
-            Kind::Refined(budget) => {
+            MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;
                 let (network, record) = source.load(&device.network()?)?;
-                let (seed, splatting) = (self.network.seed, self.gaussians.splatting(device)?);
-                let name = name.as_deref();
+                let splatting = self.gaussians.splatting(device)?;
                 Ok(Arc::new(Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?))
             }
-            Kind::Optimised(strategy, budget) => {
-                let (seed, splatting) = (self.network.seed, self.gaussians.splatting(device)?);
-                let limit = self.max_gaussians;
-                let name = name.as_deref();
+            MethodKind::Optimised(strategy, budget) => {
+                let (limit, splatting) = (self.max_gaussians, self.gaussians.splatting(device)?);
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
             }
-            Kind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {
+            MethodKind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {
                 command: command.clone(),
-                name: name.clone(),
+                name: name.map(str::to_owned),
                 limit: Duration::try_from_secs_f64(self.method_timeout).context("--method-timeout")?,
                 processes: self.method_processes.into(),
                 opacities_as_stored: self.gaussians.opacities_as_stored,
                 splatting: self.gaussians.splatting(device)?,
             })?)),
-            other => self.gaussians.imported(name.as_deref(), other, device),
+            MethodKind::NearestView => Ok(Arc::new(NearestView)),
+            MethodKind::Warp => Ok(Arc::new(Warp)),
+            MethodKind::Renders(folder) => Ok(Arc::new(Renders::new(folder, name)?)),
+            MethodKind::Ply(folder) => Ok(Arc::new(self.gaussians.ply(folder, name, device)?)),
         }
     }
 }
 
 impl GaussianArgs {
-    /// A method without a network.
-    pub(super) fn imported(
-        &self,
-        name: Option<&str>,
-        kind: &Kind,
-        device: &ComputeDevice,
-    ) -> anyhow::Result<Arc<dyn Method>> {
-        Ok(match kind {
-            Kind::AtSplat | Kind::Refined(_) | Kind::Optimised(..) | Kind::Exec(_) => {
-                anyhow::bail!("only imported methods can be scored")
-            }
-            Kind::NearestView => Arc::new(NearestView),
-            Kind::Warp => Arc::new(Warp),
-            Kind::Renders(folder) => Arc::new(Renders::new(folder, name)?),
-            Kind::Ply(folder) => {
-                let frame = match self.ply_frame {
-                    FrameArg::Dataset => GaussianFrame::Dataset,
-                    FrameArg::Trial => GaussianFrame::Trial,
-                };
-                Arc::new(Ply::new(folder, name, frame, self.opacities_as_stored, self.splatting(device)?)?)
-            }
-        })
+    /// The method of a folder of Gaussians.
+    pub(super) fn ply(&self, folder: &Path, name: Option<&str>, device: &ComputeDevice) -> anyhow::Result<Ply> {
+        Ok(Ply::new(folder, name, self.ply_frame, self.opacities_as_stored, self.splatting(device)?)?)
     }
 
     fn splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {
@@ -285,34 +159,5 @@ impl GaussianArgs {
         };
         let (background, effects, tolerance) = (self.background, self.effects.clone(), self.tolerance);
         Ok(Splatting { constants, background, effects, tolerance, backend, passed_over })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parses_methods_with_optional_names() {
-        let method = |name: Option<&str>, kind| Ok(MethodArg { name: name.map(str::to_owned), kind });
-        assert_eq!("atsplat".parse(), method(None, Kind::AtSplat));
-        assert_eq!("small=atsplat".parse(), method(Some("small"), Kind::AtSplat));
-        assert_eq!("renders:a/b".parse(), method(None, Kind::Renders("a/b".into())));
-        assert_eq!("MVSplat=ply:out:1".parse(), method(Some("MVSplat"), Kind::Ply("out:1".into())));
-        assert_eq!("mcmc:10s".parse(), method(None, Kind::Optimised(Strategy::Mcmc, Budget::Seconds(10.0))));
-        assert_eq!("long=atsplat+refine:300".parse(), method(Some("long"), Kind::Refined(Budget::Steps(300))));
-        assert_eq!("exec:a --b=1".parse(), method(None, Kind::Exec("a --b=1".to_owned())));
-        assert_eq!("x=exec:a --b=1".parse(), method(Some("x"), Kind::Exec("a --b=1".to_owned())));
-        let list = |text: &str| text.parse::<MethodList>().map(|list| list.0);
-        let methods = list("warp,x=renders:a,y=exec:b 1,2").unwrap();
-        assert_eq!(methods[1], method(Some("x"), Kind::Renders("a".into())).unwrap());
-        assert_eq!(methods[2..], [method(Some("y"), Kind::Exec("b 1,2".to_owned())).unwrap()]);
-        assert!(list("warp,").is_err() && list("exec: ").is_err() && list("").is_err());
-        for broken in ["3dgs", "3dgs:", "3dgs:0", "mcmc:-1s", "mip-splatting:ten", "3dgs:1.5"] {
-            assert!(broken.parse::<MethodArg>().is_err(), "{broken:?}");
-        }
-        for broken in ["", "splat", "renders", "renders:", "=warp", "x=warp", "truth=renders:a", "a/b=renders:c"] {
-            assert!(broken.parse::<MethodArg>().is_err(), "{broken:?}");
-        }
     }
 }

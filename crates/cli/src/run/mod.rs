@@ -5,20 +5,19 @@ mod methods;
 pub(crate) mod protocols;
 pub(crate) mod score;
 pub(crate) mod settings;
-mod shard;
 
 use std::path::Path;
 
 use anyhow::{Context as _, anyhow, bail};
 use atsplat_eval::RunReport;
-use atsplat_eval::method::Method;
+use atsplat_eval::method::{Method, MethodSpec};
 use atsplat_eval::runner::{self, Plan};
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings, warn};
 use crate::progress::Progress;
 use crate::provenance;
-use methods::{MethodArgs, MethodList};
+use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
 
@@ -37,8 +36,8 @@ pub(crate) struct Args {
     /// optimised for each trial, with a budget as 3000 (steps) or 10s: 3dgs:BUDGET, mip-splatting:BUDGET, mcmc:BUDGET,
     /// atsplat+refine:BUDGET (what the network made); exec:COMMAND, a process that answers trials (docs/methods.md), which
     /// takes the rest of the argument. NAME=METHOD sets the name in the results.
-    #[arg(long = "method", value_name = "METHOD", required = true)]
-    methods: Vec<MethodList>,
+    #[arg(long = "method", value_name = "METHOD", required = true, value_parser = MethodSpec::list)]
+    methods: Vec<Methods>,
 
     #[command(flatten, next_help_heading = "Methods")]
     sources: MethodArgs,
@@ -52,9 +51,9 @@ pub(crate) struct Args {
 
 /// Runs methods; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    args.sources.check(&args.methods)?;
-    let methods = args.sources.methods(&args.methods)?;
-    evaluate(&args.protocols, &methods, &args.settings, args.timing)
+    let methods = args.methods.concat();
+    args.sources.check(&methods)?;
+    evaluate(&args.protocols, &args.sources.load(&methods)?, &args.settings, args.timing)
 }
 
 /// Evaluates loaded methods.

@@ -1,9 +1,13 @@
 //! `atsplat score`: evaluates output files of any other method under a protocol.
 
 use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::bail;
+use atsplat_eval::method::{Method, MethodSpec, Renders};
 
 use super::evaluate;
-use super::methods::{GaussianArgs, Kind, named};
+use super::methods::GaussianArgs;
 use super::protocols::ProtocolArgs;
 use super::settings::{SettingArgs, TimingArgs};
 use crate::device::DeviceArgs;
@@ -30,7 +34,7 @@ pub(crate) struct Args {
     ply: Option<PathBuf>,
 
     /// Name in the results; by default the folder's name.
-    #[arg(long, value_name = "NAME", value_parser = named)]
+    #[arg(long, value_name = "NAME", value_parser = MethodSpec::name_of)]
     name: Option<String>,
 
     #[command(flatten, next_help_heading = "Gaussians")]
@@ -48,8 +52,11 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.device.check(args.ply.is_some()).map_err(usage_error)?;
-    let kinds = args.renders.iter().cloned().map(Kind::Renders).chain(args.ply.iter().cloned().map(Kind::Ply));
-    let device = args.device.open()?;
-    let methods = kinds.map(|kind| args.gaussians.imported(args.name.as_deref(), &kind, &device));
-    evaluate(&args.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &args.settings, args.timing)
+    let name = args.name.as_deref();
+    let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
+        (Some(folder), _) => Arc::new(Renders::new(folder, name)?),
+        (None, Some(folder)) => Arc::new(args.gaussians.ply(folder, name, &args.device.open()?)?),
+        (None, None) => bail!("expected --renders or --ply"),
+    };
+    evaluate(&args.protocols, &[method], &args.settings, args.timing)
 }

@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 
 use atsplat_eval::runner::{Dataset, KeepPictures, Selection, suite};
 use atsplat_eval::timing::TimingPlan;
-use atsplat_eval::{EvalError, Provenance, Store};
+use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::Suite;
 use atsplat_protocol::trial::Prefetch;
 
-use super::shard::ShardArg;
 use crate::parse::named;
 
 #[derive(Debug, clap::Args)]
@@ -20,7 +19,7 @@ pub(crate) struct SettingArgs {
     /// Only the K-th of N parts of the scenes, as 2/8, or env: as the environment of a Slurm array, an indexed Kubernetes job
     /// (with `ATSPLAT_SHARDS`), torchrun or MPI says. `atsplat merge` merges the parts.
     #[arg(long, value_name = "K/N|env")]
-    shard: Option<ShardArg>,
+    shard: Option<Shard>,
 
     /// Only N scenes of each dataset, spread evenly over the index.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
@@ -109,7 +108,7 @@ impl SettingArgs {
     }
 
     pub(crate) fn selection(&self) -> Selection {
-        Selection { limit: self.limit, shard: self.shard.map(|arg| arg.0) }
+        Selection { limit: self.limit, shard: self.shard }
     }
 
     pub(crate) fn prefetch() -> Prefetch {

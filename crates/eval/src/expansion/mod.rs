@@ -9,6 +9,7 @@
 
 mod families;
 mod report;
+mod scene;
 mod stages;
 mod subject;
 mod survey;
@@ -25,6 +26,7 @@ use thiserror::Error;
 
 pub use families::{Family, ProjectedFamily, seen_by};
 pub use report::{BlockRow, ExpansionReport, OverScenes, ThresholdRow};
+pub use scene::{ExpansionScene, ExpansionTarget, study_trial};
 pub use stages::Stage;
 pub(crate) use subject::views as context_views;
 pub use subject::{Subject, Target};

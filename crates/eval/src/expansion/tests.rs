@@ -8,7 +8,7 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
 use atsplat_numeric::{Extremes as _, Tolerance};
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{IndexFile, Preset};
 use atsplat_splat::{RenderOptions, View};
 use glam::{DMat3, DVec3};
@@ -23,8 +23,7 @@ pub(crate) fn trial() -> (Trial, TargetPictures) {
     index.scenes.truncate(1);
     index.scenes.values_mut().flatten().for_each(|entry| entry.target.truncate(2));
     let source = Arc::new(simulated(&preset, &index).unwrap().unwrap());
-    let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-    Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), nothing_ahead).next().unwrap().unwrap()
+    Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), Prefetch::NONE).next().unwrap().unwrap()
 }
 
 pub(crate) fn subject(positions: &[usize]) -> Subject {

@@ -217,7 +217,7 @@ pub(super) mod tests {
     use atsplat_model::parameters::parameters;
     use atsplat_model::weights::generated;
     use atsplat_pixels::ImageU8;
-    use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, TrialRecipe, Trials};
+    use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
     use atsplat_protocol::{IndexFile, Preset};
 
     use super::*;
@@ -231,8 +231,7 @@ pub(super) mod tests {
         entries.truncate(1);
         entries.push(entries[0].clone());
         let source = Arc::new(simulated(preset, &index).unwrap().unwrap());
-        let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        let trials = Trials::new(source, &index, TrialRecipe::of(preset, "ATSplat"), ahead).take(3);
+        let trials = Trials::new(source, &index, TrialRecipe::of(preset, "ATSplat"), Prefetch::NONE).take(3);
         let with_pictures = |trial: Trial| {
             let pictures = trial.context().iter().map(|view| view.picture().unwrap()).collect();
             (trial, pictures)

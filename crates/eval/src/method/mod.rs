@@ -8,6 +8,7 @@ mod nearest_view;
 mod optimised;
 mod ply;
 mod renders;
+mod spec;
 mod splatting;
 mod warp;
 
@@ -29,6 +30,7 @@ pub use nearest_view::NearestView;
 pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;
+pub use spec::{InvalidMethod, MethodKind, MethodSpec};
 pub use splatting::{Backend, Splatting};
 pub use warp::Warp;
 

@@ -51,9 +51,9 @@ impl Optimised {
             Strategy::Fixed => "fixed number of Gaussians",
         };
         let record = MethodRecord {
-            name: name.map_or_else(|| format!("{}-{}", strategy.name(), text(budget)), str::to_owned),
+            name: name.map_or_else(|| format!("{}-{budget}", strategy.name()), str::to_owned),
             kind: strategy.name().to_owned(),
-            title: format!("{title} ({})", text(budget)),
+            title: format!("{title} ({budget})"),
             ..MethodRecord::default()
         };
         Self { strategy, budget, seed, limit, network: None, splatting, record }.described()
@@ -75,9 +75,9 @@ impl Optimised {
         let untrained = matches!(weights, WeightsSource::Random { .. });
         let suffix = if untrained { ", untrained" } else { "" };
         let mut record = MethodRecord {
-            name: name.map_or_else(|| format!("atsplat+refine-{}", text(budget)), str::to_owned),
+            name: name.map_or_else(|| format!("atsplat+refine-{budget}"), str::to_owned),
             kind: "atsplat+refine".to_owned(),
-            title: format!("ATSplat + refinement ({}, {}{suffix})", config.name, text(budget)),
+            title: format!("ATSplat + refinement ({}, {budget}{suffix})", config.name),
             parameters: parameters([("model", config.name.clone().into()), ("model-hash", config.hash()?.into())]),
             untrained,
             ..MethodRecord::default()
@@ -191,14 +191,6 @@ impl Method for Optimised {
         cost.context_psnr = (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64);
         cost.notes.push(format!("optimisation: {} steps", fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
-    }
-}
-
-/// `3000` or `10s`.
-fn text(budget: Budget) -> String {
-    match budget {
-        Budget::Steps(steps) => steps.to_string(),
-        Budget::Seconds(seconds) => format!("{seconds}s"),
     }
 }
 

@@ -4,7 +4,7 @@ use atsplat_camera::PrincipalPointRule;
 use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
 use atsplat_pixels::{DecodeLimits, ImageU8};
-use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{ContextView, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_scene::{OneScene, Scene, Warnings};
@@ -73,8 +73,7 @@ impl Photos {
         let entry = IndexEntry { context, target: targets, overlap: None };
         let index = EvaluationIndex { scenes: IndexMap::from([(scene.key.clone(), vec![entry])]) };
         let source = Arc::new(OneScene::new(scene));
-        let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        let mut trials = Trials::new(source, &index, recipe, no_prefetch);
+        let mut trials = Trials::new(source, &index, recipe, Prefetch::NONE);
         let trial = trials.next();
         warnings.merge(trials.warnings().clone());
         let trial = trial.ok_or(ReconstructError::NoContext)?;
@@ -102,7 +101,7 @@ impl Photos {
         if let Some((frame, found)) = sizes().find(|(_, size)| *size != expected) {
             return Err(ReconstructError::Sizes { expected, first, found, frame });
         }
-        Ok(ImageSize::new(expected.height as usize, expected.width as usize))
+        Ok(expected.into())
     }
 
     /// Decodes the context images, and returns them with their cameras as network input.

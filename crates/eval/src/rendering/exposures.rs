@@ -1,8 +1,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use atsplat_files::{FileError, Malformed};
-use atsplat_splat::Exposure;
+use atsplat_files::{FileError, InvalidText, Malformed};
+use atsplat_splat::{Exposure, LARGEST_CHANNEL};
 use thiserror::Error;
 
 use super::Shot;
@@ -21,6 +22,30 @@ pub enum Exposures {
         /// The exposures.
         by_name: BTreeMap<String, Exposure>,
     },
+}
+
+/// Where exposures come from: one gain for all views, or a file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ExposureSource {
+    /// Every channel is multiplied by it.
+    Gain(f64),
+    /// See [`Exposures::read`].
+    File(PathBuf),
+}
+
+impl FromStr for ExposureSource {
+    type Err = InvalidText;
+
+    /// A gain, or a path that ends in `.json`.
+    fn from_str(text: &str) -> Result<Self, InvalidText> {
+        let path = PathBuf::from(text);
+        if path.extension().is_some_and(|extension| extension == "json") {
+            return Ok(Self::File(path));
+        }
+        let gain = text.parse().ok().filter(|gain| (0.0..=LARGEST_CHANNEL).contains(gain));
+        let expected = || format!("a gain from 0 to {LARGEST_CHANNEL:e} or a path that ends in .json");
+        gain.map(Self::Gain).ok_or_else(|| InvalidText::new(expected(), text))
+    }
 }
 
 /// Why exposures cannot be read or applied.
@@ -43,6 +68,18 @@ pub enum ExposuresError {
 }
 
 impl Exposures {
+    /// The exposures of a source; those of the cameras without one.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn of(source: Option<&ExposureSource>) -> Result<Self, ExposuresError> {
+        match source {
+            None => Ok(Self::OfCameras),
+            Some(ExposureSource::Gain(gain)) => Ok(Self::Uniform(Exposure::uniform(*gain))),
+            Some(ExposureSource::File(file)) => Self::read(file),
+        }
+    }
+
     /// Reads a file in the format of 3DGS' `exposure.json` (graphdeco-inria/gaussian-splatting `scene/__init__.py`): an
     /// object with a 3×4 array per view name.
     ///
@@ -73,5 +110,19 @@ impl Exposures {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parses_a_gain_or_a_path() {
+        assert_eq!("1.5".parse(), Ok(ExposureSource::Gain(1.5)));
+        assert_eq!("a/exposure.json".parse(), Ok(ExposureSource::File("a/exposure.json".into())));
+        for broken in ["-1", "NaN", "inf", "1e13", "bright", ""] {
+            assert!(broken.parse::<ExposureSource>().is_err(), "{broken:?}");
+        }
     }
 }

@@ -11,7 +11,7 @@ use atsplat_pixels::PixelError;
 use atsplat_splat::SplatError;
 use thiserror::Error;
 
-pub use exposures::{Exposures, ExposuresError};
+pub use exposures::{ExposureSource, Exposures, ExposuresError};
 pub use frames::{Frame, FrameFiles, empty_frames_warning, render_all, unknown_images};
 pub use look::{Look, LookRecord, ignored_principal_points};
 pub use record::{FrameCounts, Record, RenderFile, Report, ViewRecord};

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 pub use adapter::AdapterRecord;
 pub(crate) use adapter::placement;
 pub use provenance::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, TrainingRecord, WarningCount,
+    MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
 };
 pub use target::{IDENTICAL, TargetRow, TargetStatus};
 pub use trial::{TrialRow, TrialStatus};

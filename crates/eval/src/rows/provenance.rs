@@ -5,7 +5,7 @@ use atsplat_protocol::Preset;
 use serde::{Deserialize, Serialize};
 
 use super::AdapterRecord;
-use crate::EvalError;
+use crate::{EvalError, Shard};
 
 /// What was run, how and where: one record per store.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -47,16 +47,6 @@ pub struct Provenance {
     pub warnings: Vec<WarningCount>,
     /// Index entries without a trial.
     pub skipped: Vec<SkippedEntry>,
-}
-
-/// One of several parts of a run that is divided by scenes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Shard {
-    /// Number of the part, from 1.
-    pub number: u32,
-    /// Number of parts.
-    pub of: u32,
 }
 
 /// A protocol as it was run.

@@ -3,11 +3,14 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use atsplat_protocol::{IndexBuilder, Preset};
+use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
+use atsplat_protocol::{EvaluationIndex, IndexBuilder, Preset};
 use atsplat_scene::{SceneSource, Warnings};
+use atsplat_splat::RenderOptions;
 
 use super::{Dataset, PlannedIndex};
 use crate::EvalError;
+use crate::method::constants_of;
 use crate::sources::AlreadyCropped;
 
 /// Which index a protocol is evaluated on.
@@ -55,5 +58,21 @@ impl Dataset {
             }
         };
         Ok(Self { name: preset.name.clone(), preset, source, description, index })
+    }
+
+    /// The trials of an index, each read when it is needed, with the poses that the protocol gives ATSplat.
+    pub fn trials(&self, index: &EvaluationIndex) -> Trials {
+        let recipe = TrialRecipe::of(&self.preset, "ATSplat");
+        Trials::new(Arc::clone(&self.source), index, recipe, Prefetch::NONE)
+    }
+
+    /// How the protocol renders a trial.
+    pub fn render_options(&self, trial: &Trial) -> RenderOptions {
+        let renderer = &self.preset.renderer;
+        RenderOptions {
+            constants: constants_of(renderer, trial.near_far()),
+            background: renderer.background,
+            ..RenderOptions::default()
+        }
     }
 }

@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use atsplat_numeric::Extremes as _;
-use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, Trials};
+use atsplat_protocol::trial::{ContextView, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use rayon::ThreadPool;
 
@@ -203,10 +203,9 @@ impl Timeable {
         let scenes: Vec<_> = index.scenes.iter().collect();
         let first = spread(scenes.len(), requested);
         let order = first.iter().copied().chain((0..scenes.len()).filter(|at| !first.contains(at)));
-        let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
         let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {
             let index = EvaluationIndex { scenes: [((*key).clone(), (*entries).clone())].into_iter().collect() };
-            Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), ahead)
+            Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), Prefetch::NONE)
         };
         let scenes = order.filter_map(|at| scenes.get(at)).map(of_scene).collect();
         Self { scenes, prepared: Vec::new(), available: index.entries().count() }

@@ -68,6 +68,5 @@ pub(crate) fn run(fit: &mut Fit, steps: u64) {
 }
 
 pub(crate) fn held_out(fit: &mut Fit) -> f64 {
-    let scores: Vec<f64> = views().1.iter().map(|view| fit.score(view).unwrap().psnr).collect();
-    scores.iter().sum::<f64>() / scores.len() as f64
+    fit.mean_score(&views().1).unwrap().psnr
 }

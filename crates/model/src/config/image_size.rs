@@ -14,6 +14,13 @@ pub struct ImageSize {
     pub width: usize,
 }
 
+#[cfg(feature = "network")]
+impl From<atsplat_camera::ImageSize> for ImageSize {
+    fn from(size: atsplat_camera::ImageSize) -> Self {
+        Self::new(size.height as usize, size.width as usize)
+    }
+}
+
 /// A grid of patches of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Grid {

@@ -80,6 +80,11 @@ impl Preset {
         builtin::TEXTS.iter().map(|(name, _)| *name)
     }
 
+    /// The published preset in whose tables its results belong: itself, or the one that it stands for.
+    pub fn published(&self) -> &str {
+        self.stands_for.as_deref().unwrap_or(&self.name)
+    }
+
     /// The TOML text of a built-in preset.
     ///
     /// # Errors

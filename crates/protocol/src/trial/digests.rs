@@ -169,7 +169,7 @@ mod tests {
     use super::*;
     use crate::preset::{Filters, NearFar};
     use crate::test_source::{MemorySource, SIZE, camera, png, scene};
-    use crate::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+    use crate::trial::{Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
     use crate::{EvaluationIndex, IndexEntry};
 
     /// A generated picture with only a fingerprint.
@@ -204,8 +204,7 @@ mod tests {
     fn trial(scene: Scene, context: &[usize], target: &[usize], recipe: TrialRecipe) -> (Trial, TargetPictures) {
         let entry = IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: None };
         let index = EvaluationIndex { scenes: [(scene.key.clone(), vec![entry])].into_iter().collect() };
-        let lazily = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, lazily).next().unwrap().unwrap()
+        Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, Prefetch::NONE).next().unwrap().unwrap()
     }
 
     fn data_hash(scene: Scene, digests: &PictureDigests) -> Sha256Digest {

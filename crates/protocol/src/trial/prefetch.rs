@@ -28,6 +28,11 @@ pub enum DecodeAhead {
     All,
 }
 
+impl Prefetch {
+    /// Nothing is prepared or decoded ahead.
+    pub const NONE: Self = Self { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+}
+
 impl Default for Prefetch {
     /// Four trials, 512 MiB: one trial of 12 + 100 views of 512×960 takes 165 MB.
     fn default() -> Self {

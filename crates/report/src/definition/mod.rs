@@ -9,6 +9,8 @@ mod quantity;
 mod tests;
 mod training;
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
@@ -246,6 +248,16 @@ impl TableDefinition {
     pub fn presets(&self) -> Vec<&str> {
         let groups = self.groups.iter().filter_map(|group| group.preset.as_deref());
         groups.chain(self.rows.iter().filter_map(|row| row.preset.as_deref())).collect()
+    }
+
+    /// The presets of each built-in table.
+    ///
+    /// # Errors
+    /// As [`Self::named`].
+    pub fn presets_by_name() -> Result<BTreeMap<String, Vec<String>>, ReportError> {
+        let presets =
+            |name: &str| Ok((name.to_owned(), Self::named(name)?.presets().into_iter().map(str::to_owned).collect()));
+        Self::names().map(presets).collect()
     }
 
     /// The name of the published column.

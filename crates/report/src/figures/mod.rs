@@ -11,7 +11,7 @@ mod of_trial;
 
 pub use of_drift::of_drift;
 pub use of_estimators::of_estimators;
-pub use of_expansion::{ExpansionScene, ExpansionTarget, of_expansion};
+pub use of_expansion::of_expansion;
 pub use of_frontier::of_frontier;
 pub use of_optimisation::optimisation_section;
 pub use of_store::of_store;

@@ -1,6 +1,4 @@
-use std::sync::Arc;
-
-use atsplat_eval::expansion::{ProjectedFamily, Stage, TargetStudy, Uncertainty};
+use atsplat_eval::expansion::{ExpansionScene, ExpansionTarget, Stage, Uncertainty};
 use atsplat_eval::runner::spread;
 use atsplat_metrics::Ramp;
 use atsplat_numeric::Extremes as _;
@@ -14,34 +12,6 @@ use crate::plot::{
 
 /// The most families drawn over a picture, so that it stays readable.
 const FAMILIES: usize = 160;
-
-/// The expansion of a scene's tokens, seen by one of its cameras.
-#[derive(Clone, Debug)]
-pub struct ExpansionScene {
-    /// The scene's key.
-    pub label: String,
-    /// The frame whose picture families are drawn over.
-    pub frame: usize,
-    /// Its picture.
-    pub picture: Arc<ImageU8>,
-    /// Families visible in it.
-    pub families: Vec<ProjectedFamily>,
-    /// Total number of families.
-    pub expanded: usize,
-    /// Targets with their ground truth.
-    pub targets: Vec<ExpansionTarget>,
-}
-
-/// A target with its ground truth.
-#[derive(Clone, Debug)]
-pub struct ExpansionTarget {
-    /// Position of the frame in the scene.
-    pub frame: usize,
-    /// The ground truth.
-    pub truth: Arc<ImageU8>,
-    /// The study's results.
-    pub study: TargetStudy,
-}
 
 /// Plots by name: tokens of each scene, then strips and uncertainty of all targets; plots without data are omitted.
 /// `subject` names model, weights and protocol.
@@ -169,6 +139,8 @@ fn map(own: &Uncertainty, values: &[f64], colour: impl Fn(f64) -> [f32; 3]) -> R
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
 
     #[test]

@@ -1,10 +1,10 @@
 use std::sync::Arc;
 
+use atsplat_eval::expansion::ExpansionTarget;
 use atsplat_metrics::Ramp;
 use atsplat_numeric::quantile;
 use atsplat_pixels::{ImageU8, Rounding};
 
-use super::ExpansionTarget;
 use crate::ReportError;
 use crate::page::LivePicture;
 

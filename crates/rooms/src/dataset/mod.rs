@@ -1,6 +1,7 @@
 //! Simulated scenes as datasets, in published layouts.
 
 mod nerfstudio;
+mod options;
 mod re10k;
 
 use std::path::Path;
@@ -14,48 +15,10 @@ use atsplat_scene::{Frame, Picture, Scene, SharedBytes, Warnings};
 use rayon::prelude::*;
 use serde::Serialize;
 
+pub use options::{Layout, PictureCoding, WriteOptions};
+
 use crate::effects::CalledEffect;
 use crate::{Request, RoomsError, SceneKind, Simulation, Split};
-
-/// Layout of a dataset on disk.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Layout {
-    /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Cannot store lenses.
-    Re10k,
-    /// `<split>/000000.torch` and `<split>/index.json`, as pixelSplat's loader reads. Cannot store lenses.
-    Chunks,
-    /// `<key>/nerfstudio/transforms.json` and `images/`, like DL3DV.
-    Nerfstudio,
-}
-
-/// Encoding of pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PictureCoding {
-    /// JPEG of this quality, 1 to 100, like RE10K.
-    Jpeg(u8),
-    /// PNG, lossless, like DL3DV.
-    Png,
-}
-
-impl PictureCoding {
-    const fn extension(self) -> &'static str {
-        match self {
-            Self::Jpeg(_) => "jpg",
-            Self::Png => "png",
-        }
-    }
-}
-
-/// Options for writing a dataset.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WriteOptions {
-    /// Layout on disk.
-    pub layout: Layout,
-    /// Encoding of pictures.
-    pub coding: PictureCoding,
-    /// Whether to write `depth/<key>/<frame>.exr`, the channel `Z`.
-    pub depth: bool,
-}
 
 /// A scene's entry in `manifest.json`.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -1,6 +1,7 @@
 //! Optional effects of rendering. Each effect is one file behind [`Effect`]; a scene runs only those that can change its
 //! pictures by more than [`TOLERANCE`], with the reason.
 
+mod choice;
 mod exposure_drift;
 mod indirect_light;
 mod lens_distortion;
@@ -9,6 +10,7 @@ mod sensor_noise;
 mod soft_shadows;
 mod specular_reflection;
 
+pub use choice::EffectChoice;
 pub(crate) use soft_shadows::place_on_lamp;
 
 use std::fmt;
@@ -90,20 +92,6 @@ impl fmt::Display for EffectKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.name().replace('-', " "))
     }
-}
-
-/// Choice of effects.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum EffectChoice {
-    /// The effects that the scene calls for.
-    #[default]
-    Auto,
-    /// All effects.
-    All,
-    /// No effects.
-    None,
-    /// Exactly these effects.
-    Only(Vec<EffectKind>),
 }
 
 /// Identifies a sample of a pixel, for random draws.

@@ -110,8 +110,7 @@ impl TrainConfig {
 /// Size of a protocol's preprocessed pictures, if the protocol states the source size.
 fn size_of(preset: &Preset) -> Option<ImageSize> {
     let source = preset.preprocessing.expected_size?;
-    let output = preset.preprocessing.plan(source).ok()?.output();
-    Some(ImageSize::new(output.height as usize, output.width as usize))
+    Some(preset.preprocessing.plan(source).ok()?.output().into())
 }
 
 fn check_size(field: String, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {

@@ -7,7 +7,7 @@ use atsplat_model::ImageSize;
 use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
+use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset, ProtocolError};
 use atsplat_scene::{OneScene, Scene, SceneSource, Warning, WarningKind, Warnings};
 use indexmap::IndexMap;
@@ -121,8 +121,7 @@ impl DatasetSource {
         let name = format!("{key}, frames {:?} to {:?}", entry.context, entry.target);
         let index = EvaluationIndex { scenes: IndexMap::from([(key.to_owned(), vec![entry])]) };
         let one = Arc::new(OneScene::new(scene));
-        let prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        let mut trials = Trials::new(one, &index, self.recipe.clone(), prefetch);
+        let mut trials = Trials::new(one, &index, self.recipe.clone(), Prefetch::NONE);
         let trial = trials.next();
         self.count_trial(trials.warnings());
         let (trial, truths) = match trial {

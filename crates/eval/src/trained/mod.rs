@@ -1,5 +1,7 @@
 //! The methods of a reproduction: ATSplat, its expansion variants with the same weights, and two baselines.
 
+mod listed;
+
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -9,6 +11,8 @@ use atsplat_model::config::Selection;
 use atsplat_model::network::Network;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
+
+pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
 use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, Warp, WeightsSource};
 use crate::runner::Dataset;

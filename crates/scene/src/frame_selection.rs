@@ -1,13 +1,28 @@
-//! Positions in a list, as `0,29,100..200:10`.
-
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
-use anyhow::{Context as _, bail};
+use atsplat_files::InvalidText;
+use thiserror::Error;
 
-/// Positions in a list, in the order given: `0,29,100..200:10`.
+/// Frames of a scene by their positions, in the order given: `0,29,100..200:10`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Selection(Vec<Part>);
+pub struct FrameSelection(Vec<Part>);
+
+/// A selection that a scene does not have.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum InvalidSelection {
+    /// A position past the last frame.
+    #[error("position {position}, but there are {count} frames, counted from 0")]
+    Outside {
+        /// The position.
+        position: usize,
+        /// Number of frames.
+        count: usize,
+    },
+    /// A frame is selected twice.
+    #[error("position {0} is selected twice")]
+    Twice(usize),
+}
 
 /// Every `step`-th position from `first`, up to but not including `past`, or to the end.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,18 +32,18 @@ struct Part {
     step: usize,
 }
 
-impl FromStr for Selection {
-    type Err = anyhow::Error;
+impl FromStr for FrameSelection {
+    type Err = InvalidText;
 
-    fn from_str(text: &str) -> anyhow::Result<Self> {
-        text.split(',').map(|part| Part::parse(part.trim())).collect::<anyhow::Result<_>>().map(Self)
+    fn from_str(text: &str) -> Result<Self, InvalidText> {
+        text.split(',').map(|part| Part::parse(part.trim())).collect::<Result<_, _>>().map(Self)
     }
 }
 
 impl Part {
-    fn parse(text: &str) -> anyhow::Result<Self> {
-        let number = |text: &str| -> anyhow::Result<usize> {
-            text.parse().with_context(|| format!("expected a position as 7, 3..9 or 3..9:2, found {text:?}"))
+    fn parse(text: &str) -> Result<Self, InvalidText> {
+        let number = |text: &str| -> Result<usize, InvalidText> {
+            text.parse().map_err(|_not_whole| InvalidText::new("a position as 7, 3..9 or 3..9:2", text))
         };
         let Some((first, rest)) = text.split_once("..") else {
             let first = number(text)?;
@@ -36,31 +51,34 @@ impl Part {
         };
         let (past, step) = rest.split_once(':').map_or((rest, 1), |(past, step)| (past, number(step).unwrap_or(0)));
         if step == 0 {
-            bail!("expected a step of at least 1 after the colon, found {text:?}");
+            return Err(InvalidText::new("a step of at least 1 after the colon", text));
         }
         let first = if first.is_empty() { 0 } else { number(first)? };
         let past = if past.is_empty() { None } else { Some(number(past)?) };
         if past.is_some_and(|past| past <= first) {
-            bail!("expected a range whose end is after its start, found {text:?}");
+            return Err(InvalidText::new("a range whose end is after its start", text));
         }
         Ok(Self { first, past, step })
     }
 }
 
-impl Selection {
-    /// The selected positions in a list of `count`; errors name the `option`.
-    pub(crate) fn of(&self, option: &str, count: usize) -> anyhow::Result<Vec<usize>> {
+impl FrameSelection {
+    /// The selected positions of a scene with `count` frames.
+    ///
+    /// # Errors
+    /// [`InvalidSelection`] for a position that the scene does not have, and for one that is selected twice.
+    pub fn of(&self, count: usize) -> Result<Vec<usize>, InvalidSelection> {
         let mut picked = Vec::new();
         let mut seen = BTreeSet::new();
         for part in &self.0 {
             let past = part.past.unwrap_or(count);
             if part.first >= count || past > count {
-                let found = if part.first >= count { part.first } else { past - 1 };
-                bail!("{option}: position {found}, but there are {count} frames, counted from 0");
+                let position = if part.first >= count { part.first } else { past - 1 };
+                return Err(InvalidSelection::Outside { position, count });
             }
             for position in (part.first..past).step_by(part.step) {
                 if !seen.insert(position) {
-                    bail!("{option}: position {position} is selected twice");
+                    return Err(InvalidSelection::Twice(position));
                 }
                 picked.push(position);
             }
@@ -73,8 +91,8 @@ impl Selection {
 mod tests {
     use super::*;
 
-    fn of(text: &str, count: usize) -> anyhow::Result<Vec<usize>> {
-        text.parse::<Selection>()?.of("--frames", count)
+    fn of(text: &str, count: usize) -> Result<Vec<usize>, InvalidSelection> {
+        text.parse::<FrameSelection>().unwrap().of(count)
     }
 
     #[test]
@@ -89,7 +107,7 @@ mod tests {
     #[test]
     fn rejects_malformed_and_out_of_range_selections() {
         for broken in ["", "a", "1,,2", "3..3", "5..2", "1..4:0", "1..4:x", "-1", "1..2..3", "99999999999999999999"] {
-            assert!(broken.parse::<Selection>().is_err(), "{broken:?}");
+            assert!(broken.parse::<FrameSelection>().is_err(), "{broken:?}");
         }
         for outside in ["8", "3..9", "8..", "1..4,3"] {
             assert!(of(outside, 8).is_err(), "{outside:?}");

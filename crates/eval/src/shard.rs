@@ -1,8 +1,24 @@
-//! `--shard K/N`, or `--shard env`: which part of the scenes this process evaluates.
+//! Which part of the scenes a process evaluates: as `K/N`, or as schedulers and launchers of parallel programs say.
 
 use std::str::FromStr;
 
-use atsplat_eval::Shard;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// One of several parts of a run that is divided by scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Shard {
+    /// Number of the part, from 1.
+    pub number: u32,
+    /// Number of parts.
+    pub of: u32,
+}
+
+/// Text or an environment that does not state one part: what was expected, and what was found.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct InvalidShard(String);
 
 /// Number of parts, for schedulers that number their jobs without saying how many there are.
 const COUNT: &str = "ATSPLAT_SHARDS";
@@ -11,20 +27,29 @@ const COUNT: &str = "ATSPLAT_SHARDS";
 const RANKS: [(&str, &str); 3] =
     [("RANK", "WORLD_SIZE"), ("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"), ("PMI_RANK", "PMI_SIZE")];
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct ShardArg(pub(super) Shard);
+impl FromStr for Shard {
+    type Err = InvalidShard;
 
-impl FromStr for ShardArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
+    /// `K/N`, or `env` for [`Shard::of_environment`].
+    fn from_str(text: &str) -> Result<Self, InvalidShard> {
         if text == "env" {
-            return of_environment(&|name| std::env::var(name).ok()).map(Self);
+            return Self::of_environment();
         }
         let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
         let shard =
-            parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
-        shard.map(Self).ok_or_else(|| format!("expected K/N with K from 1 to N, or env, found {text:?}"))
+            parts.map(|(number, of)| Self { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
+        shard.ok_or_else(|| InvalidShard(format!("expected K/N with K from 1 to N, or env, found {text:?}")))
+    }
+}
+
+impl Shard {
+    /// The part that the environment of this process states: of a Slurm array, of an indexed Kubernetes job with `ATSPLAT_SHARDS`,
+    /// or by the rank of torchrun or MPI.
+    ///
+    /// # Errors
+    /// [`InvalidShard`] with the variables, if none or several state a part, or one is not a number.
+    pub fn of_environment() -> Result<Self, InvalidShard> {
+        of_environment(&|name| std::env::var(name).ok()).map_err(InvalidShard)
     }
 }
 
@@ -35,8 +60,7 @@ struct Stated {
     by: String,
 }
 
-/// The part that the environment states: of a Slurm array, of an indexed Kubernetes job, or by the rank of torchrun or MPI. A
-/// launcher of a single process says nothing if another one divides the work.
+/// A launcher of a single process says nothing if another one divides the work.
 fn of_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, String> {
     let environment = Environment(variable);
     let mut stated: Vec<Stated> = Vec::new();
@@ -150,9 +174,9 @@ mod tests {
 
     #[test]
     fn parses_shards() {
-        assert_eq!("2/8".parse(), Ok(ShardArg(Shard { number: 2, of: 8 })));
+        assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
         for broken in ["0/3", "4/3", "1", "1/0", "a/b", "-1/2", "1/2/3", "", "ENV"] {
-            assert!(broken.parse::<ShardArg>().is_err(), "{broken:?}");
+            assert!(broken.parse::<Shard>().is_err(), "{broken:?}");
         }
     }
 

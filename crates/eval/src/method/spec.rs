@@ -1,0 +1,175 @@
+//! Methods as text: `mcmc:10s`, `MVSplat=renders:DIR`.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use atsplat_files::InvalidText;
+use atsplat_fit::{Budget, Strategy};
+use thiserror::Error;
+
+/// A method that is not loaded yet: `KIND` or `NAME=KIND`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MethodSpec {
+    /// Name in the results; by default the method's own.
+    pub name: Option<String>,
+    /// What it is.
+    pub kind: MethodKind,
+}
+
+/// What a method is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MethodKind {
+    /// `atsplat`: a network.
+    AtSplat,
+    /// `atsplat+refine:BUDGET`: the network's Gaussians, optimised further.
+    Refined(Budget),
+    /// `3dgs:BUDGET`, `mip-splatting:BUDGET` or `mcmc:BUDGET`: Gaussians optimised from a random start.
+    Optimised(Strategy, Budget),
+    /// `nearest-view`.
+    NearestView,
+    /// `warp`.
+    Warp,
+    /// `renders:DIR`: pictures of any other method.
+    Renders(PathBuf),
+    /// `ply:DIR`: Gaussians of any other method.
+    Ply(PathBuf),
+    /// `exec:COMMAND`: a process with this command.
+    Exec(String),
+}
+
+/// Text that names no method.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum InvalidMethod {
+    /// An unknown method, a name that results cannot have, or a budget that is none.
+    #[error(transparent)]
+    Text(#[from] InvalidText),
+    /// A name for a baseline.
+    #[error("{method} has no variants and takes no name, found {found:?}")]
+    Named {
+        /// The baseline.
+        method: String,
+        /// The text.
+        found: String,
+    },
+}
+
+impl MethodKind {
+    /// Whether it has a network.
+    pub const fn has_network(&self) -> bool {
+        matches!(self, Self::AtSplat | Self::Refined(_))
+    }
+
+    /// Whether it has a network or Gaussians to render.
+    pub const fn uses_device(&self) -> bool {
+        !matches!(self, Self::NearestView | Self::Warp | Self::Renders(_))
+    }
+
+    fn parse(text: &str) -> Result<Option<Self>, InvalidText> {
+        let folder = |path: &str| Some(PathBuf::from(path)).filter(|path| !path.as_os_str().is_empty());
+        let Some((method, rest)) = text.split_once(':') else {
+            return Ok(match text {
+                "atsplat" => Some(Self::AtSplat),
+                "nearest-view" => Some(Self::NearestView),
+                "warp" => Some(Self::Warp),
+                _ => None,
+            });
+        };
+        Ok(match method {
+            "renders" => folder(rest).map(Self::Renders),
+            "ply" => folder(rest).map(Self::Ply),
+            "exec" if !rest.trim().is_empty() => Some(Self::Exec(rest.to_owned())),
+            "atsplat+refine" => Some(Self::Refined(rest.parse()?)),
+            "3dgs" => Some(Self::Optimised(Strategy::Gaussians3d, rest.parse()?)),
+            "mip-splatting" => Some(Self::Optimised(Strategy::MipSplatting, rest.parse()?)),
+            "mcmc" => Some(Self::Optimised(Strategy::Mcmc, rest.parse()?)),
+            _ => None,
+        })
+    }
+}
+
+impl MethodSpec {
+    /// Methods separated by commas. A command is the last one: it may hold commas itself.
+    ///
+    /// # Errors
+    /// [`InvalidMethod`] for the first that is none.
+    pub fn list(text: &str) -> Result<Vec<Self>, InvalidMethod> {
+        let (mut methods, mut rest) = (Vec::new(), Some(text));
+        while let Some(text) = rest {
+            let is_command = parts(text).1.starts_with("exec:");
+            let (first, others) =
+                text.split_once(',').filter(|_| !is_command).map_or((text, None), |(a, b)| (a, Some(b)));
+            methods.push(first.parse()?);
+            rest = others;
+        }
+        Ok(methods)
+    }
+
+    /// A name that methods may have in results.
+    ///
+    /// # Errors
+    /// [`InvalidText`] for another text.
+    pub fn name_of(text: &str) -> Result<String, InvalidText> {
+        let plain = |c: char| c.is_alphanumeric() || "-_.+ ".contains(c);
+        if !text.trim().is_empty() && text.chars().all(plain) && !["truth", "context"].contains(&text) {
+            return Ok(text.trim().to_owned());
+        }
+        let expected = "a name of letters, digits, spaces, - _ . and +, other than truth and context";
+        Err(InvalidText::new(expected, text))
+    }
+}
+
+/// Name and method of `NAME=METHOD`; a method may hold an equals sign after its colon.
+fn parts(text: &str) -> (Option<&str>, &str) {
+    match text.split_once('=') {
+        Some((name, method)) if !name.contains([':', ',']) => (Some(name), method),
+        _ => (None, text),
+    }
+}
+
+impl FromStr for MethodSpec {
+    type Err = InvalidMethod;
+
+    fn from_str(text: &str) -> Result<Self, InvalidMethod> {
+        let (name, method) = parts(text);
+        let name = name.map(Self::name_of).transpose()?;
+        let kind = MethodKind::parse(method)?.ok_or_else(|| {
+            let expected = "atsplat, nearest-view, warp, renders:DIR, ply:DIR, exec:COMMAND, or 3dgs, mip-splatting, mcmc or \
+                            atsplat+refine with a budget, as 3dgs:3000 (steps) or mcmc:10s, optionally after NAME=";
+            InvalidText::new(expected, text)
+        })?;
+        let is_baseline = matches!(kind, MethodKind::NearestView | MethodKind::Warp);
+        if is_baseline && name.is_some() {
+            return Err(InvalidMethod::Named { method: method.to_owned(), found: text.to_owned() });
+        }
+        Ok(Self { name, kind })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parses_methods_with_optional_names() {
+        let method = |name: Option<&str>, kind| Ok(MethodSpec { name: name.map(str::to_owned), kind });
+        assert_eq!("atsplat".parse(), method(None, MethodKind::AtSplat));
+        assert_eq!("small=atsplat".parse(), method(Some("small"), MethodKind::AtSplat));
+        assert_eq!("renders:a/b".parse(), method(None, MethodKind::Renders("a/b".into())));
+        assert_eq!("MVSplat=ply:out:1".parse(), method(Some("MVSplat"), MethodKind::Ply("out:1".into())));
+        assert_eq!("mcmc:10s".parse(), method(None, MethodKind::Optimised(Strategy::Mcmc, Budget::Seconds(10.0))));
+        assert_eq!("long=atsplat+refine:300".parse(), method(Some("long"), MethodKind::Refined(Budget::Steps(300))));
+        assert_eq!("exec:a --b=1".parse(), method(None, MethodKind::Exec("a --b=1".to_owned())));
+        assert_eq!("x=exec:a --b=1".parse(), method(Some("x"), MethodKind::Exec("a --b=1".to_owned())));
+        let list = MethodSpec::list;
+        let methods = list("warp,x=renders:a,y=exec:b 1,2").unwrap();
+        assert_eq!(methods[1], method(Some("x"), MethodKind::Renders("a".into())).unwrap());
+        assert_eq!(methods[2..], [method(Some("y"), MethodKind::Exec("b 1,2".to_owned())).unwrap()]);
+        assert!(list("warp,").is_err() && list("exec: ").is_err() && list("").is_err());
+        for broken in ["3dgs", "3dgs:", "3dgs:0", "mcmc:-1s", "mip-splatting:ten", "3dgs:1.5", "fixed:3"] {
+            assert!(broken.parse::<MethodSpec>().is_err(), "{broken:?}");
+        }
+        for broken in ["", "splat", "renders", "renders:", "=warp", "x=warp", "truth=renders:a", "a/b=renders:c"] {
+            assert!(broken.parse::<MethodSpec>().is_err(), "{broken:?}");
+        }
+    }
+}

@@ -1,0 +1,104 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::{AtScale, Evaluation, Fit, FitConfig, FitError, TrainingView};
+
+/// Everything that the Gaussians of a run depend on, and how good they are. Independent of date and speed of the machine, unless the
+/// budget was a time.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the names of the record's file")]
+pub struct FitRecord {
+    /// Version of this toolkit.
+    pub atsplat: &'static str,
+    pub data: PathBuf,
+    pub scene: String,
+    pub views: Vec<String>,
+    pub held_out: Vec<String>,
+    pub start: String,
+    pub start_gaussians: usize,
+    /// Gaussians of the start that were invalid, and dropped.
+    pub dropped: usize,
+    pub extent: f64,
+    pub configuration: FitConfig,
+    /// Graphics adapter and driver, or `cpu`.
+    pub device: String,
+    pub steps: u64,
+    pub file: PathBuf,
+    pub gaussians: usize,
+    /// Of the training views, if cameras or exposures were optimised.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub corrections: Vec<Correction>,
+    /// Mean PSNR of the last step on each training view, in dB.
+    pub training_psnr: Option<f64>,
+    pub evaluations: Vec<Evaluation>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub at_scales: Vec<AtScale>,
+}
+
+/// What was optimised for one view.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Correction {
+    /// Name of the view.
+    pub view: String,
+    /// Row-major 3×4 matrix.
+    pub camera_from_world: Vec<f64>,
+    /// As 3DGS stores it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<[[f64; 4]; 3]>,
+}
+
+impl Fit {
+    /// The optimised cameras and exposures of all training views; none if neither is optimised.
+    ///
+    /// # Errors
+    /// As [`Self::optimised_view`].
+    pub fn corrections(&self) -> Result<Vec<Correction>, FitError> {
+        if self.config.pose_rate.is_none() && self.config.exposure_rate.is_none() {
+            return Ok(Vec::new());
+        }
+        let correction = |(number, view): (usize, &TrainingView)| {
+            let found = self.optimised_view(number)?.unwrap_or(view.view);
+            let exposure = self.exposure(number).map(|exposure| exposure.to_3dgs());
+            let camera_from_world = found.camera.camera_from_world.to_rows().to_vec();
+            Ok(Correction { view: view.name.clone(), camera_from_world, exposure })
+        };
+        self.views.iter().enumerate().map(correction).collect()
+    }
+}
+
+/// A run for its reader.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct FitReport {
+    /// The record.
+    #[serde(flatten)]
+    pub record: FitRecord,
+    /// How long the run took.
+    pub seconds: f64,
+}
+
+impl fmt::Display for FitReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let FitRecord {
+            scene, views, configuration, device, steps, file, gaussians, training_psnr, evaluations, ..
+        } = &self.record;
+        let strategy = configuration.strategy.name();
+        let (views, seconds) = (views.len(), self.seconds);
+        writeln!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s on {device}")?;
+        writeln!(f, "{gaussians} Gaussians into {}", file.display())?;
+        if let Some(psnr) = training_psnr {
+            writeln!(f, "{psnr:.2} dB on the training views")?;
+        }
+        if let Some(Evaluation { psnr, ssim, .. }) = evaluations.last() {
+            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on {} held-out views", self.record.held_out.len())?;
+        }
+        for AtScale { scale, width, height, psnr, ssim } in &self.record.at_scales {
+            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on them at {scale} times their size, {width}x{height}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,78 @@
+use std::fmt;
+
+use atsplat_numeric::{median, quantile};
+
+use crate::{EffectKind, FrameCosts};
+
+/// What one effect costs over scenes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectMillis {
+    /// The effect.
+    pub effect: EffectKind,
+    /// Scenes that call for it.
+    pub called_for: usize,
+    /// Milliseconds a frame over the scenes where they can be measured: first quartile, median, third quartile; `None` if that is
+    /// nowhere.
+    pub millis: Option<[f64; 3]>,
+}
+
+/// What effects cost over scenes, of each of which one frame was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CostSummary {
+    /// Number of scenes.
+    pub scenes: usize,
+    /// Every effect.
+    pub effects: Vec<EffectMillis>,
+    /// Median seconds of a frame with its scene's effects; `None` if they cannot be measured.
+    pub frame_secs: Option<f64>,
+    /// What the effects that scenes call for save against all of them, and change.
+    pub against_all: String,
+}
+
+impl CostSummary {
+    /// The summary of these scenes; `None` without any.
+    pub fn of(costs: &[&FrameCosts]) -> Option<Self> {
+        (!costs.is_empty()).then(|| Self {
+            scenes: costs.len(),
+            effects: EffectKind::ALL.map(|effect| EffectMillis::of(effect, costs)).into(),
+            frame_secs: median(costs.iter().filter_map(|costs| costs.frame.secs)),
+            against_all: against_all(costs),
+        })
+    }
+}
+
+impl EffectMillis {
+    fn of(effect: EffectKind, costs: &[&FrameCosts]) -> Self {
+        let of = || costs.iter().flat_map(|costs| &costs.effects).filter(|cost| cost.effect == effect);
+        let mut millis: Vec<f64> = of().filter_map(|cost| cost.time.secs).map(|secs| secs * 1e3).collect();
+        millis.sort_by(f64::total_cmp);
+        let at = |share| quantile(&millis, share);
+        let millis = at(0.25).zip(at(0.5)).zip(at(0.75)).map(|((low, median), high)| [low, median, high]);
+        Self { effect, called_for: of().count(), millis }
+    }
+}
+
+fn against_all(costs: &[&FrameCosts]) -> String {
+    let total = |read: fn(&FrameCosts) -> Option<f64>| costs.iter().filter_map(|costs| read(costs)).sum::<f64>();
+    let (own, all) = (total(|costs| costs.frame.secs), total(|costs| costs.all.secs));
+    let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, |a, b| if b > a { b } else { a });
+    let beyond = costs.iter().map(|costs| costs.difference.beyond).sum::<f64>() / costs.len() as f64;
+    format!(
+        "all effects take {:.2} times as long; the largest difference is {:.1} of 255, and {:.3} % of pixels differ by more than 1",
+        all / own,
+        largest * 255.0,
+        beyond * 100.0
+    )
+}
+
+impl fmt::Display for CostSummary {
+    /// A table.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{:<20} {:>7}  {:>16}", "effect", "scenes", "median ms a frame")?;
+        for EffectMillis { effect, called_for, millis } in &self.effects {
+            let measured = millis.map_or_else(|| "-".to_owned(), |[_, median, _]| format!("{median:.1}"));
+            writeln!(f, "{:<20} {called_for:>3}/{:<3}  {measured:>16}", effect.to_string(), self.scenes)?;
+        }
+        writeln!(f, "{}", self.against_all)
+    }
+}

@@ -1,0 +1,82 @@
+use std::str::FromStr;
+
+use atsplat_camera::ImageSize;
+use atsplat_files::InvalidText;
+
+/// Layout of a dataset on disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Cannot store lenses.
+    Re10k,
+    /// `<split>/000000.torch` and `<split>/index.json`, as pixelSplat's loader reads. Cannot store lenses.
+    Chunks,
+    /// `<key>/nerfstudio/transforms.json` and `images/`, like DL3DV.
+    Nerfstudio,
+}
+
+impl Layout {
+    /// Image size that the papers' protocols expect.
+    pub const fn native_size(self) -> ImageSize {
+        match self {
+            Self::Re10k | Self::Chunks => ImageSize { width: 640, height: 360 },
+            Self::Nerfstudio => ImageSize { width: 480, height: 270 },
+        }
+    }
+}
+
+/// Encoding of pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PictureCoding {
+    /// JPEG of this quality, 1 to 100, like RE10K.
+    Jpeg(u8),
+    /// PNG, lossless, like DL3DV.
+    Png,
+}
+
+impl PictureCoding {
+    pub(super) const fn extension(self) -> &'static str {
+        match self {
+            Self::Jpeg(_) => "jpg",
+            Self::Png => "png",
+        }
+    }
+}
+
+impl FromStr for PictureCoding {
+    type Err = InvalidText;
+
+    /// `png`, or `jpeg:QUALITY`.
+    fn from_str(text: &str) -> Result<Self, InvalidText> {
+        let quality = |text: &str| text.parse().ok().filter(|quality| (1..=100).contains(quality));
+        let coding = match text.split_once(':') {
+            None if text == "png" => Some(Self::Png),
+            Some(("jpeg", text)) => quality(text).map(Self::Jpeg),
+            _ => None,
+        };
+        coding.ok_or_else(|| InvalidText::new("png, or jpeg:QUALITY from 1 to 100", text))
+    }
+}
+
+/// Options for writing a dataset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriteOptions {
+    /// Layout on disk.
+    pub layout: Layout,
+    /// Encoding of pictures.
+    pub coding: PictureCoding,
+    /// Whether to write `depth/<key>/<frame>.exr`, the channel `Z`.
+    pub depth: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parses_codings() {
+        assert_eq!(("png".parse(), "jpeg:90".parse()), (Ok(PictureCoding::Png), Ok(PictureCoding::Jpeg(90))));
+        for broken in ["jpeg", "jpeg:0", "jpeg:101", "webp", "png:1"] {
+            assert!(broken.parse::<PictureCoding>().is_err(), "{broken:?}");
+        }
+    }
+}
