@@ -75,3 +75,36 @@ pub fn nearest_view_psnr(held_out: &[TrainingView], training: &[TrainingView]) -
     let all = held_out.iter().map(psnr).collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty())?;
     Some(all.iter().sum::<f64>() / all.len() as f64)
 }
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+    use atsplat_numeric::Tolerance;
+    use atsplat_splat::View;
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    /// A grey picture of two pixels, seen from a place on the x axis.
+    fn view(x: f64, grey: f32) -> TrainingView {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
+        let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
+        let size = ImageSize { width: 2, height: 1 };
+        TrainingView {
+            name: format!("x = {x}"),
+            view: View { camera: Camera::pinhole(pose, intrinsics), size },
+            rgb: vec![[grey; 3]; 2],
+        }
+    }
+
+    #[test]
+    fn the_nearest_view_is_the_one_of_the_nearest_camera() {
+        let training = [view(0.0, 0.0), view(10.0, 0.5)];
+        let psnr = nearest_view_psnr(&[view(7.0, 0.6), view(-3.0, 0.01)], &training).unwrap();
+        Tolerance::absolute(1e-4).assert([psnr], [30.0], "20 dB to the second view, 40 dB to the first");
+        assert_eq!(nearest_view_psnr(&[], &training), None);
+        let mut other = view(7.0, 0.6);
+        other.view.size.height = 2;
+        assert_eq!(nearest_view_psnr(&[other], &training), None, "of another size");
+    }
+}

@@ -35,6 +35,7 @@ fn moved(gradients: &GroupGradients) -> Vec<&str> {
 const NOTHING: LossConfig = LossConfig {
     perceptual: atsplat_train::PerceptualChoice::DSsim,
     perceptual_weight: 0.0,
+    late_perceptual_weight: None,
     intermediate_weight: 0.0,
     intermediate_d_ssim_weight: 0.0,
     uncertainty_weight: 0.0,
