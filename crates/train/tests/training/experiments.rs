@@ -127,6 +127,9 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     }
 }
 
+/// Adds a part of the second configuration to the first.
+type AddPart = fn(&mut TrainConfig, &TrainConfig);
+
 /// Each trial of the recipe differs from the plain run in one part, and the last one has them all.
 #[test]
 fn trials_of_the_recipe_add_one_part_each() {
@@ -140,7 +143,7 @@ fn trials_of_the_recipe_add_one_part_each() {
         SourceConfig::Dataset(_) => panic!("exact distances are those of simulated scenes"),
     };
     let (plain, all) = (read("plain"), read("all"));
-    let parts: [(&str, fn(&mut TrainConfig, &TrainConfig)); 5] = [
+    let parts: [(&str, AddPart); 5] = [
         ("average", |config, all| config.average = all.average),
         ("flips", |config, all| config.flips = all.flips),
         ("curriculum", |config, all| config.data.clone_from(&all.data)),
