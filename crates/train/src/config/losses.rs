@@ -110,18 +110,17 @@ mod tests {
 
     #[test]
     fn weights_change_over_the_run() {
-        let config: LossConfig =
-            toml::from_str("perceptual-weight = 0.05\nlate-perceptual-weight = 0.2\ndistance-weight = 0.3").unwrap();
+        let text = "perceptual-weight = 0.05\nlate-perceptual-weight = 0.2\ndistance-weight = 0.3";
+        let config: LossConfig = toml::from_str(text).unwrap();
         config.validate().unwrap();
-        let weights = |at: fn(&LossConfig, f64) -> f64| [0.0, 0.3, 0.74, 0.75, 0.99].map(|share| at(&config, share));
-        assert_eq!(weights(LossConfig::perceptual_weight_at), [0.05, 0.05, 0.05, 0.2, 0.2]);
-        atsplat_numeric::Tolerance::absolute(1e-12).assert(
-            weights(LossConfig::distance_weight_at),
-            [0.3, 0.15, 0.0, 0.0, 0.0],
-            "distances",
-        );
+        let same = |weight: &dyn Fn(f64) -> f64, expected: [f64; 5], what: &str| {
+            let weights = [0.0, 0.3, 0.74, 0.75, 0.99].map(weight);
+            atsplat_numeric::Tolerance::absolute(1e-12).assert(weights, expected, what);
+        };
+        same(&|share| config.perceptual_weight_at(share), [0.05, 0.05, 0.05, 0.2, 0.2], "perceptual");
+        same(&|share| config.distance_weight_at(share), [0.3, 0.15, 0.0, 0.0, 0.0], "distances");
         let constant = LossConfig { late_perceptual_weight: None, ..config.clone() };
-        assert_eq!([0.0, 0.9].map(|share| constant.perceptual_weight_at(share)), [0.05, 0.05]);
+        same(&|share| constant.perceptual_weight_at(share), [0.05; 5], "without a late weight");
         let broken = LossConfig { late_perceptual_weight: Some(-1.0), ..config };
         let error = broken.validate().unwrap_err().to_string();
         assert!(error.contains("losses.late-perceptual-weight"), "{error}");
