@@ -388,6 +388,7 @@ fn all_finite(values: &[f32]) -> bool {
     Arch::new().dispatch(|| values.iter().fold(0, largest)) < f32::INFINITY.to_bits()
 }
 
-fn psnr(mse: f64) -> f64 {
+/// In dB, of values in [0, 1].
+pub(crate) fn psnr(mse: f64) -> f64 {
     -10.0 * mse.log10()
 }

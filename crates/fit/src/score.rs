@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::fit::psnr;
 use crate::{Fit, FitError, Score, TrainingView};
 
 /// Mean scores of held-out views after some steps.
@@ -64,15 +65,15 @@ impl Fit {
 /// sizes.
 pub fn nearest_view_psnr(held_out: &[TrainingView], training: &[TrainingView]) -> Option<f64> {
     let centre = |view: &TrainingView| view.view.camera.camera_from_world.inverse().centre();
-    let psnr = |view: &TrainingView| {
+    let of_nearest = |view: &TrainingView| {
         let distance = |other: &&TrainingView| centre(other).distance(centre(view));
         let nearest = training.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let pairs = nearest.rgb.as_flattened().iter().zip(view.rgb.as_flattened());
         let squared: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
         let same = nearest.view.size == view.view.size;
-        same.then(|| -10.0 * (squared / (3.0 * view.rgb.len() as f64)).log10())
+        same.then(|| psnr(squared / (3.0 * view.rgb.len() as f64)))
     };
-    let all = held_out.iter().map(psnr).collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty())?;
+    let all = held_out.iter().map(of_nearest).collect::<Option<Vec<f64>>>().filter(|all| !all.is_empty())?;
     Some(all.iter().sum::<f64>() / all.len() as f64)
 }
 

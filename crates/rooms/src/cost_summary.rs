@@ -1,6 +1,6 @@
 use std::fmt;
 
-use atsplat_numeric::{median, quantile};
+use atsplat_numeric::{Extremes as _, median, quantile};
 
 use crate::{EffectKind, FrameCosts};
 
@@ -55,7 +55,7 @@ impl EffectMillis {
 fn against_all(costs: &[&FrameCosts]) -> String {
     let total = |read: fn(&FrameCosts) -> Option<f64>| costs.iter().filter_map(|costs| read(costs)).sum::<f64>();
     let (own, all) = (total(|costs| costs.frame.secs), total(|costs| costs.all.secs));
-    let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, |a, b| if b > a { b } else { a });
+    let largest = costs.iter().map(|costs| costs.difference.largest).fold(0.0, f32::maximum_of);
     let beyond = costs.iter().map(|costs| costs.difference.beyond).sum::<f64>() / costs.len() as f64;
     format!(
         "all effects take {:.2} times as long; the largest difference is {:.1} of 255, and {:.3} % of pixels differ by more than 1",
