@@ -97,10 +97,9 @@ impl Exchange {
         let (steps, stopped) = (Steps(Mutex::new(self.sender.clone())), AtomicBool::new(false));
         let stopped = &stopped;
         std::thread::scope(|scope| {
-            let evaluating = scope.spawn(move || evaluation(&steps, &|| stopped.load(Ordering::Relaxed)));
-            let served = self.serve(py, progress);
+            let evaluating = scope.spawn(move || evaluation(&steps, &|| stopped.load(Ordering::Acquire)));
+            let served = self.serve(py, progress, stopped);
             if served.is_err() {
-                stopped.store(true, Ordering::Relaxed);
                 // Threads that wait for a call get no answer, and the others end after their trial.
                 py.detach(|| while !matches!(self.next(), Ok(Task::Finished)) {});
             }
@@ -110,21 +109,24 @@ impl Exchange {
         })
     }
 
-    fn serve(&self, py: Python<'_>, progress: Option<&Py<PyAny>>) -> PyResult<()> {
+    /// Does tasks until the evaluation has ended. An error sets `stopped` before the call that it interrupted is dropped: the
+    /// waiting thread would otherwise take the missing answer for a failure of the method, and store it.
+    fn serve(&self, py: Python<'_>, progress: Option<&Py<PyAny>>, stopped: &AtomicBool) -> PyResult<()> {
+        let stop = |_: &PyErr| stopped.store(true, Ordering::Release);
         loop {
             match py.detach(|| self.next()) {
                 Ok(Task::Call(trial, callable, reply)) => {
-                    let outcome = answer(py, *trial, &callable)?;
+                    let outcome = answer(py, *trial, &callable).inspect_err(stop)?;
                     reply.send(outcome).ok();
                 }
                 Ok(Task::Step) => {
                     if let Some(progress) = progress {
-                        progress.call0(py)?;
+                        progress.call0(py).inspect_err(stop)?;
                     }
                 }
                 Ok(Task::Finished) => return Ok(()),
                 // `self` has a sender: nothing else is an error.
-                Err(_timeout) => py.check_signals()?,
+                Err(_timeout) => py.check_signals().inspect_err(stop)?,
             }
         }
     }

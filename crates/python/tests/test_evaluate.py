@@ -193,6 +193,19 @@ def test_ctrl_c_stops_and_the_next_run_resumes(rooms, tmp_path):
     assert [row["status"] for row in atsplat.open_store(tmp_path / "store").trials()] == ["done"] * SCENES
 
 
+def test_an_interrupted_trial_is_never_stored(rooms, tmp_path):
+    """Its thread waits for an answer that never comes, and must not take that for a failure: often, as threads race."""
+
+    def interrupted(images, context, target):
+        raise KeyboardInterrupt
+
+    for attempt in range(40):
+        store = tmp_path / f"store{attempt}"
+        with pytest.raises(KeyboardInterrupt):
+            atsplat.evaluate(interrupted, PROTOCOL, data=rooms, index=INDEX, out=store)
+        assert atsplat.open_store(store).trials() == []
+
+
 def test_settings_are_checked(rooms, tmp_path):
     for options, field in [({"setting": "pixelsplats"}, "setting"), ({"name": "truth"}, "name"), ({"keep_pictures": "some"}, "keep_pictures")]:
         with pytest.raises(atsplat.InvalidError) as raised:
