@@ -23,6 +23,8 @@ pub(super) struct Scene {
     pub(super) order: wgpu::Buffer,
     /// Offsets of each Gaussian's pairs in a window, in that order; the number of all pairs last.
     pub(super) offsets: wgpu::Buffer,
+    /// Which tiles those are.
+    pub(super) masks: wgpu::Buffer,
 }
 
 /// Projects the Gaussians and sorts them by depth; counts them in `report`.
@@ -40,6 +42,7 @@ pub(super) fn project(
     let reaches = get("reaches", 8)?;
     let keys = Sorted { keys: get("depth keys", 4)?, values: get("depth values", 4)? };
     let spare = Sorted { keys: get("spare depth keys", 4)?, values: get("spare depth values", 4)? };
+    let masks = get("masks", 4)?;
     let offsets = pool.get(context, "offsets", 0, 4 * (count + 1))?;
 
     recorder.clear(report, status::BYTES);
@@ -72,7 +75,7 @@ pub(super) fn project(
     let buffers = [&reaches, &positions, &keys.keys, &keys.values, report];
     recorder.dispatch(Kernel::Keys, block.bytes(), &buffers, count.div_ceil(64))?;
     let order = sort(recorder, pool, keys, spare, Items::Known(count), u32::BITS)?.values;
-    Ok(Scene { count, shapes, positions, splat_colours, reaches, order, offsets })
+    Ok(Scene { count, shapes, positions, splat_colours, reaches, order, offsets, masks })
 }
 
 /// The uniform block for one part of the Gaussians.

@@ -63,21 +63,22 @@ pub(super) fn list(
 
     recorder.clear(&ranges, 8 * tiles);
     recorder.stage("bin");
-    let buffers = [&scene.order, &scene.reaches, &scene.offsets];
+    let Scene { shapes, positions, reaches, order, offsets, masks, .. } = scene;
+    let buffers = [order, reaches, shapes, positions, offsets, masks];
     recorder.dispatch(Kernel::TileCount, block.bytes(), &buffers, (scene.count + 1).div_ceil(64))?;
-    scan(recorder, pool, &scene.offsets, scene.count + 1)?;
-    let buffers = [&scene.order, &scene.reaches, &scene.offsets, &pairs.keys, &pairs.values, &owners, &ranges];
+    scan(recorder, pool, offsets, scene.count + 1)?;
+    let buffers = [order, reaches, offsets, &pairs.keys, &pairs.values, &owners, &ranges, masks];
     let mut emit = block;
     emit.part = [word(plan.most), 0, 0, 0];
     recorder.dispatch(Kernel::Emit, emit.bytes(), &buffers, scene.count.div_ceil(64))?;
-    let items = Items::Counted { totals: &scene.offsets, at: scene.count, bound: capacity };
+    let items = Items::Counted { totals: offsets, at: scene.count, bound: capacity };
     let bits = u64::BITS - (tiles - 1).leading_zeros();
     let Sorted { keys, values } = sort(recorder, pool, pairs, spare, items, bits)?;
-    let buffers = [&keys, &values, &owners, &scene.reaches, &ranges, &sorted, &boxes, &scene.offsets];
+    let buffers = [&keys, &values, &owners, reaches, &ranges, &sorted, &boxes, offsets];
     recorder.dispatch(Kernel::Ranges, block.bytes(), &buffers, capacity.div_ceil(64))?;
     let entries_per_dispatch = context.entries_per_dispatch;
     let mut needs = block;
     needs.part = [0, plan.passes.saturating_mul(entries_per_dispatch), 0, 0];
-    recorder.dispatch(Kernel::Needs, needs.bytes(), &[&scene.offsets, &ranges, report], tiles.div_ceil(64))?;
+    recorder.dispatch(Kernel::Needs, needs.bytes(), &[offsets, &ranges, report], tiles.div_ceil(64))?;
     Ok(Lists { block, window, sorted, boxes, ranges, passes: plan.passes, entries_per_dispatch })
 }

@@ -100,8 +100,8 @@ pub(super) fn bytes_needed(gaussians: &GpuGaussians, view: &View) -> u64 {
 }
 
 fn bytes_of_splats(count: u64, view: &View) -> u64 {
-    // Splats 56, keys and values twice 16, offsets 4, digits 2.
-    count.saturating_mul(78).saturating_add((view.pixels() as u64).saturating_mul(32))
+    // Splats 56, keys and values twice 16, offsets 4, masks 4, digits 2.
+    count.saturating_mul(82).saturating_add((view.pixels() as u64).saturating_mul(32))
 }
 
 /// Rejects what cannot be rendered within the limit, before it is copied to the device.

@@ -1,12 +1,15 @@
 //! Tests of internals: limits of drivers, and pooled buffers.
 
+use std::collections::BTreeSet;
+
 use atsplat_tests::{skip, skip_without_graphics};
 
 use super::context::Context;
 use super::kernels::{Kernel, Pipelines, Pool};
 use super::record::Recorder;
+use super::status::{self, Status};
 use super::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, adapters};
-use crate::{GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, View};
+use crate::{GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, View, reference};
 
 /// `None` if there is no adapter and none is required.
 fn opened<T>(opened: Result<T, GpuError>) -> Option<T> {
@@ -61,6 +64,64 @@ fn limiting_iterations_does_not_change_results() {
         assert!(gpu.render(&gaussians, &view, &options).unwrap() == rendering, "{iterations}");
         assert!(gpu.backward(&gaussians, &view, &options, &images).unwrap() == gradients, "{iterations}");
     }
+}
+
+/// One needle of this length at an angle in the picture's plane, in units of depth 3.
+fn needle(length: f32, degrees: u16) -> Gaussians {
+    let half = f32::from(degrees).to_radians() / 2.0;
+    let parts = GaussianParts {
+        means: vec![[0.2, -0.1, 3.0]],
+        quaternions: vec![[half.cos(), 0.0, 0.0, half.sin()]],
+        log_scales: vec![[length.ln(), -5.5, -5.5]],
+        opacity_logits: vec![3.0],
+        sh: vec![[1.0, 0.5, 0.2]],
+        ..GaussianParts::default()
+    };
+    Gaussians::new(parts).unwrap()
+}
+
+/// The bounding boxes of slanted needles are mostly empty. The longest have more tiles than a mask has bits.
+#[test]
+fn lists_hold_the_tiles_that_an_ellipse_touches() {
+    let Some(mut gpu) = opened(GpuRenderer::new(&AdapterChoice::Automatic, GpuOptions::default())) else { return };
+    let (width, height) = (310_usize, 203_usize);
+    let view = View { size: atsplat_camera::ImageSize { width: 310, height: 203 }, ..scene().1 };
+    let tile = |x: usize, y: usize| (x / 16, y / 16);
+    let (mut listed, mut boxed) = (0, 0);
+    let lengths = [0.03f32, 0.1, 0.4, 3.0];
+    for (length, degrees) in
+        lengths.into_iter().flat_map(|length| (7..180).step_by(15).map(move |angle| (length, angle)))
+    {
+        let case = format!("length {length}, {degrees} degrees");
+        let gaussians = needle(length, degrees);
+        let expected = reference::render(&gaussians, &view, &RenderOptions::default()).unwrap().alpha;
+        let found = gpu.render(&gaussians, &view, &RenderOptions::default()).unwrap().alpha;
+        // Of what is on the threshold, rounding decides.
+        let lost =
+            expected.iter().zip(&found).filter(|(expected, found)| **expected > 1.01 / 255.0 && !(**found > 0.0));
+        assert_eq!(lost.count(), 0, "{case}: a tile is missing");
+
+        let report = gpu.pool.get(&gpu.context, "report", 0, status::BYTES).unwrap();
+        let bytes = gpu.context.read(&[(&report, status::BYTES)]).unwrap().concat();
+        let pairs = usize::try_from(Status::parse("", &bytes).unwrap().pairs).unwrap();
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let coloured: Vec<_> = pixels.zip(&expected).filter(|(_, alpha)| **alpha > 0.0).map(|(at, _)| at).collect();
+        let steps = [0, 2, 4];
+        let near: BTreeSet<_> = coloured
+            .iter()
+            .flat_map(|(x, y)| steps.into_iter().flat_map(move |right| steps.map(|down| (x + right, y + down))))
+            .map(|(x, y)| tile(x.saturating_sub(2).min(width - 1), y.saturating_sub(2).min(height - 1)))
+            .collect();
+        let columns = near.iter().map(|(column, _)| column);
+        let rows = near.iter().map(|(_, row)| row);
+        let span = |low: Option<&usize>, high: Option<&usize>| 1 + high.unwrap() - low.unwrap();
+        let tiles = span(columns.clone().min(), columns.max()) * span(rows.clone().min(), rows.max());
+        if tiles <= 32 {
+            assert!(pairs <= near.len(), "{case}: {pairs} tiles are listed, the ellipse is near {}", near.len());
+        }
+        (listed, boxed) = (listed + pairs, boxed + tiles);
+    }
+    assert!(3 * listed < 2 * boxed, "{listed} tiles of {boxed}");
 }
 
 #[test]

@@ -8,6 +8,7 @@
 @group(0) @binding(6) var<storage, read_write> owners: array<u32>;
 // Cleared before: the end of each tile's list, if there are more pairs than the lists hold.
 @group(0) @binding(7) var<storage, read_write> ranges: array<atomic<u32>>;
+@group(0) @binding(8) var<storage, read> masks: array<u32>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -28,8 +29,18 @@ fn main(
     if !fits && total > view.part.x {
         return;
     }
+    if tiles.z <= tiles.x || tiles.w <= tiles.y {
+        return;
+    }
+    let mask = masks[at];
+    let shift = shift_of(tiles);
+    let across = squares_of(tiles, shift).x;
     for (var row = tiles.y; row < tiles.w; row++) {
         for (var column = tiles.x; column < tiles.z; column++) {
+            let bit = ((row - tiles.y) >> shift) * across + ((column - tiles.x) >> shift);
+            if ((mask >> bit) & 1u) == 0u {
+                continue;
+            }
             let tile = (row - view.tiles.y) * view.tiles.z + (column - view.tiles.x);
             if !fits {
                 // Only the lengths of the lists, for the host. Integer sums do not depend on the order.

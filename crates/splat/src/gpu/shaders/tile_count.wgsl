@@ -1,7 +1,10 @@
-// Number of tiles that each Gaussian reaches, nearest Gaussian first.
+// The tiles that each Gaussian reaches, nearest Gaussian first: their number, and the mask by which `emit` finds them.
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> reaches: array<vec2<u32>>;
-@group(0) @binding(3) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(3) var<storage, read> shapes: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> positions: array<vec4<u32>>;
+@group(0) @binding(5) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(6) var<storage, read_write> masks: array<u32>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -10,10 +13,32 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at < view.window.w {
-        let tiles = tiles_of(reaches[order[at]]);
-        counts[at] = (tiles.z - tiles.x) * (tiles.w - tiles.y);
-    } else if at == view.window.w {
-        counts[at] = 0u;
+    if at > view.window.w {
+        return;
     }
+    if at == view.window.w {
+        counts[at] = 0u;
+        return;
+    }
+    let gaussian = order[at];
+    let tiles = tiles_of(reaches[gaussian]);
+    if tiles.z <= tiles.x || tiles.w <= tiles.y {
+        counts[at] = 0u;
+        return;
+    }
+    let mask = mask_of(tiles, shapes[gaussian], positions[gaussian]);
+    let shift = shift_of(tiles);
+    let squares = squares_of(tiles, shift);
+    let side = 1u << shift;
+    var count = 0u;
+    for (var row = 0u; row < squares.y; row++) {
+        let height = min(side, tiles.w - tiles.y - row * side);
+        for (var column = 0u; column < squares.x; column++) {
+            if ((mask >> (row * squares.x + column)) & 1u) != 0u {
+                count += height * min(side, tiles.z - tiles.x - column * side);
+            }
+        }
+    }
+    counts[at] = count;
+    masks[at] = mask;
 }
