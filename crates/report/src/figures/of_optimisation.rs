@@ -2,7 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
 use atsplat_eval::timing::times;
-use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow};
+use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
 
 use super::{counted, first_metric, plain};
 use crate::ReportError;
@@ -86,7 +86,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     let (aggregation, bins) = (protocol.aggregation, protocol.overlap_bins);
     let is_optimised = |kind: &str| OPTIMISED.iter().any(|(own, _)| *own == kind);
     let (mut placed, mut untimed, mut busy) = (Vec::new(), Vec::new(), false);
-    let (mut machines, mut devices) = (BTreeSet::new(), BTreeSet::new());
+    let (mut machines, mut devices, mut scenes) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
     let methods = results.provenance.methods.iter();
     let methods = methods.filter(|method| is_optimised(&method.kind) || method.kind == NETWORK);
     for (method, preset) in methods.flat_map(|method| presets.iter().map(move |preset| (method, preset))) {
@@ -122,6 +122,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
             }
         };
         busy |= times.busy;
+        scenes.extend(trials.iter().filter(|trial| trial.status == TrialStatus::Done).map(|trial| &trial.key.scene));
         machines.insert(times.machine);
         devices.extend(times.device);
         for (panel, found) in found {
@@ -150,7 +151,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     if panels.is_empty() {
         return Ok(None);
     }
-    let scenes = placed.iter().map(|own| own.scenes).max().map_or_else(String::new, |most| counted(most, "scene"));
+    let scenes = counted(scenes.len() as u64, "scene");
     let machines: String = machines.iter().map(|machine| format!("; timed on {machine}")).collect();
     let devices: String = devices.iter().map(|device| format!("; {device}")).collect();
     let mark = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
@@ -289,7 +290,8 @@ mod tests {
         let overlaps: Vec<_> = overlap.targets.iter().map(|target| of_trial(&target.key)).collect();
         overlap.targets.iter_mut().zip(overlaps).for_each(|(target, overlap)| target.overlap = overlap);
         overlap.timings.iter_mut().enumerate().for_each(|(at, timing)| timing.encode = vec![0.1 + at as f64; 5]);
-        let panels = curves(&overlap).unwrap().panels;
+        let OptimisationCurves { panels, subtitle, .. } = curves(&overlap).unwrap();
+        assert!(subtitle.contains("; 4 scenes"), "of both panels: {subtitle}");
         let shown: Vec<(&str, Option<f64>)> =
             panels.iter().map(|panel| (panel.name.as_str(), panel.curves[0].1[1].context)).collect();
         assert_eq!(shown, [("small overlap · 2 scenes", Some(20.0)), ("large overlap · 2 scenes", Some(40.0))]);
