@@ -1,17 +1,55 @@
 //! What `reports/claims` says is what its stores hold.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use atsplat_eval::Results;
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
 
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")
+}
+
+/// Rows that no published order names side by side, or that stand in stores of two machines.
+#[test]
+fn paired_differences_are_those_of_the_stores() {
+    let sparse = ("expansion-sparse", "k-4-1");
+    let pairs = [
+        ("uncertainty above random selection", sparse, ("expansion-sparse", "sparse-random-1")),
+        ("uncertainty above farthest-point sampling", sparse, ("expansion-sparse", "sparse-farthest-point-1")),
+        (
+            "uncertainty above straight-through selection",
+            sparse,
+            ("expansion-sparse-straight-through", "sparse-straight-through-1"),
+        ),
+        ("uncertainty above no expansion", sparse, ("expansion-sparse", "sparse-none-k11-1")),
+    ];
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let read = |name: &str| Results::read(&folder().join(name).join("store")).unwrap();
+    for (claim, above, below) in pairs {
+        let query = |method| MetricQuery {
+            preset: "rooms-2v-64",
+            method,
+            metric: "psnr",
+            leaked: Leaked::Included,
+            identical: Identical::Excluded,
+        };
+        let (first, second) = (read(above.0), read(below.0));
+        let found = paired_between((&first, &query(above.1)), (&second, &query(below.1))).unwrap();
+        assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{claim}");
+        let [low, high] = found.interval.unwrap();
+        let difference = format!("{:+.3} dB [{low:+.3}, {high:+.3}]", found.difference).replace('-', "−");
+        let line = readme.lines().find(|line| line.starts_with(&format!("| {claim}"))).unwrap();
+        assert!(line.contains(&difference), "{line}: {difference}");
+    }
+}
+
 #[test]
 fn published_orders_are_those_of_the_stores() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims");
     let mut compared = 0;
-    for entry in std::fs::read_dir(folder).unwrap() {
+    for entry in std::fs::read_dir(folder()).unwrap() {
         let path = entry.unwrap().path();
         if !path.join("store").is_dir() {
             continue;
