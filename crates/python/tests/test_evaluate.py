@@ -161,11 +161,13 @@ def test_shards_merge_into_the_whole(rooms, tmp_path):
 
 def test_ctrl_c_stops_and_the_next_run_resumes(rooms, tmp_path):
     script = textwrap.dedent(f"""
-        import sys, time
+        import signal, sys, time
         import numpy as np
         import atsplat
         sys.path.insert(0, {os.path.dirname(__file__)!r})
         from conftest import nearest, INDEX, PROTOCOL
+        # A shell lets what it starts in the background ignore the signal.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         calls = 0
         def slow(images, context, target):
             global calls
