@@ -26,8 +26,7 @@ fn squares_of(tiles: vec4<u32>, shift: u32) -> vec2<u32> {
 
 // Geometry as in `cpu/bins.rs`: with v the whitened distance down and u the one along, both seen from the centre, a pixel
 // is within if u² + v² ≤ level; for a given v its columns are (±√(level − v²) − slope·v) / along.
-fn mask_of(tiles: vec4<u32>, shape: vec4<f32>, position: vec4<u32>) -> u32 {
-    let shift = shift_of(tiles);
+fn mask_of(tiles: vec4<u32>, shift: u32, shape: vec4<f32>, position: vec4<u32>) -> u32 {
     let squares = squares_of(tiles, shift);
     // Narrow rectangles are as good.
     if squares.x < 2u || squares.y < 2u {

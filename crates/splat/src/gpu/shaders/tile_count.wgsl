@@ -26,8 +26,8 @@ fn main(
         counts[at] = 0u;
         return;
     }
-    let mask = mask_of(tiles, shapes[gaussian], positions[gaussian]);
     let shift = shift_of(tiles);
+    let mask = mask_of(tiles, shift, shapes[gaussian], positions[gaussian]);
     let squares = squares_of(tiles, shift);
     let side = 1u << shift;
     var count = 0u;
