@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::gpu::ScreenGradients;
+use atsplat_splat::gpu::{GpuRenderer, ScreenGradients, Uploaded};
 use atsplat_splat::{
     Exposure, Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, View,
 };
@@ -124,14 +124,25 @@ impl Splatter {
         };
         // Not locked during the loss, which uses many threads.
         let locked = || renderer.lock().unwrap_or_else(PoisonError::into_inner);
-        let rendering = locked().render(gaussians, view, options)?;
+        let (uploaded, rendering) = {
+            let mut renderer = locked();
+            let renderer = on_adapter(&mut renderer);
+            let uploaded = renderer.upload(gaussians)?;
+            let rendering = renderer.render_uploaded(&uploaded, view, options)?;
+            (uploaded, rendering)
+        };
         let evaluated = loss(&rendering.rgb, &mut images.rgb)?;
         if evaluated.0.total.is_finite() {
-            let mut renderer = locked();
-            #[expect(clippy::expect_used, reason = "checked when the device was made")]
-            let renderer = renderer.on_adapter().expect("the renderer of an adapter");
-            (*gradients, *screen) = renderer.backward_with_screen(gaussians, view, options, images, absolute)?;
+            let uploaded = Uploaded { host: gaussians, device: &uploaded };
+            let derivative =
+                on_adapter(&mut locked()).backward_with_screen(uploaded, view, options, images, absolute)?;
+            (*gradients, *screen) = derivative;
         }
         Ok(evaluated)
     }
+}
+
+#[expect(clippy::expect_used, reason = "checked when the device was made")]
+fn on_adapter(renderer: &mut Box<dyn Renderer>) -> &mut GpuRenderer {
+    renderer.on_adapter().expect("the renderer of an adapter")
 }

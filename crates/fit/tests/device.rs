@@ -122,6 +122,24 @@ fn each_strategy_on_a_device_follows_the_cpu() {
     }
 }
 
+#[test]
+fn a_step_copies_the_gaussians_to_the_device_once() {
+    let Some((renderer, device)) = open() else { return };
+    let mut copied = |count| {
+        let config = config(Strategy::Fixed, 1);
+        let mut fit = Fit::new(config.clone(), views().0, &common::start(config.strategy, count)).unwrap();
+        fit = fit.on(device.clone());
+        let gaussians = fit.gaussians();
+        let numbers = 11 * gaussians.len() + gaussians.parts().sh.as_flattened().len();
+        let counts = || renderer.lock().unwrap().on_adapter().unwrap().counts();
+        let before = counts();
+        fit.step().unwrap();
+        ((counts() - before).bytes_up as f64, (4 * numbers) as f64)
+    };
+    let [(fewer, fewer_bytes), (more, more_bytes)] = [1000, 3000].map(&mut copied);
+    Tolerance::absolute(0.1).assert([(more - fewer) / (more_bytes - fewer_bytes)], [1.0], "copies of the Gaussians");
+}
+
 /// Just before and after density control, which adds and removes Gaussians.
 #[test]
 fn a_run_on_a_device_resumes_to_the_same_bits() {

@@ -2,11 +2,13 @@
 
 use std::time::Instant;
 
+use super::context::Context;
 use super::gaussians::GpuGaussians;
 use super::kernels::Pool;
 use super::render::{self, Job, check_memory_before_upload};
 use super::{
-    GpuCounts, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, ScreenGradients, backward, images, status,
+    GpuCounts, GpuGradients, GpuImageGradients, GpuOptions, GpuRenderer, GpuRendering, ScreenGradients, backward,
+    images, status,
 };
 use crate::{
     Gaussians, Gradients, ImageGradients, MAX_SH_DEGREE, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
@@ -23,28 +25,14 @@ impl Renderer for GpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
-        let start = Instant::now();
-        let mut work = self.work();
-        let context = work.context;
-        let (rendering, timings) = context.guarded(|| {
+        self.rendered(view, options, &|context, pool, limits| {
             options.check_harmonics(gaussians)?;
-            check_memory_before_upload(gaussians, view, work.limits.memory_limit)?;
+            check_memory_before_upload(gaussians, view, limits.memory_limit)?;
             // No Gaussian keeps a band above the packed degree, so that dropping it is within the packed bound.
             let packed = options.harmonics.as_ref().map_or(MAX_SH_DEGREE, |packed| packed.degree());
             let degree = options.max_sh_degree.min(packed);
-            let resident = GpuGaussians::upload(context, work.pool, gaussians, degree)?;
-            let job = Job { gaussians: &resident, view, options };
-            render::check(context, work.limits, job)?;
-            let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
-            let images = GpuRendering::allocate(context, work.pool, view, options.channels, &mut allocate)?;
-            let report = work.pool.get(context, "report", 0, status::BYTES)?;
-            let (census, finished) = work.run(&report, &images.sources(), &|recorder, resources| {
-                render::record(recorder, resources, job, &images)
-            })?;
-            Ok::<_, SplatError>((images.arrange(&finished.contents, census), finished.timings))
-        })?;
-        self.stages = stages(&timings, start.elapsed().as_secs_f64());
-        Ok(rendering)
+            Ok(GpuGaussians::upload(context, pool, gaussians, degree)?)
+        })
     }
 
     fn backward(
@@ -54,7 +42,7 @@ impl Renderer for GpuRenderer {
         options: &RenderOptions,
         images: &ImageGradients<f32>,
     ) -> Result<Gradients<f32>, SplatError> {
-        Ok(self.differentiate(Inputs { gaussians, view, options, images }, None)?.0)
+        Ok(self.differentiate(Inputs { gaussians, uploaded: None, view, options, images }, None)?.0)
     }
 
     fn stages(&self) -> Vec<Stage> {
@@ -70,10 +58,21 @@ impl Renderer for GpuRenderer {
     }
 }
 
+/// Gaussians on the host, and their copy by [`GpuRenderer::upload`].
+#[derive(Clone, Copy, Debug)]
+pub struct Uploaded<'a> {
+    /// On the host.
+    pub host: &'a Gaussians,
+    /// On the device.
+    pub device: &'a GpuGaussians,
+}
+
 /// Inputs of a backward pass, on the host.
 #[derive(Clone, Copy)]
 struct Inputs<'a> {
     gaussians: &'a Gaussians,
+    /// Their copy on the device, if there is one.
+    uploaded: Option<&'a GpuGaussians>,
     view: &'a View,
     options: &'a RenderOptions,
     images: &'a ImageGradients<f32>,
@@ -83,16 +82,57 @@ struct Inputs<'a> {
 #[derive(Clone, Copy)]
 struct Absolute(bool);
 
+/// Copies Gaussians to the device, or finds those that are there.
+type Copied<'a> = &'a dyn Fn(&Context, &mut Pool, &GpuOptions) -> Result<GpuGaussians, SplatError>;
+
 impl GpuRenderer {
+    /// As [`Renderer::render`], of Gaussians that are on the device.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`].
+    pub fn render_uploaded(
+        &mut self,
+        gaussians: &GpuGaussians,
+        view: &View,
+        options: &RenderOptions,
+    ) -> Result<Rendering<f32>, SplatError> {
+        self.rendered(view, options, &|_, _, _| Ok(gaussians.clone()))
+    }
+
+    fn rendered(
+        &mut self,
+        view: &View,
+        options: &RenderOptions,
+        gaussians: Copied<'_>,
+    ) -> Result<Rendering<f32>, SplatError> {
+        let start = Instant::now();
+        let mut work = self.work();
+        let context = work.context;
+        let (rendering, timings) = context.guarded(|| {
+            let resident = gaussians(context, work.pool, work.limits)?;
+            let job = Job { gaussians: &resident, view, options };
+            render::check(context, work.limits, job)?;
+            let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
+            let images = GpuRendering::allocate(context, work.pool, view, options.channels, &mut allocate)?;
+            let report = work.pool.get(context, "report", 0, status::BYTES)?;
+            let (census, finished) = work.run(&report, &images.sources(), &|recorder, resources| {
+                render::record(recorder, resources, job, &images)
+            })?;
+            Ok::<_, SplatError>((images.arrange(&finished.contents, census), finished.timings))
+        })?;
+        self.stages = stages(&timings, start.elapsed().as_secs_f64());
+        Ok(rendering)
+    }
+
     /// As [`Renderer::backward`], with what density control needs; absolute gradients of the projected means only if
     /// `absolute`.
     ///
     /// # Errors
-    /// As [`Renderer::backward`]; [`SplatError::Length`] for gradients of depth or scalar together with absolute ones, which
-    /// is not supported.
+    /// As [`Renderer::backward`]; [`SplatError::Length`] for a copy of other Gaussians, and for gradients of depth or scalar
+    /// together with absolute ones, which is not supported.
     pub fn backward_with_screen(
         &mut self,
-        gaussians: &Gaussians,
+        Uploaded { host, device }: Uploaded<'_>,
         view: &View,
         options: &RenderOptions,
         images: &ImageGradients<f32>,
@@ -101,7 +141,7 @@ impl GpuRenderer {
         if absolute {
             images.check_colour_only()?;
         }
-        let inputs = Inputs { gaussians, view, options, images };
+        let inputs = Inputs { gaussians: host, uploaded: Some(device), view, options, images };
         let (gradients, screen) = self.differentiate(inputs, Some(Absolute(absolute)))?;
         Ok((gradients, ScreenGradients::new(screen)))
     }
@@ -109,7 +149,7 @@ impl GpuRenderer {
     /// The backward pass; pairs of [`ScreenGradients`] if they are requested.
     fn differentiate(
         &mut self,
-        Inputs { gaussians, view, options, images }: Inputs<'_>,
+        Inputs { gaussians, uploaded, view, options, images }: Inputs<'_>,
         screen: Option<Absolute>,
     ) -> Result<(Gradients<f32>, Vec<[f32; 2]>), SplatError> {
         let start = Instant::now();
@@ -117,8 +157,12 @@ impl GpuRenderer {
         let mut work = self.work();
         let context = work.context;
         let (gradients, timings) = context.guarded(|| {
-            check_memory_before_upload(gaussians, view, work.limits.memory_limit)?;
-            let resident = GpuGaussians::upload(context, work.pool, gaussians, MAX_SH_DEGREE)?;
+            let resident = if let Some(uploaded) = uploaded {
+                uploaded.clone()
+            } else {
+                check_memory_before_upload(gaussians, view, work.limits.memory_limit)?;
+                GpuGaussians::upload(context, work.pool, gaussians, MAX_SH_DEGREE)?
+            };
             view.optics(&options.constants)?;
             let strips = images::strips(context, view)?;
             let images = GpuImageGradients::upload(context, work.pool, view, &strips, images)?;

@@ -58,6 +58,7 @@ pub use error::GpuError;
 pub use fallback::{Fallback, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients, ScreenGradients};
+pub use host::Uploaded;
 pub use images::{GpuRendering, GpuStrip};
 pub use options::{GpuOptions, Threads};
 pub use pending::{Pending, Settled};

@@ -1,6 +1,7 @@
 use atsplat_camera::Distortion;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::gpu::Uploaded;
 use atsplat_splat::{
     ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
     RendererConstants, ShAxes, View, reference,
@@ -104,7 +105,9 @@ fn absolute_gradients_and_drawn_gaussians_match_the_cpu() {
     let constants = without_thresholds(RendererConstants::default());
     let options = RenderOptions { constants, background: [0.1, 0.6, 0.3], ..RenderOptions::default() };
     let mut images = narrow(&image_gradients(&view));
-    assert!(gpu.backward_with_screen(&gaussians, &view, &options, &images, true).is_err(), "with depth");
+    let device = gpu.upload(&gaussians).unwrap();
+    let uploaded = Uploaded { host: &gaussians, device: &device };
+    assert!(gpu.backward_with_screen(uploaded, &view, &options, &images, true).is_err(), "with depth");
     (images.depth, images.scalar) = (None, None);
     let mut recording = CpuRenderer::default().record(&gaussians, &view, &options).unwrap();
     let (mut of_cpu, mut expected) = (Gradients::default(), Vec::new());
@@ -112,9 +115,15 @@ fn absolute_gradients_and_drawn_gaussians_match_the_cpu() {
     let drawn: Vec<u32> = recording.drawn().collect();
     assert!(drawn.len() > 100 && drawn.len() < 600, "{}", drawn.len());
 
+    assert_eq!(
+        gpu.render_uploaded(&device, &view, &options).unwrap().rgb,
+        gpu.render(&gaussians, &view, &options).unwrap().rgb
+    );
+    let others = Uploaded { host: &cloud(599, 1, 5), device: &device };
+    assert!(gpu.backward_with_screen(others, &view, &options, &images, true).is_err(), "a copy of other Gaussians");
     let signed = gpu.backward(&gaussians, &view, &options, &images).unwrap();
     for (absolute, expected) in [(true, expected), (false, vec![[0.0; 2]; 600])] {
-        let (gradients, screen) = gpu.backward_with_screen(&gaussians, &view, &options, &images, absolute).unwrap();
+        let (gradients, screen) = gpu.backward_with_screen(uploaded, &view, &options, &images, absolute).unwrap();
         assert!(gradients == signed, "{absolute}: the signed gradients change");
         assert_eq!(screen.drawn, drawn, "{absolute}");
         let expected: Vec<f64> = expected.as_flattened().iter().copied().map(f64::from).collect();

@@ -1,5 +1,7 @@
 use atsplat_splat::cpu::CpuOptions;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, adapters, with_fallback};
+use atsplat_splat::gpu::{
+    AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, Uploaded, adapters, with_fallback,
+};
 use atsplat_splat::{ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
@@ -16,8 +18,11 @@ fn small_limits_give_identical_results() {
     assert!(limited.strips(&view).unwrap().len() > 1 && gpu.strips(&view).unwrap().len() == 1);
     assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
     let images = ImageGradients { depth: None, scalar: None, ..narrow_images(&image_gradients(&view)) };
-    let [whole, parts] = [&mut *gpu, &mut limited]
-        .map(|gpu| gpu.backward_with_screen(&gaussians, &view, &RenderOptions::default(), &images, true).unwrap());
+    let [whole, parts] = [&mut *gpu, &mut limited].map(|gpu| {
+        let device = gpu.upload(&gaussians).unwrap();
+        let uploaded = Uploaded { host: &gaussians, device: &device };
+        gpu.backward_with_screen(uploaded, &view, &RenderOptions::default(), &images, true).unwrap()
+    });
     assert!(whole.1.drawn.len() > 1000 && whole == parts);
 }
 
