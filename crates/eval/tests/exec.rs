@@ -291,7 +291,7 @@ fn a_timing_pass_records_wall_time_stages_and_the_processes_own_memory() {
     let body = r#"sleep 0.02; cp $scene.npy "$folder/a.npy"
         answer '"pictures": "a.npy", "seconds": {"encode": 0.25, "render": 0.125}'"#;
     let mut run = run_of(1, exec(&script(here, "pictures", body)));
-    run.timing = Some(TimingPlan { trials: 1, warm_up: 1, repetitions: 5 });
+    run.timing = Some(TimingPlan { trials: 1, ..TimingPlan::default() });
     let (results, _) = run.run(&here.join("timed")).unwrap();
     let row = &results.timings[0];
     assert!(row.encode.len() >= 5 && row.encode.iter().all(|secs| *secs >= 0.02), "{row:?}");

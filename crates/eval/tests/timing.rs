@@ -118,6 +118,23 @@ fn a_known_cost_is_measured_within_15_percent_under_contention() {
     assert!(encoding.quartiles[0] <= encoding.median && encoding.median <= encoding.quartiles[1], "{encoding:?}");
 }
 
+#[test]
+fn long_work_needs_no_warm_up() {
+    let runs = |warm_up_until| {
+        let (method, folder) = (Arc::new(SleepingMethod::default()), tempfile::tempdir().unwrap());
+        let plan = TimingPlan { trials: 1, warm_up_until, repetitions: 3, ..TimingPlan::default() };
+        let found =
+            times(&timed_run(folder.path(), walls(1), &[Arc::clone(&method) as _], Some(plan)), "walls", "sleeper");
+        let found = found.unwrap();
+        // Without the evaluation itself.
+        let calls = method.calls.load(Ordering::Relaxed) - 1;
+        (found.warm_up, found.repetitions, found.encode.unwrap().samples, calls)
+    };
+    let one = COST + PICTURE;
+    assert_eq!(runs(one), (0, 3, 3, 3));
+    assert_eq!(runs(4 * one), (1, 3, 3, 4));
+}
+
 /// Allocates 64 MiB while it encodes; rejects one scene.
 #[derive(Debug)]
 struct Allocating;

@@ -1,6 +1,7 @@
 //! Settings of a run.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use atsplat_eval::runner::{Dataset, KeepPictures, Selection, suite};
 use atsplat_eval::timing::TimingPlan;
@@ -54,7 +55,7 @@ pub(crate) struct RepetitionArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=10_000))]
     repetitions: Option<u32>,
 
-    /// Warm-up repetitions, which are not counted; 1 by default.
+    /// Warm-up repetitions, which are not counted; by default 1, and none for work of a minute or more.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     warm_up: Option<u32>,
 }
@@ -73,10 +74,11 @@ pub(super) struct TimingArgs {
 
 impl RepetitionArgs {
     pub(crate) fn plan(self) -> TimingPlan {
-        let TimingPlan { trials, warm_up, repetitions } = TimingPlan::default();
+        let TimingPlan { trials, warm_up, warm_up_until, repetitions } = TimingPlan::default();
         TimingPlan {
             trials,
             warm_up: self.warm_up.unwrap_or(warm_up),
+            warm_up_until: if self.warm_up.is_some() { Duration::MAX } else { warm_up_until },
             repetitions: self.repetitions.unwrap_or(repetitions),
         }
     }

@@ -1,5 +1,6 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 use atsplat_numeric::Extremes as _;
 use atsplat_protocol::trial::{ContextView, Prefetch, Trials};
@@ -21,13 +22,15 @@ pub struct TimingPlan {
     pub trials: u32,
     /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
+    /// Duration from which the first run counts instead: cold caches cost long work less than a thousandth.
+    pub warm_up_until: Duration,
     /// Minimum number of repetitions of each trial; two are enough if each takes five seconds.
     pub repetitions: u32,
 }
 
 impl Default for TimingPlan {
     fn default() -> Self {
-        Self { trials: 3, warm_up: 1, repetitions: 5 }
+        Self { trials: 3, warm_up: 1, warm_up_until: Duration::from_mins(1), repetitions: 5 }
     }
 }
 
@@ -153,8 +156,8 @@ impl Pass<'_> {
             let mut row = self.row(dataset, prepared, method, available);
             match measured {
                 Ok(samples) => {
-                    let Samples { encode, render, stages, held_bytes, peak_bytes, .. } = samples;
-                    rows.push(TimingRow { encode, render, stages, held_bytes, peak_bytes, ..row });
+                    let Samples { warm_up, encode, render, stages, held_bytes, peak_bytes, .. } = samples;
+                    rows.push(TimingRow { warm_up, encode, render, stages, held_bytes, peak_bytes, ..row });
                 }
                 Err(detail) => {
                     row.detail = Some(detail);

@@ -36,6 +36,8 @@ pub(super) fn is_long(repetitions: usize, secs: f64) -> bool {
 /// Measured times and memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Samples {
+    /// Runs before the repetitions, which do not count.
+    pub(super) warm_up: u32,
     pub(super) encode: Vec<f64>,
     pub(super) render: Vec<f64>,
     pub(super) stages: BTreeMap<String, Vec<f64>>,
@@ -64,11 +66,17 @@ impl Samples {
         let (mut samples, mut start) = (Self::default(), Instant::now());
         let is_peak_reset = memory::forget_peak();
         samples.held_bytes = memory::held_bytes();
+        let mut repetitions = 0;
         for _ in 0..plan.warm_up {
-            Self::default().repeat(input, method, &targets)?;
+            let mut first = samples.clone();
+            first.repeat(input, method, &targets)?;
+            if start.elapsed() >= plan.warm_up_until {
+                (samples, repetitions) = (first, 1);
+                break;
+            }
+            samples.warm_up += 1;
             start = Instant::now();
         }
-        let mut repetitions = 0;
         while repetitions < plan.repetitions as usize
             || (start.elapsed() < MIN_DURATION && repetitions < MAX_REPETITIONS)
         {
