@@ -90,6 +90,15 @@ fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
          ? not distinguishable from it. Milliseconds are of the timing pass, medians of encoding and of rendering one view,\n\
          added: until the first picture."
     )?;
+    let counts: BTreeMap<&str, (u64, u64)> =
+        tradeoffs.iter().map(|tradeoff| (tradeoff.preset.as_str(), (tradeoff.leaked, tradeoff.targets))).collect();
+    for (preset, (leaked, targets)) in counts.into_iter().filter(|(_, (leaked, _))| *leaked > 0) {
+        writeln!(
+            f,
+            "{preset}: {leaked} of {targets} targets are context views, which an optimisation fits: `atsplat tradeoff STORE \
+             --without-leaked` leaves them out."
+        )?;
+    }
     let mut machines: Vec<String> =
         tradeoffs.iter().flat_map(|tradeoff| &tradeoff.machines).map(ToString::to_string).collect();
     machines.sort();

@@ -9,7 +9,7 @@ use crate::statistics::{
     Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
 };
 use crate::timing::{Machine, machine_of, times};
-use crate::{EvalError, PresetRecord, Results};
+use crate::{EvalError, PresetRecord, Results, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,6 +23,10 @@ pub struct Tradeoff {
     pub metric: String,
     /// The metric's unit; empty for plain numbers.
     pub unit: String,
+    /// Targets, whatever the number of methods.
+    pub targets: u64,
+    /// Those among them that methods were given as context; 0 if they are left out.
+    pub leaked: u64,
     /// Against seconds, and against Gaussians.
     pub frontiers: Vec<Frontier>,
     /// The machine types that were timed.
@@ -41,7 +45,8 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
         let aggregation = preset.protocol()?.aggregation;
         let scored = scored(results, &preset.name, metric, leaked, aggregation);
         let machines = machine_of(results, &preset.name).into_iter().cloned().collect();
-        Ok(of_scored((&preset.name, &preset.hash), metric, &scored, aggregation, machines))
+        let tradeoff = of_scored((&preset.name, &preset.hash), metric, &scored, aggregation, machines);
+        Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
     };
     let presets = results.provenance.presets.iter();
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
@@ -64,7 +69,22 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
     let machines: BTreeSet<&Machine> = presets.iter().filter_map(|preset| machine_of(results, &preset.name)).collect();
     let machines = machines.into_iter().cloned().collect();
-    Ok(of_scored(("different protocols", &hashes.join(" ")), metric, &all, Aggregation::SceneMeans, machines))
+    let tradeoff =
+        of_scored(("different protocols", &hashes.join(" ")), metric, &all, Aggregation::SceneMeans, machines);
+    Ok(with_targets(tradeoff, results, presets, leaked))
+}
+
+/// Counts the targets of protocols.
+fn with_targets(tradeoff: Tradeoff, results: &Results, presets: &[PresetRecord], leaked: Leaked) -> Tradeoff {
+    let is_own = |target: &&TargetRow| presets.iter().any(|preset| preset.name == target.key.preset);
+    let is_kept = |target: &&TargetRow| leaked == Leaked::Included || !target.leaked;
+    let mut found = BTreeMap::new();
+    for target in results.targets.iter().filter(is_own).filter(is_kept) {
+        let TrialKey { preset, scene, entry, .. } = &target.key;
+        found.insert((preset, scene, entry, target.target), target.leaked);
+    }
+    let leaked = found.values().filter(|leaked| **leaked).count() as u64;
+    Tradeoff { targets: found.len() as u64, leaked, ..tradeoff }
 }
 
 fn of_scored(
@@ -91,6 +111,8 @@ fn of_scored(
         preset: preset.to_owned(),
         protocol: protocol.to_owned(),
         metric: metric.to_owned(),
+        targets: 0,
+        leaked: 0,
         unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
         frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
         machines,

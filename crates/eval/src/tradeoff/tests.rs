@@ -203,6 +203,27 @@ fn samples_summarise_a_store() {
 }
 
 #[test]
+fn targets_that_methods_were_given_are_counted_or_left_out() {
+    let mut store = results("a", "psnr", &[("x", 0, vec![20.0, 22.0, 60.0]), ("y", 0, vec![30.0])]);
+    store.targets[2].leaked = true;
+    store.timings.push(timing("a", "x", &[0.5], &[]));
+    store.provenance.methods.push(MethodRecord { name: "a".to_owned(), ..MethodRecord::default() });
+    let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+    let preset = crate::PresetRecord { name: PRESET.to_owned(), toml, ..Default::default() };
+    store.provenance.presets.push(preset);
+    let said = "sampled: 1 of 4 targets are context views";
+    for (leaked, targets, given, quality, is_said) in
+        [(Leaked::Included, 4, 1, 32.0, true), (Leaked::Excluded, 3, 0, 25.5, false)]
+    {
+        let found = tradeoffs(&store, &["psnr"], leaked).unwrap();
+        assert_eq!((found[0].targets, found[0].leaked), (targets, given));
+        Tolerance::F64.assert([found[0].frontiers[0].points[0].quality], [quality], "mean over scenes");
+        let text = TradeoffReport { tradeoffs: found }.to_string();
+        assert_eq!(text.contains(said), is_said, "{text}");
+    }
+}
+
+#[test]
 fn protocols_share_a_frontier_only_on_request() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
     store.timings.push(timing("a", "x", &[0.5], &[]));

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
-use atsplat_eval::tradeoff::{Axis, Frontier, Point, tradeoffs};
+use atsplat_eval::tradeoff::{Axis, Frontier, Point, Tradeoff, tradeoffs};
 use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TrialKey};
 
 use super::{first_metric, plain, subject};
@@ -74,14 +74,18 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
         panels: shown()
             .map(|frontier| (cost(frontier.axis), frontier.points.iter().map(|own| point(frontier, own)).collect()))
             .collect(),
-        note: note(&tradeoff.frontiers, title),
+        note: note(tradeoff, title),
     };
     Ok(Some(plot.draw()))
 }
 
 /// The methods on each frontier, what bold and question mark mean, and the methods without a point.
-fn note(frontiers: &[Frontier], title: impl Fn(&str) -> String) -> String {
+fn note(tradeoff: &Tradeoff, title: impl Fn(&str) -> String) -> String {
+    let Tradeoff { frontiers, targets, leaked, .. } = tradeoff;
     let mut parts = Vec::new();
+    if *leaked > 0 {
+        parts.push(format!("{leaked} of {targets} targets are context views, which an optimisation fits."));
+    }
     for frontier in frontiers {
         let on: Vec<String> =
             frontier.points.iter().filter(|point| point.on_frontier()).map(|point| title(&point.label)).collect();

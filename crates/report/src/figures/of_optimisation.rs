@@ -97,7 +97,8 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
             preset: &preset.name,
             method: &method.name,
             metric: metric.id,
-            leaked: Leaked::Included,
+            // An optimisation fits its context views: only others are held out.
+            leaked: Leaked::Excluded,
             identical: Identical::Excluded,
         };
         let found: Vec<(Panel, Summary)> = match &bins {
@@ -204,7 +205,8 @@ fn drawn(placed: &[Placed<'_>], panel: &Panel) -> Option<OptimisationPanel> {
 mod tests {
     use super::*;
     use crate::sample::{atsplat, floor, preset, results, results_over};
-    use atsplat_eval::TrialKey;
+    use atsplat_eval::{TargetRow, TrialKey};
+    use atsplat_numeric::Tolerance;
 
     /// Two budgets of refinement and one of 3DGS with two views, by times of a stated order.
     #[test]
@@ -244,6 +246,20 @@ mod tests {
         let refined = &panel.curves[0].1;
         assert!(refined[0].secs < refined[1].secs && 4.0 * refined[1].secs < refined[2].secs, "{refined:?}");
         assert_eq!((refined[0].context, panel.curves[1].1[0].context), (None, Some(41.5)));
+
+        // Targets that are context views are not held out.
+        let mut leaking = own.clone();
+        leaking.targets.extend(own.targets.iter().map(|target| {
+            let scores = target.scores.keys().map(|metric| (metric.clone(), 99.0)).collect();
+            TargetRow { target: target.target + 50, leaked: true, scores, ..target.clone() }
+        }));
+        let values = |own: &Results| {
+            let of_curve = |(_, points): &(String, Vec<OptimisationPoint>)| -> Vec<f64> {
+                points.iter().map(|point| point.held_out.value).collect()
+            };
+            curves(own).unwrap().panels[0].curves.iter().flat_map(of_curve).collect::<Vec<f64>>()
+        };
+        Tolerance::EXACT.assert(values(&leaking), values(&own), "held out");
 
         own.timings.retain(|timing| timing.key.method != "refined 100");
         let note = curves(&own).unwrap().note;
