@@ -1,5 +1,7 @@
 //! What `reports/optimisation` says is what its stores hold.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
