@@ -7,7 +7,7 @@
 //! On burn's CPU backend, f32 uses kernels with a hand-written backward pass: matrix products by the `gemm` crate, everything
 //! else vectorised with `pulp`. Other devices and element types use one generic implementation of the same forward and
 //! backward passes. Within [`Products::scope`], matrix products on the CPU round their inputs to bfloat16, which processors with AMX
-//! multiply several times as fast.
+//! or AVX-512's instructions for it multiply faster.
 //!
 //! # Determinism
 //!

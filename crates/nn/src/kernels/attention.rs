@@ -1,7 +1,7 @@
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::matrix::{Matrix, Output, Threads, Write, multiply};
+use super::matrix::{Factor, Matrix, Output, Write, multiply_factors};
 use super::simd::{self, Exp};
 use crate::Products;
 
@@ -108,19 +108,25 @@ pub(crate) struct Inputs<'a> {
     pub(crate) products: Products,
 }
 
-impl Inputs<'_> {
+impl<'a> Inputs<'a> {
+    /// The tiles of keys of one head of a sample: the first key of each, and their number.
+    pub(super) fn key_tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let (tile, keys) = (self.sizes.key_tile(), self.sizes.keys);
+        (0..keys).step_by(tile).map(move |first| (first, tile.min(keys - first)))
+    }
+
+    /// Some keys of one head as the left factor of logits.
+    pub(super) fn keys(&self, sample: usize, head: usize, first: usize, count: usize) -> Factor<'a> {
+        Factor::left(self.keys.tile(sample, head, first, count, &self.sizes), self.products)
+    }
+
     /// The logits of a tile, keys in rows and queries in columns; −∞ at ignored keys.
-    pub(super) fn logits(&self, out: &mut [f32], queries: &[f32], at: Tile, first_key: usize, keys: usize) {
+    pub(super) fn logits(&self, out: &mut [f32], queries: &Factor<'_>, at: Tile, keys: &Factor<'_>, first_key: usize) {
         let lanes = at.lanes();
-        multiply(
-            Output::new(out, keys, lanes, lanes),
-            self.keys.tile(at.sample, at.head, first_key, keys, &self.sizes),
-            Matrix::new(queries, self.sizes.head_width, lanes, lanes),
-            Write::Set,
-            (Threads::One, self.products),
-        );
+        let count = out.len() / lanes;
+        multiply_factors(Output::new(out, count, lanes, lanes), keys, queries, Write::Set);
         if let Some(ignored) = self.ignored {
-            let ignored = &ignored[at.sample * self.sizes.keys + first_key..][..keys];
+            let ignored = &ignored[at.sample * self.sizes.keys + first_key..][..count];
             for (row, &ignored) in out.chunks_exact_mut(lanes).zip(ignored) {
                 if ignored != 0 {
                     row.fill(f32::NEG_INFINITY);
@@ -142,19 +148,41 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     }
     let samples = out.par_chunks_mut(queries * width).zip(log_sums.par_chunks_mut(queries * heads));
     samples.enumerate().for_each(|(sample, (out, log_sums))| {
+        let keys: Vec<Vec<KeyTile<'_>>> =
+            (0..heads).into_par_iter().map(|head| KeyTile::all(inputs, sample, head)).collect();
         let tiles = out.par_chunks_mut(QUERIES * width).zip(log_sums.par_chunks_mut(QUERIES * heads));
         tiles.enumerate().for_each_init(
             || Scratch::new(&sizes),
             |scratch, (tile, (out, log_sums))| {
-                for head in 0..heads {
+                for (head, keys) in keys.iter().enumerate() {
                     let at = Tile { sample, head, first: tile * QUERIES, count: out.len() / width };
-                    attend(inputs, at, scratch);
+                    attend(inputs, at, keys, scratch);
                     scratch.write(out, log_sums, at, &sizes);
                 }
             },
         );
     });
     (out, log_sums)
+}
+
+/// Keys and values of one head, ready for all of its queries.
+struct KeyTile<'a> {
+    first: usize,
+    count: usize,
+    keys: Factor<'a>,
+    /// Values in columns.
+    values: Factor<'a>,
+}
+
+impl<'a> KeyTile<'a> {
+    fn all(inputs: &Inputs<'a>, sample: usize, head: usize) -> Vec<Self> {
+        let tile = |(first, count)| {
+            let values = inputs.values.tile(sample, head, first, count, &inputs.sizes).transposed();
+            let keys = inputs.keys(sample, head, first, count);
+            Self { first, count, keys, values: Factor::left(values, inputs.products) }
+        };
+        inputs.key_tiles().map(tile).collect()
+    }
 }
 
 /// Buffers for one tile of queries, with one column per query.
@@ -192,7 +220,7 @@ impl Scratch {
     }
 }
 
-fn attend(inputs: &Inputs<'_>, at: Tile, scratch: &mut Scratch) {
+fn attend(inputs: &Inputs<'_>, at: Tile, keys: &[KeyTile<'_>], scratch: &mut Scratch) {
     let sizes = &inputs.sizes;
     let lanes = at.lanes();
     let Scratch { queries, weights, sums, largest, total } = scratch;
@@ -200,21 +228,16 @@ fn attend(inputs: &Inputs<'_>, at: Tile, scratch: &mut Scratch) {
     let sums = &mut sums[..sizes.head_width * lanes];
     let (largest, total) = (&mut largest[..lanes], &mut total[..lanes]);
     inputs.queries.transpose_into(queries, at, sizes.narrow_scale(), sizes);
+    let queries = Factor::right(Matrix::new(queries, sizes.head_width, lanes, lanes), inputs.products);
     largest.fill(f32::NEG_INFINITY);
     total.fill(0.0);
-    let tile = sizes.key_tile();
-    for first_key in (0..sizes.keys).step_by(tile) {
-        let keys = tile.min(sizes.keys - first_key);
-        let weights = &mut weights[..keys * lanes];
-        inputs.logits(weights, queries, at, first_key, keys);
+    for tile in keys {
+        let weights = &mut weights[..tile.count * lanes];
+        inputs.logits(weights, &queries, at, &tile.keys, tile.first);
         simd::run(Softmax { weights, sums, largest, total });
-        multiply(
-            Output::new(sums, sizes.head_width, lanes, lanes),
-            inputs.values.tile(at.sample, at.head, first_key, keys, sizes).transposed(),
-            Matrix::new(weights, keys, lanes, lanes),
-            if first_key == 0 { Write::Set } else { Write::Add },
-            (Threads::One, inputs.products),
-        );
+        let weights = Factor::right(Matrix::new(weights, tile.count, lanes, lanes), inputs.products);
+        let write = if tile.first == 0 { Write::Set } else { Write::Add };
+        multiply_factors(Output::new(sums, sizes.head_width, lanes, lanes), &tile.values, &weights, write);
     }
 }
 

@@ -2,7 +2,7 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::attention::{Inputs, QUERIES, Sizes, Tile, Tokens};
-use super::matrix::{Matrix, Output, Threads, Write, multiply};
+use super::matrix::{Factor, Matrix, Output, Write, multiply_factors};
 use super::simd::{self, Exp};
 
 /// The gradients of queries, keys and values of one head of a sample, tokens in rows.
@@ -64,7 +64,7 @@ fn differentiate(
         values: vec![0.0; sizes.keys * head_width],
     };
     let grad = Tokens { data: grad, count: sizes.queries, stride: sizes.width(), offset: 0 };
-    let tiles: Vec<_> = (0..sizes.queries)
+    let mut tiles: Vec<_> = (0..sizes.queries)
         .step_by(QUERIES)
         .map(|first| Tile { sample, head, first, count: QUERIES.min(sizes.queries - first) })
         .map(|at| QueryTile::new(inputs, out, log_sums, &grad, at))
@@ -73,59 +73,74 @@ fn differentiate(
     let mut weights = vec![0.0; tile * QUERIES];
     let mut slopes = vec![0.0; tile * QUERIES];
     let keys_of = gradients.keys.chunks_mut(tile * head_width).zip(gradients.values.chunks_mut(tile * head_width));
-    for (index, (by_keys, by_values)) in keys_of.enumerate() {
-        let (first_key, keys) = (index * tile, by_keys.len() / head_width);
-        for query_tile in &tiles {
-            let at = query_tile.at;
-            let (weights, slopes) = (&mut weights[..keys * at.lanes()], &mut slopes[..keys * at.lanes()]);
-            query_tile.weigh(inputs, weights, slopes, first_key, keys);
+    for ((first, count), (by_keys, by_values)) in inputs.key_tiles().zip(keys_of) {
+        let values = Factor::left(inputs.values.tile(sample, head, first, count, sizes), inputs.products);
+        let own = inputs.keys.tile(sample, head, first, count, sizes);
+        let columns = Factor::left(own.transposed(), inputs.products);
+        let keys = KeyTile { first, rows: inputs.keys(sample, head, first, count), columns, values };
+        for query_tile in &mut tiles {
+            let lanes = query_tile.at.lanes();
+            let (weights, slopes) = (&mut weights[..count * lanes], &mut slopes[..count * lanes]);
+            query_tile.weigh(inputs, &keys, weights, slopes);
             // Lanes beyond the tile's queries are not part of the sums.
-            let lanes = at.lanes();
-            let of_queries = |matrix| Matrix::new(matrix, keys, at.count, lanes);
-            let by_queries = &mut gradients.queries[at.first * head_width..(at.first + at.count) * head_width];
-            for (by, by_rows, of, rows) in [
-                (&mut *by_values, keys, of_queries(weights), grad.tile(sample, head, at.first, at.count, sizes)),
-                (&mut *by_keys, keys, of_queries(slopes), inputs.queries.tile(sample, head, at.first, at.count, sizes)),
-                (
-                    by_queries,
-                    at.count,
-                    of_queries(slopes).transposed(),
-                    inputs.keys.tile(sample, head, first_key, keys, sizes),
-                ),
+            let of_queries = |matrix| Matrix::new(matrix, count, query_tile.at.count, lanes);
+            for (by, of, rows) in [
+                (&mut *by_values, of_queries(weights), &query_tile.grad_rows),
+                (&mut *by_keys, of_queries(slopes), &query_tile.rows),
             ] {
-                multiply(
-                    Output::new(by, by_rows, head_width, head_width),
-                    of,
-                    rows,
-                    Write::Add,
-                    (Threads::One, inputs.products),
-                );
+                let of = Factor::left(of, inputs.products);
+                multiply_factors(Output::new(by, count, head_width, head_width), &of, rows, Write::Add);
             }
+            let slopes = Factor::right(Matrix::new(slopes, count, lanes, lanes), inputs.products);
+            let out = Output::new(&mut query_tile.gradient, head_width, lanes, lanes);
+            multiply_factors(out, &keys.columns, &slopes, Write::Add);
         }
+    }
+    for tile in &tiles {
+        tile.write(&mut gradients.queries, head_width);
     }
     gradients
 }
 
-/// Data of a tile of queries for all tiles of keys, with one column per query.
-struct QueryTile {
+/// Keys and values for all tiles of queries.
+struct KeyTile<'a> {
+    first: usize,
+    rows: Factor<'a>,
+    columns: Factor<'a>,
+    values: Factor<'a>,
+}
+
+/// Data of a tile of queries for all tiles of keys.
+struct QueryTile<'a> {
     at: Tile,
+    rows: Factor<'a>,
+    grad_rows: Factor<'a>,
+    /// One column per query.
     queries: Vec<f32>,
+    /// One column per query.
     grad: Vec<f32>,
     log_sums: Vec<f32>,
     /// `Σ grad·out`, which the backward pass of softmax subtracts.
     along: Vec<f32>,
+    /// That of the queries, one column per query.
+    gradient: Vec<f32>,
 }
 
-impl QueryTile {
-    fn new(inputs: &Inputs<'_>, out: &[f32], log_sums: &[f32], grad: &Tokens<'_>, at: Tile) -> Self {
+impl<'a> QueryTile<'a> {
+    fn new(inputs: &Inputs<'a>, out: &[f32], log_sums: &[f32], grad: &Tokens<'a>, at: Tile) -> Self {
         let sizes = &inputs.sizes;
         let (lanes, heads) = (at.lanes(), sizes.heads);
+        let rows =
+            |of: &Tokens<'a>| Factor::right(of.tile(at.sample, at.head, at.first, at.count, sizes), inputs.products);
         let mut tile = Self {
             at,
+            rows: rows(&inputs.queries),
+            grad_rows: rows(grad),
             queries: vec![0.0; sizes.head_width * lanes],
             grad: vec![0.0; sizes.head_width * lanes],
             log_sums: vec![f32::INFINITY; lanes],
             along: vec![0.0; lanes],
+            gradient: vec![0.0; sizes.head_width * lanes],
         };
         inputs.queries.transpose_into(&mut tile.queries, at, sizes.narrow_scale(), sizes);
         grad.transpose_into(&mut tile.grad, at, 1.0, sizes);
@@ -140,17 +155,23 @@ impl QueryTile {
     }
 
     /// The weights of some keys, and the gradients of their logits before scaling.
-    fn weigh(&self, inputs: &Inputs<'_>, weights: &mut [f32], slopes: &mut [f32], first_key: usize, keys: usize) {
+    fn weigh(&self, inputs: &Inputs<'_>, keys: &KeyTile<'_>, weights: &mut [f32], slopes: &mut [f32]) {
         let (at, sizes, lanes) = (self.at, &inputs.sizes, self.at.lanes());
-        inputs.logits(weights, &self.queries, at, first_key, keys);
-        multiply(
-            Output::new(slopes, keys, lanes, lanes),
-            inputs.values.tile(at.sample, at.head, first_key, keys, sizes),
-            Matrix::new(&self.grad, sizes.head_width, lanes, lanes),
-            Write::Set,
-            (Threads::One, inputs.products),
-        );
+        let columns = |data| Factor::right(Matrix::new(data, sizes.head_width, lanes, lanes), inputs.products);
+        inputs.logits(weights, &columns(&self.queries), at, &keys.rows, keys.first);
+        let count = slopes.len() / lanes;
+        multiply_factors(Output::new(slopes, count, lanes, lanes), &keys.values, &columns(&self.grad), Write::Set);
         simd::run(Weigh { weights, slopes, log_sums: &self.log_sums, along: &self.along, scale: sizes.narrow_scale() });
+    }
+
+    /// Writes the gradients of the queries, which are in rows there.
+    fn write(&self, out: &mut [f32], head_width: usize) {
+        let rows = out[self.at.first * head_width..].chunks_exact_mut(head_width);
+        for (query, row) in rows.take(self.at.count).enumerate() {
+            for (slot, column) in row.iter_mut().zip(self.gradient.chunks_exact(self.at.lanes())) {
+                *slot = column[query];
+            }
+        }
     }
 }
 

@@ -108,6 +108,45 @@ pub(crate) fn multiply(
     }
 }
 
+/// A factor of several products, brought once into the form that its precision multiplies.
+#[derive(Debug)]
+pub(crate) enum Factor<'a> {
+    /// As it is.
+    F32(Matrix<'a>),
+    /// Rounded.
+    Bf16(bf16::Factor),
+}
+
+impl<'a> Factor<'a> {
+    /// A factor on the left.
+    pub(super) fn left(matrix: Matrix<'a>, products: Products) -> Self {
+        match products {
+            Products::F32 => Self::F32(matrix),
+            Products::Bf16 => Self::Bf16(bf16::Factor::left(matrix)),
+        }
+    }
+
+    /// A factor on the right.
+    pub(super) fn right(matrix: Matrix<'a>, products: Products) -> Self {
+        match products {
+            Products::F32 => Self::F32(matrix),
+            Products::Bf16 => Self::Bf16(bf16::Factor::right(matrix)),
+        }
+    }
+}
+
+/// `left · right` into `out` on this thread, to the bits of [`multiply`].
+///
+/// # Panics
+/// If the shapes do not fit together, or the factors have different precisions.
+pub(super) fn multiply_factors(out: Output<'_>, left: &Factor<'_>, right: &Factor<'_>, write: Write) {
+    match (left, right) {
+        (Factor::F32(left), Factor::F32(right)) => multiply_f32(out, *left, *right, write, Threads::One),
+        (Factor::Bf16(left), Factor::Bf16(right)) => bf16::multiply_factors(out, left, right, write),
+        _ => unreachable!("factors of one product have one precision"),
+    }
+}
+
 /// `left · right` into `out`.
 ///
 /// Each element is a chain of fused multiply-adds over the terms in order, in parts of at most [`LONGEST_SUM`]: its bits

@@ -1,18 +1,24 @@
-//! Matrix products of inputs rounded to bfloat16, with sums in f32: by AMX where the processor has it, else by the f32 product of
-//! the rounded inputs.
+//! Matrix products of inputs rounded to bfloat16, with sums in f32: by AMX or AVX-512 where the processor has instructions for
+//! it, else by the f32 product of the rounded inputs.
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
 mod amx;
-#[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod blocks;
+#[cfg(target_arch = "x86_64")]
+mod buffer;
+#[cfg(target_arch = "x86_64")]
 mod pack;
 
 use super::matrix::{Matrix, Output, Threads, Write, multiply_f32};
 
 /// Whether this processor multiplies bfloat16 matrices faster than those of f32.
 pub(crate) fn is_fast() -> bool {
-    #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
-    return amx::is_available();
-    #[cfg(not(all(target_arch = "x86_64", target_os = "linux")))]
+    #[cfg(target_arch = "x86_64")]
+    return avx512::is_available();
+    #[cfg(not(target_arch = "x86_64"))]
     return false;
 }
 
@@ -22,44 +28,100 @@ pub(crate) fn is_fast() -> bool {
 pub(super) fn multiply(out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
     #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
     if amx::is_available() {
-        return amx::multiply(out, left, right, write, threads);
+        return blocks::multiply::<amx::Registers>(out, left, right, write, threads);
+    }
+    #[cfg(target_arch = "x86_64")]
+    if avx512::is_available() {
+        return blocks::multiply::<avx512::Vectors>(out, left, right, write, threads);
     }
     multiply_rounded(out, left, right, write, threads);
 }
 
+/// A factor of several products, rounded once.
+#[derive(Debug)]
+pub(super) enum Factor {
+    /// For the processor's instructions.
+    #[cfg(target_arch = "x86_64")]
+    Panels(blocks::Panels),
+    /// For products in f32.
+    Values(Rounded),
+}
+
+impl Factor {
+    /// A factor on the left.
+    pub(super) fn left(matrix: Matrix<'_>) -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if is_fast() {
+            return Self::Panels(blocks::Panels::of_rows(matrix));
+        }
+        Self::Values(Rounded::new(matrix))
+    }
+
+    /// A factor on the right.
+    pub(super) fn right(matrix: Matrix<'_>) -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if is_fast() {
+            return Self::Panels(blocks::Panels::of_columns(matrix));
+        }
+        Self::Values(Rounded::new(matrix))
+    }
+}
+
+/// `left · right` into `out` on this thread, to the bits of [`multiply`].
+pub(super) fn multiply_factors(out: Output<'_>, left: &Factor, right: &Factor, write: Write) {
+    match (left, right) {
+        #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
+        (Factor::Panels(left), Factor::Panels(right)) if amx::is_available() => {
+            blocks::multiply_panels::<amx::Registers>(out, left, right, write);
+        }
+        #[cfg(target_arch = "x86_64")]
+        (Factor::Panels(left), Factor::Panels(right)) => {
+            blocks::multiply_panels::<avx512::Vectors>(out, left, right, write);
+        }
+        (Factor::Values(left), Factor::Values(right)) => {
+            multiply_f32(out, left.matrix(), right.matrix(), write, Threads::One);
+        }
+        #[cfg(target_arch = "x86_64")]
+        _ => unreachable!("one processor makes factors of one kind"),
+    }
+}
+
 /// The f32 product of the rounded inputs.
 fn multiply_rounded(out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
-    let [a, b] = [left, right].map(rounded);
-    multiply_f32(out, a.matrix(left), b.matrix(right), write, threads);
+    let [a, b] = [left, right].map(Rounded::new);
+    multiply_f32(out, a.matrix(), b.matrix(), write, threads);
 }
 
 /// A rounded copy of a matrix, whose rows or columns stay adjacent.
-struct Rounded {
+#[derive(Debug)]
+pub(super) struct Rounded {
     data: Vec<f32>,
+    rows: usize,
+    columns: usize,
     by_rows: bool,
 }
 
-fn rounded(matrix: Matrix<'_>) -> Rounded {
-    let by_rows = matrix.strides[1] == 1;
-    let lines = if by_rows { matrix } else { matrix.transposed() };
-    let mut data = Vec::with_capacity(lines.rows * lines.columns);
-    for row in 0..lines.rows {
-        let start = row * lines.strides[0];
-        if lines.strides[1] == 1 {
-            data.extend(lines.data[start..start + lines.columns].iter().map(|value| round(*value)));
-        } else {
-            data.extend((0..lines.columns).map(|column| round(lines.at(row, column))));
-        }
-    }
-    Rounded { data, by_rows }
-}
-
 impl Rounded {
-    fn matrix(&self, of: Matrix<'_>) -> Matrix<'_> {
+    fn new(matrix: Matrix<'_>) -> Self {
+        let by_rows = matrix.strides[1] == 1;
+        let lines = if by_rows { matrix } else { matrix.transposed() };
+        let mut data = Vec::with_capacity(lines.rows * lines.columns);
+        for row in 0..lines.rows {
+            let start = row * lines.strides[0];
+            if lines.strides[1] == 1 {
+                data.extend(lines.data[start..start + lines.columns].iter().map(|value| round(*value)));
+            } else {
+                data.extend((0..lines.columns).map(|column| round(lines.at(row, column))));
+            }
+        }
+        Self { data, rows: matrix.rows, columns: matrix.columns, by_rows }
+    }
+
+    fn matrix(&self) -> Matrix<'_> {
         if self.by_rows {
-            Matrix::new(&self.data, of.rows, of.columns, of.columns)
+            Matrix::new(&self.data, self.rows, self.columns, self.columns)
         } else {
-            Matrix::new(&self.data, of.columns, of.rows, of.rows).transposed()
+            Matrix::new(&self.data, self.columns, self.rows, self.rows).transposed()
         }
     }
 }
@@ -119,12 +181,25 @@ mod tests {
                     let [mut fast, mut slow] = [before.clone(), before.clone()];
                     multiply(Output::new(&mut fast, rows, columns, stride), left, right, write, threads);
                     multiply_rounded(Output::new(&mut slow, rows, columns, stride), left, right, write, threads);
+                    let mut prepared = before.clone();
+                    let factors = (Factor::left(left), Factor::right(right));
+                    multiply_factors(Output::new(&mut prepared, rows, columns, stride), &factors.0, &factors.1, write);
+                    let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                    assert_eq!(bits(&fast), bits(&prepared), "factors rounded once");
+                    // Where AMX is there too, it hides the other instructions.
+                    let mut vectors = slow.clone();
+                    #[cfg(target_arch = "x86_64")]
+                    if avx512::is_available() {
+                        vectors.clone_from(&before);
+                        let out = Output::new(&mut vectors, rows, columns, stride);
+                        blocks::multiply::<avx512::Vectors>(out, left, right, write, threads);
+                    }
                     for at in 0..rows * stride {
                         let (row, column) = (at / stride, at % stride);
                         if column >= columns {
                             assert_eq!(
-                                [&fast, &slow].map(|out| out[at].to_bits()),
-                                [before[at].to_bits(); 2],
+                                [&fast, &slow, &vectors].map(|out| out[at].to_bits()),
+                                [before[at].to_bits(); 3],
                                 "between the rows"
                             );
                             continue;
@@ -135,7 +210,7 @@ mod tests {
                         });
                         let (sum, size) =
                             parts.fold((start, start.abs()), |(sum, size), part| (sum + part, size + part.abs()));
-                        for found in [fast[at], slow[at]] {
+                        for found in [fast[at], slow[at], vectors[at]] {
                             let difference = (f64::from(found) - sum).abs();
                             assert!(
                                 difference <= 1e-5 * size,

@@ -23,6 +23,11 @@ pub(super) struct Tile([[u32; 16]; 16]);
 
 impl Tile {
     pub(super) const ZERO: Self = Self([[0; 16]; 16]);
+
+    /// All rows.
+    pub(super) const fn rows(&self) -> &[[u32; 16]; 16] {
+        &self.0
+    }
 }
 
 /// Which of a tile's indices comes first.
