@@ -2,13 +2,14 @@
 //!
 //! Each line on standard input is `NAME VIEWS HEIGHT WIDTH`, a built-in model and its input; it is answered by one line of
 //! JSON with tokens, Gaussians, seconds of each stage, estimated memory, and the peak memory of the process so far.
+//! `time_network [PROCESSOR]`: `cpu`, or `wgpu` and `wgpu:N` with the feature `gpu-network`.
 
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
-use atsplat_model::network::{Device, Network, Reconstruction, Views};
+use atsplat_model::network::{Device, Network, Processor, Reconstruction, Views};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
 use atsplat_model::{ImageSize, ModelConfig};
@@ -16,6 +17,8 @@ use glam::{DMat3, DVec3};
 use serde_json::json;
 
 fn main() -> Result<(), Box<dyn Error>> {
+    let processor: Processor = std::env::args().nth(1).map_or(Ok(Processor::Cpu), |name| name.parse())?;
+    let device = processor.open()?;
     let mut networks = BTreeMap::new();
     for line in stdin().lock().lines() {
         let line = line?;
@@ -25,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         let views = views(count.parse()?, ImageSize::new(height.parse()?, width.parse()?))?;
         if !networks.contains_key(name) {
-            networks.insert(name.to_owned(), network(name)?);
+            networks.insert(name.to_owned(), network(name, &device)?);
         }
         if let Some(network) = networks.get(name) {
             writeln!(stdout(), "{}", report(&network.reconstruct(&views, 0)?))?;
@@ -35,10 +38,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn network(name: &str) -> Result<Network, Box<dyn Error>> {
+fn network(name: &str, device: &Device) -> Result<Network, Box<dyn Error>> {
     let config = ModelConfig::named(name)?;
     let weights = generated(&parameters(&config), 1);
-    Ok(Network::new(&config, &Device::flex())?.with_weights(&weights)?)
+    Ok(Network::new(&config, device)?.with_weights(&weights)?)
 }
 
 /// Smooth pictures, and cameras along a line that look in one direction.

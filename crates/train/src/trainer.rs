@@ -1,5 +1,8 @@
-//! The training loop: gradients of a batch of samples, one optimiser step, logs and checkpoints.
+//! The training loop: steps, evaluations, logs and checkpoints.
 
+mod step;
+
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -9,18 +12,16 @@ use atsplat_model::network::{Device, Network, Processor, Products};
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, read_backbone};
 use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
-use burn::module::Module as _;
-use rayon::prelude::*;
 
 use crate::checkpoint::{Checkpoints, State};
 use crate::config::WHAT;
 use crate::evaluation::Evaluation;
-use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
+use crate::fault::Fault;
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
-use crate::objective::{GroupGradients, Objective, PartSeconds, Terms};
+use crate::objective::Objective;
 use crate::parameters::Parameters;
-use crate::samples::{Draw, Sample, Source};
-use crate::update::update;
+use crate::resident::Resident;
+use crate::samples::Source;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
 /// If a call of [`Trainer::run`] stops before the configuration's last step.
@@ -75,7 +76,10 @@ pub struct Trainer {
     checkpoints: Checkpoints,
     steps: Journal,
     evaluations: Journal,
+    /// While the run is on a graphics adapter, its weights, moments and averages are those before the first step of this call.
     state: State,
+    /// The current ones, on a graphics adapter.
+    resident: Option<Resident>,
     /// The latest faults in a row.
     faults: Vec<Fault>,
     /// To be reported when the run starts.
@@ -96,9 +100,9 @@ impl Trainer {
         Self::on(Processor::Cpu, config, folder, start)
     }
 
-    /// [`Self::new`] with network and splatter on this processor, forward and backward; losses and the optimiser stay on the
-    /// CPU, as do the evaluation's renders. On a graphics adapter, groups of samples run one after the other, and steps are not
-    /// those of the CPU bit for bit.
+    /// [`Self::new`] with network, splatter, losses and optimiser on this processor; the evaluation's renders are the CPU's. On a
+    /// graphics adapter, groups of samples run one after the other, pictures and weights stay there, and steps are not those of the
+    /// CPU bit for bit.
     ///
     /// # Errors
     /// As [`Self::new`]; [`TrainError::Model`] if the processor cannot be opened or does not render, [`TrainError::Malformed`] if
@@ -139,10 +143,10 @@ impl Trainer {
     ) -> Result<Self, TrainError> {
         require_run_to_resume(folder, start)?;
         let model = config.model.config()?;
-        let objective = Objective::new(config.losses.clone())?;
         config.check_model(&model)?;
         let device = opened(processor)?;
         let template = Network::new(&model, &device.clone().autodiff())?;
+        let objective = objective_on(processor, &config, &template)?;
         let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
         let mut initial_weights = None;
         let fresh = match start {
@@ -196,7 +200,9 @@ impl Trainer {
             return Err(TrainError::malformed("checkpoint", "adapter", expected, name(&adapter)));
         }
         if config.products != Products::F32 && !config.products.is_fast() {
-            notices.push("products in bfloat16 take longer than in f32 on this processor: it has no AMX".to_owned());
+            let slow =
+                "products in bfloat16 take longer than in f32 on this processor, which has no instructions for them";
+            notices.push(slow.to_owned());
         }
         let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
@@ -211,6 +217,10 @@ impl Trainer {
             }
             None => None,
         };
+        let resident = match processor {
+            Processor::Cpu => None,
+            Processor::Wgpu(_) => Some(Resident::new(&state, &template)?),
+        };
         Ok(Self {
             config,
             model,
@@ -224,6 +234,7 @@ impl Trainer {
             steps,
             evaluations,
             state,
+            resident,
             faults: Vec::new(),
             notices,
             opening_warnings,
@@ -232,9 +243,21 @@ impl Trainer {
         })
     }
 
-    /// The state after the last step.
+    /// The state after the last step; on a graphics adapter, weights, moments and averages are those before this call's first step
+    /// ([`Self::current_state`] reads them).
     pub const fn state(&self) -> &State {
         &self.state
+    }
+
+    /// The state after the last step, on whatever processor it is.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] if it cannot be read from the adapter.
+    pub fn current_state(&self) -> Result<Cow<'_, State>, TrainError> {
+        let Some(resident) = &self.resident else { return Ok(Cow::Borrowed(&self.state)) };
+        let mut state = self.state.clone();
+        resident.copy_to(&mut state)?;
+        Ok(Cow::Owned(state))
     }
 
     /// The state, to be changed in tests.
@@ -266,7 +289,7 @@ impl Trainer {
     /// [`TrainError::Model`].
     pub fn network(&self) -> Result<Network, TrainError> {
         let template = Network::new(&self.model, &self.device)?;
-        self.state.result().network(&template)
+        self.current_state()?.result().network(&template)
     }
 
     /// Trains until the configuration's last step or a limit; returns whether the last step was done. The folder then
@@ -321,103 +344,6 @@ impl Trainer {
         self.reported_warnings = warnings;
     }
 
-    /// Does one step, or skips and counts it.
-    ///
-    /// # Errors
-    /// [`TrainError::Stopped`] after as many skipped steps in a row as the configuration allows.
-    pub fn step(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
-        let start = Instant::now();
-        let step = self.state.step;
-        let rate = self.config.schedule.rate(step, self.config.steps.get());
-        let first = step * self.config.batch.get() as u64;
-        let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
-        let network = self.state.parameters.network(&self.template)?;
-        let gradients = |group: &[u64]| self.group_gradients(group, &network);
-        let together = self.config.together.get();
-        let groups: Result<Vec<Vec<GroupGradients>>, Fault> = match self.state.adapter {
-            // Every group is computed, so that the same fault is reported at any number of threads.
-            None => numbers.par_chunks(together).map(gradients).collect::<Vec<_>>().into_iter().collect(),
-            // An adapter runs one group at a time, with all of its threads.
-            Some(_) => numbers.chunks(together).map(gradients).collect(),
-        };
-        let mut record = StepRecord {
-            step,
-            terms: None,
-            gradient_norm: None,
-            rate,
-            secs: 0.0,
-            parts: PartSeconds::default(),
-            fault: None,
-        };
-        let groups = groups.map(|groups| groups.into_iter().flatten().collect::<Vec<GroupGradients>>());
-        match groups.and_then(|groups| self.update(&groups, rate, &mut record)) {
-            Ok(()) => {
-                self.state.faults_in_a_row = 0;
-                self.faults.clear();
-            }
-            Err(fault) => {
-                record.fault = Some(fault.to_string());
-                self.state.faults_in_a_row += 1;
-                self.faults.push(fault);
-            }
-        }
-        self.state.step += 1;
-        record.secs = start.elapsed().as_secs_f64();
-        self.steps.append(&record)?;
-        on_event(&Event::Step(&record));
-        if self.state.faults_in_a_row >= self.config.most_faults.get() {
-            let faults = std::mem::take(&mut self.faults);
-            let parameters = self.state.parameters.non_finite();
-            return Err(TrainError::Stopped(Box::new(Diagnosis { faults, parameters })));
-        }
-        Ok(())
-    }
-
-    /// Gradients of the samples with these consecutive numbers, which go through the network together as far as their pictures are as
-    /// many and as large. Each group has its own graph over the same weights, so groups run in parallel.
-    fn group_gradients(&self, numbers: &[u64], network: &Network) -> Result<Vec<GroupGradients>, Fault> {
-        let step = self.state.step;
-        let start = Instant::now();
-        let draw = |&number: &u64| {
-            let sample = self.samples.sample(Draw { seed: self.config.seed, number, step });
-            sample.map_err(|error| {
-                let what = FaultKind::Refused(error.to_string());
-                Fault { step, sample: format!("sample {number}"), what }
-            })
-        };
-        let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, Fault>>()?;
-        let sample_secs = start.elapsed().as_secs_f64();
-        let share = step as f64 / self.config.steps.get() as f64;
-        let mut groups: Vec<GroupGradients> = Vec::new();
-        let mut done = 0;
-        for group in samples.chunk_by(Sample::has_shape_of) {
-            let network = network.clone().fork(&network.device());
-            let features = self.features.as_ref();
-            let computed = self
-                .config
-                .products
-                .scope(|| self.objective.gradients(&network, group, features, numbers[done], share));
-            groups.push(computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })?);
-            done += group.len();
-        }
-        if let Some(first) = groups.first_mut() {
-            first.seconds.sample = sample_secs;
-        }
-        Ok(groups)
-    }
-
-    /// Updates every parameter and fills in the step's record.
-    fn update(&mut self, batch: &[GroupGradients], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
-        let updated = update(&mut self.state, batch, rate, &self.config);
-        let sample = || "all of the step".to_owned();
-        let norm = updated.map_err(|what| Fault { step: record.step, sample: sample(), what })?;
-        let terms: Vec<Terms> = batch.iter().flat_map(|group| group.terms.iter().copied()).collect();
-        record.terms = Some(Terms::mean(&terms));
-        record.gradient_norm = Some(norm);
-        record.parts = PartSeconds::sum(batch.iter().map(|group| group.seconds));
-        Ok(())
-    }
-
     fn evaluate(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
         let Some(evaluation) = &self.evaluation else { return Ok(()) };
         match evaluation.run(&self.network()?, self.state.step) {
@@ -436,8 +362,9 @@ impl Trainer {
     /// # Errors
     /// As [`Checkpoints::write`].
     pub fn write_checkpoint(&self) -> Result<PathBuf, TrainError> {
-        let path = self.checkpoints.write(&self.state, &self.config)?;
-        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &self.state.result().stored()?)?;
+        let state = self.current_state()?;
+        let path = self.checkpoints.write(&state, &self.config)?;
+        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &state.result().stored()?)?;
         weights.write(&self.folder.join("weights.safetensors"), Precision::Half)?;
         Ok(path)
     }
@@ -480,6 +407,14 @@ fn opened(processor: Processor) -> Result<Device, TrainError> {
     match processor.refusal() {
         None => Ok(device),
         Some(why) => Err(ModelError::Processor { processor, why: format!("it cannot render: {why}") }.into()),
+    }
+}
+
+/// On an adapter, losses are part of the graph: pictures do not leave it.
+fn objective_on(processor: Processor, config: &TrainConfig, template: &Network) -> Result<Objective, TrainError> {
+    match processor {
+        Processor::Cpu => Objective::new(config.losses.clone()),
+        Processor::Wgpu(_) => Objective::in_graph(config.losses.clone(), &template.device()),
     }
 }
 

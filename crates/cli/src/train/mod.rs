@@ -39,7 +39,7 @@ pub(crate) struct Args {
     steps: Option<u64>,
 
     /// Where network and splatter run, forward and backward: cpu, wgpu or wgpu:N, a graphics adapter, N as `atsplat adapters`
-    /// numbers them, in builds with `--features gpu-network`. Losses and optimiser stay on the CPU. A run resumes on its device.
+    /// numbers them, in builds with `--features gpu-network`. Losses and optimiser run there too. A run resumes on its device.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
     processor: Processor,
 

@@ -147,8 +147,8 @@ pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map
     Ok(Map { picture: pair.size(), left: margin, top: margin, width: windows.columns, values })
 }
 
-/// Taps of [`Window::Gaussian11`].
-pub(crate) fn gaussian() -> [f64; 11] {
+/// Taps of [`Window::Gaussian11`], whose sum is 1.
+pub fn gaussian() -> [f64; 11] {
     let mut taps = [0.0; 11];
     for (tap, offset) in taps.iter_mut().zip(-5i8..=5) {
         *tap = (-0.5 * (f64::from(offset) / 1.5).powi(2)).exp();

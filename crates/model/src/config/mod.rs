@@ -250,6 +250,11 @@ impl ModelConfig {
         Ok(config)
     }
 
+    /// Number of blocks of the decoder that have an expansion.
+    pub fn expanding_blocks(&self) -> usize {
+        self.decoder.blocks.iter().filter(|block| block.expansion.is_some()).count()
+    }
+
     /// The same network with expansion only in the first `blocks` of the expanding blocks (paper, supplement, "Expansion at
     /// each decoder block"). Weights of the others are kept but not used.
     #[must_use]

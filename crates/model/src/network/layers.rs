@@ -66,7 +66,7 @@ impl LayerBuilder<'_> {
 /// Layer norm and a 2-layer MLP.
 #[derive(Module, Debug)]
 pub(super) struct Head {
-    norm: Norm,
+    pub(super) norm: Norm,
     mlp: Mlp,
 }
 

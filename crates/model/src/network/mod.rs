@@ -9,6 +9,7 @@ mod coarse;
 mod dinov2;
 mod expansion;
 mod fine;
+mod flat;
 mod gaussians;
 mod layers;
 mod names;

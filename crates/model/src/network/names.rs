@@ -13,18 +13,18 @@ use crate::weights::{StoredTensor, StoredTensors};
 
 /// The path of a parameter through the modules: names of fields, and the types that contain them.
 #[derive(Default)]
-struct ModulePath {
+pub(super) struct ModulePath {
     names: Vec<String>,
     containers: Vec<String>,
 }
 
 impl ModulePath {
-    fn enter(&mut self, name: &str, container: &str) {
+    pub(super) fn enter(&mut self, name: &str, container: &str) {
         self.names.push(name.to_owned());
         self.containers.push(container.to_owned());
     }
 
-    fn exit(&mut self) {
+    pub(super) fn exit(&mut self) {
         self.names.pop();
         self.containers.pop();
     }
@@ -35,7 +35,7 @@ impl ModulePath {
 
     /// The parameter's name: burn's fields, without the one that distinguishes the two backbones, with PyTorch's names for
     /// the parameters of norms.
-    fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         let mut names: Vec<&str> = self.names.iter().map(String::as_str).collect();
         if let ["backbone", "dino" | "patch", ..] = names.as_slice() {
             names.remove(1);

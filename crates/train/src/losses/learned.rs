@@ -41,21 +41,21 @@ struct Convolution {
 }
 
 impl Learned {
-    /// Reads a network's weights as the metric does: torchvision's state dict for LPIPS, the package's own file for
-    /// ST-LPIPS.
+    /// Reads a network's weights to a device with gradients, as the metric does: torchvision's state dict for LPIPS, the package's
+    /// own file for ST-LPIPS.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if a tensor is absent or of another shape.
-    pub fn read(network: Network, path: &Path) -> Result<Self, TrainError> {
+    pub fn read(network: Network, path: &Path, device: &Device) -> Result<Self, TrainError> {
         let file = TensorFile::open(path)?;
         let heads = match embedded_heads(network) {
             Some(heads) => heads.map_err(|error| TrainError::malformed("heads", network.name(), "tensors", error))?,
             None => file.stored.clone(),
         };
-        Self::new(network, &file.stored, &heads, file.sha256)
+        Self::new(network, &file.stored, &heads, file.sha256, device)
     }
 
-    /// A loss with the given tensors.
+    /// A loss with the given tensors on a device with gradients.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -64,9 +64,9 @@ impl Learned {
         weights: &StoredTensors,
         heads: &StoredTensors,
         sha256: String,
+        device: &Device,
     ) -> Result<Self, TrainError> {
         // Weights are constants; only the picture has a gradient.
-        let device = Device::flex().autodiff();
         let numbers = |stored: &StoredTensors, name: &str, shape: &[usize]| {
             let tensor = stored.tensors.get(name).filter(|tensor| tensor.shape() == shape);
             let absent = || TrainError::malformed(network.name(), name, format!("a tensor of shape {shape:?}"), "none");
@@ -75,8 +75,8 @@ impl Learned {
         let layer = |step| match step {
             Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu } => {
                 let shape = [channels_out, channels_in, kernel, kernel];
-                let weight = Tensor::from_data(numbers(weights, &format!("{name}.weight"), &shape)?, &device);
-                let bias = Tensor::from_data(numbers(weights, &format!("{name}.bias"), &[channels_out])?, &device);
+                let weight = Tensor::from_data(numbers(weights, &format!("{name}.weight"), &shape)?, device);
+                let bias = Tensor::from_data(numbers(weights, &format!("{name}.bias"), &[channels_out])?, device);
                 let options = ConvOptions::new([stride; 2], [padding; 2], [1; 2], 1);
                 Ok(Layer::Convolution(Box::new(Convolution { weight, bias, options, relu })))
             }
@@ -86,7 +86,7 @@ impl Learned {
         let heads = Network::heads()
             .into_iter()
             .zip(network.channels())
-            .map(|(name, channels)| Ok(Tensor::from_data(numbers(heads, &name, &[1, channels, 1, 1])?, &device)));
+            .map(|(name, channels)| Ok(Tensor::from_data(numbers(heads, &name, &[1, channels, 1, 1])?, device)));
         let heads = heads.collect::<Result<_, TrainError>>()?;
         Ok(Self { network, sha256, layers, heads })
     }
@@ -96,22 +96,30 @@ impl Learned {
         format!("{}, weights {}", self.network.name(), self.sha256)
     }
 
-    /// The distance, mean over views. Pictures are not clamped, as in the training of LPIPS itself.
-    pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
-        let device = Device::flex().autodiff();
-        let Stack { views, height, width } = stack;
-        let pictures = |values: &[f32]| {
-            Tensor::<4>::from_data(TensorData::new(values.to_vec(), [views, height, width, 3]), &device)
-        };
-        let render = pictures(render).require_grad();
-        let (ours, theirs) = (self.features(render.clone()), self.features(pictures(truth)));
-        let mut distance = Tensor::<1>::zeros([1], &device);
-        for ((ours, theirs), head) in ours.into_iter().zip(theirs).zip(&self.heads) {
+    /// The distance of pictures `[views, height, width, 3]`, mean over views; no gradient reaches the second. Pictures are not
+    /// clamped, as in the training of LPIPS itself.
+    pub fn distance(&self, render: Tensor<4>, truth: Tensor<4>) -> Tensor<1> {
+        let [views, ..] = render.dims();
+        let mut distance = Tensor::<1>::zeros([1], &render.device());
+        for ((ours, theirs), head) in self.features(render).into_iter().zip(self.features(truth)).zip(&self.heads) {
             let [_, _, height, width] = ours.dims();
             let difference = ours - theirs.detach();
             let weighted = difference.clone() * difference * head.clone();
             distance = distance + weighted.sum() / (views * height * width) as f64;
         }
+        distance
+    }
+
+    /// The distance and its gradient.
+    pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
+        let Stack { views, height, width } = stack;
+        #[expect(clippy::expect_used, reason = "every network has five heads")]
+        let device = self.heads.first().expect("a head").device();
+        let pictures = |values: &[f32]| {
+            Tensor::<4>::from_data(TensorData::new(values.to_vec(), [views, height, width, 3]), &device)
+        };
+        let render = pictures(render).require_grad();
+        let distance = self.distance(render.clone(), pictures(truth));
         let value = f64::from(distance.clone().into_scalar::<f32>());
         #[expect(clippy::expect_used, reason = "the distance depends on the render")]
         let gradient = render.grad(&distance.backward()).expect("a gradient of the render");

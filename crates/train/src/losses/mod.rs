@@ -2,13 +2,14 @@
 //!
 //! A loss takes rendered pictures as plain values, and its gradient enters the graph at the renderer's output. So every term
 //! is checked for NaN before anything is propagated, and a stop-gradient cannot leak: the error map of the uncertainty loss
-//! has no graph behind it.
+//! has no graph behind it. On graphics adapters the losses are part of the graph instead ([`graph`]), and pictures stay there.
 //!
 //! Pictures are view by view, row by row, red, green, blue. The order of sums is fixed, so that results do not depend on the
 //! number of threads.
 
 mod d_ssim;
 mod distance;
+pub mod graph;
 mod learned;
 mod mse;
 mod perceptual;

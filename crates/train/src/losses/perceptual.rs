@@ -1,5 +1,8 @@
+use burn::Tensor;
+use burn::tensor::Device;
+
 use super::learned::Learned;
-use super::{Loss, Stack, d_ssim};
+use super::{Loss, Stack, d_ssim, graph};
 use crate::TrainError;
 use crate::config::PerceptualChoice;
 
@@ -13,15 +16,15 @@ pub enum Perceptual {
 }
 
 impl Perceptual {
-    /// The chosen loss; reads its weights if it has any.
+    /// The chosen loss; reads its weights, if it has any, to a device with gradients.
     ///
     /// # Errors
     /// As [`Learned::read`].
-    pub fn new(choice: &PerceptualChoice) -> Result<Self, TrainError> {
+    pub fn new(choice: &PerceptualChoice, device: &Device) -> Result<Self, TrainError> {
         match choice {
             PerceptualChoice::DSsim => Ok(Self::DSsim),
             PerceptualChoice::Learned { network, weights } => {
-                Ok(Self::Learned(Box::new(Learned::read(*network, weights)?)))
+                Ok(Self::Learned(Box::new(Learned::read(*network, weights, device)?)))
             }
         }
     }
@@ -39,6 +42,14 @@ impl Perceptual {
         match self {
             Self::DSsim => d_ssim(render, truth, stack).loss,
             Self::Learned(learned) => learned.evaluate(render, truth, stack),
+        }
+    }
+
+    /// The loss of pictures `[views, height, width, 3]` on their device, mean over views.
+    pub fn in_graph(&self, render: Tensor<4>, truth: Tensor<4>, d_ssim: &graph::DSsim) -> Tensor<1> {
+        match self {
+            Self::DSsim => d_ssim.map(render, truth).mean(),
+            Self::Learned(learned) => learned.distance(render, truth),
         }
     }
 }

@@ -4,7 +4,7 @@ mod adam_w;
 mod average;
 mod schedule;
 
-pub use adam_w::{AdamW, Moments, Update};
+pub use adam_w::{AdamW, FlatMoments, Moments, Update};
 pub use average::{average, warmed_up};
 pub use schedule::Schedule;
 

@@ -1,8 +1,11 @@
 //! Losses and optimiser against PyTorch (`oracle/make_fixtures.py`), and their invariants.
 
+use atsplat_model::network::f32_values;
 use atsplat_numeric::{Extremes as _, Tolerance};
-use atsplat_train::losses::{Stack, d_ssim, mse, uncertainty};
+use atsplat_train::losses::{Stack, d_ssim, graph, log_distance, mse, uncertainty};
 use atsplat_train::optimiser::{AdamW, Moments, Schedule, Update, clip, norm};
+use burn::Tensor;
+use burn::tensor::{Device, TensorData};
 use proptest::prelude::*;
 use serde::Deserialize;
 
@@ -53,6 +56,59 @@ fn losses_agree_with_pytorch() {
         let values = [error.value, dissimilarity.loss.value, unsure.value];
         Tolerance::relative(REACHED_F32).assert(values, [case.mse, case.d_ssim, case.uncertainty], "values");
     }
+}
+
+/// The same cases on tensors, whose gradients burn derives.
+#[test]
+fn losses_in_the_graph_agree_with_pytorch() {
+    let device = Device::flex().autodiff();
+    let cases: Vec<Case> = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
+    for case in &cases {
+        let pictures = |values: &[f32]| {
+            Tensor::<4>::from_data(TensorData::new(values.to_vec(), [case.views, case.height, case.width, 3]), &device)
+        };
+        let render = pictures(&case.render).require_grad();
+        let gradient = |loss: &Tensor<1>| f32_values(render.grad(&loss.backward()).unwrap());
+        let error = graph::mse(render.clone(), pictures(&case.truth));
+        close(REACHED_F32, &gradient(&error), &case.mse_gradient, "MSE's gradient");
+        let map = graph::DSsim::new([case.height, case.width], &device).map(render.clone(), pictures(&case.truth));
+        let dissimilarity = map.clone().mean();
+        close(REACHED_F32, &gradient(&dissimilarity), &case.d_ssim_gradient, "D-SSIM's gradient");
+        let map = map.mean_dim(1).squeeze_dim::<3>(1);
+        close(REACHED_F32, &f32_values(map.clone()), &case.d_ssim_map, "D-SSIM's map");
+        let scalar = TensorData::new(case.scalar.clone(), [case.views, case.height, case.width]);
+        let scalar = Tensor::<3>::from_data(scalar, &device).require_grad();
+        let unsure = graph::uncertainty(scalar.clone(), map);
+        let gradients = unsure.backward();
+        close(
+            REACHED_F32,
+            &f32_values(scalar.grad(&gradients).unwrap()),
+            &case.uncertainty_gradient,
+            "uncertainty's gradient",
+        );
+        assert!(render.grad(&gradients).is_none(), "the error map is a constant");
+        let values = [error, dissimilarity, unsure].map(|loss| f64::from(f32_values(loss)[0]));
+        Tolerance::relative(REACHED_F32).assert(values, [case.mse, case.d_ssim, case.uncertainty], "values");
+    }
+}
+
+/// Sky with any prediction, NaN nowhere hidden, and both directions.
+#[test]
+fn distances_in_the_graph_are_those_beside_it() {
+    let device = Device::flex().autodiff();
+    let exact = [2.0, 6.0, f32::INFINITY, 5.0];
+    for predicted in [[4.0f32, 3.0, 7.0, 5.5], [1.0, 30.0, 0.0, 4.0]] {
+        let known = log_distance(&predicted, &exact);
+        let tensor = Tensor::<1>::from_floats(predicted, &device).require_grad();
+        let loss = graph::log_distance(tensor.clone(), &exact);
+        let gradient = f32_values(tensor.grad(&loss.backward()).unwrap()).into_iter().map(f64::from);
+        Tolerance::relative(1e-5).assert([f64::from(f32_values(loss)[0])], [known.value], "value");
+        Tolerance::relative(1e-5).assert(gradient, known.gradient.into_iter().map(f64::from), "gradient");
+    }
+    let broken = graph::log_distance(Tensor::from_floats([f32::NAN], &device), &[2.0]);
+    assert!(f32_values(broken)[0].is_nan());
+    let sky = graph::log_distance(Tensor::from_floats([3.0], &device), &[f32::INFINITY]);
+    Tolerance::EXACT.assert([f64::from(f32_values(sky)[0])], [0.0], "nothing but sky");
 }
 
 #[test]

@@ -179,3 +179,42 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
     let fault = objective.gradients(&network, &broken, None, 0, 0.0).unwrap_err();
     assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Picture("target picture 0".to_owned())));
 }
+
+/// Two samples in one group, every term switched on: losses in the graph give the terms and gradients of those beside it.
+#[test]
+fn losses_in_the_graph_have_the_same_terms_and_gradients() {
+    let mut samples = [sample(6), sample(7)];
+    let network = network();
+    let views = samples.each_ref().map(|sample| sample.context.views().unwrap());
+    let depths = f32_values(network.forward(&views, 0).unwrap().initial.depths.unwrap());
+    for (sample, depths) in samples.iter_mut().zip(depths.chunks(depths.len() / 2)) {
+        let mut distances: Vec<f32> = depths.iter().map(|distance| 1.5 * distance).collect();
+        distances[0] = f32::INFINITY;
+        sample.distances = Some(PatchDistances { columns: 2, distances });
+    }
+    let losses = LossConfig {
+        distance_weight: 0.3,
+        intermediate_targets: std::num::NonZeroUsize::new(1),
+        background: [0.2, 0.4, 0.6],
+        ..LossConfig::default()
+    };
+    let beside = Objective::new(losses.clone()).unwrap().gradients(&network, &samples, None, 0, 0.0).unwrap();
+    let inside = Objective::in_graph(losses, &network.device()).unwrap();
+    let named = inside.gradients(&network, &samples, None, 0, 0.0).unwrap();
+    for (found, expected) in named.terms.iter().zip(&beside.terms) {
+        for ((name, found), (_, expected)) in found.named().into_iter().zip(expected.named()) {
+            Tolerance::relative(1e-5).assert([found], [expected], name);
+        }
+    }
+    assert_ne!(beside.terms[0], beside.terms[1]);
+    assert_eq!(named.gradients.keys().collect::<Vec<_>>(), beside.gradients.keys().collect::<Vec<_>>());
+    for (name, expected) in &beside.gradients {
+        let largest = expected.iter().map(|value| f64::from(value.abs())).fold(0.0, f64::maximum_of);
+        let found = named.gradients[name].iter().copied().map(f64::from);
+        Tolerance::absolute(1e-4 * largest).assert(found, expected.iter().copied().map(f64::from), name);
+    }
+    let flat = inside.flat_gradient(&network, &samples, None, 0, 0.0).unwrap();
+    let squares = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
+    let sum: f64 = named.gradients.values().map(|values| squares(values)).sum();
+    Tolerance::relative(1e-5).assert([squares(&f32_values(flat.gradient))], [sum], "the gradient as one tensor");
+}

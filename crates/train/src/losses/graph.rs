@@ -1,0 +1,87 @@
+//! The losses as operations of burn's graph, on whatever device the pictures are: for graphics adapters, where copying pictures to
+//! the host takes longer than their losses. On the CPU, the closed forms beside this file are faster.
+
+use atsplat_metrics::ssim::gaussian;
+use burn::Tensor;
+use burn::tensor::{Device, TensorData};
+
+const C1: f64 = 0.01 * 0.01;
+const C2: f64 = 0.03 * 0.03;
+/// Subtracted from the pictures, so that their variances keep more digits.
+const GREY: f64 = 0.5;
+
+/// Mean squared error over pixels, channels and views.
+pub fn mse<const D: usize>(render: Tensor<D>, truth: Tensor<D>) -> Tensor<1> {
+    (render - truth).square().mean()
+}
+
+/// Mean absolute difference between the rendered uncertainty and the error map, which is a constant.
+pub fn uncertainty(rendered: Tensor<3>, error_map: Tensor<3>) -> Tensor<1> {
+    (rendered - error_map.detach()).abs().mean()
+}
+
+/// Mean absolute difference between the logarithms of predicted and exact distances of one sample, as
+/// [`super::log_distance`].
+pub fn log_distance(predicted: Tensor<1>, exact: &[f32]) -> Tensor<1> {
+    let count = exact.iter().filter(|exact| exact.is_finite()).count().max(1);
+    // Sky counts for nothing, whatever is predicted there.
+    let of = |part: fn(f32) -> f32| {
+        let values: Vec<f32> = exact.iter().map(|exact| part(*exact)).collect();
+        Tensor::<1>::from_data(TensorData::new(values, [exact.len()]), &predicted.device())
+    };
+    let weight = of(|exact| if exact == f32::INFINITY { 0.0 } else { 1.0 });
+    let exact = of(|exact| if exact == f32::INFINITY { 1.0 } else { exact });
+    let known = predicted * weight.clone() + (weight.clone() * -1.0 + 1.0);
+    ((known.log() - exact.log()).abs() * weight).sum() / count as f64
+}
+
+/// `1 − SSIM` as 3DGS's training computes it, of pictures of one size.
+#[derive(Clone, Debug)]
+pub struct DSsim {
+    /// The window down the columns, `[1, 1, height, height]`.
+    down: Tensor<4>,
+    /// The window along the rows, `[1, 1, width, width]`.
+    along: Tensor<4>,
+    /// What of each pixel's window is outside the picture, which is black there.
+    outside: Tensor<4>,
+}
+
+impl DSsim {
+    /// For pictures of `height × width` pixels on a device.
+    pub fn new([height, width]: [usize; 2], device: &Device) -> Self {
+        let [down, along] = [height, width]
+            .map(|side| Tensor::<4>::from_data(TensorData::new(window(side), [1, 1, side, side]), device));
+        let inside = down.clone().matmul(Tensor::ones([1, 1, height, width], device)).matmul(along.clone());
+        Self { down, along, outside: inside * -1.0 + 1.0 }
+    }
+
+    /// `1 − SSIM` of pictures `[views, height, width, 3]` at each pixel and channel, `[views, 3, height, width]`.
+    pub fn map(&self, render: Tensor<4>, truth: Tensor<4>) -> Tensor<4> {
+        let [x, y] = [render, truth].map(|pictures| pictures.permute([0, 3, 1, 2]) - GREY);
+        let [views, ..] = x.dims();
+        let products = [x.clone().square() + y.clone().square(), x.clone() * y.clone()];
+        let [squares, both] = products;
+        let blurred = self.down.clone().matmul(Tensor::cat(vec![x, y, squares, both], 0)).matmul(self.along.clone());
+        // A black pixel is −GREY here.
+        let part = |at: usize, black: f64| {
+            blurred.clone().slice_dim(0, at * views..(at + 1) * views) + self.outside.clone() * black
+        };
+        let [x, y] = [part(0, -GREY), part(1, -GREY)];
+        let [squares, both] = [part(2, 2.0 * GREY * GREY), part(3, GREY * GREY)];
+        let variances = squares - x.clone().square() - y.clone().square();
+        let covariance = both - x.clone() * y.clone();
+        let [x, y] = [x + GREY, y + GREY];
+        let similarity = (x.clone() * y.clone() * 2.0 + C1) * (covariance * 2.0 + C2)
+            / ((x.square() + y.square() + C1) * (variances + C2));
+        similarity * -1.0 + 1.0
+    }
+}
+
+/// The window around each of `side` pixels as a matrix, symmetric; zeros around the picture are left out.
+#[expect(clippy::cast_possible_truncation, reason = "the window in f32")]
+fn window(side: usize) -> Vec<f32> {
+    let taps = gaussian();
+    let radius = taps.len() / 2;
+    let tap = |from: usize, to: usize| taps.get((to + radius).wrapping_sub(from)).map_or(0.0, |tap| *tap as f32);
+    (0..side * side).map(|at| tap(at / side, at % side)).collect()
+}

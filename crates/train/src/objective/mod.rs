@@ -1,0 +1,270 @@
+//! The loss of samples and its gradient with respect to every parameter.
+
+mod group;
+mod pictures;
+mod terms;
+
+use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, Views};
+use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
+use burn::Tensor;
+use burn::tensor::{Device, Gradients};
+use indexmap::IndexMap;
+
+pub use terms::{PartSeconds, Terms};
+
+use crate::config::LossConfig;
+use crate::fault::{FaultKind, SampleFault};
+use crate::losses::{Perceptual, Stack};
+use crate::samples::{Sample, pixel_size};
+use crate::{FeatureCache, TrainError};
+use group::Group;
+use terms::Clock;
+
+/// The losses of a group of samples, which go through the network together, and the gradients of their sum.
+#[derive(Clone, Debug, Default)]
+pub struct GroupGradients {
+    /// The loss of each sample.
+    pub terms: Vec<Terms>,
+    /// By parameter name, in the layout of weights files; a parameter that no loss depends on is absent.
+    pub gradients: IndexMap<String, Vec<f32>>,
+    /// Time taken.
+    pub seconds: PartSeconds,
+}
+
+/// [`GroupGradients`] that stay on the network's device.
+#[derive(Clone, Debug)]
+pub struct FlatGradient {
+    /// The loss of each sample.
+    pub terms: Vec<Terms>,
+    /// In the order of [`Network::flat`].
+    pub gradient: Tensor<1>,
+    /// Time taken until the device had computed the losses and accepted the rest.
+    pub seconds: PartSeconds,
+}
+
+/// The training loss of a configuration.
+#[derive(Debug)]
+pub struct Objective {
+    config: LossConfig,
+    perceptual: Perceptual,
+    /// Whether losses are part of the graph, so that no picture leaves the device.
+    in_graph: bool,
+}
+
+/// What a backward pass of a group leaves.
+struct Differentiated {
+    terms: Vec<Terms>,
+    seconds: PartSeconds,
+    clock: Clock,
+    /// `None` if no loss depends on the network.
+    gradients: Option<Gradients>,
+}
+
+impl Objective {
+    /// The loss of a configuration; reads the weights of a learned perceptual loss.
+    ///
+    /// # Errors
+    /// As [`Perceptual::new`].
+    pub fn new(config: LossConfig) -> Result<Self, TrainError> {
+        let perceptual = Perceptual::new(&config.perceptual, &Device::flex().autodiff())?;
+        Ok(Self { config, perceptual, in_graph: false })
+    }
+
+    /// The same loss as part of the graph on a device with gradients: rendered pictures do not leave it. Values and gradients are
+    /// those of [`Self::new`] up to rounding.
+    ///
+    /// # Errors
+    /// As [`Perceptual::new`].
+    pub fn in_graph(config: LossConfig, device: &Device) -> Result<Self, TrainError> {
+        let perceptual = Perceptual::new(&config.perceptual, device)?;
+        Ok(Self { config, perceptual, in_graph: true })
+    }
+
+    /// Name of the perceptual term, for provenance.
+    pub fn perceptual(&self) -> String {
+        self.perceptual.name()
+    }
+
+    /// Runs the network on samples with the same number of context pictures of the same size, renders every set of Gaussians, and
+    /// propagates the sum of all losses back. The network must be on an autodiff device. `features` is the cache of a frozen
+    /// backbone's features; `call_seed` seeds random selection in the first sample, the next number that in the second; `share` of
+    /// the run is done.
+    ///
+    /// # Errors
+    /// [`SampleFault`] if the step cannot be used; nothing is changed.
+    pub fn gradients(
+        &self,
+        network: &Network,
+        samples: &[Sample],
+        features: Option<&FeatureCache>,
+        call_seed: u64,
+        share: f64,
+    ) -> Result<GroupGradients, SampleFault> {
+        let done = self.differentiate(network, samples, features, call_seed, share)?;
+        let Differentiated { terms, mut seconds, mut clock, gradients } = done;
+        let gradients = gradients.map(|own| network.gradients(&own)).unwrap_or_default();
+        seconds.backward = clock.lap();
+        let broken = gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
+        let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(4).collect();
+        if broken.is_empty() {
+            Ok(GroupGradients { terms, gradients, seconds })
+        } else {
+            Err(SampleFault { sample: names(samples), what: FaultKind::Gradients(broken) })
+        }
+    }
+
+    /// [`Self::gradients`] as one tensor on the network's device; whether they are finite is for the caller to see.
+    ///
+    /// # Errors
+    /// [`SampleFault`] if the step cannot be used; nothing is changed.
+    pub fn flat_gradient(
+        &self,
+        network: &Network,
+        samples: &[Sample],
+        features: Option<&FeatureCache>,
+        call_seed: u64,
+        share: f64,
+    ) -> Result<FlatGradient, SampleFault> {
+        let done = self.differentiate(network, samples, features, call_seed, share)?;
+        let Differentiated { terms, mut seconds, mut clock, gradients } = done;
+        let gradient = match gradients {
+            Some(gradients) => network.flat_gradient(&gradients),
+            None => network.flat().zeros_like(),
+        };
+        seconds.backward = clock.lap();
+        Ok(FlatGradient { terms, gradient, seconds })
+    }
+
+    fn differentiate(
+        &self,
+        network: &Network,
+        samples: &[Sample],
+        features: Option<&FeatureCache>,
+        call_seed: u64,
+        share: f64,
+    ) -> Result<Differentiated, SampleFault> {
+        let mut clock = Clock::start();
+        let refused = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
+        let views = |sample: &Sample| {
+            finite_pictures(sample)?;
+            let views = features.map_or_else(|| sample.context.views(), |own| own.views(network, &sample.context));
+            views.map_err(|error| refused(&error))
+        };
+        let views: Result<Vec<Views>, SampleFault> =
+            samples.iter().map(|sample| views(sample).map_err(|what| sample.fault(what))).collect();
+        let forward = network.forward(&views?, call_seed);
+        let forward = forward.map_err(|error| SampleFault { sample: names(samples), what: refused(&error) })?;
+        let seconds = PartSeconds { forward: clock.lap(), ..PartSeconds::default() };
+        let mut group = Group::new(samples, seconds, clock, network.device());
+        let weight = self.config.distance_weight_at(share);
+        if weight > 0.0 {
+            group.add_distances(forward.initial.depths.as_ref(), weight, self.in_graph)?;
+        }
+        self.add_final(&forward.gaussians, self.config.perceptual_weight_at(share), &mut group)?;
+        for pair in forward.blocks.windows(2) {
+            let [block, next] = pair else { continue };
+            let gaussians = network.gaussians(&block.tokens);
+            let scores = next.expanded.as_ref().and_then(|expanded| expanded.scores.clone());
+            self.add_intermediate(&gaussians, scores, &mut group)?;
+        }
+        group.read();
+        group.seconds.losses += group.clock.lap();
+        let Group { terms, seconds, clock, sum, .. } = group;
+        for (sample, terms) in samples.iter().zip(&terms) {
+            if let Some((name, _)) = terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
+                return Err(sample.fault(FaultKind::Term(name)));
+            }
+        }
+        Ok(Differentiated { terms, seconds, clock, gradients: sum.map(|sum| sum.backward()) })
+    }
+
+    /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
+    fn add_final(&self, gaussians: &GaussianTensors, weight: f64, group: &mut Group<'_>) -> Result<(), SampleFault> {
+        for (at, sample) in group.samples.iter().enumerate() {
+            let stack = sample.targets.stack();
+            let images = self.render(gaussians, group, at, stack, None)?;
+            group.seconds.splat += group.clock.lap();
+            if self.in_graph {
+                self.compare_final_in_graph(images, at, stack, weight, group);
+            } else {
+                self.compare_final(&images, at, stack, weight, group);
+            }
+            group.seconds.losses += group.clock.lap();
+        }
+        Ok(())
+    }
+
+    /// Adds the loss of the Gaussians of a block before the last: `λint · (MSE + λs · D-SSIM) + λunc · uncertainty`.
+    fn add_intermediate(
+        &self,
+        gaussians: &GaussianTensors,
+        scores: Option<Tensor<2>>,
+        group: &mut Group<'_>,
+    ) -> Result<(), SampleFault> {
+        let scores = scores.filter(|_| self.config.uncertainty_weight > 0.0);
+        if scores.is_none() && self.config.intermediate_weight <= 0.0 {
+            return Ok(());
+        }
+        for (at, sample) in group.samples.iter().enumerate() {
+            let all = sample.targets.stack();
+            let views = self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views));
+            let stack = Stack { views, ..all };
+            let images = self.render(gaussians, group, at, stack, scores.as_ref())?;
+            group.seconds.splat += group.clock.lap();
+            if self.in_graph {
+                self.compare_intermediate_in_graph(images, at, stack, group);
+            } else {
+                self.compare_intermediate(&images, at, stack, group);
+            }
+            group.seconds.losses += group.clock.lap();
+        }
+        Ok(())
+    }
+
+    /// Renders the first targets of one sample; the score of a token goes to all of its Gaussians.
+    fn render(
+        &self,
+        gaussians: &GaussianTensors,
+        group: &Group<'_>,
+        at: usize,
+        stack: Stack,
+        scores: Option<&Tensor<2>>,
+    ) -> Result<RenderedTensors, SampleFault> {
+        let sample = &group.samples[at];
+        let [_, count, _] = gaussians.means.dims();
+        let scalars = scores.map(|scores| {
+            let [_, tokens] = scores.dims();
+            let own = scores.clone().narrow(0, at, 1);
+            own.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens.max(1)).reshape([count])
+        });
+        let options = RenderOptions {
+            background: self.config.background,
+            channels: Channels { scalar: scalars.is_some(), ..Channels::default() },
+            gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+            ..RenderOptions::default()
+        };
+        let views = target_views(sample, stack.views);
+        let rendered = gaussians.render(at, &views, &options, scalars);
+        rendered.map_err(|error| sample.fault(FaultKind::Refused(error.to_string())))
+    }
+}
+
+fn names(samples: &[Sample]) -> String {
+    samples.iter().map(|sample| sample.name.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+/// The first targets of a sample as the renderer's views.
+pub(crate) fn target_views(sample: &Sample, count: usize) -> Vec<View> {
+    let size = pixel_size(sample.targets.size);
+    sample.targets.cameras.iter().take(count).map(|&camera| View { camera, size }).collect()
+}
+
+fn finite_pictures(sample: &Sample) -> Result<(), FaultKind> {
+    for (what, posed) in [("context", &sample.context), ("target", &sample.targets)] {
+        let broken = (0..posed.cameras.len()).find(|view| posed.picture(*view).iter().any(|value| !value.is_finite()));
+        if let Some(view) = broken {
+            return Err(FaultKind::Picture(format!("{what} picture {view}")));
+        }
+    }
+    Ok(())
+}

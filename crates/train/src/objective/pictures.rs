@@ -1,0 +1,98 @@
+//! The losses of one sample's renders: with known gradients, or as part of the graph.
+
+use atsplat_model::network::{RenderedTensors, f32_values};
+
+use super::Objective;
+use super::group::Group;
+use crate::losses::{Stack, d_ssim, graph, mse, uncertainty};
+
+impl Objective {
+    pub(super) fn compare_final(
+        &self,
+        images: &RenderedTensors,
+        at: usize,
+        stack: Stack,
+        perceptual_weight: f64,
+        group: &mut Group<'_>,
+    ) {
+        let truth = &group.samples[at].targets.pictures;
+        let rgb = f32_values(images.rgb.clone());
+        let mut loss = mse(&rgb, truth);
+        let terms = &mut group.terms[at];
+        terms.mse = loss.value;
+        if perceptual_weight > 0.0 {
+            let perceptual = self.perceptual.evaluate(&rgb, truth, stack);
+            terms.perceptual = perceptual.value;
+            loss.add(&perceptual, perceptual_weight);
+        }
+        terms.total += loss.value;
+        group.add_gradient(&images.rgb, &loss.gradient, 1.0);
+    }
+
+    pub(super) fn compare_final_in_graph(
+        &self,
+        images: RenderedTensors,
+        at: usize,
+        stack: Stack,
+        perceptual_weight: f64,
+        group: &mut Group<'_>,
+    ) {
+        let (truth, d_ssim) = group.in_graph(at, stack.views);
+        group.add_in_graph(at, |terms| &mut terms.mse, 1.0, graph::mse(images.rgb.clone(), truth.clone()));
+        if perceptual_weight > 0.0 {
+            let perceptual = self.perceptual.in_graph(images.rgb, truth, &d_ssim);
+            group.add_in_graph(at, |terms| &mut terms.perceptual, perceptual_weight, perceptual);
+        }
+    }
+
+    pub(super) fn compare_intermediate(
+        &self,
+        images: &RenderedTensors,
+        at: usize,
+        stack: Stack,
+        group: &mut Group<'_>,
+    ) {
+        #[expect(clippy::expect_used, reason = "the stack holds at most all of the sample's targets")]
+        let truth = group.samples[at].targets.pictures.get(..stack.samples()).expect("a prefix of the targets");
+        let rgb = f32_values(images.rgb.clone());
+        let dissimilarity = d_ssim(&rgb, truth, stack);
+        let mut loss = mse(&rgb, truth);
+        let terms = &mut group.terms[at];
+        terms.intermediate_mse += loss.value;
+        terms.intermediate_d_ssim += dissimilarity.loss.value;
+        loss.add(&dissimilarity.loss, self.config.intermediate_d_ssim_weight);
+        terms.total += self.config.intermediate_weight * loss.value;
+        let uncertainty = images.scalar.as_ref().map(|map| {
+            let loss = uncertainty(&f32_values(map.clone()), &dissimilarity.map);
+            terms.uncertainty += loss.value;
+            terms.total += self.config.uncertainty_weight * loss.value;
+            (map, loss)
+        });
+        if self.config.intermediate_weight > 0.0 {
+            group.add_gradient(&images.rgb, &loss.gradient, self.config.intermediate_weight);
+        }
+        if let Some((map, loss)) = uncertainty {
+            group.add_gradient(map, &loss.gradient, self.config.uncertainty_weight);
+        }
+    }
+
+    pub(super) fn compare_intermediate_in_graph(
+        &self,
+        images: RenderedTensors,
+        at: usize,
+        stack: Stack,
+        group: &mut Group<'_>,
+    ) {
+        let (truth, d_ssim) = group.in_graph(at, stack.views);
+        let map = d_ssim.map(images.rgb.clone(), truth.clone());
+        let weight = self.config.intermediate_weight;
+        group.add_in_graph(at, |terms| &mut terms.intermediate_mse, weight, graph::mse(images.rgb, truth));
+        let d_ssim_weight = weight * self.config.intermediate_d_ssim_weight;
+        group.add_in_graph(at, |terms| &mut terms.intermediate_d_ssim, d_ssim_weight, map.clone().mean());
+        if let Some(predicted) = images.scalar {
+            let error_map = map.mean_dim(1).squeeze_dim::<3>(1);
+            let loss = graph::uncertainty(predicted, error_map);
+            group.add_in_graph(at, |terms| &mut terms.uncertainty, self.config.uncertainty_weight, loss);
+        }
+    }
+}

@@ -1,0 +1,166 @@
+//! Weights, moments and averages that stay on a graphics adapter between steps.
+
+use atsplat_model::network::Network;
+use burn::Tensor;
+
+use crate::checkpoint::State;
+use crate::fault::FaultKind;
+use crate::objective::FlatGradient;
+use crate::optimiser::{FlatMoments, Moments, Update, clip, warmed_up};
+use crate::{TrainConfig, TrainError};
+
+/// The part of a [`State`] that steps change, in the order of [`Network::flat`].
+#[derive(Clone, Debug)]
+pub(crate) struct Resident {
+    /// With the current weights.
+    network: Network,
+    moments: FlatMoments,
+    average: Option<Tensor<1>>,
+    /// 1 where weight decay applies.
+    decays: Tensor<1>,
+}
+
+impl Resident {
+    /// Copies a state to the device of a network, whose weights are replaced.
+    pub(crate) fn new(state: &State, template: &Network) -> Result<Self, TrainError> {
+        let flat =
+            |values: Vec<Vec<f32>>| Ok::<_, TrainError>(state.parameters.with_values(values).network(template)?.flat());
+        let of_moments =
+            |part: fn(&Moments) -> &Vec<f32>| flat(state.moments.iter().map(|moments| part(moments).clone()).collect());
+        let network = state.parameters.network(template)?;
+        let moments = FlatMoments { first: of_moments(|own| &own.first)?, second: of_moments(|own| &own.second)? };
+        let average = state.average.clone().map(flat).transpose()?;
+        Ok(Self { decays: network.flat_matrices(), network, moments, average })
+    }
+
+    /// The network with the current weights.
+    pub(crate) const fn network(&self) -> &Network {
+        &self.network
+    }
+
+    /// [`crate::update::update`] on the device: of everything, only the norm is read.
+    ///
+    /// # Errors
+    /// [`FaultKind::Gradients`] if the norm is not finite; nothing is changed.
+    pub(crate) fn update(
+        &mut self,
+        updates: u64,
+        batch: &[FlatGradient],
+        rate: f64,
+        config: &TrainConfig,
+    ) -> Result<f64, FaultKind> {
+        let samples = batch.iter().map(|group| group.terms.len()).sum::<usize>().max(1);
+        let sum = batch.iter().map(|group| group.gradient.clone()).reduce(|sum, own| sum + own);
+        let gradient = sum.unwrap_or_else(|| self.decays.zeros_like());
+        let share = 1.0 / samples as f64;
+        let squares = f64::from(gradient.clone().square().sum().into_scalar::<f32>());
+        let norm = share * squares.sqrt();
+        if !norm.is_finite() {
+            return Err(FaultKind::Gradients(vec!["their norm".to_owned()]));
+        }
+        let update = Update { number: updates + 1, learning_rate: rate, scale: share * clip(norm, config.clip) };
+        let values =
+            config.optimiser.step_flat(update, self.network.flat(), gradient, &mut self.moments, self.decays.clone());
+        if let (Some(average), Some(decay)) = (&mut self.average, config.average) {
+            let moved = (values.clone() - average.clone()) * (1.0 - warmed_up(decay, updates));
+            *average = average.clone() + moved;
+        }
+        self.network = self.network.clone().with_flat(values);
+        Ok(norm)
+    }
+
+    /// Copies weights, moments and averages into a state.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] if they cannot be read.
+    pub(crate) fn copy_to(&self, state: &mut State) -> Result<(), TrainError> {
+        let read = |values: Tensor<1>| {
+            let stored = self.network.clone().with_flat(values).weights()?;
+            state.parameters.values_in(&stored)
+        };
+        let [first, second] = [&self.moments.first, &self.moments.second].map(|part| read(part.clone()));
+        let moments = first?.into_iter().zip(second?);
+        let moments = moments.map(|(first, second)| Moments { first, second }).collect();
+        let average = self.average.clone().map(read).transpose()?;
+        let values = read(self.network.flat())?;
+        (state.moments, state.average) = (moments, average);
+        state.parameters.values_mut().clone_from_slice(&values);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_model::ModelConfig;
+    use atsplat_model::network::Device;
+    use atsplat_model::weights::StoredTensors;
+    use atsplat_numeric::Tolerance;
+    use indexmap::IndexMap;
+
+    use super::*;
+    use crate::objective::{GroupGradients, PartSeconds, Terms};
+    use crate::parameters::Parameters;
+    use crate::update::update;
+
+    /// Some steps of both, with clipping in one of them, weight decay and an average; gradients that a function of the weights' names
+    /// and places makes, of two groups with three samples.
+    #[test]
+    fn updates_are_those_of_the_cpu() {
+        let model = ModelConfig::named("nano").unwrap();
+        let template = Network::new(&model, &Device::flex().autodiff()).unwrap();
+        let parameters = Parameters::fresh(&model, 3, StoredTensors::default());
+        let config = TrainConfig { average: Some(0.9), ..TrainConfig::shortest() };
+        let mut on_cpu = State::new(parameters).with_average();
+        let mut resident = Resident::new(&on_cpu, &template).unwrap();
+        for step in 0..4u64 {
+            let size = if step == 2 { 1.0 } else { 1e-4 };
+            let wave = |place: usize, phase: f64| (size * (place as f64 * 0.37 + phase).sin()) as f32;
+            let groups = [2, 1].map(|samples| {
+                let own = |parameter: &atsplat_model::parameters::Parameter| {
+                    let phase = samples as f64 + step as f64 + parameter.name.len() as f64;
+                    let values = (0..parameter.elements()).map(|place| wave(place, phase)).collect();
+                    (parameter.name.clone(), values)
+                };
+                let gradients: IndexMap<String, Vec<f32>> = on_cpu.parameters.list().iter().map(own).collect();
+                GroupGradients { terms: vec![Terms::default(); samples], gradients, seconds: PartSeconds::default() }
+            });
+            let flat = groups.each_ref().map(|group| {
+                let values = group.gradients.values().cloned().collect();
+                let gradient = on_cpu.parameters.with_values(values).network(&template).unwrap().flat();
+                FlatGradient { terms: group.terms.clone(), gradient, seconds: group.seconds }
+            });
+            let rate = 1e-3 * (step + 1) as f64;
+            let updates = on_cpu.updates;
+            let expected = update(&mut on_cpu, &groups, rate, &config).unwrap();
+            let found = resident.update(updates, &flat, rate, &config).unwrap();
+            assert_eq!(found > config.clip, step == 2, "one step is clipped");
+            Tolerance::relative(1e-5).assert([found], [expected], "norm");
+        }
+        let mut copied = on_cpu.clone();
+        copied.parameters.values_mut().iter_mut().flatten().for_each(|value| *value = 0.0);
+        resident.copy_to(&mut copied).unwrap();
+        let numbers = |values: &[Vec<f32>]| values.concat().into_iter().map(f64::from).collect::<Vec<f64>>();
+        let close = Tolerance::absolute(1e-6);
+        close.assert(numbers(copied.parameters.values()), numbers(on_cpu.parameters.values()), "weights");
+        close.assert(numbers(&copied.average.unwrap()), numbers(on_cpu.average.as_ref().unwrap()), "averages");
+        for (found, expected) in copied.moments.iter().zip(&on_cpu.moments) {
+            let [found, expected] = [found, expected].map(|own| numbers(&[own.first.clone(), own.second.clone()]));
+            close.assert(found, expected, "moments");
+        }
+    }
+
+    #[test]
+    fn a_norm_that_is_not_finite_changes_nothing() {
+        let model = ModelConfig::named("nano").unwrap();
+        let template = Network::new(&model, &Device::flex().autodiff()).unwrap();
+        let state = State::new(Parameters::fresh(&model, 3, StoredTensors::default()));
+        let mut resident = Resident::new(&state, &template).unwrap();
+        let gradient = resident.network().flat() * f32::NAN;
+        let broken = FlatGradient { terms: vec![Terms::default()], gradient, seconds: PartSeconds::default() };
+        let refused = resident.update(0, &[broken], 1e-2, &TrainConfig::shortest());
+        assert!(matches!(refused, Err(FaultKind::Gradients(_))));
+        let mut after = state.clone();
+        resident.copy_to(&mut after).unwrap();
+        assert_eq!(after.parameters.values(), state.parameters.values());
+    }
+}

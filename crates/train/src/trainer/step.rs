@@ -1,0 +1,162 @@
+//! One step: gradients of a batch of samples, then the optimiser.
+
+use std::time::Instant;
+
+use atsplat_model::network::Network;
+use burn::module::Module as _;
+use rayon::prelude::*;
+
+use super::{Event, Trainer};
+use crate::TrainError;
+use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
+use crate::journal::StepRecord;
+use crate::objective::{FlatGradient, GroupGradients, PartSeconds, Terms};
+use crate::samples::{Draw, Sample};
+use crate::update::update;
+
+/// Samples that go through the network together.
+struct Together<'a> {
+    samples: &'a [Sample],
+    /// Number of the first.
+    first: u64,
+    /// Share of the run that is done.
+    share: f64,
+    /// Seconds that drawing them took.
+    drawing: f64,
+}
+
+impl Trainer {
+    /// Does one step, or skips and counts it.
+    ///
+    /// # Errors
+    /// [`TrainError::Stopped`] after as many skipped steps in a row as the configuration allows.
+    pub fn step(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
+        let start = Instant::now();
+        let step = self.state.step;
+        let first = step * self.config.batch.get() as u64;
+        let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
+        let mut record = StepRecord {
+            step,
+            terms: None,
+            gradient_norm: None,
+            rate: self.config.schedule.rate(step, self.config.steps.get()),
+            secs: 0.0,
+            parts: PartSeconds::default(),
+            fault: None,
+        };
+        let done = if self.resident.is_some() {
+            self.step_on_adapter(&numbers, &mut record)
+        } else {
+            let network = self.state.parameters.network(&self.template)?;
+            self.step_on_cpu(&numbers, &network, &mut record)
+        };
+        match done {
+            Ok(()) => {
+                self.state.faults_in_a_row = 0;
+                self.faults.clear();
+            }
+            Err(fault) => {
+                record.fault = Some(fault.to_string());
+                self.state.faults_in_a_row += 1;
+                self.faults.push(fault);
+            }
+        }
+        self.state.step += 1;
+        record.secs = start.elapsed().as_secs_f64();
+        self.steps.append(&record)?;
+        on_event(&Event::Step(&record));
+        if self.state.faults_in_a_row >= self.config.most_faults.get() {
+            let parameters = self.current_state()?.parameters.non_finite();
+            let faults = std::mem::take(&mut self.faults);
+            return Err(TrainError::Stopped(Box::new(Diagnosis { faults, parameters })));
+        }
+        Ok(())
+    }
+
+    fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), Fault> {
+        let (objective, features, products) = (&self.objective, self.features.as_ref(), self.config.products);
+        let gradients = |together: &Together<'_>| {
+            // Each group has its own graph over the same weights, so groups run in parallel.
+            let network = network.clone().fork(&network.device());
+            let Together { samples, first, share, drawing } = *together;
+            let mut group = products.scope(|| objective.gradients(&network, samples, features, first, share))?;
+            group.seconds.sample = drawing;
+            Ok(group)
+        };
+        let parts = numbers.par_chunks(self.config.together.get());
+        // Every group is computed, so that the same fault is reported at any number of threads.
+        let groups: Vec<Result<Vec<GroupGradients>, Fault>> = parts.map(|part| self.groups(part, gradients)).collect();
+        let groups = groups.into_iter().collect::<Result<Vec<_>, Fault>>()?.concat();
+        let norm = update(&mut self.state, &groups, record.rate, &self.config);
+        let groups = groups.into_iter().map(|GroupGradients { terms, seconds, .. }| (terms, seconds));
+        complete(record, norm, groups.unzip())
+    }
+
+    #[expect(clippy::expect_used, reason = "the caller has looked")]
+    fn step_on_adapter(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), Fault> {
+        let mut resident = self.resident.take().expect("a run on an adapter");
+        let gradients = |together: &Together<'_>| {
+            let Together { samples, first, share, drawing } = *together;
+            let (network, features) = (resident.network(), self.features.as_ref());
+            let mut group = self.objective.flat_gradient(network, samples, features, first, share)?;
+            group.seconds.sample = drawing;
+            Ok(group)
+        };
+        // An adapter runs one group at a time, with all of its threads.
+        let parts = numbers.chunks(self.config.together.get());
+        let groups: Result<Vec<Vec<FlatGradient>>, Fault> = parts.map(|part| self.groups(part, gradients)).collect();
+        let done = groups.map(|groups| {
+            let groups = groups.concat();
+            let norm = resident.update(self.state.updates, &groups, record.rate, &self.config);
+            let groups = groups.into_iter().map(|FlatGradient { terms, seconds, .. }| (terms, seconds));
+            (norm, groups.unzip())
+        });
+        self.resident = Some(resident);
+        let (norm, groups) = done?;
+        self.state.updates += u64::from(norm.is_ok());
+        complete(record, norm, groups)
+    }
+
+    /// What `compute` makes of the samples with these consecutive numbers, which go through the network together as far as their
+    /// pictures are as many and as large.
+    fn groups<T>(
+        &self,
+        numbers: &[u64],
+        compute: impl Fn(&Together<'_>) -> Result<T, SampleFault>,
+    ) -> Result<Vec<T>, Fault> {
+        let step = self.state.step;
+        let start = Instant::now();
+        let draw = |&number: &u64| {
+            let sample = self.samples.sample(Draw { seed: self.config.seed, number, step });
+            sample.map_err(|error| {
+                let what = FaultKind::Refused(error.to_string());
+                Fault { step, sample: format!("sample {number}"), what }
+            })
+        };
+        let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, Fault>>()?;
+        let mut drawing = start.elapsed().as_secs_f64();
+        let share = step as f64 / self.config.steps.get() as f64;
+        let mut groups = Vec::new();
+        let mut done = 0;
+        for samples in samples.chunk_by(Sample::has_shape_of) {
+            let computed = compute(&Together { samples, first: numbers[done], share, drawing });
+            groups.push(computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })?);
+            done += samples.len();
+            drawing = 0.0;
+        }
+        Ok(groups)
+    }
+}
+
+/// Fills in the record of a step whose gradients are known.
+fn complete(
+    record: &mut StepRecord,
+    norm: Result<f64, FaultKind>,
+    (terms, seconds): (Vec<Vec<Terms>>, Vec<PartSeconds>),
+) -> Result<(), Fault> {
+    let sample = || "all of the step".to_owned();
+    record.gradient_norm = Some(norm.map_err(|what| Fault { step: record.step, sample: sample(), what })?);
+    record.terms = Some(Terms::mean(&terms.concat()));
+    record.parts = PartSeconds::sum(seconds.into_iter());
+    Ok(())
+}
