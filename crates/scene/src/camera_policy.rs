@@ -1,7 +1,12 @@
-use atsplat_camera::{Camera, Distortion};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
-use crate::{Scene, WarningKind, Warnings};
+use crate::fit::stretched_pixels;
+use crate::plausible::wrong_unit;
+use crate::{Frame, Picture, Scene, WarningKind, Warnings};
 
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
 const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
@@ -19,45 +24,74 @@ const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 /// constructed from them, and the parser reports the error.
 pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
     report_timestamps(scene, warnings);
-    let mut report = |kind, problem: &dyn Fn(&Camera) -> Option<String>| {
-        let mut offenders =
-            scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(&frame.camera)?)));
+    report_repeated_pictures(scene, warnings);
+    let mut report = |kind, problem: &dyn Fn(&Frame) -> Option<String>| {
+        let mut offenders = scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(frame)?)));
         if let Some((first, detail)) = offenders.next() {
             let count = offenders.count() + 1;
             let detail = format!("{count} of {} frames, first {first}: {detail}", scene.frames.len());
             warnings.push(kind, &scene.key, detail);
         }
     };
-    report(WarningKind::BadCamera, &|camera| {
-        let centre = camera.camera_from_world.inverse().centre();
+    report(WarningKind::BadCamera, &|frame| {
+        let centre = frame.camera.camera_from_world.inverse().centre();
         (!centre.is_finite()).then(|| format!("its centre overflows: {centre}"))
     });
-    report(WarningKind::DistantCamera, &|camera| {
-        let centre = camera.camera_from_world.inverse().centre();
+    report(WarningKind::DistantCamera, &|frame| {
+        let centre = frame.camera.camera_from_world.inverse().centre();
         let farthest = centre.abs().max_element();
         let is_distant = centre.is_finite() && farthest > FARTHEST_COORDINATE;
         is_distant
             .then(|| format!("expected coordinates of its centre within {FARTHEST_COORDINATE:e}, found {farthest:e}"))
     });
-    report(WarningKind::ImperfectRotation, &|camera| {
-        let determinant = camera.camera_from_world.determinant();
+    report(WarningKind::ImperfectRotation, &|frame| {
+        let determinant = frame.camera.camera_from_world.determinant();
         let fine = Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0);
         (!fine).then(|| format!("expected det(R) = 1, found {determinant}"))
     });
-    report(WarningKind::WideFieldOfView, &|camera| {
-        let angles = camera.intrinsics.field_of_view();
+    report(WarningKind::ImplausibleIntrinsics, &|frame| {
+        wrong_unit(frame).or_else(|| stretched_pixels(&frame.camera.intrinsics, frame.stated_size?))
+    });
+    // Of numbers in another unit these would name a consequence instead of the cause.
+    let has_unit = |frame: &Frame| wrong_unit(frame).is_none();
+    report(WarningKind::WideFieldOfView, &|frame| {
+        let angles = frame.camera.intrinsics.field_of_view();
         let (x, y) = (angles.x.to_degrees(), angles.y.to_degrees());
         let fine = x <= WIDEST_FIELD_OF_VIEW && y <= WIDEST_FIELD_OF_VIEW;
-        (!fine).then(|| format!("{x:.1}° × {y:.1}°"))
+        (!fine && has_unit(frame)).then(|| format!("{x:.1}° × {y:.1}°"))
     });
-    report(WarningKind::OffCentrePrincipalPoint, &|camera| {
-        let (cx, cy) = (camera.intrinsics.cx, camera.intrinsics.cy);
+    report(WarningKind::OffCentrePrincipalPoint, &|frame| {
+        let (cx, cy) = (frame.camera.intrinsics.cx, frame.camera.intrinsics.cy);
         let fine = CENTRED.accepts(cx, 0.5) && CENTRED.accepts(cy, 0.5);
-        (!fine).then(|| format!("cx {cx:.5}, cy {cy:.5}"))
+        (!fine && has_unit(frame)).then(|| format!("cx {cx:.5}, cy {cy:.5}"))
     });
-    report(WarningKind::LensDistortion, &|camera| {
-        (camera.distortion != Distortion::None).then(|| camera.distortion.to_string())
+    report(WarningKind::LensDistortion, &|frame| {
+        let distortion = frame.camera.distortion;
+        (distortion != Distortion::None).then(|| distortion.to_string())
     });
+}
+
+/// Frames with one timestamp are reported as such, not here.
+fn report_repeated_pictures(scene: &Scene, warnings: &mut Warnings) {
+    let mut first_with: BTreeMap<&Path, usize> = BTreeMap::new();
+    let mut repeated = Vec::new();
+    for (at, frame) in scene.frames.iter().enumerate() {
+        let (Picture::File(path) | Picture::Missing(path)) = &frame.picture else { continue };
+        let earlier = *first_with.entry(path).or_insert(at);
+        let is_timed =
+            |earlier: &Frame| earlier.timestamp_micros.is_some_and(|time| frame.timestamp_micros == Some(time));
+        if earlier != at && !scene.frames.get(earlier).is_some_and(is_timed) {
+            repeated.push((earlier, at, path));
+        }
+    }
+    if let Some((earlier, at, path)) = repeated.first() {
+        let (count, frames) = (repeated.len(), scene.frames.len());
+        let detail = format!(
+            "{count} of {frames} frames have the picture of an earlier one, first {at} that of {earlier}: {}",
+            path.display()
+        );
+        warnings.push(WarningKind::DuplicatePicture, &scene.key, detail);
+    }
 }
 
 fn report_timestamps(scene: &Scene, warnings: &mut Warnings) {
@@ -114,6 +148,8 @@ mod tests {
             (WarningKind::DistantCamera, "5 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 -1e30 0 0 1 0"),
             (WarningKind::ImperfectRotation, "5 0.5 0.9 0.5 0.5 0 0 1.0001 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::WideFieldOfView, "5 0.4 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::ImplausibleIntrinsics, "5 53.9 95.8 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::ImplausibleIntrinsics, "5 53.9 95.8 32 18 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::OffCentrePrincipalPoint, "5 0.5 0.9 0.5 0.502 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::UnorderedTimestamps, "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::DuplicateTimestamp, "1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),

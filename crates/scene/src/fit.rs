@@ -15,6 +15,9 @@ const SQUARE: Tolerance = Tolerance::relative(0.02);
 /// Difference above which the picture cannot belong to the intrinsics. The pixels of standard video (ITU-R BT.601) are
 /// 0.91 to 1.09 times as wide as high.
 const NEARLY_SQUARE: Tolerance = Tolerance::relative(0.1);
+/// Ratio of the focal lengths that no real camera has: the strongest anamorphic lenses squeeze by 2, and a film of
+/// 21 : 9 that is stretched to a square by 2.33.
+const WIDEST_PIXELS: f64 = 2.5;
 
 /// Why a picture does not fit its camera's intrinsics.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
@@ -27,6 +30,17 @@ pub enum PictureMismatch {
         cropped, rotated or stretched without adapting the intrinsics?"
     )]
     Shape { stated: ImageSize, found: ImageSize },
+    /// The intrinsics are impossible for the size that they are stated for.
+    #[error(
+        "expected focal lengths that differ by a factor of at most {} in pixels, found fx : fy of {ratio:.2} : 1 for a \
+        picture of {stated}",
+        WIDEST_PIXELS
+    )]
+    Aspect {
+        stated: ImageSize,
+        /// fx / fy in pixels.
+        ratio: f64,
+    },
     /// No size is stated, and with this one pixels would be far from square.
     #[error(
         "expected a picture of about {fitting}, for which the intrinsics have square pixels, found {found}, for which \
@@ -45,7 +59,7 @@ impl PictureMismatch {
     /// Whether the picture is unusable; otherwise the mismatch is within the range of real cameras.
     pub fn is_fatal(&self) -> bool {
         match self {
-            Self::Shape { .. } => true,
+            Self::Shape { .. } | Self::Aspect { .. } => true,
             Self::Pixels { ratio, .. } => !NEARLY_SQUARE.accepts(*ratio, 1.0),
         }
     }
@@ -54,11 +68,16 @@ impl PictureMismatch {
 impl Frame {
     /// How a picture of size `found` does not fit this frame's camera; `None` if it fits.
     ///
-    /// If a size is stated, the picture has to be a scaled copy of it, whatever the shape of its pixels. If none is, as
-    /// in RE10K and `.torch` chunks, pixels have to be square.
+    /// If a size is stated, the picture has to be a scaled copy of it; its pixels may have any shape that a real camera
+    /// has. If none is, as in RE10K and `.torch` chunks, pixels have to be square.
     pub fn mismatch(&self, found: ImageSize) -> Option<PictureMismatch> {
         match self.stated_size {
-            Some(stated) => (!is_scaled_copy(found, stated)).then_some(PictureMismatch::Shape { stated, found }),
+            Some(stated) if !is_scaled_copy(found, stated) => Some(PictureMismatch::Shape { stated, found }),
+            Some(stated) => {
+                let ratio = ratio_of_focal_lengths(&self.camera.intrinsics, stated);
+                let is_possible = ratio <= WIDEST_PIXELS && ratio >= WIDEST_PIXELS.recip();
+                (!is_possible).then_some(PictureMismatch::Aspect { stated, ratio })
+            }
             None => pixels_apart(&self.camera.intrinsics, found),
         }
     }
@@ -80,9 +99,21 @@ impl Frame {
     }
 }
 
+/// fx / fy in pixels of a picture of this size.
+fn ratio_of_focal_lengths(k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
+    (k.fx * f64::from(size.width)) / (k.fy * f64::from(size.height))
+}
+
+/// What is suspicious about the pixels of the size that intrinsics are stated for, if they are not nearly square.
+pub(crate) fn stretched_pixels(k: &NormalizedIntrinsics, stated: ImageSize) -> Option<String> {
+    let ratio = ratio_of_focal_lengths(k, stated);
+    let suspicion = "an anamorphic or stretched capture, or a wrong focal length?";
+    (!NEARLY_SQUARE.accepts(ratio, 1.0))
+        .then(|| format!("fx : fy is {ratio:.2} : 1 in pixels of a picture of {stated}: {suspicion}"))
+}
+
 fn pixels_apart(k: &NormalizedIntrinsics, found: ImageSize) -> Option<PictureMismatch> {
-    let (width, height) = (f64::from(found.width), f64::from(found.height));
-    let ratio = (k.fx * width) / (k.fy * height);
+    let (width, ratio) = (f64::from(found.width), ratio_of_focal_lengths(k, found));
     let square_width = (width / ratio).round();
     // Half a pixel of rounding on either side moves the ratio of small pictures.
     let is_rounded = (square_width - width).abs() <= 1.0;
@@ -143,6 +174,18 @@ mod tests {
             assert_eq!(mismatch, PictureMismatch::Shape { stated: size(640, 360), found: size(360, 360) });
             assert!(mismatch.is_fatal());
         }
+    }
+
+    /// Both ways, and for a copy of any size; an anamorphic lens is allowed.
+    #[test]
+    fn no_camera_has_one_focal_length_ten_times_the_other() {
+        let stated = Some(size(640, 360));
+        let fatal = |fx, fy| frame(fx, fy, stated).mismatch(size(320, 180)).map(|mismatch| mismatch.is_fatal());
+        let square = 640.0 / 360.0;
+        assert_eq!([2.0, 0.5].map(|squeeze| fatal(squeeze, square)), [None; 2]);
+        assert_eq!([10.0, 0.1].map(|squeeze| fatal(squeeze, square)), [Some(true); 2]);
+        let mismatch = frame(10.0, square, stated).mismatch(size(640, 360)).unwrap().to_string();
+        assert!(mismatch.contains("10.00 : 1") && mismatch.contains("640×360"), "{mismatch}");
     }
 
     /// RE10K: intrinsics of 16 : 9 with square crops of its frames.

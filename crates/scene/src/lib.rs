@@ -16,12 +16,14 @@ mod files;
 mod fit;
 mod frame_selection;
 pub mod geometry;
+mod ignored;
 #[cfg(feature = "columns")]
 pub mod inspect;
 pub mod json;
 pub mod nerfstudio;
 mod number;
 mod open;
+mod plausible;
 pub mod poses;
 pub mod preprocess;
 pub mod re10k;

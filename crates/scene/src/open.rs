@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
 use crate::fetch::picture_files;
 use crate::files::{list, read_file, read_start};
+use crate::ignored::{Collections, report_ignored};
 use crate::json;
 use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
 use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_trajectory, trajectory_files};
@@ -127,8 +128,10 @@ pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, 
 /// Opens a file or folder as the dataset it holds.
 ///
 /// The format is detected from content, not from the name: of a file by its first bytes, of a folder by the files that
-/// the format requires. If a folder holds several, the order is chunks, `transforms.json`, a COLMAP model, trajectories.
-/// No scene is read.
+/// the format requires. If a folder holds several, the order is chunks, `transforms.json`, a COLMAP model, trajectories;
+/// scenes of the others, and pictures without cameras, are counted as [`WarningKind::IgnoredScene`]. No scene is read.
+///
+/// [`WarningKind::IgnoredScene`]: crate::WarningKind::IgnoredScene
 ///
 /// # Errors
 /// [`SceneError::Io`]; [`SceneError::Unrecognized`] if no format matches.
@@ -154,7 +157,10 @@ pub fn open_with(
             None => (entry.folder)(path)?.then(|| path.to_owned()),
         };
         if let Some(place) = place {
-            let source = (entry.open)(&place, options, warnings)?;
+            let (source, collections) = (entry.open)(&place, options, warnings)?;
+            if start.is_none() {
+                report_ignored(&collections, entry.format, source.keys(), options.fetch.is_some(), warnings)?;
+            }
             let scenes = source.keys().len();
             tracing::info!(path = %path.display(), format = %entry.format, scenes, "opened dataset");
             let (format, path, fetch) = (entry.format, path.to_owned(), options.fetch.clone());
@@ -184,7 +190,7 @@ struct Entry {
     open: Opener,
 }
 
-type Opener = fn(&Path, &OpenOptions, &mut Warnings) -> Result<Box<dyn SceneSource>, SceneError>;
+type Opener = fn(&Path, &OpenOptions, &mut Warnings) -> Result<(Box<dyn SceneSource>, Collections), SceneError>;
 
 const REGISTRY: [Entry; 4] = [
     Entry {
@@ -192,28 +198,44 @@ const REGISTRY: [Entry; 4] = [
         file: |path, start| is_chunk(start).then(|| path.to_owned()),
         folder: holds_chunks,
         read_to_open: |path| if holds_chunks(path)? { TorchChunks::read_to_open(path) } else { Ok(Vec::new()) },
-        open: |path, _, warnings| Ok(Box::new(TorchChunks::open(path, warnings)?)),
+        open: |path, _, warnings| {
+            let source = TorchChunks::open(path, warnings)?;
+            let collections = source.collections(path);
+            Ok((Box::new(source), collections))
+        },
     },
     Entry {
         format: Format::Nerfstudio,
         file: |path, start| is_json(start, b'{').then(|| path.to_owned()),
         folder: |path| Ok(!scene_files(path, false)?.is_empty()),
         read_to_open: |_| Ok(Vec::new()),
-        open: |path, options, warnings| Ok(Box::new(NerfstudioScenes::open(path, options.nerfstudio, warnings)?)),
+        open: |path, options, warnings| {
+            let source = NerfstudioScenes::open(path, options.nerfstudio, warnings)?;
+            let collections = source.collections().clone();
+            Ok((Box::new(source), collections))
+        },
     },
     Entry {
         format: Format::Colmap,
         file: |path, _| model_around(path),
         folder: |path| Ok(!model_folders(path)?.is_empty()),
         read_to_open: |_| Ok(Vec::new()),
-        open: |path, options, _| Ok(Box::new(ColmapScenes::open(path, options.colmap.clone())?)),
+        open: |path, options, _| {
+            let source = ColmapScenes::open(path, options.colmap.clone())?;
+            let collections = source.collections();
+            Ok((Box::new(source), collections))
+        },
     },
     Entry {
         format: Format::Re10k,
         file: |path, start| starts_like_a_trajectory(start).then(|| path.to_owned()),
         folder: holds_trajectories,
         read_to_open: |path| Ok(trajectory_files(path)?.into_values().take(PROBED).collect()),
-        open: |path, options, _| Ok(Box::new(Re10kScenes::open(path, options.re10k.clone())?)),
+        open: |path, options, _| {
+            let source = Re10kScenes::open(path, options.re10k.clone())?;
+            let collections = source.collections();
+            Ok((Box::new(source), collections))
+        },
     },
 ];
 

@@ -15,16 +15,25 @@ pub enum WarningKind {
     MissingPicture,
     /// A picture was found with another extension or in another folder than listed.
     PictureElsewhere,
+    /// A picture among those of a trajectory that no row names: the row is lost, or the picture belongs elsewhere.
+    UnlistedPicture,
+    /// Two frames of a scene have the same picture.
+    DuplicatePicture,
     /// A frame's pose or intrinsics are unusable.
     BadCamera,
     /// A camera is implausibly far from the origin.
     DistantCamera,
-    /// The rotation matrix deviates from a rotation by more than `numpy.allclose` allows.
+    /// The rotation matrix deviates from a rotation by more than `numpy.allclose` allows, or the length of a quaternion
+    /// from 1 by more than 1e-3.
     ImperfectRotation,
     /// Two frames have the same timestamp.
     DuplicateTimestamp,
     /// Timestamps decrease.
     UnorderedTimestamps,
+    /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
+    ImplausibleIntrinsics,
+    /// A field of view and a focal length in pixels that contradict each other; the focal length is used.
+    ContradictoryFieldOfView,
     /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,
     /// The principal point is off the centre by more than 1e-3, which renderers with a symmetric frustum ignore.
@@ -43,10 +52,15 @@ pub enum WarningKind {
     UnreadableScene,
     /// The index lists a scene that the dataset does not contain.
     SceneNotFound,
+    /// Next to the scenes: a scene in another format, pictures without cameras, or a further model of one capture. It is
+    /// not read.
+    IgnoredScene,
     /// Numbered pictures fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number.
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,
+    /// A scene that the index does not list, in a chunk of which it lists others.
+    UnindexedScene,
     /// A picture's header cannot be read.
     UnreadablePicture,
 }
@@ -139,6 +153,7 @@ impl WarningKind {
             self,
             Self::MissingPicture
                 | Self::PictureElsewhere
+                | Self::UnlistedPicture
                 | Self::UnexpectedSize
                 | Self::TurnedPicture
                 | Self::DroppedAlpha

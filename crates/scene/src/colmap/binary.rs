@@ -1,12 +1,15 @@
 //! `cameras.bin`, `images.bin`, `points3D.bin`: little endian, counts before lists.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
 use glam::DVec3;
 
-use super::{ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, malformed, pose_from};
+use super::{
+    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed, pose_from,
+    require_new_id,
+};
 use crate::SceneError;
 use crate::number::shown;
 
@@ -36,9 +39,11 @@ pub(super) fn images(bytes: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scen
     let mut reader = Reader::new(bytes, path);
     let count = reader.count("images", 73)?;
     let mut images = Vec::with_capacity(count);
+    let mut ids = BTreeSet::new();
     for _ in 0..count {
         let location = reader.location("image");
         let id = u32::from_le_bytes(reader.array("image_id")?);
+        require_new_id(&mut ids, id, &location, path)?;
         let quaternion = [reader.number("qw")?, reader.number("qx")?, reader.number("qy")?, reader.number("qz")?];
         let translation = [reader.number("tx")?, reader.number("ty")?, reader.number("tz")?];
         let camera_id = u32::from_le_bytes(reader.array("camera_id")?);
@@ -50,7 +55,8 @@ pub(super) fn images(bytes: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scen
             malformed(path, &location, "a quaternion of finite length above 0", format!("{quaternion:?}"))
         })?;
         let camera_from_world = pose.map_err(SceneError::camera(path, location))?;
-        images.push(ColmapImage { id, name, camera_id, camera_from_world });
+        let quaternion_length = length_of(quaternion);
+        images.push(ColmapImage { id, name, camera_id, camera_from_world, quaternion_length });
     }
     reader.finish()?;
     Ok(images)

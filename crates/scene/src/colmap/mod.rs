@@ -5,7 +5,7 @@ mod camera;
 mod source;
 mod text;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::CameraFromWorld;
@@ -17,7 +17,7 @@ use crate::files::read_file;
 pub use camera::{ColmapCamera, ColmapCameraModel};
 pub use source::{ColmapOptions, ColmapScenes};
 
-pub(crate) use source::model_folders;
+pub(crate) use source::{model_folders, model_in};
 
 const FORMAT: &str = "COLMAP model";
 
@@ -41,6 +41,8 @@ pub struct ColmapImage {
     pub camera_id: u32,
     /// World-to-camera transform with OpenCV axes; the quaternion is normalised as COLMAP does.
     pub camera_from_world: CameraFromWorld,
+    /// Length of the quaternion in the file, which COLMAP writes as 1.
+    pub quaternion_length: f64,
 }
 
 /// One triangulated point.
@@ -82,7 +84,7 @@ pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BT
 /// skipped.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte, [`SceneError::Camera`] for an invalid pose.
+/// [`SceneError::Malformed`] with line or byte, also for a repeated id; [`SceneError::Camera`] for an invalid pose.
 pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     match encoding {
         Encoding::Text => text::images(bytes, path),
@@ -131,6 +133,19 @@ fn pose_from(
     }
     let scaled = DQuat::from_xyzw(x / largest, y / largest, z / largest, w / largest);
     Some(CameraFromWorld::new(DMat3::from_quat(scaled.normalize()), DVec3::from_array(translation)))
+}
+
+/// Length of a quaternion, without overflow on the way.
+fn length_of([w, x, y, z]: [f64; 4]) -> f64 {
+    w.hypot(x).hypot(y).hypot(z)
+}
+
+/// An error for an image's id that is among the earlier ones.
+fn require_new_id(ids: &mut BTreeSet<u32>, id: u32, location: &str, path: &Path) -> Result<(), SceneError> {
+    if ids.insert(id) {
+        return Ok(());
+    }
+    Err(malformed(path, location, "a unique image id", format!("{id} a second time")))
 }
 
 /// Collects cameras by id; a repeated id is an error.

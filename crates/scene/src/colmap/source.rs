@@ -1,16 +1,21 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::Camera;
+use atsplat_numeric::Tolerance;
 
-use super::{Encoding, malformed, model_file, parse_cameras, parse_images};
+use super::{ColmapImage, Encoding, malformed, model_file, parse_cameras, parse_images};
 use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
+use crate::ignored::Collections;
 use crate::nerfstudio::PictureFinder;
-use crate::{Frame, PictureFolder, Scene, SceneError, SceneSource, Warnings};
+use crate::{Frame, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 /// Subfolders of a capture that may hold its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
+
+/// Length of a quaternion; tools that write three decimals are within this.
+const UNIT: Tolerance = Tolerance::absolute(1e-3);
 
 /// How COLMAP models are read.
 #[derive(Clone, Debug, Default)]
@@ -25,7 +30,8 @@ pub struct ColmapOptions {
 /// is the name of the capture's folder.
 ///
 /// COLMAP's order of images changes from run to run, so frames are sorted by name (byte order), as 3DGS's and
-/// Mip-NeRF 360's loaders do. Points are read by [`super::read_points`].
+/// Mip-NeRF 360's loaders do. Points are read by [`super::read_points`]. Of several models in `sparse/` the first is
+/// used, and the others are counted when the scene is loaded.
 #[derive(Clone, Debug)]
 pub struct ColmapScenes {
     path: PathBuf,
@@ -47,6 +53,14 @@ impl ColmapScenes {
         }
         let (keys, models) = found.into_iter().unzip();
         Ok(Self { path: path.to_owned(), options, keys, models })
+    }
+
+    /// The folder of captures; none if one capture or model was opened.
+    pub(crate) fn collections(&self) -> Collections {
+        match model_in(&self.path) {
+            Some(_) => Collections::new(),
+            None => Collections::from([(self.path.clone(), self.keys.iter().cloned().collect())]),
+        }
     }
 
     /// The folder of one scene's model, to be passed to [`super::read_points`].
@@ -78,6 +92,10 @@ impl SceneSource for ColmapScenes {
             return Err(malformed(&images_file, "whole file", "at least one image", "none"));
         }
         images.sort_by(|a, b| a.name.cmp(&b.name));
+        report_quaternions(key, &images, warnings);
+        if model != self.path {
+            report_other_models(key, model, &self.models, warnings)?;
+        }
 
         let capture = capture_of(model);
         let root = self.options.images_root.clone().unwrap_or_else(|| capture.join("images"));
@@ -117,17 +135,51 @@ pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, Scene
     Ok(folders.filter_map(|(name, _)| Some((name.clone(), model_in(&path.join(name))?))).collect())
 }
 
-fn model_in(folder: &Path) -> Option<PathBuf> {
-    let holds_model = |folder: &PathBuf| {
-        ["cameras", "images"].iter().all(|name| {
-            let (file, _): (PathBuf, Encoding) = model_file(folder, name);
-            file.is_file()
-        })
-    };
+pub(crate) fn model_in(folder: &Path) -> Option<PathBuf> {
     MODEL_FOLDERS
         .iter()
         .map(|below| if below.is_empty() { folder.to_owned() } else { folder.join(below) })
-        .find(holds_model)
+        .find(|folder| holds_model(folder))
+}
+
+fn holds_model(folder: &Path) -> bool {
+    ["cameras", "images"].iter().all(|name| {
+        let (file, _): (PathBuf, Encoding) = model_file(folder, name);
+        file.is_file()
+    })
+}
+
+fn report_quaternions(key: &str, images: &[ColmapImage], warnings: &mut Warnings) {
+    let mut scaled = images.iter().filter(|image| !UNIT.accepts(image.quaternion_length, 1.0));
+    if let Some(first) = scaled.next() {
+        let (count, length) = (scaled.count() + 1, first.quaternion_length);
+        let detail = format!(
+            "{count} of {} images, first {}: expected a quaternion of length 1, found {length}; it is normalised",
+            images.len(),
+            first.name
+        );
+        warnings.push(WarningKind::ImperfectRotation, key, detail);
+    }
+}
+
+/// Warns about models next to one that was found in `sparse/`: COLMAP numbers the parts of a capture that it cannot
+/// join.
+fn report_other_models(key: &str, model: &Path, scenes: &[PathBuf], warnings: &mut Warnings) -> Result<(), SceneError> {
+    let is_number = |name: &str| !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_digit());
+    let name = last_name(model);
+    let Some(parent) = model.parent().filter(|_| is_number(&name)) else { return Ok(()) };
+    let is_other = |(other, is_folder): &(String, bool)| {
+        let folder = parent.join(other);
+        *is_folder && is_number(other) && !scenes.contains(&folder) && holds_model(&folder)
+    };
+    let others: Vec<String> = list(parent)?.into_iter().filter(is_other).map(|(other, _)| other).collect();
+    if !others.is_empty() {
+        let (others, parent) = (others.join(", "), parent.display());
+        let detail =
+            format!("model {name} is used, others that COLMAP could not join with it are not: {others} ({parent})");
+        warnings.push(WarningKind::IgnoredScene, key, detail);
+    }
+    Ok(())
 }
 
 /// The folder that holds `images/`: the model's own, or the parent of `sparse/` or `colmap/sparse/`.

@@ -121,6 +121,85 @@ fn image_lines_are_not_mistaken_for_keypoints() {
 }
 
 #[test]
+fn an_image_id_twice_is_an_error() {
+    let image = |id: u32, name: &str| format!("{id} 1 0 0 0 0 0 0 1 {name}\n\n");
+    let error = images_text(&[image(7, "a.png"), image(8, "b.png"), image(7, "c.png")].concat()).unwrap_err();
+    let message = error.to_string();
+    assert!(message.contains("line 5, IMAGE_ID: expected a unique image id, found 7 a second time"), "{message}");
+    let stored = |id: u32| {
+        let pose = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0f64].map(f64::to_le_bytes);
+        binary(&[&id.to_le_bytes(), pose.as_flattened(), &1u32.to_le_bytes(), b"a.png\0", &0u64.to_le_bytes()])
+    };
+    let both = |second| {
+        let bytes = binary(&[&2u64.to_le_bytes(), &stored(7), &stored(second)]);
+        parse_images(&bytes, Encoding::Binary, Path::new("images.bin"))
+    };
+    assert_eq!(both(8).unwrap().len(), 2);
+    let message = both(7).unwrap_err().to_string();
+    assert!(message.contains("expected a unique image id, found 7 a second time"), "{message}");
+}
+
+/// The counted warnings of a capture, each with its text.
+fn warned(folder: &Path) -> Vec<(WarningKind, String)> {
+    let source = ColmapScenes::open(folder, ColmapOptions::default()).unwrap();
+    let mut warnings = Warnings::new();
+    for key in source.keys() {
+        source.load(key, &mut warnings).unwrap();
+    }
+    warnings.kept().iter().map(|warning| (warning.kind, warning.detail.clone())).collect()
+}
+
+/// The names are sorted, so the frames of `b.png` are 1 and 2.
+#[test]
+fn one_picture_under_two_poses_and_scaled_quaternions_are_counted() {
+    let images = "1 2 0 0 0 0 0 0 1 b.png\n\n2 1 0 0 0 5 0 0 1 a.png\n\n3 1.0004 0 0 0 0 3 0 1 b.png\n\n";
+    let folder = capture(images, &["images/a.png", "images/b.png"]);
+    let found = warned(folder.path());
+    let [(rotation, scaled), (duplicate, repeated)] = found.as_slice() else { panic!("{found:?}") };
+    assert_eq!((*rotation, *duplicate), (WarningKind::ImperfectRotation, WarningKind::DuplicatePicture));
+    assert!(scaled.contains("1 of 3 images, first b.png") && scaled.contains("found 2;"), "{scaled}");
+    assert!(repeated.contains("1 of 3 frames") && repeated.contains("first 2 that of 1"), "{repeated}");
+}
+
+#[test]
+fn further_models_of_a_capture_are_counted() {
+    let folder = capture("1 1 0 0 0 0 0 0 1 a.png\n\n", &["images/a.png"]);
+    let sparse = folder.path().join("sparse");
+    std::fs::create_dir(sparse.join("2")).unwrap();
+    assert_eq!(warned(folder.path()), [], "a folder without a model");
+    for name in ["1", "aligned"] {
+        std::fs::create_dir(sparse.join(name)).unwrap();
+        for file in ["cameras.txt", "images.txt"] {
+            std::fs::copy(sparse.join("0").join(file), sparse.join(name).join(file)).unwrap();
+        }
+    }
+    let found = warned(folder.path());
+    let [(WarningKind::IgnoredScene, detail)] = found.as_slice() else { panic!("{found:?}") };
+    assert!(detail.contains("model 0 is used") && detail.contains("are not: 1 ("), "{detail}");
+    assert_eq!(warned(&sparse.join("0")), [], "this model was chosen");
+}
+
+/// `f` is the horizontal focal length, of pictures 200 pixels wide; the vertical one is 100.
+#[test]
+fn implausible_focal_lengths_are_counted() {
+    for (f, expected) in
+        [("100", None), ("1000", Some("10.00 : 1")), ("160", Some("1.60 : 1")), ("0.5", Some("multiples"))]
+    {
+        let folder = capture("1 1 0 0 0 0 0 0 1 a.png\n\n", &["images/a.png"]);
+        let camera = format!("1 PINHOLE 200 100 {f} 100 100 50\n");
+        std::fs::write(folder.path().join("sparse/0/cameras.txt"), camera).unwrap();
+        let found = warned(folder.path());
+        match (expected, found.as_slice()) {
+            (None, []) => {}
+            (Some(text), [(WarningKind::ImplausibleIntrinsics, detail)]) => {
+                assert!(detail.contains(text) && detail.contains("200×100"), "{detail}");
+            }
+            _ => panic!("{f}: {found:?}"),
+        }
+    }
+}
+
+#[test]
 fn quaternions_of_any_length_are_normalised() {
     for scale in [1e-300, 1.0, 1e300] {
         let half = std::f64::consts::FRAC_1_SQRT_2 * scale;

@@ -1,12 +1,15 @@
 //! `cameras.txt`, `images.txt`, `points3D.txt`: whitespace-separated columns, `#` comments.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
 use glam::DVec3;
 
-use super::{ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, malformed, pose_from};
+use super::{
+    ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed, pose_from,
+    require_new_id,
+};
 use crate::SceneError;
 use crate::number::{Columns, parse_f64, parse_u64, shown};
 
@@ -38,10 +41,13 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
 /// keypoints holds only numbers, an image's line ends with a name.
 pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     let mut images = Vec::new();
+    let mut ids = BTreeSet::new();
     let mut lines = numbered_lines(text).peekable();
     while let Some((number, line)) = lines.next() {
         if has_content(line) {
-            images.push(image(line, number, path)?);
+            let image = image(line, number, path)?;
+            require_new_id(&mut ids, image.id, &format!("line {number}, IMAGE_ID"), path)?;
+            images.push(image);
             lines.next_if(|(_, line)| is_keypoints(line));
         }
     }
@@ -69,7 +75,8 @@ fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneEr
         malformed(path, row.location("QW"), "a quaternion of finite length above 0", format!("{quaternion:?}"))
     })?;
     let camera_from_world = pose.map_err(SceneError::camera(path, row.location("TX")))?;
-    Ok(ColmapImage { id, name: name.to_owned(), camera_id, camera_from_world })
+    let quaternion_length = length_of(quaternion);
+    Ok(ColmapImage { id, name: name.to_owned(), camera_id, camera_from_world, quaternion_length })
 }
 
 /// `POINT3D_ID X Y Z R G B ERROR TRACK…`, where the track is pairs of `IMAGE_ID POINT2D_IDX`.

@@ -11,9 +11,15 @@ use std::marker::PhantomData;
 use indexmap::IndexMap;
 use indexmap::map::Entry;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use serde_json::error::Category;
 use serde_json::{Map, Number, Value};
 
 pub use describe::describe;
+
+const ONCE: &str = "each key once";
+
+/// Characters that an error shows of a file that is not JSON.
+const SHOWN: usize = 20;
 
 /// Parses any JSON, after an optional byte order mark.
 ///
@@ -30,6 +36,27 @@ pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
 /// Those of [`parse`], and for a value that is not a `V`.
 pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_json::Result<IndexMap<String, V>> {
     serde_json::from_slice(text).map(|Object(entries)| entries)
+}
+
+/// What was expected and found where `text` could not be parsed, for messages that state the place themselves. `value`
+/// is what valid JSON should have been.
+pub(crate) fn problem(text: &[u8], error: &serde_json::Error, value: &str) -> (String, String) {
+    let message = error.to_string();
+    let place = format!(" at line {} column {}", error.line(), error.column());
+    let message = message.strip_suffix(&place).unwrap_or(&message);
+    match error.classify() {
+        Category::Eof => ("complete JSON".to_owned(), "the end of the file: it is cut off".to_owned()),
+        Category::Data => match message.strip_prefix(&format!("expected {ONCE}, found ")) {
+            Some(repeated) => (ONCE.to_owned(), repeated.to_owned()),
+            None => (value.to_owned(), message.to_owned()),
+        },
+        Category::Syntax | Category::Io => {
+            let line = text.split(|byte| *byte == b'\n').nth(error.line().saturating_sub(1)).unwrap_or_default();
+            let rest = line.get(error.column().saturating_sub(1)..).unwrap_or_default();
+            let shown: String = String::from_utf8_lossy(rest).chars().take(SHOWN).collect();
+            ("JSON".to_owned(), format!("{shown:?} ({message})"))
+        }
+    }
 }
 
 struct Unique(Value);
@@ -116,7 +143,7 @@ impl<'de, V: Deserialize<'de>> Visitor<'de> for AnyObject<V> {
             match entries.entry(key) {
                 Entry::Occupied(entry) => {
                     let key: String = entry.key().chars().take(80).collect();
-                    return Err(A::Error::custom(format_args!("expected each key once, found {key:?} a second time")));
+                    return Err(A::Error::custom(format_args!("expected {ONCE}, found {key:?} a second time")));
                 }
                 Entry::Vacant(entry) => entry.insert(access.next_value()?),
             };
@@ -141,6 +168,20 @@ mod tests {
             assert!(error.to_string().contains("a second time") && error.line() == line, "{text}: {error}");
         }
         assert!(parse_object::<u32>(br#"{"b": 1, "a": 2, "b": 1}"#).unwrap_err().to_string().contains("\"b\""));
+    }
+
+    #[test]
+    fn problems_are_told_apart() {
+        for (text, expected, found) in [
+            ("", "complete JSON", "the end of the file: it is cut off"),
+            ("{\"a\": [1, 2", "complete JSON", "the end of the file: it is cut off"),
+            ("{\n\"a\": [1, NaN, 2]}", "JSON", "\"NaN, 2]}\" (expected value)"),
+            ("{\"a\": 1,\n \"a\": 2}", "each key once", "\"a\" a second time"),
+            ("[1]", "a table", "invalid type: sequence, expected an object"),
+        ] {
+            let error = parse_object::<Unique>(text.as_bytes()).err().unwrap();
+            assert_eq!(problem(text.as_bytes(), &error, "a table"), (expected.to_owned(), found.to_owned()), "{text}");
+        }
     }
 
     #[test]

@@ -1,11 +1,17 @@
 use std::path::Path;
 
 use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Tolerance;
+use serde_json::Value;
 
 use super::transforms::Object;
 use crate::SceneError;
 
 const UNSUPPORTED: &str = "neither perspective nor OPENCV_FISHEYE";
+
+/// Difference of a focal length from that of a field of view in the same file above which they contradict each other.
+/// Rounded angles and principal points off the centre differ by less than a hundredth.
+const SAME_FOCAL: Tolerance = Tolerance::relative(0.05);
 
 /// The intrinsics that a `transforms.json` states, globally or for one frame.
 ///
@@ -22,6 +28,8 @@ pub struct LensFields {
     pub focal_x: Option<Focal>,
     /// Vertical focal length; if absent, the horizontal one in pixels (instant-ngp).
     pub focal_y: Option<Focal>,
+    /// Horizontal and vertical field of view in radians that are stated beside a focal length in pixels, and not used.
+    pub angles: [Option<f64>; 2],
     /// Principal point column; the centre if absent.
     pub cx: Option<f64>,
     /// Principal point row; the centre if absent.
@@ -46,12 +54,14 @@ pub enum Focal {
 }
 
 /// A complete lens.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct ResolvedLens {
     pub(super) intrinsics: NormalizedIntrinsics,
     pub(super) distortion: Distortion,
     /// The stated size if it is whole pixels.
     pub(super) size: Option<ImageSize>,
+    /// How a focal length differs from the field of view that is stated beside it.
+    pub(super) contradiction: Option<String>,
 }
 
 impl LensFields {
@@ -72,11 +82,14 @@ impl LensFields {
                 return Err(object.unsupported(field, model, UNSUPPORTED));
             }
         }
+        let (focal_x, angle_x) = Focal::read(object, "fl_x", "x_fov", "camera_angle_x")?;
+        let (focal_y, angle_y) = Focal::read(object, "fl_y", "y_fov", "camera_angle_y")?;
         Ok(Self {
             w: read_size(object, "w")?,
             h: read_size(object, "h")?,
-            focal_x: Focal::read(object, "fl_x", "x_fov", "camera_angle_x")?,
-            focal_y: Focal::read(object, "fl_y", "y_fov", "camera_angle_y")?,
+            focal_x,
+            focal_y,
+            angles: [angle_x, angle_y],
             cx: object.number("cx")?,
             cy: object.number("cy")?,
             radial,
@@ -91,15 +104,16 @@ impl LensFields {
     /// Global lengths in pixels are scaled to the size of the frame if it states another one.
     pub(super) fn or(self, global: Self) -> Self {
         let global = global.scaled_to(self.w, self.h);
-        let (focal_x, focal_y) = match (self.focal_x, self.focal_y) {
-            (None, None) => (global.focal_x, global.focal_y),
-            own => own,
+        let (focal_x, focal_y, angles) = match (self.focal_x, self.focal_y) {
+            (None, None) => (global.focal_x, global.focal_y, global.angles),
+            (own_x, own_y) => (own_x, own_y, self.angles),
         };
         Self {
             w: self.w.or(global.w),
             h: self.h.or(global.h),
             focal_x,
             focal_y,
+            angles,
             cx: self.cx.or(global.cx),
             cy: self.cy.or(global.cy),
             radial: self.radial.or(global.radial),
@@ -151,7 +165,7 @@ impl LensFields {
         let pixels = |focal: Option<Focal>, length: f64| {
             focal.map(|focal| match focal {
                 Focal::Pixels(pixels) => pixels,
-                Focal::Angle(angle) => 0.5 * length / (0.5 * angle).tan(),
+                Focal::Angle(angle) => focal_of(angle, length),
             })
         };
         let (x, y) = (pixels(self.focal_x, width), pixels(self.focal_y, height));
@@ -166,6 +180,25 @@ impl LensFields {
             intrinsics: intrinsics.map_err(SceneError::camera(path, format!("{location}fl_x")))?,
             distortion: self.distortion().map_err(unsupported)?,
             size: whole_size(width, height),
+            contradiction: self.contradiction(width, height),
+        })
+    }
+
+    /// How the first focal length in pixels differs from the field of view beside it. That of a fisheye has several
+    /// definitions.
+    fn contradiction(&self, width: f64, height: f64) -> Option<String> {
+        let [angle_x, angle_y] = self.angles;
+        let axes = [("x", self.focal_x, angle_x, width), ("y", self.focal_y, angle_y, height)];
+        axes.into_iter().filter(|_| self.fisheye != Some(true)).find_map(|(axis, focal, angle, side)| {
+            let (Some(Focal::Pixels(pixels)), Some(angle)) = (focal, angle) else { return None };
+            let of_angle = focal_of(angle, side);
+            (!SAME_FOCAL.accepts(of_angle, pixels)).then(|| {
+                let (stated, degrees) = (angle.to_degrees(), 2.0 * (0.5 * side / pixels).atan().to_degrees());
+                format!(
+                    "the field of view (camera_angle_{axis} or {axis}_fov) is {stated:.2}°, that of fl_{axis} \
+                     {pixels:.2} for {side} pixels is {degrees:.2}°; fl_{axis} is used"
+                )
+            })
         })
     }
 
@@ -189,20 +222,32 @@ impl LensFields {
 }
 
 impl Focal {
-    fn read(object: &Object<'_>, pixels: &str, degrees: &str, radians: &str) -> Result<Option<Self>, SceneError> {
+    /// The focal length, and the angle beside it if it is in pixels; that angle may be anything.
+    fn read(
+        object: &Object<'_>,
+        pixels: &str,
+        degrees: &str,
+        radians: &str,
+    ) -> Result<(Option<Self>, Option<f64>), SceneError> {
         if let Some(length) = object.number(pixels)? {
-            return Ok(Some(Self::Pixels(length)));
+            let beside = |name: &str| object.value(name).and_then(Value::as_f64);
+            return Ok((Some(Self::Pixels(length)), beside(degrees).map(f64::to_radians).or_else(|| beside(radians))));
         }
         let (name, angle) = match (object.number(degrees)?, object.number(radians)?) {
             (Some(angle), _) => (degrees, angle.to_radians()),
             (None, Some(angle)) => (radians, angle),
-            (None, None) => return Ok(None),
+            (None, None) => return Ok((None, None)),
         };
         if angle > 0.0 && angle < std::f64::consts::PI {
-            return Ok(Some(Self::Angle(angle)));
+            return Ok((Some(Self::Angle(angle)), None));
         }
         Err(object.wrong(name, "an angle between 0 and 180°", &format!("{}°", angle.to_degrees())))
     }
+}
+
+/// The focal length of a field of view in radians over a side of a picture, in the unit of the side.
+fn focal_of(angle: f64, side: f64) -> f64 {
+    0.5 * side / (0.5 * angle).tan()
 }
 
 /// The numbers with these names, absent ones zero; `None` if all are absent.

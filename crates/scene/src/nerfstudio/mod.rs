@@ -9,5 +9,5 @@ pub use lens::{Focal, LensFields};
 pub use source::{NerfstudioOptions, NerfstudioScenes};
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
-pub(crate) use pictures::{FoundPicture, PictureFinder};
-pub(crate) use source::scene_files;
+pub(crate) use pictures::{FoundPicture, PictureFinder, without_factor};
+pub(crate) use source::{VARIANTS, scene_files, transforms_in};

@@ -140,7 +140,7 @@ fn downscaled(listed: &str, factor: u32) -> String {
     components.join("/")
 }
 
-pub(super) fn without_factor(component: &str) -> &str {
+pub(crate) fn without_factor(component: &str) -> &str {
     let is_factor = |tail: &str| !tail.is_empty() && tail.bytes().all(|byte| byte.is_ascii_digit());
     component.rsplit_once('_').filter(|(_, tail)| is_factor(tail)).map_or(component, |(base, _)| base)
 }

@@ -8,12 +8,16 @@ use super::{FoundPicture, PictureFinder, Transforms, parse_transforms};
 use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
+use crate::ignored::Collections;
 use crate::scene::{in_frame, size_of_file};
 use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may hold its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
-const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
+pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
+
+/// Begins the keys of scenes in subsets.
+const SUBSET_PREFIX: &str = "dl3dv_";
 
 /// How `transforms.json` scenes are read.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,6 +43,7 @@ pub struct NerfstudioScenes {
     options: NerfstudioOptions,
     keys: Vec<String>,
     scenes: Vec<SceneFile>,
+    collections: Collections,
 }
 
 /// The `transforms.json` of one scene.
@@ -56,6 +61,7 @@ impl NerfstudioScenes {
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
     pub fn open(path: &Path, options: NerfstudioOptions, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut scenes = scene_files(path, options.prefer_gaussian_splat)?;
+        let collections = collections(path, &scenes);
         scenes.dedup_by(|later, earlier| {
             let same = later.key == earlier.key;
             if same {
@@ -69,7 +75,7 @@ impl NerfstudioScenes {
             return Err(SceneError::unrecognized(path, expected, "no such file"));
         }
         let keys = scenes.iter().map(|scene| scene.key.clone()).collect();
-        Ok(Self { path: path.to_owned(), options, keys, scenes })
+        Ok(Self { path: path.to_owned(), options, keys, scenes, collections })
     }
 
     /// The parsed `transforms.json` of one scene, and its path.
@@ -79,6 +85,11 @@ impl NerfstudioScenes {
     pub fn transforms(&self, key: &str) -> Result<(Transforms, &Path), SceneError> {
         let file = &self.scene_file(key)?.file;
         Ok((parse_transforms(&read_file("reading a transforms.json", file)?, file)?, file))
+    }
+
+    /// The folders of scenes; none for one file or one scene's folder.
+    pub(crate) const fn collections(&self) -> &Collections {
+        &self.collections
     }
 
     fn scene_file(&self, key: &str) -> Result<&SceneFile, SceneError> {
@@ -120,7 +131,7 @@ impl SceneSource for NerfstudioScenes {
         let scene = Scene {
             key: key.to_owned(),
             url: subset,
-            frames: frames(key, file, &transforms, pictures, self.options.undo_applied_transform)?,
+            frames: frames(key, file, &transforms, pictures, self.options.undo_applied_transform, warnings)?,
         };
         report_cameras(&scene, warnings);
         Ok(scene)
@@ -133,6 +144,7 @@ fn frames(
     transforms: &Transforms,
     pictures: Vec<FoundPicture>,
     undo_applied_transform: bool,
+    warnings: &mut Warnings,
 ) -> Result<Vec<Frame>, SceneError> {
     let undo = undo_applied_transform.then(|| Undo::of(transforms, file)).transpose()?;
     let needs_size = |lens: &LensFields| !lens.or(transforms.lens).states_size();
@@ -142,11 +154,13 @@ fn frames(
         None
     };
     let mut frames = Vec::with_capacity(pictures.len());
+    let mut contradictions = Vec::new();
     for (at, (listed, found)) in transforms.frames.iter().zip(pictures).enumerate() {
         let lens = listed.lens.or(transforms.lens).resolve(picture_size, &format!("frames[{at}]: "), file)?;
         let pose = listed.world_from_camera;
         let pose = undo.map_or(pose, |undo| undo.apply(&pose));
         let name = stem(&listed.file_path);
+        contradictions.extend(lens.contradiction.map(|detail| format!("first {at}: {detail}")));
         frames.push(Frame {
             timestamp_micros: name.rsplit('_').next().and_then(|number| number.parse().ok()),
             name: name.to_owned(),
@@ -158,6 +172,10 @@ fn frames(
             stated_size: lens.size,
             picture: found.picture,
         });
+    }
+    if let Some(first) = contradictions.first() {
+        let detail = format!("{} of {} frames, {first}", contradictions.len(), frames.len());
+        warnings.push(WarningKind::ContradictoryFieldOfView, key, detail);
     }
     Ok(frames)
 }
@@ -225,7 +243,11 @@ pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Ve
         for subset in &folders {
             for name in folders_in(&path.join(subset))? {
                 if let Some(file) = transforms_in(&path.join(subset).join(&name), prefer_gaussian_splat) {
-                    scenes.push(SceneFile { key: format!("dl3dv_{name}"), subset: Some(subset.clone()), file });
+                    scenes.push(SceneFile {
+                        key: format!("{SUBSET_PREFIX}{name}"),
+                        subset: Some(subset.clone()),
+                        file,
+                    });
                 }
             }
         }
@@ -234,11 +256,32 @@ pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Ve
     Ok(scenes)
 }
 
+/// The folders that hold `scenes` found under `path`, with the names of the scenes' own.
+fn collections(path: &Path, scenes: &[SceneFile]) -> Collections {
+    let mut collections = Collections::new();
+    if !path.is_dir() || transforms_in(path, false).is_some() {
+        return collections;
+    }
+    for scene in scenes {
+        let mut own = |folder: PathBuf, name: &str| {
+            collections.entry(folder).or_default().insert(name.to_owned());
+        };
+        match &scene.subset {
+            Some(subset) => {
+                own(path.to_owned(), subset);
+                own(path.join(subset), scene.key.strip_prefix(SUBSET_PREFIX).unwrap_or(&scene.key));
+            }
+            None => own(path.to_owned(), &scene.key),
+        }
+    }
+    collections
+}
+
 fn folders_in(path: &Path) -> Result<Vec<String>, SceneError> {
     Ok(list(path)?.into_iter().filter_map(|(name, is_folder)| is_folder.then_some(name)).collect())
 }
 
-fn transforms_in(folder: &Path, prefer_gaussian_splat: bool) -> Option<PathBuf> {
+pub(crate) fn transforms_in(folder: &Path, prefer_gaussian_splat: bool) -> Option<PathBuf> {
     let mut variants = VARIANTS;
     if prefer_gaussian_splat {
         variants.swap(1, 2);

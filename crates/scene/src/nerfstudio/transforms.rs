@@ -48,9 +48,11 @@ pub struct ListedFrame {
 /// for a wrong value; [`SceneError::Camera`] for a pose that is not a rotation or not finite;
 /// [`SceneError::UnsupportedCameraModel`].
 pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneError> {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     let value = crate::json::parse(text).map_err(|error| {
         let location = format!("line {} column {}", error.line(), error.column());
-        SceneError::malformed(FORMAT, path, location, "JSON without repeated keys", error.to_string())
+        let (expected, found) = crate::json::problem(text, &error, "JSON");
+        SceneError::malformed(FORMAT, path, location, expected, found)
     })?;
     let root = Object::new(&value, String::new(), path)?;
     let listed = root.array("frames")?.ok_or_else(|| {

@@ -152,3 +152,105 @@ fn a_duplicate_scene_is_skipped_with_a_warning() {
     assert_eq!(warnings.counts().collect::<Vec<_>>(), [(crate::WarningKind::DuplicateScene, 1)]);
     assert!(warnings.kept()[0].detail.contains("2K"), "{:?}", warnings.kept());
 }
+
+const MODEL: [(&str, &[u8]); 2] =
+    [("cameras.txt", b"1 PINHOLE 4 3 4 4 2 1.5\n"), ("images.txt", b"1 1 0 0 0 0 0 0 1 a.png\n\n")];
+
+/// Format, keys, and the warnings as kind and text.
+fn reported(files: &[(&str, &[u8])], below: &str) -> (Format, Vec<String>, Vec<(crate::WarningKind, String)>) {
+    let folder = folder_of(files);
+    let mut warnings = Warnings::new();
+    let dataset = open(folder.path().join(below), &mut warnings).unwrap();
+    let kept = warnings.kept().iter().map(|warning| (warning.kind, warning.to_string())).collect();
+    (dataset.format, dataset.keys().to_vec(), kept)
+}
+
+#[track_caller]
+fn expect_ignored(files: &[(&str, &[u8])], format: Format, key: &str, expected: &[(&str, &str)]) {
+    let (found, keys, kept) = reported(files, "");
+    assert_eq!((found, keys), (format, vec![key.to_owned()]));
+    assert_eq!(kept.len(), expected.len(), "{kept:?}");
+    for ((kind, message), (scene, text)) in kept.iter().zip(expected) {
+        assert_eq!(*kind, crate::WarningKind::IgnoredScene);
+        assert!(message.starts_with(&format!("{scene}: ")) && message.contains(text), "{message}");
+    }
+}
+
+#[test]
+fn scenes_in_other_formats_are_counted() {
+    let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
+    let [cameras, images] = MODEL.map(|(_, bytes)| bytes);
+    let model = [("b/sparse/0/cameras.txt", cameras), ("b/sparse/0/images.txt", images)];
+    let files =
+        [&[("a/transforms.json", json), ("c.txt", rows), ("c/1.png", b""), ("README.txt", b"hello")], &model[..]];
+    let left = [("b", "a COLMAP model is not read"), ("c", "an RE10K trajectory is not read")];
+    expect_ignored(&files.concat(), Format::Nerfstudio, "a", &left);
+    expect_ignored(
+        &[&[("c/c.txt", rows), ("c/images/1.png", b"")], &model[..]].concat(),
+        Format::Colmap,
+        "b",
+        &[("c", "an RE10K trajectory is not read, because the dataset is read as colmap")],
+    );
+    let subsets = [("1K/a/transforms.json", json), ("1K/b/cameras.txt", cameras), ("1K/b/images.txt", images)];
+    expect_ignored(&subsets, Format::Nerfstudio, "dl3dv_a", &[("b", "a COLMAP model")]);
+}
+
+/// Its own model of structure from motion, copies of pictures and notes.
+#[test]
+fn what_lies_in_a_capture_is_its_own() {
+    let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
+    let [cameras, images] = MODEL.map(|(_, bytes)| bytes);
+    let capture: [(&str, &[u8]); 7] = [
+        ("s/h/transforms.json", json),
+        ("s/h/colmap/sparse/0/cameras.txt", cameras),
+        ("s/h/colmap/sparse/0/images.txt", images),
+        ("s/h/dense/cameras.txt", cameras),
+        ("s/h/dense/images.txt", images),
+        ("s/h/images_2/a_7.png", b""),
+        ("s/.cache/images/a_7.png", b""),
+    ];
+    for below in ["s", "s/h"] {
+        assert_eq!(reported(&capture, below), (Format::Nerfstudio, vec!["h".to_owned()], vec![]), "{below}");
+    }
+    let clip = [("k.txt", rows), ("images/00000.png", b""), ("thumbnails/1.png", b"")];
+    assert_eq!(reported(&clip, ""), (Format::Re10k, vec!["k".to_owned()], vec![]));
+    let clips = [("k/k.txt", rows), ("k/images/00000.png", &b""[..]), ("chunk/000000.torch", b"")];
+    assert_eq!(reported(&clips, ""), (Format::Re10k, vec!["k".to_owned()], vec![]));
+}
+
+#[test]
+fn pictures_without_cameras_are_counted() {
+    let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
+    let misspelt = [("a/transforms.json", json), ("b/transform.json", json), ("b/images/a_7.png", b"")];
+    expect_ignored(&misspelt, Format::Nerfstudio, "a", &[("b", "holds transform.json, but no transforms.json")]);
+    let deleted = [("a/transforms.json", json), ("b/nerfstudio/images_8/a_7.png", &b""[..]), ("out/0.png", b"")];
+    expect_ignored(&deleted, Format::Nerfstudio, "a", &[("b", "holds pictures, but no transforms.json")]);
+    let clips = [("a.txt", rows), ("a/1.png", b""), ("b/1.png", b""), ("c/images/1.jpg", b""), ("d/d.exr", b"")];
+    let left = [("b", "holds pictures, but no trajectory b.txt"), ("c", "holds pictures, but no trajectory c.txt")];
+    expect_ignored(&clips, Format::Re10k, "a", &left);
+}
+
+/// Which of the two counts cannot be known; the chunk comes first.
+#[test]
+fn one_key_in_two_formats_is_a_duplicate() {
+    let folder = folder_of(&[("a.txt", TRAJECTORY.as_bytes()), ("a/1.png", &encoded_picture())]);
+    let mut warnings = Warnings::new();
+    let trajectories = open(folder.path(), &mut warnings).unwrap();
+    let mixed = tempfile::tempdir().unwrap();
+    crate::torch::export_chunks(&trajectories, &mixed.path().join("test"), 1, &mut warnings, &|| ()).unwrap();
+    assert_eq!(warnings.total(), 0, "{:?}", warnings.kept());
+    for (name, kind) in [("a", crate::WarningKind::DuplicateScene), ("b", crate::WarningKind::IgnoredScene)] {
+        let text = mixed.path().join(format!("test/{name}.txt"));
+        fs::write(&text, TRAJECTORY).unwrap();
+        let mut warnings = Warnings::new();
+        let dataset = open(mixed.path(), &mut warnings).unwrap();
+        assert_eq!((dataset.format, dataset.keys()), (Format::TorchChunks, &["a".to_owned()][..]));
+        let kept = warnings.kept();
+        assert!(kept.len() == 1 && kept[0].kind == kind && kept[0].scene == name, "{kept:?}");
+        fs::remove_file(text).unwrap();
+    }
+}
+
+fn encoded_picture() -> Vec<u8> {
+    atsplat_pixels::encode_png(&atsplat_pixels::ImageU8::new(9, 5, vec![9; 135]).unwrap()).unwrap()
+}

@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use crate::files::PictureListing;
@@ -16,7 +16,8 @@ enum Naming {
 /// Assigns each frame its picture from the first of `folders` that holds pictures.
 ///
 /// If no folder exists, the frames stay [`Picture::Absent`]. Otherwise a frame without a file becomes
-/// [`Picture::Missing`], with a warning.
+/// [`Picture::Missing`], with a warning. Pictures with a number that no row has are counted too: deleted rows leave
+/// them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong to a row.
 pub(super) fn attach_pictures(
     scene: &mut Scene,
     folders: &[PathBuf],
@@ -36,11 +37,15 @@ pub(super) fn attach_pictures(
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     let naming = naming(scene, &numbers, warnings);
+    let mut unlisted: BTreeSet<i64> = numbers.keys().copied().collect();
     for (row, frame) in scene.frames.iter_mut().enumerate() {
         let number = match naming {
             Naming::Timestamp => frame.timestamp_micros,
             Naming::Numbered { first } => i64::try_from(row).ok().map(|row| row.saturating_add(first)),
         };
+        if let Some(number) = number {
+            unlisted.remove(&number);
+        }
         let found = number.and_then(|number| listing.by_stem(numbers.get(&number)?));
         frame.picture = if let Some(path) = found {
             Picture::File(path)
@@ -53,6 +58,10 @@ pub(super) fn attach_pictures(
             warnings.push(WarningKind::MissingPicture, &scene.key, format!("frame {row}: no {}", path.display()));
             Picture::Missing(path)
         };
+    }
+    for path in unlisted.iter().filter_map(|number| listing.by_stem(numbers.get(number)?)) {
+        let detail = format!("no row of the trajectory is for {}: is a row lost?", path.display());
+        warnings.push(WarningKind::UnlistedPicture, &scene.key, detail);
     }
     Ok(())
 }
@@ -134,7 +143,9 @@ mod tests {
     fn pictures_are_found_by_timestamp_and_missing_ones_keep_their_position() {
         let (scene, warnings) = attach(&["66733.png", "0.png", "999.png"]);
         assert_eq!(names(&scene), ["0.png", "no 33366.png", "66733.png"]);
-        assert_eq!((warnings.count(WarningKind::MissingPicture), warnings.total()), (1, 1));
+        let counts: Vec<_> = warnings.counts().collect();
+        assert_eq!(counts, [(WarningKind::MissingPicture, 1), (WarningKind::UnlistedPicture, 1)]);
+        assert!(warnings.kept()[1].detail.contains("999.png"), "{:?}", warnings.kept());
     }
 
     #[test]
@@ -144,6 +155,19 @@ mod tests {
             assert_eq!(names(&scene), files, "from {first}");
             assert_eq!(warnings.total(), 0, "from {first}");
         }
+    }
+
+    /// With three rows: four pictures by time, then by number; a cover belongs to no row, whichever are lost.
+    #[test]
+    fn pictures_of_lost_rows_are_counted() {
+        let (_, warnings) = attach(&["0.png", "33366.png", "50000.png", "66733.png", "cover.png"]);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedPicture, 1)]);
+        assert!(warnings.kept()[0].detail.contains("50000.png"), "{:?}", warnings.kept());
+        let (scene, warnings) = attach(&["00001.png", "00002.png", "00003.png", "00004.png", "00005.png"]);
+        assert_eq!(names(&scene), ["00001.png", "00002.png", "00003.png"]);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedPicture, 2)]);
+        let (_, warnings) = attach(&["0.png", "66733.png"]);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::MissingPicture, 1)], "a subset of the rows");
     }
 
     #[test]

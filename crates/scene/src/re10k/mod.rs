@@ -7,5 +7,5 @@ mod trajectory;
 pub use source::{Re10kOptions, Re10kScenes};
 pub use trajectory::{Trajectory, TrajectoryRow, parse_trajectory, read_trajectory, write_trajectory};
 
-pub(crate) use source::trajectory_files;
+pub(crate) use source::{trajectory_files, trajectory_key};
 pub(crate) use trajectory::starts_like_a_trajectory;

@@ -6,6 +6,7 @@ use super::read_trajectory;
 use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::list;
+use crate::ignored::Collections;
 use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 /// How RE10K trajectories are read.
@@ -20,8 +21,8 @@ pub struct Re10kOptions {
 /// The key is the file's stem. Trajectories are `<key>.txt` in the folder (the official layout), or `<key>/<key>.txt`.
 /// Pictures (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
 /// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
-/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. Without such
-/// a folder the scene has no pictures.
+/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. A
+/// picture with a timestamp or number that no row has is counted. Without such a folder the scene has no pictures.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
     path: PathBuf,
@@ -61,6 +62,17 @@ impl Re10kScenes {
         let file = |path: PathBuf| TrajectoryFile { alone_in_folder: files_in.get(&folder(&path)) == Some(&1), path };
         let (keys, files) = found.into_iter().map(|(key, path)| (key, file(path))).unzip();
         Ok(Self { path: path.to_owned(), options, keys, files })
+    }
+
+    /// The opened folder with its keys; none if it holds one clip with `images/` next to the trajectory.
+    pub(crate) fn collections(&self) -> Collections {
+        let is_one_clip = |key: &String, file: &TrajectoryFile| {
+            file.alone_in_folder && file.path.parent() == Some(self.path.as_path()) && !self.path.join(key).is_dir()
+        };
+        if self.keys.iter().zip(&self.files).any(|(key, file)| is_one_clip(key, file)) {
+            return Collections::new();
+        }
+        Collections::from([(self.path.clone(), self.keys.iter().cloned().collect())])
     }
 
     fn picture_folders(&self, key: &str, file: &TrajectoryFile) -> Vec<PathBuf> {
@@ -115,7 +127,7 @@ pub(crate) fn trajectory_files(folder: &Path) -> Result<BTreeMap<String, PathBuf
     Ok(found)
 }
 
-fn trajectory_key(name: &str) -> Option<&str> {
+pub(crate) fn trajectory_key(name: &str) -> Option<&str> {
     name.strip_suffix(".txt").filter(|key| !key.is_empty() && !key.starts_with('.'))
 }
 

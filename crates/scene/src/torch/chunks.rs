@@ -8,6 +8,8 @@ use rayon::prelude::*;
 use super::Chunk;
 use crate::camera_policy::report_cameras;
 use crate::files::read_file;
+use crate::ignored::Collections;
+use crate::json;
 use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 const INDEX: &str = "index.json";
@@ -33,7 +35,8 @@ impl TorchChunks {
     /// because this toolkit evaluates) or `train`.
     ///
     /// Without an `index.json` every chunk's list is read, but no pictures. A scene whose chunk is missing, a chunk that
-    /// is not in the index and a chunk that cannot be read are skipped with a warning.
+    /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index does not
+    /// list, in a chunk of which it lists others, is found when a scene of that chunk is first loaded.
     ///
     /// # Errors
     /// [`SceneError::Io`] if the folder cannot be listed, [`SceneError::Malformed`] if there are no chunks, or
@@ -60,6 +63,12 @@ impl TorchChunks {
         let folder = stage(path)?;
         let index = folder.join(INDEX);
         if index.is_file() { Ok(vec![index]) } else { chunks_in(&folder) }
+    }
+
+    /// The opened folder, and that of the chunks; scenes of other formats may lie in both.
+    pub(crate) fn collections(&self, opened: &Path) -> Collections {
+        let stages = BTreeSet::from(["test", "train"].map(str::to_owned));
+        [opened, &self.folder].into_iter().map(|folder| (folder.to_owned(), stages.clone())).collect()
     }
 
     fn new(folder: PathBuf, chunks: Vec<PathBuf>, scenes: Vec<(String, usize)>, reported: bool) -> Self {
@@ -152,6 +161,10 @@ impl TorchChunks {
         let chunk = Arc::new(Chunk::open(path, &mut from_chunk)?);
         if self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &chunk) {
             warnings.merge(from_chunk);
+            for key in chunk.keys().iter().filter(|key| !self.chunk_of.contains_key(*key)) {
+                let detail = format!("{INDEX} does not list it for this chunk ({})", path.display());
+                warnings.push(WarningKind::UnindexedScene, key, detail);
+            }
         }
         Ok(chunk)
     }
@@ -240,10 +253,10 @@ fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
 
 fn read_index(path: &Path) -> Result<IndexMap<String, String>, SceneError> {
     let bytes = read_file("reading a chunk index", path)?;
-    crate::json::parse_object(&bytes).map_err(|source| {
+    json::parse_object(&bytes).map_err(|source| {
         let location = format!("line {}, column {}", source.line(), source.column());
-        let expected = "an object of unique scene keys with chunk names";
-        SceneError::malformed(FORMAT, path, location, expected, source.to_string())
+        let (expected, found) = json::problem(&bytes, &source, "an object of scene keys with chunk names");
+        SceneError::malformed(FORMAT, path, location, expected, found)
     })
 }
 

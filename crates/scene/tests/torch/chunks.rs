@@ -98,6 +98,30 @@ fn errors_of_an_index_are_reported() {
     assert!(matches!(source.load("not there", &mut warnings), Err(SceneError::UnknownScene { .. })));
 }
 
+/// It is found when the chunk is opened, once, whichever scene asks for it.
+#[test]
+fn a_scene_that_the_index_does_not_list_is_reported() {
+    let chunk = fixture_bytes("zip.torch");
+    let index = format!(r#"{{"{}": "000000.torch"}}"#, KEYS[1]);
+    let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk)]);
+    let (source, mut warnings) = open(folder.path());
+    let source = source.unwrap();
+    assert_eq!((source.keys(), warnings.total()), (&[KEYS[1].to_owned()][..], 0));
+    for _ in 0..2 {
+        source.load(KEYS[1], &mut warnings).unwrap();
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnindexedScene, 1)]);
+    }
+    let warning = &warnings.kept()[0];
+    assert!(warning.scene == KEYS[0] && warning.detail.contains("000000.torch"), "{warning}");
+}
+
+#[test]
+fn a_truncated_index_is_not_said_to_repeat_keys() {
+    let (source, _) = open(folder(&[("index.json", br#"{"a": "000000.torch", "b"#)]).path());
+    let message = source.unwrap_err().to_string();
+    assert!(message.contains("expected complete JSON, found the end of the file"), "{message}");
+}
+
 #[test]
 fn an_index_cannot_refer_outside_its_folder() {
     let chunk = fixture_bytes("zip.torch");

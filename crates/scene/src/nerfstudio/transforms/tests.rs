@@ -269,6 +269,18 @@ fn errors_of_invalid_json_name_the_line() {
 }
 
 #[test]
+fn errors_of_invalid_json_name_their_cause() {
+    let whole = transforms(|_| ()).to_string();
+    let message = |text: &str| parse_transforms(text.as_bytes(), Path::new("t.json")).unwrap_err().to_string();
+    let cut = message(&whole[..whole.len() / 2]);
+    assert!(cut.contains("expected complete JSON, found the end of the file") && !cut.contains("keys"), "{cut}");
+    let nan = message(&whole.replacen("110", "NaN", 1));
+    assert!(nan.contains("expected JSON, found \"NaN,") && !nan.contains("keys"), "{nan}");
+    let repeated = message(&whole.replacen('{', "{\"w\":1,", 1));
+    assert!(repeated.contains("expected each key once, found \"w\" a second time"), "{repeated}");
+}
+
+#[test]
 fn two_focal_lengths_are_an_error() {
     let text = transforms(|_| ()).to_string().replace("\"w\"", "\n\"fl_x\":999,\"w\"");
     let error = parse_transforms(text.as_bytes(), Path::new("t.json")).unwrap_err().to_string();
@@ -355,4 +367,50 @@ fn the_global_lens_is_scaled_to_a_frame_of_another_size() {
     let (scene, _) = load(&root, &["images/f_1.png"], PictureFolder::default()).unwrap();
     let k = scene.frames[0].camera.intrinsics;
     Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.48], "normalised intrinsics");
+}
+
+/// What the warnings of a scene without pictures say, besides that those are missing.
+fn warned(change: impl FnOnce(&mut Value)) -> Vec<(WarningKind, String)> {
+    let root = transforms(|root| {
+        root["fl_y"] = json!(100);
+        change(root);
+    });
+    let (_, warnings) = load(&root, &["images/f_1.png"], PictureFolder::Listed).unwrap();
+    warnings.kept().iter().map(|warning| (warning.kind, warning.detail.clone())).collect()
+}
+
+/// 90° over 200 pixels is a focal length of 100.
+#[test]
+fn a_field_of_view_that_contradicts_the_focal_length_is_counted() {
+    let right = std::f64::consts::FRAC_PI_2;
+    assert_eq!(warned(|root| root["camera_angle_x"] = json!(right)), []);
+    assert_eq!(warned(|root| root["x_fov"] = json!(91.0)), [], "rounded");
+    assert_eq!(warned(|root| root["camera_angle_y"] = json!(2.0 * 0.5f64.atan())), [], "of the height");
+    for (field, value, shown) in [("camera_angle_x", 2.5, "is 143.24°"), ("x_fov", 45.0, "is 45.00°")] {
+        let found = warned(|root| root[field] = json!(value));
+        let [(WarningKind::ContradictoryFieldOfView, detail)] = found.as_slice() else { panic!("{found:?}") };
+        assert!(detail.starts_with("1 of 1 frames, first 0: ") && detail.contains(shown), "{detail}");
+        assert!(detail.contains("fl_x 100.00 for 200 pixels is 90.00°"), "{detail}");
+    }
+    let of_frame = warned(|root| {
+        root["camera_angle_x"] = json!(right);
+        root["frames"] = json!([frame("images/f_1.png"), frame("images/g_2.png")]);
+        root["frames"][1]["fl_x"] = json!(60);
+        root["frames"][1]["camera_angle_x"] = json!(right);
+    });
+    assert!(of_frame.iter().any(|(_, detail)| detail.starts_with("1 of 2 frames, first 1: ")), "{of_frame:?}");
+}
+
+#[test]
+fn normalised_numbers_and_impossible_pixels_are_counted() {
+    let normalised = warned(|root| {
+        for (name, value) in [("fl_x", 0.5), ("fl_y", 1.0), ("cx", 0.5), ("cy", 0.5)] {
+            root[name] = json!(value);
+        }
+    });
+    let [(WarningKind::ImplausibleIntrinsics, detail)] = normalised.as_slice() else { panic!("{normalised:?}") };
+    assert!(detail.contains("fx 0.500, fy 1.000") && detail.contains("200×100"), "{detail}");
+    let tenfold = warned(|root| root["fl_x"] = json!(1000));
+    let [(WarningKind::ImplausibleIntrinsics, detail)] = tenfold.as_slice() else { panic!("{tenfold:?}") };
+    assert!(detail.contains("10.00 : 1"), "{detail}");
 }

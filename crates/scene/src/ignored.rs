@@ -1,0 +1,127 @@
+//! Scenes next to those of an opened dataset that it leaves out: a folder has one format, and the files of another, or
+//! of a misspelt name, would be dropped without a word.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use crate::colmap::model_in;
+use crate::files::{list, read_start, split_picture_name};
+use crate::nerfstudio::{VARIANTS, transforms_in, without_factor};
+use crate::re10k::{starts_like_a_trajectory, trajectory_key};
+use crate::{Format, SceneError, WarningKind, Warnings};
+
+const TRAJECTORY: &str = "an RE10K trajectory";
+
+/// Bytes that contain the first rows of a trajectory.
+const FIRST_ROWS: u64 = 1 << 12;
+
+/// Folders of scenes, each with the names in it that belong to the dataset. A capture that is opened by itself is in
+/// none: what else lies in its folder is its own, such as the COLMAP model that a `transforms.json` was made from.
+pub(crate) type Collections = BTreeMap<PathBuf, BTreeSet<String>>;
+
+/// What an entry of a folder holds that the dataset leaves out.
+enum Left {
+    /// A scene, by what describes it.
+    Scene(&'static str),
+    /// Pictures, or a file with a name like `transforms.json`.
+    Part(String),
+}
+
+/// Warns about scenes in the folders of a dataset with these `keys` that are not its own. Hidden folders are skipped.
+///
+/// `names_only`: files need not be here, so that no trajectory can be recognised.
+pub(crate) fn report_ignored(
+    collections: &Collections,
+    format: Format,
+    keys: &[String],
+    names_only: bool,
+    warnings: &mut Warnings,
+) -> Result<(), SceneError> {
+    for (folder, own) in collections {
+        let entries = list(folder)?;
+        for (name, is_folder) in entries.iter().filter(|(name, _)| !name.starts_with('.')) {
+            let key = if *is_folder { Some(name.as_str()) } else { trajectory_key(name) };
+            let Some(key) = key.filter(|key| !own.contains(*key)) else { continue };
+            let path = folder.join(name);
+            let left = if *is_folder {
+                // Pictures next to a trajectory that is itself left out, and chunks hold their own.
+                let is_of_trajectory = entries.binary_search(&(format!("{name}.txt"), false)).is_ok();
+                let may_be_part = format != Format::TorchChunks && !is_of_trajectory;
+                let part = || if may_be_part { part_in(&path, format).map(Left::Part) } else { None };
+                scene_in(&path, name, names_only).map(Left::Scene).or_else(part)
+            } else {
+                (!names_only && is_trajectory(&path)).then_some(Left::Scene(TRAJECTORY))
+            };
+            let (kind, detail) = match left {
+                None => continue,
+                Some(Left::Scene(what)) if keys.iter().any(|held| held == key) => {
+                    (WarningKind::DuplicateScene, format!("the scene of the format {format} is used, not {what}"))
+                }
+                Some(Left::Scene(what)) => {
+                    (WarningKind::IgnoredScene, format!("{what} is not read, because the dataset is read as {format}"))
+                }
+                Some(Left::Part(what)) => {
+                    (WarningKind::IgnoredScene, format!("holds {what}, but no {}", required(format, key)))
+                }
+            };
+            warnings.push(kind, key, format!("{detail} ({})", path.display()));
+        }
+    }
+    Ok(())
+}
+
+/// What makes a folder with this name a scene of the format.
+fn required(format: Format, name: &str) -> String {
+    match format {
+        Format::Re10k => format!("trajectory {name}.txt"),
+        Format::Nerfstudio => "transforms.json".to_owned(),
+        Format::Colmap => "COLMAP model".to_owned(),
+        Format::TorchChunks => "chunk".to_owned(),
+    }
+}
+
+fn scene_in(folder: &Path, name: &str, names_only: bool) -> Option<&'static str> {
+    if transforms_in(folder, false).is_some() {
+        return Some("a transforms.json");
+    }
+    if model_in(folder).is_some() {
+        return Some("a COLMAP model");
+    }
+    let has_trajectory = !names_only && is_trajectory(&folder.join(format!("{name}.txt")));
+    has_trajectory.then_some(TRAJECTORY)
+}
+
+fn is_trajectory(file: &Path) -> bool {
+    read_start("opening a dataset", file, FIRST_ROWS).is_ok_and(|start| starts_like_a_trajectory(&start))
+}
+
+/// What a folder without cameras holds that a capture does. Captures have their pictures in `images/` or a scaled copy
+/// of it, clips of trajectories also directly in their folder.
+fn part_in(folder: &Path, format: Format) -> Option<String> {
+    VARIANTS.iter().find_map(|variant| {
+        let folder = folder.join(variant);
+        let entries = list(&folder).ok()?;
+        let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
+        let misspelt = files.clone().find(|name| is_like_transforms(name)).map(str::to_owned);
+        misspelt.or_else(|| {
+            let of_pictures = |(name, is_folder): &&(String, bool)| *is_folder && without_factor(name) == "images";
+            let mut folders = entries.iter().filter(of_pictures).map(|(name, _)| folder.join(name));
+            let is_clip = format == Format::Re10k && files.clone().any(is_picture);
+            let pictures = is_clip || folders.any(|folder| holds_pictures(&folder));
+            pictures.then(|| "pictures".to_owned())
+        })
+    })
+}
+
+fn is_like_transforms(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    name.starts_with("transform") && Path::new(&name).extension().is_some_and(|extension| extension == "json")
+}
+
+fn is_picture(name: &str) -> bool {
+    split_picture_name(name).is_some()
+}
+
+fn holds_pictures(folder: &Path) -> bool {
+    list(folder).is_ok_and(|found| found.iter().any(|(name, is_folder)| !is_folder && is_picture(name)))
+}

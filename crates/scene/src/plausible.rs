@@ -1,0 +1,96 @@
+//! Whether intrinsics are in the unit of their format: multiples of the picture's sides in RE10K and `.torch` chunks,
+//! pixels where a picture size is stated.
+
+use crate::Frame;
+
+/// Longest focal length in picture sides that a capture has: a field of view of 2.9°, 720 mm on full frame.
+const LONGEST: f64 = 20.0;
+
+/// Shortest focal length in picture sides that a lens has: a field of view of 157°; a fisheye of 220° has 0.26.
+const SHORTEST: f64 = 0.1;
+
+/// A picture smaller than this, in pixels, may have its centre within a pixel of the corner.
+const SMALL: u32 = 20;
+
+/// What the intrinsics of a frame seem to be, if they are not in the unit of their format.
+pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
+    let k = frame.camera.intrinsics;
+    let is_far = |centre: f64| !(-1.0..=2.0).contains(&centre);
+    let is_far = is_far(k.cx) || is_far(k.cy);
+    let Some(size) = frame.stated_size else {
+        return (k.fx > LONGEST || k.fy > LONGEST || is_far).then(|| {
+            let found = format!("fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}", k.fx, k.fy, k.cx, k.cy);
+            format!("expected multiples of the picture's width and height, found {found}: pixels?")
+        });
+    };
+    let pixels = k.pixel_from_normalized(size);
+    let is_short = |pixels: f64, sides: f64| pixels <= LONGEST && sides < SHORTEST;
+    let at_corner = |pixels: f64| pixels > 0.0 && pixels <= 1.0;
+    let is_small = size.width < SMALL || size.height < SMALL;
+    let is_centred_at_corner = at_corner(pixels.cx) && at_corner(pixels.cy) && !is_small;
+    let suspicion = if is_short(pixels.fx, k.fx) || is_short(pixels.fy, k.fy) || is_centred_at_corner {
+        "multiples of its width and height?"
+    } else if is_far {
+        "stated for another size?"
+    } else {
+        return None;
+    };
+    let found = format!("fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}", pixels.fx, pixels.fy, pixels.cx, pixels.cy);
+    Some(format!("expected pixels of a picture of {size}, found {found}: {suspicion}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+
+    fn found([fx, fy, cx, cy]: [f64; 4], stated: Option<(u32, u32)>) -> Option<String> {
+        let (width, height) = stated.unwrap_or((1, 1));
+        let (x, y) = (f64::from(width), f64::from(height));
+        let intrinsics = NormalizedIntrinsics::new(fx / x, fy / y, cx / x, cy / y).unwrap();
+        wrong_unit(&Frame {
+            name: "0".to_owned(),
+            timestamp_micros: None,
+            camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics),
+            stated_size: stated.map(|(width, height)| ImageSize { width, height }),
+            picture: crate::Picture::Absent,
+        })
+    }
+
+    #[test]
+    fn pixels_where_multiples_are_expected() {
+        for pixels in [[53.9, 95.8, 0.5, 0.5], [0.5, 95.8, 0.5, 0.5], [0.5, 0.9, 32.0, 0.5], [0.5, 0.9, 0.5, -18.0]] {
+            let message = found(pixels, None).unwrap();
+            assert!(message.contains("found fx ") && message.ends_with(": pixels?"), "{pixels:?}: {message}");
+        }
+        for fine in [[0.48, 0.86, 0.5, 0.5], [17.0, 19.0, 0.5, 0.5], [0.26, 0.26, 0.5, 0.5], [0.5, 0.9, -0.4, 1.3]] {
+            assert_eq!(found(fine, None), None, "{fine:?}");
+        }
+    }
+
+    #[test]
+    fn multiples_where_pixels_are_expected() {
+        let size = Some((192, 128));
+        for sides in
+            [[0.87, 1.3, 0.5, 0.5], [0.87, 1.3, 96.0, 64.0], [167.0, 1.3, 96.0, 64.0], [167.0, 167.0, 0.5, 0.4]]
+        {
+            let message = found(sides, size).unwrap();
+            assert!(message.contains("192×128") && message.contains("multiples of its"), "{sides:?}: {message}");
+        }
+        assert!(found([167.0, 167.0, 960.0, 540.0], size).unwrap().contains("another size?"));
+        assert_eq!(found([167.0, 167.0, 0.0, 0.0], size), None, "an unset principal point is off the centre");
+    }
+
+    #[test]
+    fn small_pictures_and_long_lenses_are_plausible() {
+        for (fine, size) in [
+            ([2.0, 2.0, 1.0, 1.0], (2, 2)),
+            ([4.0, 4.0, 2.0, 1.5], (4, 3)),
+            ([1375.0, 1374.0, 555.0, 965.0], (1080, 1920)),
+            ([1.2e6, 1.2e6, 1024.0, 900.0], (2048, 1800)),
+            ([50.0, 50.0, 96.0, 64.0], (192, 128)),
+        ] {
+            assert_eq!(found(fine, Some(size)), None, "{fine:?} of {size:?}");
+        }
+    }
+}
