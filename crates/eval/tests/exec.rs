@@ -192,7 +192,10 @@ fn gaussians_of_a_process_score_as_the_same_file_does() {
 fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let expected = prepared(here, 12);
+    let expected = prepared(here, 14);
+    let bright = vec![200.0; (SIZE.width * SIZE.height * 3) as usize];
+    let bright = Image::new(SIZE.width, SIZE.height, bright).unwrap();
+    fs::write(here.join("bright.npy"), array(&[bright.clone(), bright])).unwrap();
     let nan = vec![f32::NAN; (SIZE.width * SIZE.height * 3) as usize];
     let nan = Image::new(SIZE.width, SIZE.height, nan).unwrap();
     fs::write(here.join("nan.npy"), array(&[nan.clone(), nan])).unwrap();
@@ -208,12 +211,14 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         wall-8) answer '"not_applicable": "two views are too few"';;
         wall-9) answer '"pictures": "b.npy"';;
         wall-10) kill -KILL $$;;
+        wall-12) cp bright.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        wall-13) answer '"gaussians": "a.ply"';;
         *) cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
       esac"#;
     let command = script(here, "pictures", body);
     let limit = Duration::from_secs(3);
     let method = Arc::new(Exec::start(ExecSettings { limit, ..settings(&command) }).unwrap());
-    let found = results_of(12, method);
+    let found = results_of(14, method);
     let of = |scene: usize| {
         let key = format!("wall-{scene}");
         let trial = found.trials.iter().find(|trial| trial.key.scene == key).unwrap();
@@ -229,6 +234,8 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         (7, "the method says: no parallax"),
         (9, "expected the file \"b.npy\""),
         (10, "signal: 9"),
+        (12, "a.npy: picture 0: expected samples in [0, 1], found 200.00…200.00, which seems to be 0…255"),
+        (13, "expected pictures, as it said when it started, found gaussians"),
     ];
     for (scene, reason) in reasons {
         let (trial, target, detail) = of(scene);
@@ -265,6 +272,21 @@ fn a_process_is_started_again_after_each_crash() {
     let (found, expected) = (outcomes(&found), outcomes(&expected));
     let equal = found.iter().zip(&expected).filter(|(found, expected)| found == expected).count();
     assert_eq!(equal, 2 * 5);
+}
+
+#[test]
+fn a_process_that_is_another_one_when_started_again_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let text = r#"n=$(($(cat starts 2>/dev/null) + 1)); echo $n > starts
+echo '{"atsplat": 1, "name": "shell", "version": "v'$n'", "gives": "pictures"}'
+read -r line; exit 1
+"#;
+    fs::write(here.join("method.sh"), format!("cd '{}'\n{text}", here.display())).unwrap();
+    let found = results_of(2, exec(&format!("sh '{}'", here.join("method.sh").display())));
+    let details: Vec<&str> = found.trials.iter().filter_map(|trial| trial.detail.as_deref()).collect();
+    let again = details.iter().find(|detail| detail.contains("started again")).unwrap();
+    assert!(again.contains("version: ") && again.contains("v1 and v2") && !again.contains('{'), "{details:?}");
 }
 
 #[test]

@@ -8,10 +8,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::Similarity;
+use atsplat_eval::Results;
 use atsplat_eval::method::{
     AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource,
     constants_of,
 };
+use atsplat_eval::runner::KeepPictures;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
@@ -24,7 +26,7 @@ use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use atsplat_splat::effects::EffectSelection;
 use atsplat_splat::files::{Encoding, Output};
 use atsplat_splat::{GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, View, files};
-use common::{SIZE, Walls, entry, picture, preset};
+use common::{Run, SIZE, Walls, dataset, entry, picture, preset};
 
 struct TestTrial {
     preset: Preset,
@@ -166,6 +168,86 @@ fn exr_takes_precedence_and_two_files_for_a_frame_are_an_error() {
     assert!(Renders::new(&folder.path().join("nowhere"), None).is_err());
 }
 
+/// Frames 5 and 7: one layout may hold both files, but not one frame in two places.
+#[test]
+fn a_frame_in_two_layouts_fails_alone() {
+    let trial = test_trials(&[entry(&[0, 4], &[5, 7])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let renders = Renders::new(folder.path(), None).unwrap();
+    let png = encode_png(&picture(0, 5)).unwrap();
+    for file in ["wall-0/color/000005.png", "wall-0/color/000007.png", "wall-0/000007.png", "wall-1/000005.png"] {
+        write(&folder.path().join(file), &png);
+    }
+    assert!(trial.render(&renders, 0).is_ok());
+    let ambiguous = trial.render(&renders, 1).unwrap_err();
+    assert!(
+        ambiguous.starts_with("two files for frame 7: ") && ambiguous.contains("color/000007.png and "),
+        "{ambiguous}"
+    );
+    assert_eq!(renders.files(&trial.trial).iter().filter(|file| file.is_some()).count(), 1);
+    std::fs::remove_file(folder.path().join("wall-0/000007.png")).unwrap();
+    assert!(trial.render(&renders, 1).is_ok());
+    // A float picture left by another run.
+    write(&folder.path().join("wall-0/color/000007.exr"), b"");
+    let stale = trial.render(&renders, 1).unwrap_err();
+    assert!(stale.contains("000007.exr and ") && stale.contains("of another frame: "), "{stale}");
+    assert!(trial.render(&renders, 0).is_ok());
+}
+
+#[test]
+fn float_renders_in_another_range_or_of_other_channels_are_refused() {
+    let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let renders = Renders::new(folder.path(), None).unwrap();
+    let file = folder.path().join("wall-0/000005.exr");
+    let scaled = |scale: f32, offset: f32| {
+        let samples = Image::from_u8(&picture(0, 5)).into_samples();
+        let samples = samples.into_iter().map(|sample| scale * sample + offset).collect();
+        let image = Image::new(SIZE.width, SIZE.height, samples).unwrap();
+        write(&file, &exr::write_rgb(&image, &exr::Values::Unstated).unwrap());
+        trial.render(&renders, 0).map(drop)
+    };
+    assert_eq!(scaled(1.3, -0.2), Ok(()));
+    let levels = scaled(255.0, 0.0).unwrap_err();
+    assert!(levels.contains("seems to be 0…255") && levels.contains("000005.exr"), "{levels}");
+    assert!(scaled(2.0, -1.0).unwrap_err().contains("seems to be −1…1"));
+    let with = |names: &[&str]| {
+        let samples = vec![0.5; (SIZE.width * SIZE.height) as usize];
+        let plane = |name: &&str| exr::Channel {
+            name: (*name).to_owned(),
+            values: exr::Values::Unstated,
+            samples: samples.clone(),
+        };
+        let planes = names.iter().map(plane).collect();
+        write(&file, &exr::write(&exr::Channels::new(SIZE.width, SIZE.height, planes).unwrap()).unwrap());
+        trial.render(&renders, 0).unwrap_err()
+    };
+    assert!(with(&["r", "g", "b"]).starts_with("expected the channels R, G and B, found b, g and r, without R ("));
+    assert!(with(&["R", "G", "Z"]).starts_with("expected the channels R, G and B, found G, R and Z, without B ("));
+    assert!(with(&["Y"]).starts_with("expected the channels R, G and B, found Y ("));
+}
+
+/// Names that need escaping, beside a plain one.
+#[test]
+fn kept_pictures_of_any_scene_can_be_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |method: Arc<dyn Method>| {
+        let walls = Walls { keys: ["scène 1", "A/b", "wall"].map(str::to_owned).to_vec(), ..Walls::new(0, 8) };
+        Run::new(vec![dataset(walls, &[entry(&[0, 4], &[5])])], vec![method])
+    };
+    let keeping = Run { pictures: KeepPictures::All, ..run(Arc::new(NearestView)) };
+    let (expected, _) = keeping.run(&folder.path().join("store")).unwrap();
+    let kept = folder.path().join("store/pictures/walls/nearest-view");
+    assert!(!kept.join("scène 1").exists() && !kept.join("scène 1-0").exists());
+    let scoring = run(Arc::new(Renders::new(&kept, None).unwrap()));
+    let surveys = scoring.plan().surveys().unwrap();
+    assert!(surveys[0].to_string().ends_with("SCENE-0/000029.png (3)"), "{}", surveys[0]);
+    let (scored, _) = scoring.run(&folder.path().join("scored")).unwrap();
+    let scores = |results: &Results| -> Vec<_> { results.targets.iter().map(|row| row.scores.clone()).collect() };
+    assert_eq!(scores(&scored), scores(&expected));
+    assert!(scores(&scored).iter().all(|scores| scores.contains_key("psnr")));
+}
+
 /// The colour of a transparent pixel is undefined; it must not be scored as black.
 #[test]
 fn rejects_a_transparent_render() {
@@ -269,6 +351,75 @@ fn missing_and_malformed_gaussian_files_are_errors() {
     assert!(trial.render(&ply, 0).unwrap_err().contains("expected wall-0.ply"));
     write(&folder.path().join("wall-0.ply"), b"ply\nnonsense");
     assert!(matches!(ply.predict(trial.input()).map(drop), Err(MethodError::Failed(_))));
+}
+
+/// `.spz` beside `.ply` holds the same Gaussians in less space; a file in another place may hold others.
+#[test]
+fn two_files_of_a_scenes_gaussians_are_ambiguous() {
+    let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    std::fs::create_dir(folder.path().join("wall-0")).unwrap();
+    files::write(&folder.path().join("wall-0.ply"), &gaussians(), Output::Ply(Encoding::Ascii)).unwrap();
+    write(&folder.path().join("wall-0.spz"), b"");
+    assert!(trial.render(&ply, 0).is_ok());
+    write(&folder.path().join("wall-0/point_cloud.ply"), b"");
+    let refused = trial.render(&ply, 0).unwrap_err();
+    assert!(refused.starts_with("two files of Gaussians of scene wall-0: "), "{refused}");
+    assert!(refused.contains("wall-0.ply and ") && refused.ends_with("wall-0/point_cloud.ply"), "{refused}");
+}
+
+/// A file without Gaussians, one with other axes, whose Gaussians are behind the cameras, and a good one.
+#[test]
+fn gaussians_that_draw_nothing_are_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |scene: usize, parts: GaussianParts| {
+        let path = folder.path().join(format!("wall-{scene}.ply"));
+        files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+    };
+    let nothing = GaussianParts {
+        means: vec![],
+        quaternions: vec![],
+        log_scales: vec![],
+        opacity_logits: vec![],
+        sh_degree: 0,
+        sh: vec![],
+        scalars: None,
+        filter_3d: None,
+    };
+    write(0, nothing);
+    let mut behind = gaussians().into_parts();
+    behind.means.iter_mut().for_each(|[_, y, z]| (*y, *z) = (-*y, -*z));
+    write(1, behind);
+    write(2, gaussians().into_parts());
+    let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    let run = Run::new(vec![dataset(Walls::new(3, 8), &[entry(&[0, 4], &[1, 2])])], vec![Arc::new(ply)]);
+    let (results, summary) = run.run(&folder.path().join("store")).unwrap();
+    assert!(summary.is_complete(), "they are scored");
+    let notes: Vec<String> = results.trials.iter().map(|trial| trial.notes.join("; ")).collect();
+    assert_eq!(notes[0], "no Gaussian is left: 2 of 2 renders show the background");
+    assert!(notes[1].starts_with("no Gaussian is drawn: 2 of 2 renders show the background; do "), "{}", notes[1]);
+    assert_eq!(notes[2], "");
+}
+
+#[test]
+fn scales_that_may_have_no_logarithm_are_noted() {
+    let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("wall-0.ply");
+    let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    let notes = |change: fn(f32) -> f32| {
+        let mut parts = gaussians().into_parts();
+        parts.log_scales.iter_mut().flatten().for_each(|log_scale| *log_scale = change(*log_scale));
+        files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+        ply.predict(trial.input()).unwrap().cost().notes.clone()
+    };
+    assert_eq!(
+        notes(f32::exp),
+        ["every log-scale of the file lies in (0, 1]: they may be scales without their logarithm"]
+    );
+    assert_eq!(notes(|log_scale| log_scale), [""; 0]);
+    assert_eq!(notes(|log_scale| log_scale + 4.0), [""; 0], "large Gaussians");
 }
 
 /// Skipped Gaussians affect the score, so the trial notes how many, which and in which file.

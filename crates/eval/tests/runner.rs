@@ -55,6 +55,32 @@ impl Prediction for FaultyPrediction {
     }
 }
 
+/// Renders of one grey value each, in which this many Gaussians are drawn; `None` for one that fails.
+#[derive(Debug)]
+struct Plain([Option<(f32, Option<u64>)>; 3]);
+
+impl Method for Plain {
+    fn record(&self) -> MethodRecord {
+        record("plain")
+    }
+
+    fn predict<'a>(&'a self, _: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(Self(self.0)))
+    }
+}
+
+impl Prediction for Plain {
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        let one = |target: &usize| {
+            let (value, drawn) = self.0[*target].ok_or("no picture")?;
+            let samples = vec![value; (SIZE.width * SIZE.height * 3) as usize];
+            let image = Image::new(SIZE.width, SIZE.height, samples).unwrap();
+            Ok(Rendered { image, drawn, effects: Vec::new() })
+        };
+        targets.iter().map(one).collect()
+    }
+}
+
 fn settings(walls: Walls, methods: Vec<Arc<dyn Method>>) -> Run {
     let datasets = vec![dataset(walls, &[entry(&[0, 4], &[1, 4, 6])])];
     Run { suite: suite(&["psnr", "ssim", "lpips"]), ..Run::new(datasets, methods) }
@@ -118,6 +144,42 @@ fn every_outcome_is_a_row() {
     assert_eq!((nan.status, nan.non_finite, nan.scores.len()), (TargetStatus::NonFinite, 64 * 64 * 3, 0));
     assert_eq!((summary.incomplete, summary.non_finite), (6, 1));
     assert!(!summary.is_complete());
+}
+
+/// Renders are scored whatever they show, and the trial notes which are hardly meant.
+#[test]
+fn renders_without_gaussians_or_colour_are_noted() {
+    let notes = |renders| {
+        let folder = tempfile::tempdir().unwrap();
+        let (results, _) = settings(Walls::new(1, 8), vec![Arc::new(Plain(renders))]).run(folder.path()).unwrap();
+        let scored = results.targets.iter().filter(|row| row.status == TargetStatus::Scored).count();
+        assert_eq!(scored, renders.iter().flatten().count());
+        results.trials[0].notes.clone()
+    };
+    let background = "no Gaussian is drawn: 1 of 3 renders show the background; do the Gaussians belong to this scene, its \
+                      axes and its unit of length?";
+    let colour = |count: usize| format!("renders without colour: {count} of 3, where the ground truth has colours");
+    assert_eq!(notes([Some((0.0, Some(0))), Some((0.5, Some(7))), Some((0.5, None))]), [background, &colour(2)]);
+    assert_eq!(notes([None, Some((0.5, None)), None]), [colour(1)]);
+}
+
+#[test]
+fn targets_without_a_score_are_not_evaluated() {
+    let nothing = |renders| {
+        let folder = tempfile::tempdir().unwrap();
+        let run = settings(Walls::new(2, 8), vec![Arc::new(Plain(renders))]);
+        let (results, _) = run.run(folder.path()).unwrap();
+        run.plan().nothing_evaluated(&results)
+    };
+    let [nan, good] = [Some((f32::NAN, None)), Some((0.5, None))];
+    assert_eq!(nothing([nan, None, good]), None);
+    let starts = |renders, expected: &str| {
+        let found = nothing(renders).unwrap();
+        assert!(found.starts_with(expected), "{found}");
+    };
+    starts([nan; 3], "all of 6 targets have non-finite samples, the first with: 12288 in the render");
+    starts([None; 3], "all of 6 targets failed, the first with: no picture");
+    starts([nan, None, nan], "of 6 targets, 4 have non-finite samples and the others failed, the first with: 12288");
 }
 
 /// A ground-truth picture that cannot be read fails only its target.

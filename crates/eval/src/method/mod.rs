@@ -3,10 +3,12 @@
 mod atsplat;
 mod constants;
 mod exec;
+mod frame_files;
 mod layout;
 mod nearest_view;
 mod optimised;
 mod ply;
+mod range;
 mod renders;
 mod spec;
 mod splatting;
@@ -178,10 +180,14 @@ fn render_each(
     positions.iter().map(one).collect()
 }
 
-/// Accepted file names of a trial's scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which a
-/// store keeps its pictures.
+/// Accepted file names of a trial's scene.
 pub(crate) fn names_of(trial: &Trial) -> Vec<String> {
-    let (scene, entry) = (trial.scene(), trial.entry_number());
+    names_of_entry(trial.scene(), trial.entry_number())
+}
+
+/// Accepted file names of an index entry of a scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which
+/// a store keeps its pictures.
+pub(crate) fn names_of_entry(scene: &str, entry: usize) -> Vec<String> {
     let without_entry = (entry == 0).then(|| scene.to_owned());
     let mut names: Vec<String> = without_entry.into_iter().chain([format!("{scene}-{entry}")]).collect();
     let stored = format!("{}-{entry}", file_name(scene));

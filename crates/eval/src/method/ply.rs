@@ -2,18 +2,20 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_protocol::trial::Trial;
-use atsplat_splat::files::Import;
+use atsplat_splat::files::{Format, Import};
 use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
 use super::{
     Cost, Layout, Method, MethodError, Prediction, RequestedScene, Survey, Timed, TrialInput, below, last_of, names_of,
+    names_of_entry,
 };
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
-/// several entries for a scene, the second is named `<scene>-1`, and so on.
+/// several entries for a scene, the second is named `<scene>-1`, and so on. A scene with two of these files that differ in
+/// more than their extension is a failed trial.
 #[derive(Debug)]
 pub struct Ply {
     folder: PathBuf,
@@ -61,24 +63,25 @@ impl Ply {
     }
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
-        for scene in names_of(trial) {
-            if let Some((path, _)) = candidates(&self.folder, &scene).find(|(path, _)| path.is_file()) {
-                return Ok(path);
-            }
+        let scene = trial.scene();
+        for name in names_of(trial) {
+            let mut found = candidates(&self.folder, &name).map(|(path, _)| path).filter(|path| path.is_file());
+            let Some(first) = found.next() else { continue };
+            return match found.find(|other| other.with_extension("") != first.with_extension("")) {
+                Some(other) => {
+                    let (first, other) = (first.display(), other.display());
+                    Err(format!("two files of Gaussians of scene {scene}: {first} and {other}"))
+                }
+                None => Ok(first),
+            };
         }
-        let (scene, folder) = (trial.scene(), self.folder.display());
+        let folder = self.folder.display();
         Err(format!("no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}"))
     }
 
     fn read(&self, trial: &Trial) -> Result<(Gaussians, Vec<String>), String> {
         let path = self.find(trial)?;
-        let (mut gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
-        let mut notes = notes(&import, &path);
-        if self.opacities_as_stored {
-            gaussians = gaussians.with_linear_opacities();
-        } else if import.opacities_may_be_no_logits {
-            notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
-        }
+        let (mut gaussians, notes) = read(&path, &path, self.opacities_as_stored)?;
         if self.frame == GaussianFrame::Dataset {
             gaussians =
                 gaussians.transformed(&trial.normalisation().new_from_old).map_err(|error| error.to_string())?;
@@ -87,20 +90,43 @@ impl Ply {
     }
 }
 
-/// Candidate files of a scene in order of preference, each with its layout.
+/// Candidate files of a scene in order of preference, each with what follows the scene's name.
 fn candidates(folder: &Path, scene: &str) -> impl Iterator<Item = (PathBuf, String)> {
     let stems = ["", "/gaussians", "/point_cloud"].into_iter();
     let names = stems.flat_map(|stem| ["ply", "spz", "splat"].map(|extension| format!("{stem}.{extension}")));
-    names.filter_map(move |name| Some((below(folder, &format!("{scene}{name}"))?, format!("SCENE{name}"))))
+    names.filter_map(move |name| Some((below(folder, &format!("{scene}{name}"))?, name)))
 }
 
 /// How a scene's Gaussians are stored below a folder.
 fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
-    candidates(folder, requested.scene).find(|(path, _)| path.is_file()).map(|(_, name)| Layout(name))
+    names_of_entry(requested.scene, 0).into_iter().find_map(|scene| {
+        let suffix = if scene == requested.scene { "" } else { "-0" };
+        let (_, name) = candidates(folder, &scene).find(|(path, _)| path.is_file())?;
+        Some(Layout(format!("SCENE{suffix}{name}")))
+    })
+}
+
+/// The Gaussians of a file, which remarks call `name`, and remarks on it. With `as_stored`, a PLY file holds opacities
+/// instead of logits.
+pub(super) fn read(path: &Path, name: &Path, as_stored: bool) -> Result<(Gaussians, Vec<String>), String> {
+    let (mut gaussians, import) = files::read(path).map_err(|error| error.to_string())?;
+    let mut notes = notes(&import, name);
+    if as_stored {
+        gaussians = gaussians.with_linear_opacities();
+    } else if import.opacities_may_be_no_logits {
+        notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
+    }
+    // Scenes have Gaussians below one unit of length, whose log-scales are negative.
+    let mut log_scales = gaussians.parts().log_scales.as_flattened().iter();
+    let is_scale = |log_scale: &f32| *log_scale > 0.0 && *log_scale <= 1.0;
+    if matches!(import.format, Format::Ply(_)) && !gaussians.is_empty() && log_scales.all(is_scale) {
+        notes.push("every log-scale of the file lies in (0, 1]: they may be scales without their logarithm".to_owned());
+    }
+    Ok((gaussians, notes))
 }
 
 /// Defects of a file that do not prevent rendering.
-pub(super) fn notes(import: &Import, path: &Path) -> Vec<String> {
+fn notes(import: &Import, path: &Path) -> Vec<String> {
     let mut notes = Vec::new();
     let found = &import.validation;
     if !found.is_clean() {

@@ -1,19 +1,21 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use atsplat_pixels::{DecodeLimits, Image, decode_opaque, exr};
+use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_opaque, exr};
 use atsplat_protocol::trial::Trial;
 
+use super::frame_files::FrameFiles;
+use super::range::check_range;
 use super::splatting::parameters;
 use super::{
     Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Survey, Timed, TrialInput, below, last_of,
-    names_of, render_each,
+    names_of, names_of_entry, render_each,
 };
 use crate::{EvalError, MethodRecord};
 
 /// Pictures rendered by another program, found by scene and frame.
 ///
-/// For frame 29 of a scene, with `<scene>` its key in the dataset, the first of these layouts that exists is used:
+/// For frame 29 of a scene, with `<scene>` its key in the dataset, these layouts are known:
 ///
 /// | layout | written by |
 /// |---|---|
@@ -23,11 +25,12 @@ use crate::{EvalError, MethodRecord};
 ///
 /// A frame's number is its position in the scene, as in the evaluation index. `.exr` files hold floats (channels R, G, B)
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
-/// display-referred and rejected if their header says otherwise. If an index has several entries for a scene
-/// (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the first may be `<scene>-0`.
+/// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
+/// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
+/// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name`]) are known too.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
-/// over a background or skipped.
+/// over a background or skipped. So is a frame with two files of which either may be meant.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -45,13 +48,17 @@ impl Renders {
         Ok(Self { folder: folder.to_owned(), name })
     }
 
-    fn find(&self, trial: &Trial, frame: usize) -> Result<PathBuf, String> {
-        for scene in names_of(trial) {
-            let folder = below(&self.folder, &scene).ok_or_else(|| format!("{scene:?} is not a valid folder name"))?;
-            for folder in [folder.join("color"), folder] {
-                if let Some(path) = file_of(&folder, frame)? {
-                    return Ok(path);
-                }
+    /// The files of a trial below each folder name of its scene.
+    fn files_of(&self, trial: &Trial) -> Vec<FrameFiles> {
+        let frames = || trial.targets().iter().map(|target| target.frame);
+        let folders = names_of(trial).into_iter().filter_map(|name| below(&self.folder, &name));
+        folders.map(|folder| FrameFiles::of([folder.join("color"), folder], frames())).collect()
+    }
+
+    fn find(&self, files: &[FrameFiles], trial: &Trial, frame: usize) -> Result<PathBuf, String> {
+        for files in files {
+            if let Some(path) = files.file_of(frame)? {
+                return Ok(path);
             }
         }
         let scene = trial.scene();
@@ -62,31 +69,14 @@ impl Renders {
     }
 }
 
-/// The picture of a frame in a scene's folder; `None` if there is none.
-pub(super) fn file_of(folder: &Path, frame: usize) -> Result<Option<PathBuf>, String> {
-    let found: Vec<PathBuf> = names(frame).map(|name| folder.join(name)).filter(|path| path.is_file()).collect();
-    let stem = |path: &PathBuf| path.file_stem().map(std::ffi::OsStr::to_owned);
-    match found.as_slice() {
-        [] => Ok(None),
-        [first, others @ ..] if others.iter().all(|other| stem(other) == stem(first)) => Ok(Some(first.clone())),
-        [first, others @ ..] => {
-            let last = others.last().unwrap_or(first);
-            Err(format!("two files for frame {frame}: {} and {}", first.display(), last.display()))
-        }
-    }
-}
-
 /// How a scene's pictures are laid out below a folder.
 fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
-    let scene = requested.scene;
-    [scene.to_owned(), format!("{scene}-0")].into_iter().find_map(|name| {
+    names_of_entry(requested.scene, 0).into_iter().find_map(|name| {
         let below = below(folder, &name)?;
-        let suffix = &name[scene.len()..];
-        [("color/", below.join("color")), ("", below)].into_iter().find_map(|(part, folder)| {
-            let frames = || requested.frames.iter().flat_map(|frame| names(*frame));
-            let file = frames().find(|name| folder.join(name).is_file())?;
-            Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file))))
-        })
+        let suffix = if name == requested.scene { "" } else { "-0" };
+        let (at, file) = FrameFiles::of([below.join("color"), below], []).any_of(requested.frames)?;
+        let part = if at == 0 { "color/" } else { "" };
+        Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file))))
     })
 }
 
@@ -94,13 +84,6 @@ fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
 fn frame_as_example(file: &str) -> String {
     let (stem, extension) = file.split_once('.').unwrap_or((file, ""));
     format!("{:0>width$}.{extension}", 29, width = if stem.starts_with('0') { stem.len() } else { 1 })
-}
-
-/// Accepted file names of a frame, floats first.
-fn names(frame: usize) -> impl Iterator<Item = String> {
-    let mut stems: Vec<String> = [6, 5, 4, 3, 2, 1].map(|digits| format!("{frame:0digits$}")).to_vec();
-    stems.dedup();
-    stems.into_iter().flat_map(|stem| [format!("{stem}.exr"), format!("{stem}.png")])
 }
 
 impl Method for Renders {
@@ -116,7 +99,8 @@ impl Method for Renders {
     }
 
     fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
-        trial.targets().iter().map(|target| self.find(trial, target.frame).ok()).collect()
+        let files = self.files_of(trial);
+        trial.targets().iter().map(|target| self.find(&files, trial, target.frame).ok()).collect()
     }
 
     fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
@@ -129,48 +113,54 @@ impl Method for Renders {
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        Ok(Box::new(Imported { renders: self, trial: input.trial }))
+        Ok(Box::new(Imported { renders: self, files: self.files_of(input.trial), trial: input.trial }))
     }
 }
 
 struct Imported<'a> {
     renders: &'a Renders,
+    files: Vec<FrameFiles>,
     trial: &'a Trial,
 }
 
 impl Prediction for Imported<'_> {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         render_each(self.trial, targets, |target| {
-            let path = self.renders.find(self.trial, target.frame)?;
+            let path = self.renders.find(&self.files, self.trial, target.frame)?;
             read(&path).map_err(|error| format!("{error} ({})", path.display()))
         })
     }
 }
 
+/// A picture file: 8-bit samples, or floats in [0, 1] with overshoots.
 pub(super) fn read(path: &Path) -> Result<Image, String> {
     let bytes = fs::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {
-        return match exr::read_opaque_rgb(&bytes, &limits).map_err(|error| error.to_string())? {
+        return match exr::read_opaque_rgb(&bytes, &limits).map_err(|error| explained(&error))? {
             (_, exr::Values::Linear) => Err("expected display-referred values, found linear light".to_owned()),
             (_, exr::Values::Depth) => Err("expected a picture, found depths".to_owned()),
-            (image, _) => Ok(image),
+            (image, _) => check_range(&image).map(|()| image),
         };
     }
     Ok(Image::from_u8(&decode_opaque(&bytes, &limits).map_err(|error| error.to_string())?))
 }
 
+fn explained(error: &PixelError) -> String {
+    match error {
+        PixelError::MissingChannel { expected, found } => match found.split_last() {
+            Some((last, others)) if !others.is_empty() => {
+                format!("expected the channels R, G and B, found {} and {last}, without {expected}", others.join(", "))
+            }
+            _ => format!("expected the channels R, G and B, found {}", found.concat()),
+        },
+        other => other.to_string(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn each_file_name_of_a_frame_is_listed_once() {
-        let of = |frame| names(frame).filter(|name| name.ends_with("png")).collect::<Vec<_>>();
-        assert_eq!(of(29), ["000029.png", "00029.png", "0029.png", "029.png", "29.png"]);
-        assert_eq!(of(1_234_567), ["1234567.png"]);
-        assert_eq!(names(7).next().as_deref(), Some("000007.exr"));
-    }
 
     #[test]
     fn rejects_names_that_leave_the_folder() {

@@ -1,7 +1,7 @@
 //! Evaluates one trial under one method.
 
 use std::any::Any;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
@@ -13,6 +13,7 @@ use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
 use rayon::prelude::*;
 use thiserror::Error;
 
+use super::oddities::{self, Oddity};
 use super::pictures::{self, CONTEXT, PictureSink, TRUTH};
 use super::scored::{compare, hash_of_bytes, unscored_row};
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
@@ -107,9 +108,12 @@ impl Evaluation<'_> {
         let batches: Vec<Result<Vec<ScoredTarget>, Failure>> = positions.par_chunks(BATCH).map(batch).collect();
         let batches = batches.into_iter().collect::<Result<Vec<_>, _>>()?;
         result.rows.clear();
-        for ScoredTarget { row, drawn, effects } in batches.into_iter().flatten() {
+        for ScoredTarget { row, drawn, effects, oddity } in batches.into_iter().flatten() {
             result.rows.push(row);
             result.drawn.extend(drawn);
+            if let Some(oddity) = oddity {
+                *result.odd.entry(oddity).or_default() += 1;
+            }
             result.effects.extend(effects);
         }
         if let Some(store) = self.pictures.worst(key, &result.rows) {
@@ -147,17 +151,19 @@ impl Evaluation<'_> {
             Ok(rendered) => rendered,
             Err(detail) => {
                 row.detail = Some(detail);
-                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new() });
+                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), oddity: None });
             }
         };
         match truth {
             Ok(truth) => compare(&mut row, self.suite, &image, truth),
             Err(detail) => row.detail = Some(detail.clone()),
         }
+        let scored = truth.as_ref().ok().filter(|_| row.status == TargetStatus::Scored);
+        let oddity = scored.and_then(|truth| Oddity::of(&image, drawn, truth));
         if let Some(store) = self.pictures.all() {
             pictures::write_render(store, &row.key, row.frame, &image)?;
         }
-        Ok(ScoredTarget { row, drawn, effects })
+        Ok(ScoredTarget { row, drawn, effects, oddity })
     }
 }
 
@@ -223,6 +229,7 @@ struct ScoredTarget {
     row: TargetRow,
     drawn: Option<u64>,
     effects: Vec<&'static str>,
+    oddity: Option<Oddity>,
 }
 
 /// What is known of a trial so far.
@@ -233,6 +240,8 @@ struct TrialResult {
     cost: Cost,
     drawn: Vec<u64>,
     effects: BTreeSet<&'static str>,
+    /// Number of odd renders.
+    odd: BTreeMap<Oddity, usize>,
 }
 
 impl TrialResult {
@@ -243,7 +252,7 @@ impl TrialResult {
         record: &MethodRecord,
         error: Option<MethodError>,
     ) -> (TrialRow, Vec<TargetRow>) {
-        let Self { input_hash, rows, cost, drawn, effects } = self;
+        let Self { input_hash, rows, cost, drawn, effects, odd } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
@@ -261,6 +270,7 @@ impl TrialResult {
         let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
+        let odd = oddities::notes(&odd, rows.len(), cost.gaussians);
         let row = TrialRow {
             key,
             trial_hash: trial.hash().to_string(),
@@ -284,7 +294,7 @@ impl TrialResult {
             network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             effects: effects.into_iter().map(str::to_owned).collect(),
-            notes: cost.notes.into_iter().chain(fallbacks).collect(),
+            notes: cost.notes.into_iter().chain(odd).chain(fallbacks).collect(),
         };
         (row, rows)
     }

@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -24,6 +25,8 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
+    /// Fields of the file that no index has, and how often; a published file's are its own matter.
+    pub unknown_fields: BTreeMap<String, u64>,
 }
 
 impl PlannedIndex {
@@ -50,11 +53,15 @@ impl PlannedIndex {
             | IndexMatch::Underived { name } => Some(name.to_owned()),
             IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished => None,
         };
+        let unknown_fields = match name {
+            Some(_) => BTreeMap::new(),
+            None => file.notices.unknown_fields.clone(),
+        };
         let underived = matches!(matched, IndexMatch::Underived { .. });
         let index = file.into_unambiguous().map_err(|error| error.in_file(&path))?;
         let description = path.display().to_string();
         match preset.index.derivation.filter(|_| underived) {
-            None => Ok(Self { index, description, sha256, name }),
+            None => Ok(Self { index, description, sha256, name, unknown_fields }),
             Some(derivation) => {
                 let keys = source.keys();
                 let present = index.scenes.iter().filter(|(key, _)| keys.contains(key));
@@ -90,7 +97,7 @@ impl PlannedIndex {
 
     fn generated(index: EvaluationIndex, description: String, name: Option<String>) -> Self {
         let sha256 = Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
-        Self { index, description, sha256, name }
+        Self { index, description, sha256, name, unknown_fields: BTreeMap::new() }
     }
 }
 

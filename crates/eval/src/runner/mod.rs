@@ -9,6 +9,7 @@ mod evaluate;
 mod findings;
 mod index;
 mod metrics;
+mod oddities;
 mod outcome;
 mod outdated;
 mod pictures;

@@ -35,12 +35,18 @@ impl Plan<'_> {
                 && self.methods.iter().any(|method| method.record().name == row.key.method)
         };
         let own: Vec<&TargetRow> = results.targets.iter().filter(is_own).collect();
-        if own.iter().any(|row| row.status != TargetStatus::Failed) {
+        if own.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
             return None;
         }
         if let Some(first) = own.first() {
             let why = first.detail.as_deref().unwrap_or("unknown reason");
-            return Some(format!("all of {} targets failed, the first with: {why}", own.len()));
+            let all = own.len();
+            let what = match own.iter().filter(|row| row.status == TargetStatus::NonFinite).count() {
+                0 => format!("all of {all} targets failed"),
+                some if some == all => format!("all of {all} targets have non-finite samples"),
+                some => format!("of {all} targets, {some} have non-finite samples and the others failed"),
+            };
+            return Some(format!("{what}, the first with: {why}"));
         }
         let reasons: Vec<String> = self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect();
         Some(reasons.join("; "))

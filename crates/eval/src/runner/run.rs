@@ -49,7 +49,7 @@ pub fn run_until(
             outdated.check_missing_scene(scene);
         }
         outdated.into_result()?;
-        for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256) {
+        for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256, &dataset.index.unknown_fields) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
         for methods in groups(&dataset.preset, plan.methods) {

@@ -4,9 +4,10 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 use atsplat_pixels::Image;
-use atsplat_splat::{Gaussians, files};
+use atsplat_splat::Gaussians;
 
 use super::npy;
+use crate::method::frame_files::FrameFiles;
 use crate::method::{TrialInput, ply, renders};
 
 /// The folder of one trial.
@@ -38,8 +39,9 @@ impl Exchange {
         let path = self.file(name)?;
         let targets = input.trial.targets();
         if path.is_dir() {
+            let files = FrameFiles::of([path], targets.iter().map(|target| target.frame));
             let read = |frame| {
-                let file = renders::file_of(&path, frame)?;
+                let file = files.file_of(frame)?;
                 let file = file.ok_or_else(|| format!("no file for frame {frame}: expected {frame:06}.png or .exr"))?;
                 renders::read(&file).map_err(|error| format!("frame {frame}: {error}"))
             };
@@ -56,16 +58,7 @@ impl Exchange {
 
     /// The Gaussians of an answer, in the trial's world, and remarks on their file.
     pub(super) fn gaussians(&self, name: &str, as_stored: bool) -> Result<(Gaussians, Vec<String>), String> {
-        let path = self.file(name)?;
-        let (gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
-        let mut notes = ply::notes(&import, Path::new(name));
-        if as_stored {
-            return Ok((gaussians.with_linear_opacities(), notes));
-        }
-        if import.opacities_may_be_no_logits {
-            notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
-        }
-        Ok((gaussians, notes))
+        ply::read(&self.file(name)?, Path::new(name), as_stored)
     }
 
     /// A file of the folder; its name may be given as a path.

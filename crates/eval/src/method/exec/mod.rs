@@ -19,7 +19,7 @@ use tempfile::TempDir;
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, Rendered, Timed, TrialInput};
 use crate::runner::{CONTEXT, TRUTH};
-use crate::{EvalError, MethodRecord};
+use crate::{EvalError, MethodRecord, differences};
 use files::Exchange;
 use pool::{Pool, Slot};
 use process::Process;
@@ -114,7 +114,8 @@ impl Exec {
         if hello == self.hello {
             return Ok(process);
         }
-        Err(format!("the method's process: started again, it says {hello:?}, after {:?}", self.hello))
+        let differences = differences(&self.hello, &hello);
+        Err(format!("the method's process: started again, it is another one, before and after: {differences}"))
     }
 }
 
@@ -219,7 +220,9 @@ impl Method for Exec {
             }
             (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),
             (Answer::Error(why), _) => format!("the method says: {why}"),
-            (other, gives) => format!("expected {gives:?}, as it said when it started, found {other:?}"),
+            (other, gives) => {
+                format!("expected {}, as it said when it started, found {}", gives.name(), other.name())
+            }
         };
         Err(MethodError::Failed(why))
     }

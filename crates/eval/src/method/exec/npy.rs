@@ -5,6 +5,8 @@ use std::path::Path;
 
 use atsplat_pixels::{Image, ImageU8};
 
+use crate::method::range::check_range;
+
 /// What every file begins with, before the two bytes of its version.
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// The header ends at a multiple of this many bytes.
@@ -27,7 +29,8 @@ pub(super) fn of_picture(picture: &ImageU8) -> Vec<u8> {
     bytes
 }
 
-/// The pictures of a file with the shape T×H×W×3: floats in [0, 1] (`<f2` is not read, `<f4` and `<f8` are) or bytes.
+/// The pictures of a file with the shape T×H×W×3: floats in [0, 1] with overshoots (`<f2` is not read, `<f4` and `<f8` are)
+/// or bytes.
 ///
 /// # Errors
 /// What was expected and what was found, with the file's name.
@@ -65,7 +68,11 @@ fn pictures(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
         let samples = part.chunks_exact(bytes_each).map(sample).collect();
         Image::new(width, height, samples).map_err(|error| error.to_string())
     };
-    data.chunks_exact((each * bytes_each).max(1)).map(picture).collect()
+    let pictures: Vec<Image> = data.chunks_exact((each * bytes_each).max(1)).map(picture).collect::<Result<_, _>>()?;
+    for (at, picture) in pictures.iter().enumerate() {
+        check_range(picture).map_err(|error| format!("picture {at}: {error}"))?;
+    }
+    Ok(pictures)
 }
 
 /// Header and data.
@@ -138,6 +145,19 @@ mod tests {
         assert_eq!(levels[0].samples(), [0.0, 0.2, 1.0]);
         let picture = ImageU8::new(2, 1, vec![9; 6]).unwrap();
         assert!(pictures(&of_picture(&picture), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
+    }
+
+    #[test]
+    fn floats_in_another_range_are_refused() {
+        let of = |sample: fn(f32) -> f32| {
+            let values = (0..12u8).map(|at| if at < 6 { 0.0 } else { sample(f32::from(at) / 16.0) });
+            let data: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+            pictures(&file("<f4", "False", "(2, 1, 2, 3)", &data), [2, 1, 2, 3])
+        };
+        assert_eq!(of(|x| x * 1.5).unwrap().len(), 2);
+        let levels = of(|x| x * 255.0).unwrap_err();
+        assert!(levels.starts_with("picture 1: ") && levels.contains("seems to be 0…255"), "{levels}");
+        assert!(of(|x| -x - 1.0).unwrap_err().contains("expected samples in [0, 1], found -1.69…-1.38"));
     }
 
     #[test]

@@ -17,7 +17,7 @@ pub(super) const VERSION: u32 = 1;
 const QUOTED: usize = 160;
 
 /// What a process says of itself when it has started.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Hello {
     /// [`VERSION`].
@@ -38,7 +38,7 @@ pub(super) struct Hello {
 }
 
 /// What a process answers with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Gives {
     /// Pictures of the targets.
@@ -150,6 +150,16 @@ impl<'a> Request<'a> {
     }
 }
 
+impl Gives {
+    /// The name in messages.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Pictures => "pictures",
+            Self::Gaussians => "gaussians",
+        }
+    }
+}
+
 impl View {
     fn of(frame: usize, camera: &Camera, size: ImageSize, picture: Option<String>) -> Self {
         let pixels = camera.intrinsics.pixel_from_normalized(size);
@@ -166,6 +176,16 @@ impl View {
 }
 
 impl Answer {
+    /// The name of its field.
+    pub(super) const fn name(&self) -> &'static str {
+        match self {
+            Self::Pictures(_) => Gives::Pictures.name(),
+            Self::Gaussians(_) => Gives::Gaussians.name(),
+            Self::NotApplicable(_) => "not_applicable",
+            Self::Error(_) => "error",
+        }
+    }
+
     /// The answer to the request of this number.
     pub(super) fn parse(line: &str, trial: u64) -> Result<Timed, String> {
         let expected = format!("a line as {{\"trial\": {trial}, \"pictures\": …}} on its standard output");

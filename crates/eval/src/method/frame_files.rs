@@ -1,0 +1,145 @@
+//! The files of a scene's frames in folders that another program wrote.
+
+use std::collections::HashSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The picture files in the folders in which those of one scene may be. Each folder is listed once.
+#[derive(Debug)]
+pub(super) struct FrameFiles {
+    folders: Vec<Listed>,
+    /// A frame's `.png` without an `.exr` beside it.
+    png_alone: Option<PathBuf>,
+}
+
+/// A folder and the names of its files.
+#[derive(Debug)]
+struct Listed {
+    folder: PathBuf,
+    names: HashSet<String>,
+}
+
+impl FrameFiles {
+    /// Lists folders for these frames; one that does not exist is empty.
+    pub(super) fn of(folders: impl IntoIterator<Item = PathBuf>, frames: impl IntoIterator<Item = usize>) -> Self {
+        let folders = folders.into_iter().map(Listed::of).collect();
+        let mut files = Self { folders, png_alone: None };
+        let alone = |found: Vec<PathBuf>| found.into_iter().next().filter(|first| !is_exr(first));
+        files.png_alone = frames.into_iter().find_map(|frame| alone(files.all_of(frame)));
+        files
+    }
+
+    /// The file of a frame; `None` if there is none.
+    ///
+    /// # Errors
+    /// Two files of which either may be meant: with other numbers of digits, in two folders, or an `.exr` and a `.png` where
+    /// another frame has no `.exr`.
+    pub(super) fn file_of(&self, frame: usize) -> Result<Option<PathBuf>, String> {
+        let found = self.all_of(frame);
+        let Some((first, others)) = found.split_first() else { return Ok(None) };
+        let both = |other: &Path| format!("two files for frame {frame}: {} and {}", first.display(), other.display());
+        if let Some(other) = others.iter().find(|other| other.with_extension("") != first.with_extension("")) {
+            return Err(both(other));
+        }
+        if let (Some(other), Some(alone)) = (others.first(), &self.png_alone) {
+            return Err(format!("{}, but only the .png of another frame: {}", both(other), alone.display()));
+        }
+        Ok(Some(first.clone()))
+    }
+
+    /// The name of one of the frames' files, and the position of its folder.
+    pub(super) fn any_of(&self, frames: &[usize]) -> Option<(usize, String)> {
+        let in_folder = |listed: &Listed| listed.of_frames(frames).next();
+        self.folders.iter().enumerate().find_map(|(at, listed)| Some((at, in_folder(listed)?)))
+    }
+
+    fn all_of(&self, frame: usize) -> Vec<PathBuf> {
+        let paths =
+            |listed: &Listed| listed.of_frames(&[frame]).map(|name| listed.folder.join(name)).collect::<Vec<_>>();
+        self.folders.iter().flat_map(paths).collect()
+    }
+}
+
+impl Listed {
+    fn of(folder: PathBuf) -> Self {
+        let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
+        let names = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
+        Self { folder, names }
+    }
+
+    fn of_frames<'a>(&'a self, frames: &'a [usize]) -> impl Iterator<Item = String> + 'a {
+        let names = frames.iter().flat_map(|frame| names(*frame));
+        names.filter(|name| self.names.contains(name) && self.folder.join(name).is_file())
+    }
+}
+
+/// Accepted file names of a frame, floats first.
+fn names(frame: usize) -> impl Iterator<Item = String> {
+    let mut stems: Vec<String> = [6, 5, 4, 3, 2, 1].map(|digits| format!("{frame:0digits$}")).to_vec();
+    stems.dedup();
+    stems.into_iter().flat_map(|stem| [format!("{stem}.exr"), format!("{stem}.png")])
+}
+
+fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "exr")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_file_name_of_a_frame_is_listed_once() {
+        let of = |frame| names(frame).filter(|name| name.ends_with("png")).collect::<Vec<_>>();
+        assert_eq!(of(29), ["000029.png", "00029.png", "0029.png", "029.png", "29.png"]);
+        assert_eq!(of(1_234_567), ["1234567.png"]);
+        assert_eq!(names(7).next().as_deref(), Some("000007.exr"));
+    }
+
+    type Found = Result<Option<String>, String>;
+
+    /// What is found in `color/` and beside it, for frames 7 and 28.
+    fn found(files: &[&str]) -> [Found; 2] {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("color")).unwrap();
+        for file in files {
+            fs::write(folder.path().join(file), "").unwrap();
+        }
+        let short = |path: &Path| path.display().to_string().replace(&format!("{}/", folder.path().display()), "");
+        let folders = [folder.path().join("color"), folder.path().to_owned()];
+        let listed = FrameFiles::of(folders, [7, 28]);
+        [7, 28].map(|frame| match listed.file_of(frame) {
+            Ok(found) => Ok(found.map(|path| short(&path))),
+            Err(why) => Err(short(Path::new(&why))),
+        })
+    }
+
+    fn is(found: &Found, file: &str) -> bool {
+        found.as_ref().is_ok_and(|found| found.as_deref() == Some(file))
+    }
+
+    #[test]
+    fn two_files_for_a_frame_are_ambiguous_in_any_two_layouts() {
+        let [first, second] = found(&["color/000028.png", "000028.png", "000007.png"]);
+        assert!(is(&first, "000007.png"), "one file in a folder that is not the other's: {first:?}");
+        assert_eq!(second, Err("two files for frame 28: color/000028.png and 000028.png".to_owned()));
+        let [first, second] = found(&["28.exr", "000028.png", "000007.png"]);
+        assert!(is(&first, "000007.png"), "{first:?}");
+        assert_eq!(second, Err("two files for frame 28: 000028.png and 28.exr".to_owned()));
+        let [first, second] = found(&["color/7.png"]);
+        assert!(is(&first, "color/7.png") && second == Ok(None), "{first:?} {second:?}");
+    }
+
+    #[test]
+    fn floats_take_precedence_where_every_frame_has_them() {
+        let both = ["000007.exr", "000007.png", "000028.exr", "000028.png"];
+        for files in [&both[..], &both[..3]] {
+            let [first, second] = found(files);
+            assert!(is(&first, "000007.exr") && is(&second, "000028.exr"), "{files:?}: {first:?} {second:?}");
+        }
+        let [first, second] = found(&["000007.png", "000028.exr", "000028.png"]);
+        assert!(is(&first, "000007.png"), "{first:?}");
+        let mixed = "two files for frame 28: 000028.exr and 000028.png, but only the .png of another frame: 000007.png";
+        assert_eq!(second, Err(mixed.to_owned()));
+    }
+}

@@ -1,0 +1,76 @@
+//! The range of the samples in float pictures of other programs.
+
+use atsplat_numeric::Extremes as _;
+use atsplat_pixels::Image;
+
+/// Samples below the first or above the second are far outside [0, 1]: renderers that do not clamp overshoot by less.
+const FAR: [f32; 2] = [-0.5, 2.0];
+/// One sample in so many may be far outside: a highlight of a renderer that does not clamp is legitimate.
+const ONE_IN: usize = 100;
+/// The largest sample of a picture in 0…255, with some overshoot.
+const BYTES: f32 = 256.0;
+/// The largest size of a sample of a picture in −1…1, with some overshoot.
+const SIGNED: f32 = 1.25;
+
+/// Rejects a picture in another range than [0, 1]. Samples that are NaN or infinite are left to the comparison.
+///
+/// # Errors
+/// The samples' range, and the range that they seem to be meant in.
+pub(super) fn check_range(picture: &Image) -> Result<(), String> {
+    let [least, most] = FAR;
+    let finite = || picture.samples().iter().copied().filter(|sample| sample.is_finite());
+    let far = finite().filter(|sample| !(least..=most).contains(sample)).count();
+    if far * ONE_IN <= picture.samples().len() {
+        return Ok(());
+    }
+    let smallest = finite().fold(f32::INFINITY, f32::minimum_of);
+    let largest = finite().fold(f32::NEG_INFINITY, f32::maximum_of);
+    let seems = if smallest >= least && largest <= BYTES {
+        ", which seems to be 0…255: divide by 255"
+    } else if smallest >= -SIGNED && largest <= SIGNED {
+        ", which seems to be −1…1: take (sample + 1) / 2"
+    } else {
+        ""
+    };
+    Err(format!("expected samples in [0, 1], found {smallest:.2}…{largest:.2}{seems}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(sample: impl Fn(usize) -> f32) -> Result<(), String> {
+        check_range(&Image::new(20, 10, (0..600).map(sample).collect()).unwrap())
+    }
+
+    /// A ramp from 0 to 1.
+    fn ramp(at: usize) -> f32 {
+        at as f32 / 599.0
+    }
+
+    #[test]
+    fn a_picture_in_another_range_is_rejected_with_a_guess() {
+        let refused = |sample: fn(f32) -> f32| check(|at| sample(ramp(at))).unwrap_err();
+        assert_eq!(
+            refused(|x| 255.0 * x),
+            "expected samples in [0, 1], found 0.00…255.00, which seems to be 0…255: divide by 255"
+        );
+        assert_eq!(
+            refused(|x| 2.0 * x - 1.0),
+            "expected samples in [0, 1], found -1.00…1.00, which seems to be −1…1: take (sample + 1) / 2"
+        );
+        assert_eq!(refused(|x| x - 2.0), "expected samples in [0, 1], found -2.00…-1.00");
+        assert_eq!(refused(|x| 65535.0 * x), "expected samples in [0, 1], found 0.00…65535.00");
+    }
+
+    #[test]
+    fn overshoots_and_single_highlights_stay() {
+        assert_eq!(check(ramp), Ok(()));
+        assert_eq!(check(|at| 2.3 * ramp(at) - 0.3), Ok(()), "−0.3 to 2");
+        let with = |count: usize, value: f32| check(move |at| if at < count { value } else { ramp(at) });
+        assert_eq!(with(6, 40.0), Ok(()), "one sample in a hundred");
+        assert!(with(7, 40.0).is_err() && with(7, -0.6).is_err());
+        assert_eq!(with(600, f32::NAN), Ok(()));
+        assert_eq!(with(300, f32::INFINITY), Ok(()));
+    }
+}
