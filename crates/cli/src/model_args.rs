@@ -1,6 +1,6 @@
 //! Arguments that select and change a network configuration.
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use atsplat_model::config::SelectionRatio;
 use atsplat_model::{ModelConfig, ModelError};
 
@@ -34,14 +34,29 @@ impl ChangeArgs {
             config = config.with_ratios(&self.ratios).context("--ratios")?;
         }
         if let Some(blocks) = self.expand_first {
+            let all = config.expanding_blocks();
+            ensure!(
+                blocks <= all,
+                "--expand-first: expected at most {all}, the model's expanding blocks, found {blocks}"
+            );
             config = config.with_expansion_in_first(blocks);
         }
         Ok(config)
     }
 
+    /// The first argument that is given.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--thresholds", !self.thresholds.is_empty()),
+            ("--ratios", !self.ratios.is_empty()),
+            ("--expand-first", self.expand_first.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
     /// Whether nothing is changed.
-    pub(crate) const fn is_empty(&self) -> bool {
-        self.thresholds.is_empty() && self.ratios.is_empty() && self.expand_first.is_none()
+    pub(crate) fn is_empty(&self) -> bool {
+        self.given().is_none()
     }
 }
 
@@ -82,6 +97,8 @@ mod tests {
     fn rejects_lists_of_the_wrong_length_and_shares_above_one() {
         let nano = ModelConfig::named("nano").unwrap();
         assert!(changes(&[0.1], &[], None).applied(&nano).is_err());
+        let error = changes(&[], &[], Some(4)).applied(&nano).unwrap_err().to_string();
+        assert!(error.contains("expected at most 3") && error.ends_with("found 4"), "{error}");
         let error = changes(&[], &["0.5"], None).applied(&nano).unwrap_err();
         assert!(format!("{error:#}").contains("expected 3 ratios"), "{error:#}");
         for broken in ["1.5", "-0.1", "NaN", "half", ""] {

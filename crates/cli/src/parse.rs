@@ -194,7 +194,7 @@ pub(crate) fn once(option: &str, values: &[String]) -> Result<(), String> {
 
 /// A usage error, which exits with code 2 as those of the argument parser do.
 pub(crate) fn usage_error(message: impl std::fmt::Display) -> clap::Error {
-    clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, message)
+    clap::Error::raw(clap::error::ErrorKind::ValueValidation, format!("{message}\n"))
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use atsplat_files::Sha256Digest;
 use std::path::Path;
 
 use atsplat_eval::Results;
-use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_pixels::{Image, ImageU8, encode_png, exr};
 use atsplat_protocol::IndexFile;
 use common::{atsplat, succeed, write_trajectory};
 use evaluation::{write_index, write_preset};
@@ -172,6 +172,33 @@ fn evaluating_nothing_fails_with_any_flags() {
     );
 }
 
+/// A NaN in each render leaves no score, and one finite render leaves one.
+#[test]
+fn renders_without_a_score_fail_the_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a"], 5);
+    write_index(&here.join("data"), &["a"], "[0, 4]", "[1, 2]");
+    std::fs::create_dir_all(here.join("renders/a")).unwrap();
+    let write = |frame: usize, first: f32| {
+        let mut samples = vec![0.25; (SIDE * SIDE * 3) as usize];
+        samples[0] = first;
+        let render = exr::write_rgb(&Image::new(SIDE, SIDE, samples).unwrap(), &exr::Values::DisplayReferred).unwrap();
+        std::fs::write(here.join(format!("renders/a/{frame:06}.exr")), render).unwrap();
+    };
+    write(1, f32::NAN);
+    write(2, f32::NAN);
+    let score =
+        |store| atsplat(here, &["score", "tiny.toml", "--data", "data", "--renders", "renders", "--out", store]);
+    let none = score("none");
+    assert_eq!(none.code, 1, "{}", none.stderr);
+    let why = "nothing was evaluated: all of 2 targets have non-finite samples, the first with: 1 in the render";
+    assert!(none.stderr.contains(why), "{}", none.stderr);
+    write(2, 0.25);
+    let one = score("one");
+    assert!(one.code == 0 && one.stdout.contains("1 with non-finite samples"), "{}{}", one.stdout, one.stderr);
+}
+
 #[test]
 fn images_of_another_size_suggest_any_size() {
     let folder = tempfile::tempdir().unwrap();
@@ -222,13 +249,12 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     let small = score("small");
     assert!(small.code == 1 && small.stderr.contains("small: SCENE/29.png (2)"), "{}", small.stderr);
     assert!(small.stderr.contains("all of 4 targets failed"), "{}", small.stderr);
-    let kinds = "3 targets of theirs failed, expected a picture of N×N, found N×N";
-    assert!(small.stdout.contains(kinds), "{}", small.stdout);
-    assert!(
-        small.stdout.contains("1 targets of theirs failed, no file for frame N of scene SCENE"),
-        "{}",
-        small.stdout
-    );
+    for line in [
+        "tiny: 3 targets of theirs failed: scene one, frame 1: expected a picture of 40×40, found 8×8\n",
+        "tiny: 1 targets of theirs failed: scene two, frame 1: no file for frame 1 of scene two: expected two/000001.png",
+    ] {
+        assert!(small.stdout.contains(line), "{line}: {}", small.stdout);
+    }
 
     let corrected = score("out/test");
     assert_eq!(corrected.code, 0, "{}", corrected.stderr);

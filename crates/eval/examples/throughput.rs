@@ -45,7 +45,13 @@ fn main() -> anyhow::Result<()> {
     };
     let scenes = [(key, (0..entries).map(entry).collect())].into_iter().collect();
     let (description, sha256) = ("windows of 46 frames".to_owned(), Sha256Digest::of(b"throughput"));
-    let index = PlannedIndex { index: EvaluationIndex { scenes }, description, sha256, name: None };
+    let index = PlannedIndex {
+        index: EvaluationIndex { scenes },
+        description,
+        sha256,
+        name: None,
+        unknown_fields: std::collections::BTreeMap::new(),
+    };
     let mut preset = Preset::named("re10k-2v-256")?;
     preset.preprocessing.expected_size = None;
     let datasets = [Dataset { name: preset.name.clone(), preset, source, description: data, index }];

@@ -180,6 +180,16 @@ pub enum EvalError {
 }
 
 impl EvalError {
+    /// The same error with the label of the setting of a sweep that it is about.
+    pub(crate) fn in_setting(self, label: &str) -> Self {
+        match self {
+            Self::Settings { what, expected, found } => {
+                Self::Settings { what: "settings", expected: format!("{label:?}, {what}: {expected}"), found }
+            }
+            other => other,
+        }
+    }
+
     pub(crate) fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         FileError::during(action, path)
     }

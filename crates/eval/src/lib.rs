@@ -40,6 +40,7 @@ pub use context::network_views;
 pub use device::ComputeDevice;
 pub use error::EvalError;
 pub use file_name::file_name;
+pub use rows::difference::differences;
 pub use rows::{
     AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow,
     TargetStatus, TrainingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,

@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use atsplat_metrics::{DECIBEL_CAP, definition};
+use atsplat_metrics::definition;
 use atsplat_numeric::format_bytes;
 use atsplat_protocol::DropReason;
 use serde::Serialize;
 
 use crate::runner::Summary;
+use crate::statistics::{Identical, Leaked, MetricQuery, summary};
 use crate::timing::{Spread, Times, times};
-use crate::{IDENTICAL, MetricRecord, Results, TargetRow, TargetStatus, WarningCount};
+use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
 
 /// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
 /// table.
@@ -67,7 +68,7 @@ struct Row {
     failed: usize,
     non_finite: usize,
     identical: usize,
-    /// Means over scenes of means over targets; identical images count as 100 dB.
+    /// The protocol's means; renders that are identical to the truth are left out.
     means: BTreeMap<String, f64>,
 }
 
@@ -84,8 +85,7 @@ impl RunReport {
                     .filter(|row| row.key.preset == preset.name && row.key.method == method.name)
                     .collect();
                 if !own.is_empty() {
-                    let ids = provenance.metrics.iter().map(|metric| metric.id.as_str());
-                    rows.push(Row::of(&preset.name, &method.name, method.untrained, &own, ids));
+                    rows.push(Row::of(results, preset, method, &own));
                     let found = times(results, &preset.name, &method.name);
                     let (preset, method) = (preset.name.clone(), method.name.clone());
                     let (times, absent) = match found {
@@ -125,19 +125,20 @@ fn without(results: &Results) -> Vec<Without> {
     let skipped = results.provenance.skipped.iter();
     let skipped = skipped.map(|entry| {
         let example = format!("scene {}: {}", entry.scene, entry.detail);
-        (&entry.preset, format!("entries skipped, {}", entry.reason), example)
+        (&entry.preset, format!("entries skipped, {}", entry.reason), String::new(), example)
     });
     let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
     let failed = failed.map(|row| {
         let detail = row.detail.as_deref().unwrap_or("unknown reason");
-        let what = format!("targets of {} failed, {}", row.key.method, kind_of(detail, &row.key.scene));
-        (&row.key.preset, what, format!("scene {}, frame {}: {detail}", row.key.scene, row.frame))
+        let example = format!("scene {}, frame {}: {detail}", row.key.scene, row.frame);
+        let what = format!("targets of {} failed", row.key.method);
+        (&row.key.preset, what, kind_of(detail, &row.key.scene), example)
     });
-    let mut kinds: BTreeMap<(&String, String), (usize, String)> = BTreeMap::new();
-    for (preset, what, example) in skipped.chain(failed) {
-        kinds.entry((preset, what)).or_insert((0, example)).0 += 1;
+    let mut kinds: BTreeMap<(&String, String, String), (usize, String)> = BTreeMap::new();
+    for (preset, what, kind, example) in skipped.chain(failed) {
+        kinds.entry((preset, what, kind)).or_insert((0, example)).0 += 1;
     }
-    let without = |((preset, what), (count, example)): ((&String, String), (usize, String))| Without {
+    let without = |((preset, what, _), (count, example)): ((&String, String, _), (usize, String))| Without {
         preset: preset.clone(),
         what,
         count,
@@ -146,7 +147,7 @@ fn without(results: &Results) -> Vec<Without> {
     kinds.into_iter().map(without).collect()
 }
 
-/// The common text of failures of one kind: without paths, numbers and the scene's name.
+/// What groups failures of one kind, and is not shown: the text without paths, numbers and the scene's name.
 fn kind_of(detail: &str, scene: &str) -> String {
     const LONGEST: usize = 60;
     let words = detail.split_whitespace().take_while(|word| !word.starts_with('('));
@@ -172,42 +173,31 @@ fn kind_of(detail: &str, scene: &str) -> String {
 }
 
 impl Row {
-    fn of<'a>(
-        preset: &str,
-        method: &str,
-        untrained: bool,
-        targets: &[&TargetRow],
-        ids: impl Iterator<Item = &'a str>,
-    ) -> Self {
+    fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord, targets: &[&TargetRow]) -> Self {
+        let means = results.provenance.metrics.iter().map(|metric| &metric.id);
+        let means = means.filter_map(|id| Some((id.clone(), mean(results, preset, &method.name, id)?)));
         let count = |status| targets.iter().filter(|row| row.status == status).count();
         let scenes: std::collections::BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
         Self {
-            preset: preset.to_owned(),
-            method: method.to_owned(),
-            untrained,
+            preset: preset.name.clone(),
+            method: method.name.clone(),
+            untrained: method.untrained,
             scenes: scenes.len(),
             targets: targets.len(),
             failed: count(TargetStatus::Failed),
             non_finite: count(TargetStatus::NonFinite),
             identical: count(TargetStatus::Identical),
-            means: ids.filter_map(|id| Some((id.to_owned(), mean(targets, id)?))).collect(),
+            means: means.collect(),
         }
     }
 }
 
-/// The mean over scenes of the means over their targets.
-fn mean(targets: &[&TargetRow], id: &str) -> Option<f64> {
-    let mut scenes: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
-    for row in targets {
-        let identical = row.not_computed.get(id).is_some_and(|why| why == IDENTICAL);
-        if let Some(score) = row.scores.get(id).copied().or_else(|| identical.then_some(DECIBEL_CAP)) {
-            let (sum, count) = scenes.entry(&row.key.scene).or_default();
-            *sum += score;
-            *count += 1;
-        }
-    }
-    let means = scenes.values().map(|(sum, count)| sum / *count as f64);
-    (!scenes.is_empty()).then(|| means.sum::<f64>() / scenes.len() as f64)
+/// The protocol's mean, without renders that are identical to the truth: the number of tables and frontiers.
+fn mean(results: &Results, preset: &PresetRecord, method: &str, metric: &str) -> Option<f64> {
+    #[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]
+    let aggregation = preset.protocol().expect("a preset that was parsed before").aggregation;
+    let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+    summary(results, &MetricQuery { preset: &preset.name, method, metric, leaked, identical }, aggregation).mean
 }
 
 impl fmt::Display for RunReport {
@@ -231,9 +221,11 @@ impl fmt::Display for RunReport {
                 let value = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
                 write!(f, " {value:>width$}", width = name(id).chars().count().max(8))?;
             }
-            for (count, what) in
-                [(row.failed, "failed"), (row.non_finite, "with non-finite samples"), (row.identical, "identical")]
-            {
+            for (count, what) in [
+                (row.failed, "failed"),
+                (row.non_finite, "with non-finite samples"),
+                (row.identical, "identical, not in the means"),
+            ] {
                 if count > 0 {
                     write!(f, "  {count} {what}")?;
                 }

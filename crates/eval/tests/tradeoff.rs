@@ -113,8 +113,9 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
         ("renderer = { constants = 'none' }", "constants"),
         ("weights = '/nowhere.safetensors'", "nowhere"),
     ] {
-        let sweep = sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}"));
-        let error = parts(&sweep, &swept(), &datasets).unwrap_err().to_string();
+        let text = format!("title = 'one'\n[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}");
+        let error =
+            Sweep::from_toml(&text).and_then(|sweep| parts(&sweep, &swept(), &datasets)).unwrap_err().to_string();
         assert!(error.contains(message), "{knobs}: {error}");
     }
 }

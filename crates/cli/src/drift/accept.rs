@@ -3,6 +3,7 @@ use std::path::PathBuf;
 use atsplat_eval::Results;
 use atsplat_eval::drift::probe::{Inputs, Pipeline, run as run_probe};
 use atsplat_eval::drift::{Acceptance, AcceptanceReport, Baseline, compare, date};
+use atsplat_eval::store::Unfinished;
 use clap::builder::NonEmptyStringValueParser;
 
 use super::recipe;
@@ -58,6 +59,15 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         args.store.display(),
         results.targets.len()
     );
+    let begun = |own: &&Unfinished| {
+        results.trials.iter().any(|trial| (&trial.key.preset, &trial.key.method) == (&own.preset, &own.method))
+    };
+    if let Some(unfinished) = results.unfinished().iter().find(begun) {
+        anyhow::bail!(
+            "{}: expected a finished run, found {unfinished}; the command that began it goes on where it stopped",
+            args.store.display()
+        );
+    }
     let now = provenance();
     let acceptance = Acceptance {
         date: date(now.started),

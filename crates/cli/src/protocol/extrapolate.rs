@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use anyhow::{bail, ensure};
 use atsplat_protocol::extrapolation::{Extrapolation, Incomplete, Margin, Placement, scene_lengths};
 use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
@@ -44,6 +45,12 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let index = IndexFile::read(&args.index)?.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
+    let same = |path: &std::path::Path| path.canonicalize().ok();
+    ensure!(
+        same(&args.out).is_none_or(|out| same(&args.index) != Some(out)),
+        "--out: {} is the index that is read: give another file",
+        args.out.display()
+    );
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
     let lengths = match &args.data {
@@ -60,6 +67,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         incomplete: if args.clip { Incomplete::Clip } else { Incomplete::Drop },
     };
     let report = split.split(&index, &lengths);
+    if report.index.entries().next().is_none() {
+        print_report(&report, args.json)?;
+        print_warnings(&warnings);
+        bail!("no window has room for {} targets on each side: nothing was written", args.margin);
+    }
     out.finish(report.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     // With data, a scene of unknown length is missing.
     let all_found = args.data.is_none() || report.length_unknown == 0;

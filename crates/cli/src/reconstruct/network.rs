@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use atsplat_eval::reconstruct::{NetworkSource, UntrainedBackbone};
 use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
@@ -46,10 +46,10 @@ pub(crate) struct NetworkArgs {
     changes: ChangeArgs,
 
     /// Size at which the network sees the photos: the one that its weights were trained at (the shorter side; the longer one
-    /// in proportion, in whole patches), or the photos' own after cropping and scaling. Renders have the photos' size in
+    /// in proportion, in whole patches; the default), or the photos' own after cropping and scaling. Renders have the photos' size in
     /// either case. Random weights were not trained at any size: they see photos as given.
-    #[arg(long, value_name = "SIZE", default_value = "trained")]
-    context_size: ContextSize,
+    #[arg(long, value_name = "SIZE")]
+    context_size: Option<ContextSize>,
 
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
@@ -101,11 +101,30 @@ impl NetworkArgs {
         Ok(())
     }
 
+    pub(crate) const NO_WEIGHTS: &'static str =
+        "--weights is needed: a weights file, or random:SEED for an untrained network";
+
+    pub(crate) const fn has_weights(&self) -> bool {
+        self.weights.is_some()
+    }
+
+    /// The first argument that says something of a network.
+    pub(crate) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--weights", self.weights.is_some()),
+            ("--sha256", self.sha256.is_some()),
+            ("--model", self.model.is_some()),
+            ("--backbone", self.backbone.is_some()),
+            ("--context-size", self.context_size.is_some()),
+        ];
+        self.changes.given().or_else(|| given.into_iter().find(|(_, given)| *given).map(|(name, _)| name))
+    }
+
     /// Resolves the configuration, and opens the weights file if there is one.
     pub(crate) fn source(&self) -> anyhow::Result<NetworkSource> {
         let requested = self.model.as_deref().map(ModelConfig::resolve).transpose()?;
         let source = match &self.weights {
-            None => bail!("--weights is needed: a weights file, or random:SEED for an untrained network"),
+            None => bail!(Self::NO_WEIGHTS),
             Some(WeightsArg::Untrained(seed)) => {
                 let base = requested.map_or_else(|| ModelConfig::named(DEFAULT_UNTRAINED), Ok)?;
                 let config = self.changed(&base)?;
@@ -119,13 +138,16 @@ impl NetworkArgs {
             }
             Some(WeightsArg::File(path)) => {
                 let (file, written_for) = self.weights_file(path, requested.as_ref())?;
+                if let Some(requested) = &requested {
+                    same_network(requested, &written_for).context("--model")?;
+                }
                 let config = self.changed(requested.as_ref().unwrap_or(&written_for))?;
                 NetworkSource::from_file(config, path.clone(), file, written_for)
             }
         };
         Ok(match self.context_size {
-            ContextSize::Trained => source,
-            ContextSize::Given => source.without_resizing(),
+            None | Some(ContextSize::Trained) => source,
+            Some(ContextSize::Given) => source.without_resizing(),
         })
     }
 
@@ -159,9 +181,37 @@ impl NetworkArgs {
     }
 }
 
+/// Refuses another network than that of given weights, which would compute something else with them.
+pub(crate) fn same_network(requested: &ModelConfig, written_for: &ModelConfig) -> anyhow::Result<()> {
+    let ModelConfig { name, title, notes, inferred, .. } = written_for.clone();
+    let computed = ModelConfig { name, title, notes, inferred, ..requested.clone() };
+    let differences = atsplat_eval::differences(&computed, written_for);
+    if differences.is_empty() {
+        return Ok(());
+    }
+    bail!(
+        "expected the configuration that the weights were written for, {}, found {}, which differs in {differences}; weights files \
+         hold their configuration, so that none need be given",
+        written_for.name,
+        requested.name
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn another_network_than_that_of_the_weights_is_refused_by_field() {
+        let [micro, nano] = ["micro", "nano"].map(|name| ModelConfig::named(name).unwrap());
+        let renamed = ModelConfig { name: "mine".to_owned(), title: "Mine".to_owned(), ..micro.clone() };
+        same_network(&renamed, &micro).unwrap();
+        let mut nearer = micro.clone();
+        nearer.anchors.depth = nano.anchors.depth;
+        nearer.head.gaussians_per_token = 8;
+        let error = same_network(&nearer, &micro).unwrap_err().to_string();
+        assert!(error.contains("head.gaussians-per-token: 8 and 16"), "{error}");
+    }
 
     #[test]
     fn parses_a_weights_file_or_a_seed() {

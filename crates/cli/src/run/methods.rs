@@ -24,17 +24,18 @@ pub(super) struct MethodArgs {
     #[command(flatten)]
     network: NetworkArgs,
 
-    /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all.
-    #[arg(long, value_name = "N", default_value_t = MAX_GAUSSIANS)]
-    max_gaussians: usize,
+    /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all. By default 100000.
+    #[arg(long, value_name = "N")]
+    max_gaussians: Option<usize>,
 
-    /// Seconds that a process of exec may take to start, and for each trial; then it is killed and started again.
-    #[arg(long, value_name = "SECONDS", default_value_t = 600.0, value_parser = parse::positive)]
-    method_timeout: f64,
+    /// Seconds that a process of exec may take to start, and for each trial; then it is killed and started again. By default 600.
+    #[arg(long, value_name = "SECONDS", value_parser = parse::positive)]
+    method_timeout: Option<f64>,
 
-    /// Most processes of each exec at once. Each answers one trial at a time, and no more trials than --threads run at once.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=256))]
-    method_processes: u16,
+    /// Most processes of each exec at once. Each answers one trial at a time, and no more trials than --threads run at once. By
+    /// default 1.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    method_processes: Option<u16>,
 
     #[command(flatten)]
     gaussians: GaussianArgs,
@@ -66,9 +67,9 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "WHO")]
     backend: Option<BackendArg>,
 
-    /// Coordinate frame of imported Gaussians: the dataset's, or that of the trial's normalised poses.
-    #[arg(long, value_name = "FRAME", default_value = "dataset", value_parser = parse::named(FRAMES))]
-    ply_frame: GaussianFrame,
+    /// Coordinate frame of imported Gaussians: the dataset's (the default), or that of the trial's normalised poses.
+    #[arg(long, value_name = "FRAME", value_parser = parse::named(FRAMES))]
+    ply_frame: Option<GaussianFrame>,
 
     /// Read stored opacities of imported PLY files as opacities, not logits, as written by the exporters of pixelSplat and
     /// NoPoSplat.
@@ -81,8 +82,33 @@ const FRAMES: [(&str, GaussianFrame); 2] = [("dataset", GaussianFrame::Dataset),
 impl MethodArgs {
     /// Rejects contradicting arguments before anything is read.
     pub(super) fn check(&self, methods: &[MethodSpec]) -> Result<(), clap::Error> {
-        let uses_device = methods.iter().any(|method| method.kind.uses_device());
-        self.network.check().and_then(|()| self.network.device.check(uses_device)).map_err(parse::usage_error)
+        let any = |is: fn(&MethodKind) -> bool| methods.iter().any(|method| is(&method.kind));
+        let (networks, renders) = (any(MethodKind::has_network), any(MethodKind::uses_device));
+        let imports = any(|kind| matches!(kind, MethodKind::Ply(_)));
+        let executes = any(|kind| matches!(kind, MethodKind::Exec(_)));
+        let optimises = any(|kind| matches!(kind, MethodKind::Optimised(..)));
+        let of = |given: bool, name: &'static str| given.then_some(name);
+        let unused = [
+            (networks, self.network.given(), "is for methods with a network: atsplat, atsplat+refine"),
+            (optimises, of(self.max_gaussians.is_some(), "--max-gaussians"), "is for 3dgs, mip-splatting and mcmc"),
+            (executes, of(self.method_timeout.is_some(), "--method-timeout"), "is for exec"),
+            (executes, of(self.method_processes.is_some(), "--method-processes"), "is for exec"),
+            (imports, of(self.gaussians.ply_frame.is_some(), "--ply-frame"), "is for ply"),
+            (
+                imports || executes,
+                of(self.gaussians.opacities_as_stored, "--opacities-as-stored"),
+                "is for ply and exec",
+            ),
+            (renders, self.gaussians.given(), "is for methods whose Gaussians are rendered"),
+        ];
+        let unused =
+            unused.into_iter().find_map(|(used, given, what)| given.filter(|_| !used).map(|name| (name, what)));
+        let no_weights = networks && !self.network.has_weights();
+        let used = if no_weights { Err(NetworkArgs::NO_WEIGHTS.to_owned()) } else { Ok(()) };
+        let used =
+            used.and(unused.map_or(Ok(()), |(name, what)| Err(format!("{name} {what}; no method given here is one"))));
+        let checked = used.and_then(|()| self.network.check()).and_then(|()| self.network.device.check(renders));
+        checked.map_err(parse::usage_error)
     }
 
     /// Loads the methods.
@@ -115,14 +141,16 @@ impl MethodArgs {
                 Ok(Arc::new(Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?))
             }
             MethodKind::Optimised(strategy, budget) => {
-                let (limit, splatting) = (self.max_gaussians, self.gaussians.splatting(device)?);
+                let limit = self.max_gaussians.unwrap_or(MAX_GAUSSIANS);
+                let splatting = self.gaussians.splatting(device)?;
                 Ok(Arc::new(Optimised::from_scratch(name, *strategy, *budget, limit, seed, splatting)))
             }
             MethodKind::Exec(command) => Ok(Arc::new(Exec::start(ExecSettings {
                 command: command.clone(),
                 name: name.map(str::to_owned),
-                limit: Duration::try_from_secs_f64(self.method_timeout).context("--method-timeout")?,
-                processes: self.method_processes.into(),
+                limit: Duration::try_from_secs_f64(self.method_timeout.unwrap_or(EXEC_SECONDS))
+                    .context("--method-timeout")?,
+                processes: self.method_processes.unwrap_or(1).into(),
                 opacities_as_stored: self.gaussians.opacities_as_stored,
                 splatting: self.gaussians.splatting(device)?,
             })?)),
@@ -134,10 +162,37 @@ impl MethodArgs {
     }
 }
 
+/// Seconds of an exec's start, and of each of its trials.
+const EXEC_SECONDS: f64 = 600.0;
+
 impl GaussianArgs {
+    /// The first argument that says how Gaussians are rendered.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--constants", self.constants.is_some()),
+            ("--background", self.background.is_some()),
+            ("--backend", self.backend.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
+    /// Refuses all arguments, where there are no Gaussians.
+    pub(super) fn check_unused(&self) -> Result<(), String> {
+        let of_files = [("--ply-frame", self.ply_frame.is_some()), ("--opacities-as-stored", self.opacities_as_stored)];
+        let of_files = of_files.into_iter().find(|(_, given)| *given).map(|(name, _)| name);
+        let given = self.given().or(of_files);
+        given.map_or(Ok(()), |name| Err(format!("{name} is for --ply: pictures are compared as they are")))
+    }
+
     /// The method of a folder of Gaussians.
     pub(super) fn ply(&self, folder: &Path, name: Option<&str>, device: &ComputeDevice) -> anyhow::Result<Ply> {
-        Ok(Ply::new(folder, name, self.ply_frame, self.opacities_as_stored, self.splatting(device)?)?)
+        Ok(Ply::new(
+            folder,
+            name,
+            self.ply_frame.unwrap_or(GaussianFrame::Dataset),
+            self.opacities_as_stored,
+            self.splatting(device)?,
+        )?)
     }
 
     fn splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {

@@ -19,7 +19,8 @@ use crate::parse::usage_error;
     after_help = "Images are found as SCENE/color/000029.png (pixelSplat and its descendants), SCENE/000029.png or \
                   SCENE/29.png, .exr before .png; Gaussians as SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, .spz \
                   and .splat too. A frame's number is its position in the scene, as in the evaluation index. Files that are \
-                  missing, damaged, transparent or of another size are counted as failed targets."
+                  missing, damaged, transparent or of another size, floats in another range than [0, 1], and frames with two \
+                  files are counted as failed targets."
 )]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -51,7 +52,8 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    args.device.check(args.ply.is_some()).map_err(usage_error)?;
+    let unused = if args.ply.is_none() { args.gaussians.check_unused() } else { Ok(()) };
+    unused.and_then(|()| args.device.check(args.ply.is_some())).map_err(usage_error)?;
     let name = args.name.as_deref();
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
         (Some(folder), _) => Arc::new(Renders::new(folder, name)?),

@@ -9,7 +9,7 @@ use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::Suite;
 use atsplat_protocol::trial::Prefetch;
 
-use crate::parse::named;
+use crate::parse::{named, usage_error};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SettingArgs {
@@ -87,10 +87,11 @@ impl RepetitionArgs {
 impl TimingArgs {
     pub(super) fn plan(self) -> anyhow::Result<Option<TimingPlan>> {
         let RepetitionArgs { repetitions, warm_up } = self.repetitions;
-        anyhow::ensure!(
-            self.timing || (repetitions, warm_up) == (None, None),
-            "--repetitions and --warm-up belong to the timing pass: add --timing"
-        );
+        if !self.timing && (repetitions, warm_up) != (None, None) {
+            return Err(
+                usage_error("--repetitions and --warm-up belong to the timing pass: add --timing".to_owned()).into()
+            );
+        }
         Ok(self.timing.then(|| self.repetitions.plan()))
     }
 }

@@ -12,6 +12,7 @@ use atsplat_model::weights::{
 use crate::model_args::model;
 use crate::output::{PendingFile, print_report, warn};
 use crate::parse::{name_or_path, named};
+use crate::reconstruct::network::same_network;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -69,6 +70,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
     let source = TensorFile::find(&args.file, || "a checkpoint or safetensors to import".to_owned())?;
     source.check_sha256(args.sha256.map(|hash| hash.to_string()).as_deref())?;
+    let own = ModelWeights::is_one(&source.stored).then(|| ModelWeights::of_file(&source)).transpose()?;
+    if let Some(own) = &own {
+        let error = || format!("{} is a weights file of this toolkit", args.file.display());
+        same_network(&config, &own.config).context("--model").with_context(error)?;
+    }
     let backbone = match &args.backbone {
         Some(path) => {
             let expected = args.backbone_sha256.map(|hash| hash.to_string());
@@ -100,7 +106,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         bail!("{} does not hold the model {}: nothing was written", args.file.display(), config.name);
     }
     if let Some(out) = out {
-        let provenance = report.provenance(&args.note);
+        // What a weights file says of its training stays true of a copy.
+        let mut provenance = own.map(|own| own.provenance).unwrap_or_default();
+        provenance.extend(report.provenance(&args.note));
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));
         let weights = ModelWeights::new(config, provenance, &tensors)?;
         let bytes = weights.to_stored(args.precision).context("--precision")?.to_safetensors()?;

@@ -22,7 +22,7 @@ struct Difference {
 
 /// `renderer.near: 0.01 and 0.2; seed: 0 and 7`: each differing field with the first and the second record's value; empty if
 /// nothing differs.
-pub(super) fn differences<T: Serialize>(first: &T, second: &T) -> String {
+pub fn differences<T: Serialize>(first: &T, second: &T) -> String {
     #[expect(clippy::expect_used, reason = "records are stored as JSON")]
     let [first, second] =
         [first, second].map(|record| serde_json::to_value(record).expect("a record is representable in JSON"));

@@ -1,7 +1,7 @@
 //! The rows of a results store.
 
 mod adapter;
-mod difference;
+pub(crate) mod difference;
 mod join;
 mod provenance;
 mod target;

@@ -76,8 +76,13 @@ pub struct RendererKnobs {
     pub blur: Option<f64>,
 }
 
-fn invalid<T>(knob: &'static str, expected: &str, found: impl std::fmt::Debug) -> Result<T, EvalError> {
-    Err(EvalError::Settings { what: knob, expected: expected.to_owned(), found: format!("{found:?}") })
+fn invalid<T>(knob: &'static str, expected: &str, found: impl std::fmt::Display) -> Result<T, EvalError> {
+    Err(EvalError::Settings { what: knob, expected: expected.to_owned(), found: found.to_string() })
+}
+
+/// `0.5, 1.5`.
+fn list(values: &[f64]) -> String {
+    values.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
 }
 
 impl RendererKnobs {
@@ -131,7 +136,7 @@ impl Knobs {
     pub fn model(&self, config: &ModelConfig) -> Result<ModelConfig, EvalError> {
         let mut config = config.clone();
         if self.ratios.is_some() && self.thresholds.is_some() {
-            return invalid("thresholds", "ratios or thresholds, not both", &self.thresholds);
+            return invalid("thresholds", "ratios or thresholds, not both", "both");
         }
         if let Some(count) = self.gaussians_per_token {
             config.head.gaussians_per_token = count;
@@ -140,7 +145,7 @@ impl Knobs {
             let blocks: Vec<_> =
                 config.decoder.blocks.iter_mut().filter_map(|block| block.expansion.as_mut()).collect();
             if blocks.len() != ratios.len() {
-                return invalid("ratios", &format!("{}, one for each block that expands", blocks.len()), ratios);
+                return invalid("ratios", &format!("{}, one for each block that expands", blocks.len()), list(ratios));
             }
             for (block, &value) in blocks.into_iter().zip(ratios) {
                 let Some(ratio) = SelectionRatio::new(value) else {
@@ -153,10 +158,44 @@ impl Knobs {
             config = config.with_thresholds(thresholds)?;
         }
         if let Some(blocks) = self.expand_first {
+            let all = config.expanding_blocks();
+            if blocks > all {
+                return invalid("expand-first", &format!("at most {all}, the network's expanding blocks"), blocks);
+            }
             config = config.with_expansion_in_first(blocks);
         }
         config.validate()?;
         Ok(config)
+    }
+
+    /// Whether every knob has a value that some network and protocol can have.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] with the knob.
+    pub fn check(&self) -> Result<(), EvalError> {
+        if self.gaussians_per_token == Some(0) {
+            return invalid("gaussians-per-token", "at least 1", 0);
+        }
+        if self.views == Some(0) {
+            return invalid("views", "at least 1", 0);
+        }
+        if let Some([height, width]) = self.resolution.filter(|sides| sides.contains(&0)) {
+            return invalid("resolution", "sides of at least one pixel", format!("{height}×{width}"));
+        }
+        if self.ratios.is_some() && self.thresholds.is_some() {
+            return invalid("thresholds", "ratios or thresholds, not both", "both");
+        }
+        let ratio = |value: &&f64| SelectionRatio::new(**value).is_none();
+        if let Some(value) = self.ratios.iter().flatten().find(ratio) {
+            return invalid("ratios", "ratios from 0 to 1 with at most six decimals", value);
+        }
+        let threshold = |value: &&f64| !(**value >= 0.0 && value.is_finite());
+        if let Some(value) = self.thresholds.iter().flatten().find(threshold) {
+            return invalid("thresholds", "numbers of at least 0", value);
+        }
+        self.effects_tolerance()?;
+        self.budget()?;
+        self.renderer.applied(&RendererConstants::default()).map(|_| ())
     }
 
     /// The tolerance of renderer effects, if set.
@@ -181,7 +220,7 @@ impl Knobs {
         let products = self.products.unwrap_or_default();
         let optimised = self.steps.is_some() || self.seconds.is_some();
         if products != Products::F32 && (on_adapter || optimised) {
-            return invalid("products", "f32 on a graphics adapter, and with steps or seconds", products);
+            return invalid("products", "f32 on a graphics adapter, and with steps or seconds", "bf16");
         }
         Ok(products)
     }
@@ -201,9 +240,7 @@ impl Knobs {
             (None, Some(seconds)) if seconds.is_finite() && seconds > 0.0 => Ok(Some(Budget::Seconds(seconds))),
             (None, Some(seconds)) => invalid("seconds", "a positive number", seconds),
             (Some(_), Some(seconds)) => invalid("seconds", "steps or seconds, not both", seconds),
-            (None, None) if self.strategy.is_some() => {
-                invalid("strategy", "steps or seconds with it", self.strategy.map(Strategy::name))
-            }
+            (None, None) if self.strategy.is_some() => invalid("strategy", "steps or seconds with it", "neither"),
             (None, None) => Ok(None),
         }
     }
@@ -216,7 +253,7 @@ impl Knobs {
         let mut preset = preset.clone();
         let Some([height, width]) = self.resolution else { return Ok(preset) };
         if height == 0 || width == 0 {
-            return invalid("resolution", "sides of at least one pixel", [height, width]);
+            return invalid("resolution", "sides of at least one pixel", format!("{height}×{width}"));
         }
         let sizes = preset.preprocessing.steps.iter_mut().rev().find_map(|step| match step {
             Step::RescaleAndCrop(step) => Some((&mut step.height, &mut step.width)),

@@ -158,6 +158,7 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
             description: format!("{}, fewer context views", index.description),
             index: reduced,
             name: index.name.clone(),
+            unknown_fields: std::collections::BTreeMap::new(),
         },
     };
     let views = knobs.views.map(|views| format!("-{views}-views"));

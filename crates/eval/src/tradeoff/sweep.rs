@@ -42,7 +42,8 @@ impl Sweep {
     /// Parses a sweep from TOML.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for invalid text, with line and column; for an empty list, and for duplicate labels.
+    /// [`EvalError::Settings`] for invalid text, with line and column; for an empty list, for duplicate labels, and for knobs out of
+    /// range.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
         let invalid = |expected: &str, found: String| EvalError::Settings {
             what: "settings",
@@ -54,9 +55,12 @@ impl Sweep {
             return Err(invalid("at least one setting", "none".to_owned()));
         }
         let mut labels = BTreeSet::new();
-        match sweep.settings.iter().find(|setting| !labels.insert(&setting.label)) {
-            Some(setting) => Err(invalid("unique labels", format!("{:?} twice", setting.label))),
-            None => Ok(sweep),
+        if let Some(setting) = sweep.settings.iter().find(|setting| !labels.insert(&setting.label)) {
+            return Err(invalid("unique labels", format!("{:?} twice", setting.label)));
         }
+        for Setting { label, knobs } in &sweep.settings {
+            knobs.check().map_err(|error| error.in_setting(label))?;
+        }
+        Ok(sweep)
     }
 }

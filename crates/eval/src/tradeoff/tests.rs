@@ -328,4 +328,25 @@ fn rejects_invalid_sweeps() {
     ] {
         assert!(Sweep::from_toml(&broken).is_err(), "{broken}");
     }
+    for (knobs, expected) in [
+        ("views = 0", "settings: expected \"b\", views: at least 1, found 0"),
+        ("steps = 0", "\"b\", steps: at least 1, found 0"),
+        ("seconds = -1.0", "\"b\", seconds: a positive number, found -1"),
+        ("strategy = '3dgs'", "\"b\", strategy: steps or seconds with it, found neither"),
+        ("thresholds = [0.1, -1.0, 0.2]", "\"b\", thresholds: numbers of at least 0, found -1"),
+        ("ratios = [0.5, 1.5]", "\"b\", ratios: ratios from 0 to 1 with at most six decimals, found 1.5"),
+        ("ratios = [0.5], thresholds = [0.5]", "ratios or thresholds, not both"),
+        ("tolerance = -0.5", "\"b\", tolerance"),
+        ("resolution = [64, 0]", "\"b\", resolution: sides of at least one pixel, found 64×0"),
+        ("renderer = { min-alpha = 2.0 }", "\"b\", renderer"),
+        ("gaussians-per-token = 0", "\"b\", gaussians-per-token: at least 1, found 0"),
+    ] {
+        let error = Sweep::from_toml(&text.replace("views = 2", knobs)).unwrap_err().to_string();
+        assert!(error.contains(expected), "{knobs}: {error}");
+    }
+    let error = Knobs { expand_first: Some(4), ..Knobs::default() }
+        .model(&ModelConfig::named("nano").unwrap())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("expand-first: expected at most 3") && error.ends_with("found 4"), "{error}");
 }

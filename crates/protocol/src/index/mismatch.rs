@@ -1,5 +1,5 @@
 use atsplat_files::Sha256Digest;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
@@ -22,18 +22,29 @@ pub struct IndexMismatch {
 type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 impl Preset {
-    /// How `index` does not fit this preset: entries with a wrong number of context views, without targets or with
-    /// repeated frames, and a published file that belongs to another dataset or protocol. `sha256` is the file's.
-    pub fn mismatches(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<IndexMismatch> {
+    /// How `index` does not fit this preset: entries with a wrong number of context views, without targets, with repeated
+    /// frames, or without an overlap where the preset has bins of it; fields that no index has; and a published file that belongs to another
+    /// dataset or protocol. `sha256` is the file's, `unknown_fields` counts the file's fields that the format does not define.
+    pub fn mismatches(
+        &self,
+        index: &EvaluationIndex,
+        sha256: &Sha256Digest,
+        unknown_fields: &BTreeMap<String, u64>,
+    ) -> Vec<IndexMismatch> {
         let views = self.index.context_views;
+        let has_bins = self.overlap_bins.is_some();
         let context_kind = format!("entries without the preset's {views} context views");
-        let rules: [Rule<'_>; 4] = [
+        let rules: [Rule<'_>; 5] = [
             (&context_kind, &|entry| {
                 let found = entry.context.len();
                 (found != views).then(|| format!("field context: expected {views} frames, found {found}"))
             }),
             ("entries without targets", &|entry| {
                 entry.target.is_empty().then(|| "field target: expected at least one frame, found none".to_owned())
+            }),
+            ("entries without an overlap, which are in no bin of the preset", &|entry| {
+                let missing = has_bins && entry.overlap.is_none();
+                missing.then(|| "field overlap: expected a number, found none".to_owned())
             }),
             ("entries with a context frame twice", &|entry| twice("context", &entry.context)),
             ("entries with a target twice", &|entry| twice("target", &entry.target)),
@@ -45,7 +56,12 @@ impl Preset {
             Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
         };
         let own = rules.iter().filter_map(of_rule);
-        self.of_another_protocol(index, sha256).into_iter().chain(own).collect()
+        let unknown = unknown_fields.first_key_value().map(|(name, count)| IndexMismatch {
+            kind: "fields that an index does not have".to_owned(),
+            count: unknown_fields.values().sum(),
+            example: format!("{name}, {count} times"),
+        });
+        self.of_another_protocol(index, sha256).into_iter().chain(own).chain(unknown).collect()
     }
 
     /// Published files are recognised by hash, whatever their path.
@@ -74,11 +90,13 @@ fn twice(field: &str, frames: &[usize]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::IndexFile;
 
     fn mismatches(preset: &str, json: &str) -> Vec<(u64, String)> {
         let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
         let sha256 = Sha256Digest::of(json.as_bytes());
-        let found = Preset::named(preset).unwrap().mismatches(&index, &sha256);
+        let fields = IndexFile::parse(json.as_bytes()).unwrap().notices.unknown_fields;
+        let found = Preset::named(preset).unwrap().mismatches(&index, &sha256, &fields);
         found.into_iter().map(|mismatch| (mismatch.count, format!("{}: {}", mismatch.kind, mismatch.example))).collect()
     }
 
@@ -108,12 +126,28 @@ mod tests {
         assert_eq!(mismatches("re10k-2v-256", r#"{"ok": {"context": [0, 9], "target": [3]}}"#), []);
     }
 
+    #[test]
+    fn entries_without_their_overlap_and_misspelt_fields_are_counted() {
+        let json = r#"{"a": {"context": [0, 9], "target": [3, 4, 5], "overlapp": 0.4},
+                       "b": {"context": [0, 9], "target": [3, 4, 5], "overlap": 0.4},
+                       "c": {"context": [0, 9], "target": [3, 4, 5], "overlapp": 0.2, "zoom": 1}}"#;
+        let found = mismatches("re10k-overlap", json);
+        let expected = [
+            (
+                2,
+                "entries without an overlap, which are in no bin of the preset: scene a, entry 0, field overlap: expected a number, found none",
+            ),
+            (3, "fields that an index does not have: overlapp, 2 times"),
+        ];
+        assert_eq!(found, expected.map(|(count, text)| (count, text.to_owned())));
+    }
+
     /// Published files are recognised by their hash alone.
     #[test]
     fn recognises_published_files_of_other_protocols() {
         let index = EvaluationIndex::from_json(br#"{"ok": {"context": [0, 9], "target": [3]}}"#).unwrap();
         let preset = Preset::named("re10k-2v-256").unwrap();
-        let of = |name: &str| preset.mismatches(&index, &KnownIndex::by_name(name).unwrap().sha256);
+        let of = |name: &str| preset.mismatches(&index, &KnownIndex::by_name(name).unwrap().sha256, &BTreeMap::new());
         assert_eq!(of("pixelsplat-re10k"), []);
         let acid = of("pixelsplat-acid");
         assert!(acid[0].kind.contains("another dataset's index") && acid[0].example.contains("acid"), "{acid:?}");

@@ -59,12 +59,14 @@ impl LintReport {
         ];
         if let Some(file) = &self.file {
             odd.push((file.notices.duplicate_keys.len() as u64, "repeated scene keys; the last value counts"));
-            odd.push((file.notices.unknown_fields.values().sum(), "fields that the format does not define"));
             odd.push((file.notices.overlap_words, "overlaps given as words, read as NoPoSplat does"));
         }
-        let found = odd.into_iter().filter(|(count, _)| *count > 0);
-        for (at, (count, what)) in found.enumerate() {
-            row(f, if at == 0 { "odd" } else { "" }, &format!("{count} {what}"))?;
+        let odd = odd.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let unknown = self.file.iter().flat_map(|file| &file.notices.unknown_fields);
+        let unknown =
+            unknown.map(|(name, count)| format!("{count} × field {name:?}, which the format does not define"));
+        for (at, text) in odd.chain(unknown).enumerate() {
+            row(f, if at == 0 { "odd" } else { "" }, &text)?;
         }
         Ok(())
     }

@@ -40,7 +40,7 @@ impl<'a> PresetMatch<'a> {
         Self {
             name: &preset.name,
             index: preset.index.recognise(file),
-            mismatches: preset.mismatches(&file.index, &file.sha256),
+            mismatches: preset.mismatches(&file.index, &file.sha256, &file.notices.unknown_fields),
         }
     }
 }

@@ -100,6 +100,10 @@ fn renderer(renderer: &RendererConvention) -> Result<(), ProtocolError> {
         positive(field, value)?;
     }
     ensure(renderer.alpha_max <= 1.0, "renderer.alpha-max", "at most 1", &renderer.alpha_max)?;
+    let (stop, inverse) = (renderer.transmittance_stop, renderer.alpha_min_inverse);
+    ensure(stop < 1.0, "renderer.transmittance-stop", "a transmittance below 1", &stop)?;
+    let least = 1.0 / renderer.alpha_max;
+    ensure(inverse > least, "renderer.alpha-min-inverse", "the inverse of an alpha below alpha-max", &inverse)?;
     let dilation = renderer.dilation >= 0.0 && renderer.dilation.is_finite();
     ensure(dilation, "renderer.dilation", "square pixels from 0", &renderer.dilation)?;
     let shown = renderer.background.iter().all(|channel| (0.0..=1.0).contains(channel));
@@ -146,6 +150,8 @@ mod tests {
             ("near = 0.01", "near = nan", "field near-far"),
             ("max-fov-degrees = 100.0", "max-fov-degrees = -1.0", "field filters.max-fov-degrees"),
             ("alpha-max = 0.99", "alpha-max = 1.5", "field renderer.alpha-max: expected at most 1"),
+            ("transmittance-stop = 1e-4", "transmittance-stop = 2.0", "field renderer.transmittance-stop: expected a"),
+            ("alpha-min-inverse = 255.0", "alpha-min-inverse = 0.5", "field renderer.alpha-min-inverse: expected the"),
             ("background = [0.0, 0.0, 0.0]", "background = [0.0, 0.0, 2.0]", "field renderer.background"),
             ("dataset = \"re10k\"", "dataset = \"acid\"", "expected an index of the preset's dataset"),
         ] {

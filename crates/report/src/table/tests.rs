@@ -1,4 +1,4 @@
-use atsplat_eval::{MethodRecord, Results};
+use atsplat_eval::{MethodRecord, Results, TargetRow, TargetStatus, TrialStatus};
 use atsplat_numeric::Tolerance;
 
 use super::*;
@@ -60,6 +60,29 @@ fn a_partial_run_is_not_the_published_setting_and_is_ranked_separately() {
     let counts = notes(&ablation, NoteKind::Counts);
     assert!(counts.iter().any(|text| text.contains("failed") && text.contains('3')), "{counts:?}");
     assert!(table.rows.iter().all(|row| row.method.as_deref() != Some("atsplat-random")), "an ablation's row");
+}
+
+/// The third scene of the random selection fails: its row says so, counts the scenes that it has, and its mean over the easier
+/// rest wins nothing.
+#[test]
+fn a_row_that_lacks_targets_says_so_and_is_not_ranked() {
+    let mut store = store();
+    let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let [whole, lacking] = ["atsplat", "atsplat-random"].map(|method| own(&table, method));
+    assert!(whole.measured_on.as_ref().unwrap().text.contains("4 of 6474 scenes"), "{:?}", whole.measured_on);
+    let text = &lacking.measured_on.as_ref().unwrap().text;
+    assert!(text.contains("3 of 6474 scenes, 3 of 12 targets failed"), "{text}");
+    let raised = |row: &TargetRow| row.key.method == "atsplat-random";
+    for row in store.targets.iter_mut().filter(|row| raised(row)) {
+        row.scores.values_mut().for_each(|score| *score += 10.0);
+    }
+    let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let marks = |method: &str| own(&table, method).cells[0][0].mark;
+    assert_eq!((marks("atsplat"), marks("atsplat-random")), (Mark::Plain, Mark::Plain));
+    store.trials.iter_mut().for_each(|trial| trial.status = TrialStatus::Done);
+    store.targets.iter_mut().for_each(|row| row.status = TargetStatus::Scored);
+    let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    assert_eq!(own(&table, "atsplat-random").cells[0][0].mark, Mark::Best);
 }
 
 #[test]
@@ -172,7 +195,8 @@ fn ablation_rows_select_their_methods() {
     let found = verdict(&table);
     assert_eq!((found.compared, found.undecided), (4, 1), "four scenes have no interval");
     let said = found.to_string();
-    assert!(said.starts_with("not comparable: measured on RE10K, 16×16, 4 of 6474 scenes; orders: 0 kept"), "{said}");
+    let lacking = "not comparable: measured on RE10K, 16×16, 3 of 6474 scenes, 3 of 12 targets failed; RE10K";
+    assert!(said.starts_with(lacking) && said.contains("4 of 6474 scenes; orders: 0 kept"), "{said}");
     assert!(said.contains("fewer than 6 scenes"), "{said}");
 }
 

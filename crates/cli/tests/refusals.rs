@@ -1,0 +1,116 @@
+//! What would change a number, or lose one, in silence is refused.
+
+mod common;
+mod evaluation;
+
+use std::fs;
+
+use atsplat_eval::Results;
+use atsplat_model::ModelConfig;
+use common::{atsplat, succeed, write_trajectory};
+use evaluation::write_noise;
+
+const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--out", "store"];
+
+/// Arguments that no method of the call reads, each with the one that would.
+#[test]
+fn arguments_that_nothing_reads_are_usage_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let baseline = [&RUN[..], &["--method", "warp"]].concat();
+    let optimised = [&RUN[..], &["--method", "3dgs:2"]].concat();
+    let renders = ["score", "tiny.toml", "--data", "data", "--out", "store", "--renders", "data"].to_vec();
+    let gone = ["--weights", "/gone.safetensors"];
+    for (args, more, expected) in [
+        (&baseline, &gone[..], "--weights is for methods with a network"),
+        (&baseline, &["--model", "nano"], "--model is for methods with a network"),
+        (&optimised, &["--thresholds", "0.1,0.1,0.1"], "--thresholds is for methods with a network"),
+        (&baseline, &["--context-size", "given"], "--context-size is for methods with a network"),
+        (&baseline, &["--max-gaussians", "5"], "--max-gaussians is for 3dgs"),
+        (&optimised, &["--method-timeout", "3"], "--method-timeout is for exec"),
+        (&optimised, &["--method-processes", "3"], "--method-processes is for exec"),
+        (&optimised, &["--ply-frame", "trial"], "--ply-frame is for ply"),
+        (&optimised, &["--opacities-as-stored"], "--opacities-as-stored is for ply and exec"),
+        (&baseline, &["--constants", "inria"], "--constants is for methods whose Gaussians are rendered"),
+        (&renders, &["--background", "white"], "--background is for --ply"),
+        (&renders, &["--ply-frame", "trial"], "--ply-frame is for --ply"),
+        (&baseline, &["--warm-up", "2"], "add --timing"),
+    ] {
+        let refused = atsplat(here, &[&args[..], more].concat());
+        assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+    }
+    let refused = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
+    assert!(refused.code == 2 && refused.stderr.contains("--weights is needed"), "{}", refused.stderr);
+    assert!(!here.join("store").exists());
+    succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white"]].concat());
+}
+
+/// Weights do not fit another configuration, even one with the same shapes; a copy keeps what they say of their training.
+#[test]
+fn weights_keep_their_configuration_and_training() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let network = [&RUN[..], &["--method", "atsplat", "--weights", "micro-rooms", "--model", "micro"]].concat();
+    let refused = atsplat(here, &network);
+    assert!(refused.code == 1 && refused.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", refused.stderr);
+
+    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/micro-rooms.safetensors");
+    let import = ["weights", "import", own, "--out", "copy.safetensors", "--precision", "f16"];
+    let refused = atsplat(here, &[&import[..], &["--model", "micro"]].concat());
+    assert!(refused.code == 1 && refused.stderr.contains("is a weights file of this toolkit"), "{}", refused.stderr);
+    let config = atsplat_model::weights::ModelWeights::read(own.as_ref()).unwrap();
+    fs::write(here.join("own.toml"), toml::to_string(&config.config).unwrap()).unwrap();
+    succeed(here, &[&import[..], &["--model", "own.toml"]].concat());
+    let copy = atsplat_model::weights::ModelWeights::read(&here.join("copy.safetensors")).unwrap();
+    assert!(copy.config == config.config && copy.tensors.digest() == config.tensors.digest());
+    assert!(config.provenance.contains_key("data"), "{:?}", config.provenance);
+    for (key, value) in &config.provenance {
+        assert_eq!(copy.provenance.get(key), Some(value), "{key}");
+    }
+    assert_ne!(config.config, ModelConfig::named("micro").unwrap());
+}
+
+#[test]
+fn windows_without_room_are_no_index_and_the_input_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/aaaa.txt"), 60);
+    let index = r#"{"aaaa": {"context": [10, 40], "target": [20]}}"#;
+    fs::write(here.join("index.json"), index).unwrap();
+    let extrapolate = ["protocol", "extrapolate", "index.json", "--data", "data", "--out"];
+    let refused = atsplat(here, &[&extrapolate[..], &["wide.json", "--margin", "30"]].concat());
+    assert!(refused.code == 1 && refused.stderr.contains("no window has room"), "{}", refused.stderr);
+    assert!(!here.join("wide.json").exists());
+    let refused = atsplat(here, &[&extrapolate[..], &["./index.json"]].concat());
+    assert!(refused.code == 1 && refused.stderr.contains("is the index that is read"), "{}", refused.stderr);
+    assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
+    succeed(here, &[&extrapolate[..], &["near.json"]].concat());
+}
+
+#[test]
+fn an_unfinished_run_is_no_baseline() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    let run = [&RUN[..], &["--method", "nearest-view"]].concat();
+    succeed(here, &run);
+    // As if the run had been killed before its last trial: parts hold one trial each.
+    let trials = here.join("store").join("trials.parquet");
+    assert!(trials.is_file(), "a finished store is compact");
+    let mut results = Results::read(&here.join("store")).unwrap();
+    let last = results.trials.pop().unwrap();
+    results.targets.retain(|row| row.key != last.key);
+    results.write(&here.join("killed")).unwrap();
+    let accept = ["drift", "accept", "killed", "--baseline", "baseline.json", "--why", "first", "--no-probe"];
+    let refused = atsplat(here, &accept);
+    assert!(
+        refused.code == 1 && refused.stderr.contains("is not done: 2 of 3 entries of tiny under nearest-view"),
+        "{}",
+        refused.stderr
+    );
+    assert!(!here.join("baseline.json").exists());
+    succeed(here, &["drift", "accept", "store", "--baseline", "baseline.json", "--why", "first", "--no-probe"]);
+}
