@@ -113,11 +113,11 @@ mod tests {
         let mut on_cpu = State::new(parameters).with_average();
         let mut resident = Resident::new(&on_cpu, &template).unwrap();
         for step in 0..4u64 {
-            let size = if step == 2 { 1.0 } else { 1e-4 };
-            let wave = |place: usize, phase: f64| (size * (place as f64 * 0.37 + phase).sin()) as f32;
+            let size = if step == 2 { 1.0f32 } else { 1e-4 };
+            let wave = |place: usize, phase: f32| size * (place as f32 * 0.37 + phase).sin();
             let groups = [2, 1].map(|samples| {
                 let own = |parameter: &atsplat_model::parameters::Parameter| {
-                    let phase = samples as f64 + step as f64 + parameter.name.len() as f64;
+                    let phase = samples as f32 + step as f32 + parameter.name.len() as f32;
                     let values = (0..parameter.elements()).map(|place| wave(place, phase)).collect();
                     (parameter.name.clone(), values)
                 };

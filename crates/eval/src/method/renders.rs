@@ -27,7 +27,7 @@ use crate::{EvalError, MethodRecord};
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
 /// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
-/// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name`]) are known too.
+/// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
 /// over a background or skipped. So is a frame with two files of which either may be meant.

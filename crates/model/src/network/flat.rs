@@ -159,14 +159,14 @@ mod tests {
         let named = network.gradients(&gradients);
         assert_eq!(named.keys().collect::<Vec<_>>(), ["head.norm.weight"]);
         let reached = || found.iter().zip(&values).filter(|(found, _)| **found != 0.0);
-        assert!(reached().all(|(found, value)| found == value));
+        assert!(reached().all(|(found, value)| found.to_bits() == value.to_bits()));
         assert_eq!(reached().count(), named["head.norm.weight"].len());
         let matrices = f32_values(network.flat_matrices());
         assert!(found.iter().zip(&matrices).all(|(found, matrix)| *found == 0.0 || *matrix == 0.0));
         let list = parameters(network.config());
         let elements: usize =
             list.iter().filter(|own| own.shape.len() >= 2).map(crate::parameters::Parameter::elements).sum();
-        assert_eq!(matrices.iter().filter(|matrix| **matrix == 1.0).count(), elements);
+        assert_eq!(matrices.iter().filter(|matrix| **matrix > 0.5).count(), elements);
         assert!(elements < values.len());
     }
 }
