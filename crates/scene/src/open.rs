@@ -128,8 +128,9 @@ pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, 
 /// Opens a file or folder as the dataset it holds.
 ///
 /// The format is detected from content, not from the name: of a file by its first bytes, of a folder by the files that
-/// the format requires. If a folder holds several, the order is chunks, `transforms.json`, a COLMAP model, trajectories;
-/// scenes of the others, and pictures without cameras, are counted as [`WarningKind::IgnoredScene`]. No scene is read.
+/// the format requires. If a folder holds several, the order is chunks, `transforms.json`, a COLMAP model,
+/// trajectories; scenes of the others, and pictures without cameras, are counted as [`WarningKind::IgnoredScene`]. No
+/// scene is read.
 ///
 /// [`WarningKind::IgnoredScene`]: crate::WarningKind::IgnoredScene
 ///

@@ -52,8 +52,8 @@ pub enum WarningKind {
     UnreadableScene,
     /// The index lists a scene that the dataset does not contain.
     SceneNotFound,
-    /// Next to the scenes: a scene in another format, pictures without cameras, or a further model of one capture. It is
-    /// not read.
+    /// Next to the scenes: a scene in another format, pictures without cameras, or a further model of one capture. It
+    /// is not read.
     IgnoredScene,
     /// Numbered pictures fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number.
     AmbiguousNumbering,
