@@ -89,13 +89,14 @@ fn steps_on_an_adapter_are_those_of_the_cpu_and_resume() {
     let (cpu, of_cpu) = train(&at("cpu"), Processor::Cpu, &Start::Fresh, 4);
     let (card, of_card) = train(&at("card"), Processor::Wgpu(None), &Start::Fresh, 4);
     assert_eq!((of_cpu.len(), of_card.len()), (4, 4));
-    for (found, expected) in of_card.iter().zip(&of_cpu) {
-        assert_eq!((&found.fault, &expected.fault), (&None, &None));
-        let norms = [found, expected].map(|record| record.gradient_norm.unwrap());
+    for (record, expected) in of_card.iter().zip(&of_cpu) {
+        assert_eq!((&record.fault, &expected.fault), (&None, &None));
+        let norms = [record, expected].map(|record| record.gradient_norm.unwrap());
         Tolerance::relative(2e-2).assert([norms[0]], [norms[1]], "norm");
-        let terms = [found, expected].map(|record| record.terms.unwrap());
+        let terms = [record, expected].map(|record| record.terms.unwrap());
         for ((name, found), (_, expected)) in terms[0].named().into_iter().zip(terms[1].named()) {
-            assert!(expected > 0.0, "{name}");
+            // Exact distances have faded out after 60 % of the run.
+            assert!(expected > 0.0 || (name == "distance" && record.step > 2), "{name}");
             LOSSES.assert([found], [expected], name);
         }
     }
