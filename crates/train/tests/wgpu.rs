@@ -106,8 +106,8 @@ fn steps_on_an_adapter_are_those_of_the_cpu_and_resume() {
     WEIGHTS.assert(numbers(found.1), numbers(expected.1), "averages");
     let fresh =
         Trainer::on(Processor::Cpu, TrainConfig::from_toml(TINY).unwrap(), &at("fresh"), &Start::Fresh).unwrap();
-    let moved = fresh.state().parameters.values().concat().into_iter().zip(&found.0).map(|(a, b)| (a - b).abs());
-    assert!(moved.clone().fold(0.0f32, f32::max) > 1e-3, "weights move");
+    let mut moved = fresh.state().parameters.values().concat().into_iter().zip(&found.0).map(|(a, b)| (a - b).abs());
+    assert!(moved.any(|by| by > 1e-3), "weights move");
 
     train(&at("resumed"), Processor::Wgpu(None), &Start::Fresh, 2);
     let (resumed, rest) = train(&at("resumed"), Processor::Wgpu(None), &Start::Resume, 4);
