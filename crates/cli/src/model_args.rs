@@ -4,7 +4,7 @@ use anyhow::{Context as _, ensure};
 use atsplat_model::config::SelectionRatio;
 use atsplat_model::{ModelConfig, ModelError};
 
-use crate::parse::{name_or_path, not_negative};
+use crate::parse::{first_given, name_or_path, not_negative};
 
 /// Changes of a configuration for one call; weights stay as they are.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -46,12 +46,11 @@ impl ChangeArgs {
 
     /// The first argument that is given.
     pub(crate) fn given(&self) -> Option<&'static str> {
-        let given = [
+        first_given([
             ("--thresholds", !self.thresholds.is_empty()),
             ("--ratios", !self.ratios.is_empty()),
             ("--expand-first", self.expand_first.is_some()),
-        ];
-        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+        ])
     }
 
     /// Whether nothing is changed.

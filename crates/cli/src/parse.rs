@@ -192,6 +192,11 @@ pub(crate) fn once(option: &str, values: &[String]) -> Result<(), String> {
     }
 }
 
+/// The first option that is given.
+pub(crate) fn first_given<const N: usize>(options: [(&'static str, bool); N]) -> Option<&'static str> {
+    options.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+}
+
 /// A usage error, which exits with code 2 as those of the argument parser do.
 pub(crate) fn usage_error(message: impl std::fmt::Display) -> clap::Error {
     clap::Error::raw(clap::error::ErrorKind::ValueValidation, format!("{message}\n"))

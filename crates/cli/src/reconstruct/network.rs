@@ -14,6 +14,7 @@ use clap::ValueEnum;
 use crate::device::DeviceArgs;
 use crate::embedded;
 use crate::model_args::{ChangeArgs, model};
+use crate::parse::first_given;
 
 /// Default model of `random:SEED`.
 const DEFAULT_UNTRAINED: &str = "nano";
@@ -110,14 +111,13 @@ impl NetworkArgs {
 
     /// The first argument that says something of a network.
     pub(crate) fn given(&self) -> Option<&'static str> {
-        let given = [
+        self.changes.given().or(first_given([
             ("--weights", self.weights.is_some()),
             ("--sha256", self.sha256.is_some()),
             ("--model", self.model.is_some()),
             ("--backbone", self.backbone.is_some()),
             ("--context-size", self.context_size.is_some()),
-        ];
-        self.changes.given().or_else(|| given.into_iter().find(|(_, given)| *given).map(|(name, _)| name))
+        ]))
     }
 
     /// Resolves the configuration, and opens the weights file if there is one.

@@ -101,14 +101,15 @@ impl MethodArgs {
             ),
             (renders, self.gaussians.given(), "is for methods whose Gaussians are rendered"),
         ];
-        let unused =
-            unused.into_iter().find_map(|(used, given, what)| given.filter(|_| !used).map(|name| (name, what)));
-        let no_weights = networks && !self.network.has_weights();
-        let used = if no_weights { Err(NetworkArgs::NO_WEIGHTS.to_owned()) } else { Ok(()) };
-        let used =
-            used.and(unused.map_or(Ok(()), |(name, what)| Err(format!("{name} {what}; no method given here is one"))));
-        let checked = used.and_then(|()| self.network.check()).and_then(|()| self.network.device.check(renders));
-        checked.map_err(parse::usage_error)
+        if networks && !self.network.has_weights() {
+            return Err(parse::usage_error(NetworkArgs::NO_WEIGHTS));
+        }
+        for (used, given, what) in unused {
+            if let Some(name) = given.filter(|_| !used) {
+                return Err(parse::usage_error(format!("{name} {what}; no method given here is one")));
+            }
+        }
+        self.network.check().and_then(|()| self.network.device.check(renders)).map_err(parse::usage_error)
     }
 
     /// Loads the methods.
@@ -168,19 +169,17 @@ const EXEC_SECONDS: f64 = 600.0;
 impl GaussianArgs {
     /// The first argument that says how Gaussians are rendered.
     pub(super) fn given(&self) -> Option<&'static str> {
-        let given = [
+        parse::first_given([
             ("--constants", self.constants.is_some()),
             ("--background", self.background.is_some()),
             ("--backend", self.backend.is_some()),
-        ];
-        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+        ])
     }
 
     /// Refuses all arguments, where there are no Gaussians.
     pub(super) fn check_unused(&self) -> Result<(), String> {
         let of_files = [("--ply-frame", self.ply_frame.is_some()), ("--opacities-as-stored", self.opacities_as_stored)];
-        let of_files = of_files.into_iter().find(|(_, given)| *given).map(|(name, _)| name);
-        let given = self.given().or(of_files);
+        let given = self.given().or(parse::first_given(of_files));
         given.map_or(Ok(()), |name| Err(format!("{name} is for --ply: pictures are compared as they are")))
     }
 

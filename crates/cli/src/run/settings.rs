@@ -88,9 +88,7 @@ impl TimingArgs {
     pub(super) fn plan(self) -> anyhow::Result<Option<TimingPlan>> {
         let RepetitionArgs { repetitions, warm_up } = self.repetitions;
         if !self.timing && (repetitions, warm_up) != (None, None) {
-            return Err(
-                usage_error("--repetitions and --warm-up belong to the timing pass: add --timing".to_owned()).into()
-            );
+            return Err(usage_error("--repetitions and --warm-up belong to the timing pass: add --timing").into());
         }
         Ok(self.timing.then(|| self.repetitions.plan()))
     }

@@ -134,10 +134,8 @@ impl Knobs {
     /// # Errors
     /// [`EvalError::Settings`] and [`EvalError::Model`] for a wrong number of values or values out of range.
     pub fn model(&self, config: &ModelConfig) -> Result<ModelConfig, EvalError> {
+        self.check()?;
         let mut config = config.clone();
-        if self.ratios.is_some() && self.thresholds.is_some() {
-            return invalid("thresholds", "ratios or thresholds, not both", "both");
-        }
         if let Some(count) = self.gaussians_per_token {
             config.head.gaussians_per_token = count;
         }
@@ -250,11 +248,9 @@ impl Knobs {
     /// # Errors
     /// [`EvalError::Settings`] if a side is 0.
     pub fn preset(&self, preset: &Preset) -> Result<Preset, EvalError> {
+        self.check()?;
         let mut preset = preset.clone();
         let Some([height, width]) = self.resolution else { return Ok(preset) };
-        if height == 0 || width == 0 {
-            return invalid("resolution", "sides of at least one pixel", format!("{height}×{width}"));
-        }
         let sizes = preset.preprocessing.steps.iter_mut().rev().find_map(|step| match step {
             Step::RescaleAndCrop(step) => Some((&mut step.height, &mut step.width)),
             Step::Resize(step) => Some((&mut step.height, &mut step.width)),
