@@ -2,10 +2,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_scene::{
-    ColmapOptions, Dataset, Fetch, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings,
+    ColmapOptions, Dataset, Fetch, Format, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings,
 };
 
 use crate::objects::{CacheArgs, RemoteData};
+use crate::parse::usage_error;
 
 /// A dataset and where its pictures are.
 #[derive(Debug, clap::Args)]
@@ -76,6 +77,24 @@ impl PictureArgs {
             fetch: remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>),
         };
         let path = remote.map_or(path, |remote| remote.path());
-        Ok(atsplat_scene::open_with(path, &options, warnings)?)
+        let dataset = atsplat_scene::open_with(path, &options, warnings)?;
+        self.check(dataset.format).map_err(usage_error)?;
+        Ok(dataset)
+    }
+
+    /// Refuses arguments that datasets of this format do not read.
+    fn check(&self, format: Format) -> Result<(), String> {
+        let (is_re10k, is_colmap) = (format == Format::Re10k, format == Format::Colmap);
+        let is_nerfstudio = format == Format::Nerfstudio;
+        for (name, given, is_read, what) in [
+            ("--images", self.images.is_some(), is_nerfstudio || is_colmap, "captures of nerfstudio or COLMAP"),
+            ("--frames", self.frames.is_some(), is_re10k || is_colmap, "RE10K trajectories or a COLMAP model"),
+            ("--prefer-undistorted", self.prefer_undistorted, is_nerfstudio, "captures of nerfstudio or DL3DV"),
+        ] {
+            if given && !is_read {
+                return Err(format!("{name}: expected {what}, found a dataset in the format {format}"));
+            }
+        }
+        Ok(())
     }
 }

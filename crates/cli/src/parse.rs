@@ -1,9 +1,11 @@
 //! Args of the command line into values.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context as _, anyhow, bail};
+use atsplat_eval::EvalError;
+use atsplat_eval::runner::named_metrics;
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
 use atsplat_splat::RendererConstants;
@@ -106,6 +108,17 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     let constants: RendererConstants = toml::from_str(&file).with_context(reading)?;
     constants.check().with_context(|| text.to_owned())?;
     Ok(constants)
+}
+
+/// The id of a metric, or `all`.
+pub(crate) fn metric(text: &str) -> Result<String, EvalError> {
+    named_metrics([text]).map(|_| text.to_owned())
+}
+
+/// An existing folder.
+pub(crate) fn folder(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    if path.is_dir() { Ok(path) } else { Err(format!("expected an existing folder, found {text:?}")) }
 }
 
 /// Whether the text is a path rather than a name.

@@ -32,6 +32,13 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&optimised, &["--method-processes", "3"], "--method-processes is for exec"),
         (&optimised, &["--ply-frame", "trial"], "--ply-frame is for ply"),
         (&optimised, &["--opacities-as-stored"], "--opacities-as-stored is for ply and exec"),
+        (&baseline, &["--effects", "none"], "--effects is for methods whose Gaussians are rendered"),
+        (&renders, &["--tolerance", "0.1"], "--tolerance is for --ply"),
+        (&baseline, &["--images", "2"], "--images: expected captures of nerfstudio or COLMAP, found a dataset in the format re10k"),
+        (&baseline, &["--prefer-undistorted"], "--prefer-undistorted: expected captures of nerfstudio or DL3DV"),
+        (&baseline, &["--metric-weights", "gone"], "expected an existing folder, found \"gone\""),
+        (&baseline, &["--metrics", "ssim,pnsr"], "pnsr"),
+        (&baseline, &["--method", "nearest-view,warp"], "--method: warp is given twice"),
         (&baseline, &["--constants", "inria"], "--constants is for methods whose Gaussians are rendered"),
         (&renders, &["--background", "white"], "--background is for --ply"),
         (&renders, &["--ply-frame", "trial"], "--ply-frame is for --ply"),
@@ -88,6 +95,36 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
     assert!(refused.code == 1 && refused.stderr.contains("is the index that is read"), "{}", refused.stderr);
     assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
     succeed(here, &[&extrapolate[..], &["near.json"]].concat());
+}
+
+/// Failed rows, and renders without a Gaussian, are what `--strict` is for.
+#[test]
+fn strict_finds_failed_rows_and_empty_renders() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    fs::create_dir_all(here.join("renders/scene-00")).unwrap();
+    let score = ["score", "tiny.toml", "--data", "data", "--strict"];
+    let failing = atsplat(here, &[&score[..], &["--renders", "renders", "--out", "failing"]].concat());
+    assert_ne!(failing.code, 0);
+    let report = |store: &str| atsplat(here, &["report", store, "--out", "page", "--strict"]);
+    let strict = report("failing");
+    assert!(strict.code == 4 && strict.stderr.contains("1 trials of renders are incomplete: scene-00 failed:"), "{}", strict.stderr);
+    assert_eq!(atsplat(here, &["report", "failing", "--out", "page"]).code, 0);
+
+    // One Gaussian far behind every camera.
+    let far = "ply\nformat ascii 1.0\nelement vertex 1\n";
+    let fields = [("x", "0"), ("y", "0"), ("z", "-9000"), ("f_dc_0", "0"), ("f_dc_1", "0"), ("f_dc_2", "0"), ("opacity", "1")]
+        .into_iter()
+        .chain([("scale_0", "-4"), ("scale_1", "-4"), ("scale_2", "-4"), ("rot_0", "1"), ("rot_1", "0"), ("rot_2", "0"), ("rot_3", "0")]);
+    let (names, values): (Vec<String>, Vec<&str>) =
+        fields.map(|(name, value)| (format!("property float {name}\n"), value)).unzip();
+    fs::create_dir(here.join("behind")).unwrap();
+    let text = format!("{far}{}end_header\n{}\n", names.concat(), values.join(" "));
+    fs::write(here.join("behind/scene-00.ply"), text).unwrap();
+    let behind = atsplat(here, &[&score[..], &["--ply", "behind", "--out", "behind-store"]].concat());
+    assert!(behind.code == 4 && behind.stdout.contains("1 without a Gaussian in any target"), "{}", behind.stdout);
+    assert_eq!(report("behind-store").code, 0, "its rows have numbers");
 }
 
 #[test]

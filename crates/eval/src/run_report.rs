@@ -300,11 +300,12 @@ fn name(id: &str) -> &str {
 }
 
 fn summary_text(summary: &Summary) -> String {
-    let Summary { evaluated, resumed, incomplete, non_finite, skipped, missing_scenes } = *summary;
+    let Summary { evaluated, resumed, incomplete, non_finite, undrawn, skipped, missing_scenes } = *summary;
     let parts = [
         (resumed, "were there before"),
         (incomplete, "incomplete, each with its reason"),
         (non_finite, "targets with non-finite samples"),
+        (undrawn, "without a Gaussian in any target"),
         (skipped, "index entries skipped, each with its reason"),
         (missing_scenes, "scenes of the index missing from the data"),
     ];

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use atsplat_eval::MethodRecord;
-use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Splatting, TrialInput};
+use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Splatting, TrialInput, check_range};
 use atsplat_protocol::trial::Trial;
 
 use crate::array::Pictures;
@@ -110,6 +110,7 @@ impl Prediction for Pictures {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |at: &usize| {
             let image = self.image(*at).map_err(|error| error.to_string())?;
+            check_range(&image)?;
             Ok(Rendered { image, drawn: None, effects: Vec::new() })
         };
         targets.iter().map(one).collect()

@@ -30,7 +30,7 @@ pub use error::TrainError;
 pub use evaluation::Evaluation;
 pub use fault::{Diagnosis, Fault, FaultKind, SampleFault};
 pub use features::FeatureCache;
-pub use objective::{FlatGradient, GroupGradients, Objective, PartSeconds, Terms};
+pub use objective::{FlatGradient, GroupGradients, GroupInput, Objective, PartSeconds, Terms};
 pub use parameters::Parameters;
 pub use sheet::{SheetRow, contact_sheet};
 pub use trainer::{Event, Limits, Start, Trainer};

@@ -1,10 +1,11 @@
 //! `atsplat report`: writes tables, plots and an HTML page of results stores.
 
+use std::collections::BTreeMap;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_eval::Results;
+use atsplat_eval::{Results, TrialRow};
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
@@ -74,7 +75,8 @@ fn table_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// Writes the report and prints its tables; `false` if a requested table has no results, or a checked plot has a fault.
+/// Writes the report and prints its tables; `false` if a requested table has no results, a trial of the stores failed, or a
+/// checked plot has a fault.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     once("--tables", &args.tables).map_err(anyhow::Error::msg)?;
     let labels = store_labels(&args.stores);
@@ -123,6 +125,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for name in missing {
         warn(&format!("warning: the stores have no results for table {name}"));
     }
+    let failures: Vec<String> = stores.iter().flat_map(|store| failures(&store.source)).collect();
+    failures.iter().for_each(|failure| warn(&format!("warning: {failure}")));
     let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
     for (plot, fault) in &faults {
         warn(&format!("warning: plot {plot}: {fault}"));
@@ -130,7 +134,21 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if args.check_plots {
         warn(&format!("{} plots checked, {} faults", report.plots.len(), faults.len()));
     }
-    Ok(missing.is_empty() && faults.is_empty())
+    Ok(missing.is_empty() && failures.is_empty() && faults.is_empty())
+}
+
+/// A line for each method and protocol with trials that lack numbers.
+fn failures(Source { label, results }: &Source<'_>) -> Vec<String> {
+    let mut failed: BTreeMap<(&str, &str), (usize, &TrialRow)> = BTreeMap::new();
+    for trial in results.trials.iter().filter(|trial| trial.status.is_incomplete()) {
+        failed.entry((&trial.key.preset, &trial.key.method)).or_insert((0, trial)).0 += 1;
+    }
+    let line = |((preset, method), (count, first)): ((&str, &str), (usize, &TrialRow))| {
+        let (status, reason) = (first.status.name(), first.detail.as_deref().unwrap_or("no reason recorded"));
+        let scene = &first.key.scene;
+        format!("{label}: {preset}: {count} trials of {method} are incomplete: {scene} {status}: {reason}")
+    };
+    failed.into_iter().map(line).collect()
 }
 
 /// Warns of a page that is larger than allowed even without pictures.

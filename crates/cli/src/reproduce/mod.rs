@@ -64,7 +64,7 @@ pub(crate) struct Args {
     page_size: u16,
 
     /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = crate::parse::folder)]
     metric_weights: Option<PathBuf>,
 
     /// Read every image again to detect changes since its results were made.

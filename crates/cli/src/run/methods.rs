@@ -53,14 +53,15 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "COLOUR", value_parser = parse::background)]
     background: Option<[f64; 3]>,
 
-    /// Which of the requested effects run: auto (only those that can change an image by more than --tolerance), all, none,
-    /// or a list of names.
-    #[arg(long, value_name = "LIST", default_value = "auto")]
-    effects: EffectSelection,
+    /// Which of the requested effects run: auto (the default, only those that can change an image by more than --tolerance),
+    /// all, none, or a list of names.
+    #[arg(long, value_name = "LIST")]
+    effects: Option<EffectSelection>,
 
-    /// Largest change of any colour sample that `--effects auto` may cause, in units of display range.
-    #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
-    tolerance: f64,
+    /// Largest change of any colour sample that `--effects auto` may cause, in units of display range; by default a quarter
+    /// of a step of 8 bits.
+    #[arg(long, value_name = "CHANGE", value_parser = parse::not_negative)]
+    tolerance: Option<f64>,
 
     /// Renderer, of optimisations too, if not that of --device. gpu takes the best adapter that passes its test, or else the
     /// CPU, and records why.
@@ -172,6 +173,8 @@ impl GaussianArgs {
         parse::first_given([
             ("--constants", self.constants.is_some()),
             ("--background", self.background.is_some()),
+            ("--effects", self.effects.is_some()),
+            ("--tolerance", self.tolerance.is_some()),
             ("--backend", self.backend.is_some()),
         ])
     }
@@ -211,7 +214,8 @@ impl GaussianArgs {
                 (Backend::shared(chosen.renderer, chosen.adapter), chosen.note)
             }
         };
-        let (background, effects, tolerance) = (self.background, self.effects.clone(), self.tolerance);
-        Ok(Splatting { constants, background, effects, tolerance, backend, passed_over })
+        let effects = self.effects.clone().unwrap_or_default();
+        let tolerance = self.tolerance.unwrap_or(EffectPlan::TOLERANCE);
+        Ok(Splatting { constants, background: self.background, effects, tolerance, backend, passed_over })
     }
 }

@@ -15,6 +15,7 @@ use atsplat_eval::runner::{self, Plan};
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings, warn};
+use crate::parse::{once, usage_error};
 use crate::progress::Progress;
 use crate::provenance;
 use methods::{MethodArgs, Methods};
@@ -53,7 +54,10 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let methods = args.methods.concat();
     args.sources.check(&methods)?;
-    evaluate(&args.protocols, &args.sources.load(&methods)?, &args.settings, args.timing)
+    let methods = args.sources.load(&methods)?;
+    let names: Vec<String> = methods.iter().map(|method| method.record().name).collect();
+    once("--method", &names).map_err(usage_error)?;
+    evaluate(&args.protocols, &methods, &args.settings, args.timing)
 }
 
 /// Evaluates loaded methods.

@@ -9,7 +9,7 @@ use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::Suite;
 use atsplat_protocol::trial::Prefetch;
 
-use crate::parse::{named, usage_error};
+use crate::parse::{self, named, usage_error};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct SettingArgs {
@@ -27,11 +27,11 @@ pub(crate) struct SettingArgs {
     limit: Option<u64>,
 
     /// Metrics in addition to the protocols' own, by id, or all.
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = parse::metric)]
     metrics: Vec<String>,
 
     /// Folder with the weights of LPIPS and ST-LPIPS, searched before torch's cache.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = parse::folder)]
     metric_weights: Option<PathBuf>,
 
     /// Images kept with the results: none, those of each method's worst, typical and best trials by PSNR (6, 2, 2), or all.

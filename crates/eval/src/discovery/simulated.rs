@@ -32,7 +32,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
         })?;
         let planned = PlannedIndex {
             index,
-            description: format!("carried: {}", accepted.name),
+            description: format!("embedded: {}", accepted.name),
             sha256: file.sha256,
             name: Some(accepted.name.clone()),
             unknown_fields: std::collections::BTreeMap::new(),

@@ -10,7 +10,7 @@ use super::{
     Verdict, least_limit, metric_bound,
 };
 use crate::statistics::{Outcome, Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
-use crate::{Results, TrialKey};
+use crate::{Results, TargetStatus, TrialKey};
 
 /// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
 pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
@@ -171,8 +171,9 @@ impl Group {
         let (preset, method, metric) = of;
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
         let both = self.targets.iter().filter_map(|(id, then)| {
-            let now = now.targets.get(id).and_then(score)?;
-            Some(Both { id, frame: then.frame, then: score(then)?, now })
+            let now = now.targets.get(id)?;
+            let identical = [then, now].map(|row| row.status == TargetStatus::Identical);
+            Some(Both { id, frame: then.frame, then: score(then)?, now: score(now)?, identical })
         });
         let both: Vec<Both> = both.collect();
         let then: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.then)).collect();
@@ -195,15 +196,18 @@ impl Group {
             Basis::Bound if beyond == 0 => Verdict::Within,
             Basis::Bound | Basis::Interval => by_limit(),
         };
-        let mean = |selected: &[SelectedTarget]| summary_of(selected, Aggregation::SceneMeans).mean;
+        let [baseline, now] = [(0, &then), (1, &today)].map(|(run, selected)| {
+            let own = both.iter().zip(selected).filter(|(both, _)| !both.identical[run]).map(|(_, own)| *own);
+            summary_of(&own.collect::<Vec<_>>(), Aggregation::SceneMeans).mean
+        });
         Comparison {
             preset: preset.to_owned(),
             method: method.to_owned(),
             metric: metric.to_owned(),
             verdict,
             basis,
-            baseline: mean(&then),
-            now: mean(&today),
+            baseline,
+            now,
             paired,
             changed,
             largest: largest.0,
@@ -219,6 +223,8 @@ struct Both<'a> {
     frame: u64,
     then: f64,
     now: f64,
+    /// Whether the render is identical to the truth, in the baseline and now.
+    identical: [bool; 2],
 }
 
 impl Both<'_> {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::probe::Stage;
 use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
-use crate::Results;
+use crate::{Results, TargetStatus};
 use crate::statistics::{Outcome, SelectedTarget, score_of, summary_of};
 
 /// One number of an accepted run, kept when the rows are replaced by a later acceptance.
@@ -88,17 +88,19 @@ fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> 
     names.into_iter().filter_map(of).collect()
 }
 
+/// A target of a table's mean: scored, and not identical to the truth.
 fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<'a>> {
+    let value = score_of(row.status, row.scores.get(metric).copied(), metric)?;
+    if row.status == TargetStatus::Identical {
+        return None;
+    }
     Some(SelectedTarget {
         scene: &row.key.scene,
         entry: row.key.entry,
         target: row.target,
         distance: None,
         overlap: None,
-        outcome: Outcome::Score {
-            value: score_of(row.status, row.scores.get(metric).copied(), metric)?,
-            identical: false,
-        },
+        outcome: Outcome::Score { value, identical: false },
     })
 }
 

@@ -67,11 +67,11 @@ pub struct Comparison {
     pub verdict: Verdict,
     /// How it was reached.
     pub basis: Basis,
-    /// The baseline's mean over scenes, over common targets.
+    /// The baseline's mean over scenes, over common targets; as in tables without renders that are identical to the truth.
     pub baseline: Option<f64>,
-    /// The results' mean over scenes, over common targets.
+    /// The results' mean, the same.
     pub now: Option<f64>,
-    /// Results minus baseline; `None` without common targets.
+    /// Results minus baseline, identical renders at the cap of PSNR; `None` without common targets.
     pub paired: Option<Paired>,
     /// Targets whose score changed.
     pub changed: u64,

@@ -31,6 +31,7 @@ pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
 pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
 pub use ply::{GaussianFrame, Ply};
+pub use range::check_range;
 pub use renders::Renders;
 pub use spec::{InvalidMethod, MethodKind, MethodSpec};
 pub use splatting::{Backend, Splatting};

@@ -16,7 +16,7 @@ const SIGNED: f32 = 1.25;
 ///
 /// # Errors
 /// The samples' range, and the range that they seem to be meant in.
-pub(super) fn check_range(picture: &Image) -> Result<(), String> {
+pub fn check_range(picture: &Image) -> Result<(), String> {
     let [least, most] = FAR;
     let finite = || picture.samples().iter().copied().filter(|sample| sample.is_finite());
     let far = finite().filter(|sample| !(least..=most).contains(sample)).count();

@@ -94,6 +94,11 @@ impl TrialStatus {
         [Self::Done, Self::Partial, Self::Failed, Self::NotApplicable].into_iter().find(|status| status.name() == name)
     }
 
+    /// Whether targets lack a number.
+    pub const fn is_incomplete(self) -> bool {
+        !matches!(self, Self::Done)
+    }
+
     /// The name in files.
     pub const fn name(self) -> &'static str {
         match self {

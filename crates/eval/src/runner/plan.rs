@@ -59,6 +59,8 @@ pub struct Summary {
     pub incomplete: u64,
     /// Targets, new and old, with non-finite samples.
     pub non_finite: u64,
+    /// Trials, new and old, of whose Gaussians none is drawn in any target.
+    pub undrawn: u64,
     /// Index entries without a trial.
     pub skipped: u64,
     /// Scenes of the indices that the datasets lack.
@@ -67,9 +69,10 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Whether every entry of every index was evaluated without failures.
+    /// Whether every entry of every index was evaluated without failures, and shows something.
     pub const fn is_complete(&self) -> bool {
-        self.incomplete == 0 && self.non_finite == 0 && self.skipped == 0 && self.missing_scenes == 0
+        let Self { evaluated: _, resumed: _, incomplete, non_finite, undrawn, skipped, missing_scenes } = *self;
+        incomplete + non_finite + undrawn + skipped + missing_scenes == 0
     }
 }
 

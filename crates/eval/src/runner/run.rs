@@ -5,7 +5,7 @@ use super::selection::Selected;
 use super::walk::{Walk, groups};
 use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepPictures};
-use crate::{EvalError, Results, Store, TargetStatus, TrialStatus, timing};
+use crate::{EvalError, Results, Store, TargetStatus, TrialRow, timing};
 
 /// Runs a plan into a store that was created or resumed with [`Plan::provenance`], and finishes the store. Up-to-date
 /// results are not recomputed. If the plan has a timing pass, it follows the evaluation. `step` is called [`Plan::steps`]
@@ -70,10 +70,11 @@ pub fn run_until(
     let findings = findings.in_order();
     store.set_findings(findings);
     let results = store.finish()?;
-    let incomplete = |status| matches!(status, TrialStatus::Failed | TrialStatus::Partial | TrialStatus::NotApplicable);
-    summary.incomplete = results.trials.iter().filter(|trial| incomplete(trial.status)).count() as u64;
+    summary.incomplete = results.trials.iter().filter(|trial| trial.status.is_incomplete()).count() as u64;
     let non_finite = |status| status == TargetStatus::NonFinite;
     summary.non_finite = results.targets.iter().filter(|target| non_finite(target.status)).count() as u64;
+    let undrawn = |trial: &&TrialRow| trial.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0);
+    summary.undrawn = results.trials.iter().filter(undrawn).count() as u64;
     if plan.pictures == KeepPictures::Worst {
         for dataset in plan.datasets {
             prune(&folder, &dataset.name, &results)?;

@@ -35,7 +35,7 @@ pub struct Preset {
     pub name: String,
     /// One-line description for humans.
     pub title: String,
-    /// Id of the dataset manifest in `datasets/`.
+    /// Id of the dataset manifest in `datasets/`, or a name of other data.
     pub dataset: String,
     /// The published preset that this one imitates at another scale or on other scenes. Its numbers may appear in that
     /// protocol's tables, marked as such, to compare the order and the gaps of rows.

@@ -11,6 +11,7 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     name("dataset", &preset.dataset)?;
     ensure(!preset.sources.is_empty(), "sources", "at least one source", &"none")?;
     index(preset)?;
+    stand_in(preset)?;
     poses("pose-normalisation", &preset.pose_normalisation, 0)?;
     planes("near-far", preset.near_far)?;
     for setting in &preset.methods {
@@ -64,6 +65,16 @@ fn index(preset: &Preset) -> Result<(), ProtocolError> {
         )?;
     }
     Ok(())
+}
+
+/// Results of a stand-in appear in the tables of the protocol that it stands for.
+fn stand_in(preset: &Preset) -> Result<(), ProtocolError> {
+    let Some(name) = &preset.stands_for else { return Ok(()) };
+    let expected = "a published protocol of `atsplat protocol list`";
+    let published = Preset::named(name).map_err(|_| malformed("stands-for", expected, name))?;
+    ensure(published.stands_for.is_none(), "stands-for", expected, &format!("{name}, which is a stand-in itself"))?;
+    let (own, views) = (preset.index.context_views, published.index.context_views);
+    ensure(own == views, "index.context-views", &format!("{views}, as {name} has"), &own)
 }
 
 fn poses(field: &str, rule: &PoseNormalisation, depth: usize) -> Result<(), ProtocolError> {
@@ -158,6 +169,24 @@ mod tests {
             let error = changed(from, to).unwrap_err().to_string();
             assert!(error.starts_with("preset: field ") && error.contains(expected), "{error}");
         }
+    }
+
+    #[test]
+    fn a_stand_in_has_the_views_of_a_published_protocol() {
+        let changed = |from: &str, to: &str| {
+            let text = Preset::text_of("rooms-2v-128").unwrap();
+            assert!(text.contains(from), "the preset has no {from:?}");
+            Preset::from_toml(&text.replacen(from, to, 1)).map_err(|error| error.to_string())
+        };
+        for (from, to, expected) in [
+            ("stands-for = \"re10k-2v-256\"", "stands-for = \"re10k\"", "field stands-for: expected a published"),
+            ("stands-for = \"re10k-2v-256\"", "stands-for = \"yards-6v-112\"", "which is a stand-in itself"),
+            ("context-views = 2", "context-views = 3", "field index.context-views: expected 2, as re10k-2v-256 has, found 3"),
+        ] {
+            let error = changed(from, to).unwrap_err();
+            assert!(error.contains(expected), "{error}");
+        }
+        assert_eq!(changed("stands-for = \"re10k-2v-256\"", "").unwrap().stands_for, None);
     }
 
     #[test]

@@ -3,17 +3,17 @@
 use super::bounds::{Key, Plan};
 use super::context::Context;
 use super::forward::{self, Scene, TILE};
-use super::gaussians::{GpuGaussians, GpuPart};
+use super::gaussians::GpuPart;
 use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
-use super::images;
+use super::job::Job;
 use super::kernels::{Kernel, Pool};
 use super::lists::{Lists, list};
 use super::record::Recorder;
-use super::render::{Job, Resources, bytes_needed, check_memory, composite, pair_capacity};
+use super::render::{Resources, bytes_needed, check_memory, composite, pair_capacity};
 use super::sort::words;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
-use crate::{SplatError, View};
+use crate::{SplatError, View, sh_coefficients};
 
 /// Sums over pixels, per Gaussian.
 struct Sums {
@@ -34,19 +34,20 @@ pub(super) fn check(
     job: Job<'_>,
     images: &GpuImageGradients,
 ) -> Result<(), SplatError> {
-    job.options.check()?;
-    job.view.optics(&job.options.constants)?;
-    check_memory(bytes_with_gradients(job.gaussians, job.view), limits.memory_limit)?;
+    job.check(context)?;
+    check_memory(bytes_with_gradients(job), limits.memory_limit)?;
     job.gaussians.check(context)?;
-    check_images(context, &images::strips(context, job.view)?, job.view, images)
+    check_images(context, &job.strips(context)?, job.view(), images)
 }
 
 /// Bytes on the device, excluding tile lists.
-fn bytes_with_gradients(gaussians: &GpuGaussians, view: &View) -> u64 {
-    // Bytes per Gaussian: sums 48, pose 32, records 96, gradients of its parameters of 5 projected values and of the
-    // screen; and per pixel two more images and its gradients.
-    let own = gaussians.size_in_bytes().saturating_add(gaussians.len().saturating_mul(176 + 28));
-    bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80))
+fn bytes_with_gradients(job: Job<'_>) -> u64 {
+    // Bytes per splat: sums 48, pose 32, records 96; per Gaussian: gradients of its parameters, of 5 projected values and of the
+    // screen; per pixel two more images and its gradients. In a batch, each view has its own gradients of colours.
+    let copies = if job.is_batch() { 1 + u64::from(job.views_of_scene()) } else { 1 };
+    let own = copies.saturating_mul(job.gaussians.size_in_bytes());
+    let own = own.saturating_add(job.splats().saturating_mul(176)).saturating_add(job.gaussians.len().saturating_mul(28));
+    bytes_needed(job).saturating_add(own).saturating_add(job.pixels().saturating_mul(80))
 }
 
 /// Records the backward pass of a checked job.
@@ -56,22 +57,23 @@ pub(super) fn record(
     job: Job<'_>,
     (images, gradients, absolute): (&GpuImageGradients, &GpuGradients, bool),
 ) -> Result<Plan, SplatError> {
-    let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    let (context, count) = (recorder.context(), job.splats());
     let Resources { pool, limits, bounds, report } = resources;
-    let (optics, count) = (view.optics(&options.constants)?, gaussians.len());
-    let block = ViewBlock::new(view, &optics, options)
-        .with_flag(flag::EXTRAS, true)
-        .with_flag(flag::HAS_OWNERS, true)
-        .with_flag(flag::EXPOSED_LOSS, options.exposure.is_some())
-        .with_flag(flag::ABSOLUTE, absolute);
-    let strips = images::strips(context, view)?;
+    let flags = [
+        (flag::EXTRAS, true),
+        (flag::HAS_OWNERS, true),
+        (flag::EXPOSED_LOSS, job.options.exposure.is_some()),
+        (flag::ABSOLUTE, absolute),
+    ];
+    let blocks = job.blocks(&flags)?;
+    let strips = job.strips(context)?;
     // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
-    let room = limits.memory_limit.saturating_sub(bytes_with_gradients(gaussians, view));
+    let room = limits.memory_limit.saturating_sub(bytes_with_gradients(job));
     let most = pair_capacity(context, room, 84, 48);
-    let (plan, windows) = bounds.plan(context, Key::new(gaussians, view, true), (&strips, view), most);
+    let (plan, windows) = bounds.plan(context, Key::new(job, true), (&strips, job), most);
 
-    let scene = forward::project(recorder, pool, gaussians, &block, options, report)?;
-    let rows = u64::from(view.size.height);
+    let scene = forward::project(recorder, pool, job, &blocks, report)?;
+    let rows = u64::from(job.size().height);
     let sums = Sums {
         firsts: pool.get(context, "first moments", 0, 16 * count)?,
         seconds: pool.get(context, "second moments", 0, 16 * count)?,
@@ -84,16 +86,15 @@ pub(super) fn record(
         recorder.clear(buffer, 16 * count);
     }
     for window in windows {
-        let lists = list(recorder, pool, &scene, &block, (&plan, window, report))?;
-        let size = [view.size.width, strips[window.strip][1]];
+        let lists = list(recorder, pool, &scene, &blocks[0], (&plan, window, report))?;
+        let size = [job.size().width, strips[window.strip][1]];
         composite_backward(recorder, pool, &scene, (&lists, plan.capacity), &sums, &images.strips[window.strip], size)?;
     }
 
     recorder.stage("project backward");
     let mut first = 0;
-    for (part, gradients) in gaussians.parts.iter().zip(&gradients.parts) {
-        let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
-        part_gradients(recorder, pool, &scene, &sums, (part, &block, gradients))?;
+    for (part, gradients) in job.gaussians.parts.iter().zip(&gradients.parts) {
+        part_gradients(recorder, pool, (job, &blocks, first), (&scene, &sums), (part, gradients))?;
         first += part.count;
     }
     for (at, (vectors, count)) in
@@ -163,26 +164,27 @@ fn composite_backward(
 fn part_gradients(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
-    scene: &Scene,
-    sums: &Sums,
-    (part, block, gradients): (&GpuPart, &ViewBlock, &GpuGradientPart),
+    (job, blocks, first): (Job<'_>, &[ViewBlock], u32),
+    (scene, sums): (&Scene, &Sums),
+    (part, gradients): (&GpuPart, &GpuGradientPart),
 ) -> Result<(), GpuError> {
     let context = recorder.context();
-    let count = u64::from(part.count);
-    let groups = count.div_ceil(64);
-    let records = pool.get(context, "records", 0, 96 * count)?;
+    let (uniform, splats) = job.launch(blocks, part, first);
+    let coefficients = 3 * sh_coefficients(job.gaussians.sh_degree) as u64;
+    let records = pool.get(context, "records", 0, 96 * splats)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
-    let buffers = [
-        &part.means,
-        &part.sh,
-        &sums.seconds,
-        &sums.colours,
-        &scene.reaches,
-        &records,
-        &gradients.sh,
-        gradients.scalars.as_ref().unwrap_or(&dummies[1]),
-    ];
-    recorder.dispatch(Kernel::ColourBackward, block.bytes(), &buffers, groups)?;
+    // In a batch, views have their own gradients at first.
+    let mut of_views = |name, each: u64| pool.get(context, name, 0, if job.is_batch() { each * splats } else { 4 });
+    let own = [of_views("SH gradients of views", 4 * coefficients)?, of_views("scalar gradients of views", 4)?];
+    let [d_sh, d_scalars] = match &gradients.scalars {
+        _ if job.is_batch() => own.each_ref(),
+        Some(scalars) => [&gradients.sh, scalars],
+        None => [&gradients.sh, &dummies[1]],
+    };
+    let groups = splats.div_ceil(64);
+    let buffers =
+        [&part.means, &part.sh, &sums.seconds, &sums.colours, &scene.reaches, &records, d_sh, d_scalars];
+    recorder.dispatch(Kernel::ColourBackward.of_batch(job.is_batch()), &uniform, &buffers, groups)?;
     let buffers = [
         &part.means,
         &part.quaternions,
@@ -193,25 +195,57 @@ fn part_gradients(
         &sums.seconds,
         &records,
     ];
-    recorder.dispatch(Kernel::ProjectBackward, block.bytes(), &buffers, groups)?;
-    let first = u64::from(block.part[1]);
-    // Output, offset in a record, number of values, stride in the output, first Gaussian there.
-    let screen = gradients.screen.as_ref().map(|screen| (screen, 22, 2, 2, 0));
-    let unpacked = [
-        (&gradients.means, 0, 3, 3, 0),
-        (&gradients.quaternions, 3, 4, 4, 0),
-        (&gradients.log_scales, 7, 3, 3, 0),
-        (&gradients.opacity_logits, 10, 1, 1, 0),
-        (&gradients.means_2d, 11, 2, 2, 0),
-        (&gradients.conics, 13, 3, 3, 0),
-        (&sums.rotations, 16, 3, 4, first),
-        (&sums.translations, 19, 3, 4, first),
+    recorder.dispatch(Kernel::ProjectBackward.of_batch(job.is_batch()), &uniform, &buffers, groups)?;
+
+    let mut unpack = |source: &wgpu::Buffer, record: u64, to: &Unpacked<'_>, gaussians: [u64; 3]| {
+        let [count, each, views] = gaussians;
+        let Unpacked { result, from, width, stride, first } = *to;
+        let uniform = [words(&[count, from, width, stride]), words(&[first, record, each, views])].concat();
+        recorder.dispatch(Kernel::Unpack, &uniform, &[source, result], count.div_ceil(64))
+    };
+    let of_splats = [splats, splats, 1];
+    let of_gaussians = match job.is_batch() {
+        true => [job.gaussians.len(), job.gaussians_of_scene(), job.views_of_scene().into()],
+        false => of_splats,
+    };
+    let field = |result, from, width| Unpacked { result, from, width, stride: width, first: 0 };
+    let fields = [
+        field(&gradients.means, 0, 3),
+        field(&gradients.quaternions, 3, 4),
+        field(&gradients.log_scales, 7, 3),
+        field(&gradients.opacity_logits, 10, 1),
+        field(&gradients.means_2d, 11, 2),
+        field(&gradients.conics, 13, 3),
     ];
-    for (result, from, width, stride, first) in unpacked.into_iter().chain(screen) {
-        let uniform = [words(&[count, from, width, stride]), words(&[first, 0, 0, 0])].concat();
-        recorder.dispatch(Kernel::Unpack, &uniform, &[&records, result], groups)?;
+    let screen = gradients.screen.as_ref().map(|screen| field(screen, 22, 2));
+    for to in fields.iter().chain(&screen) {
+        unpack(&records, RECORD, to, of_gaussians)?;
+    }
+    for (result, from) in [(&sums.rotations, 16), (&sums.translations, 19)] {
+        unpack(&records, RECORD, &Unpacked { result, from, width: 3, stride: 4, first: first.into() }, of_splats)?;
+    }
+    if job.is_batch() {
+        unpack(d_sh, coefficients, &field(&gradients.sh, 0, coefficients), of_gaussians)?;
+        if let Some(scalars) = &gradients.scalars {
+            unpack(d_scalars, 1, &field(scalars, 0, 1), of_gaussians)?;
+        }
     }
     Ok(())
+}
+
+/// Numbers of a record of `project_backward.wgsl`.
+const RECORD: u64 = 24;
+
+/// Where some numbers of each record go.
+#[derive(Clone, Copy)]
+struct Unpacked<'a> {
+    result: &'a wgpu::Buffer,
+    /// Of the first in a record, and how many.
+    from: u64,
+    width: u64,
+    /// Numbers of each Gaussian in the result, and its first Gaussian there.
+    stride: u64,
+    first: u64,
 }
 
 /// Sums vectors as a tree, into `result` at `offset`.

@@ -3,12 +3,13 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_camera::ImageSize;
+
 use super::GpuError;
 use super::context::Context;
-use super::gaussians::GpuGaussians;
+use super::job::Job;
 use super::status::Status;
-use super::windows::{Window, windows};
-use crate::View;
+use super::windows::{Window, window_of_batch, windows};
 
 /// Pairs that any first rendering has room for.
 const LEAST_PAIRS: u64 = 1 << 14;
@@ -28,8 +29,9 @@ pub(super) struct Key {
 }
 
 impl Key {
-    pub(super) fn new(gaussians: &GpuGaussians, view: &View, backward: bool) -> Self {
-        Self { gaussians: gaussians.len(), size: [view.size.width, view.size.height], backward }
+    pub(super) fn new(job: Job<'_>, backward: bool) -> Self {
+        let ImageSize { width, height } = job.size();
+        Self { gaussians: job.splats(), size: [width, height], backward }
     }
 }
 
@@ -55,6 +57,8 @@ pub(super) struct Plan {
     halvings: u32,
     /// Whether windows are single tiles.
     is_finest: bool,
+    /// Windows of a batch cannot be halved.
+    is_batch: bool,
 }
 
 /// What the renderings of a device have needed so far.
@@ -67,12 +71,16 @@ impl Bounds {
         &self,
         context: &Context,
         key: Key,
-        (strips, view): (&[[u32; 2]], &View),
+        (strips, job): (&[[u32; 2]], Job<'_>),
         most: u64,
     ) -> (Plan, Vec<Window>) {
         let known = self.0.get(&key).or_else(|| self.0.get(&Key { backward: false, ..key }));
         let halvings = known.map_or(0, |known| known.halvings);
-        let windows = windows(strips, view, context.tiles_per_window, halvings);
+        let (view, pictures) = (job.view(), job.pictures());
+        let windows = match pictures {
+            1 => windows(strips, view, context.tiles_per_window, halvings),
+            _ => vec![window_of_batch(view, pictures)],
+        };
         let tiles = windows.iter().map(Window::tiles).max().unwrap_or(0);
         let possible = key.gaussians.saturating_mul(tiles);
         let guess = key.gaussians.saturating_mul(PAIRS_PER_GAUSSIAN).max(LEAST_PAIRS).min(context.first_pairs);
@@ -81,7 +89,7 @@ impl Bounds {
         let entries = known.map_or(FIRST_ENTRIES, |known| known.entries);
         let passes = entries.min(key.gaussians).min(capacity).div_ceil(each).max(1);
         let passes = u32::try_from(passes).unwrap_or(u32::MAX);
-        let plan = Plan { key, capacity, most, passes, halvings, is_finest: tiles <= 1 };
+        let plan = Plan { key, capacity, most, passes, halvings, is_finest: tiles <= 1, is_batch: pictures > 1 };
         (plan, windows)
     }
 
@@ -99,10 +107,10 @@ impl Bounds {
             halvings: plan.halvings,
         };
         if status.pairs > plan.most {
-            if plan.is_finest {
+            if plan.is_finest || plan.is_batch {
                 return Err(GpuError::TooLarge {
                     adapter: context.name.clone(),
-                    what: "Gaussians of one tile",
+                    what: if plan.is_batch { "Gaussians of a batch" } else { "Gaussians of one tile" },
                     unit: "list entries",
                     needed: status.pairs,
                     limit: plan.most,

@@ -1,18 +1,17 @@
 //! From Gaussians to splats, sorted by depth.
 
 use super::GpuError;
-use super::gaussians::GpuGaussians;
+use super::job::Job;
 use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
 use super::sort::{Items, Sorted, sort};
 use super::status;
-use super::uniforms::{ViewBlock, flag};
-use crate::{RenderOptions, sh_coefficients};
+use super::uniforms::ViewBlock;
 
 /// Side of a tile in pixels.
 pub(super) const TILE: u32 = 16;
 
-/// The projected Gaussians and their depth order.
+/// The splats and their depth order.
 pub(super) struct Scene {
     pub(super) count: u64,
     pub(super) shapes: wgpu::Buffer,
@@ -21,22 +20,21 @@ pub(super) struct Scene {
     pub(super) reaches: wgpu::Buffer,
     /// Indices by depth, nearest first, culled ones last.
     pub(super) order: wgpu::Buffer,
-    /// Offsets of each Gaussian's pairs in a window, in that order; the number of all pairs last.
+    /// Offsets of each splat's pairs in a window, in that order; the number of all pairs last.
     pub(super) offsets: wgpu::Buffer,
     /// Which tiles those are.
     pub(super) masks: wgpu::Buffer,
 }
 
-/// Projects the Gaussians and sorts them by depth; counts them in `report`.
+/// Projects the Gaussians and sorts their splats by depth; counts them in `report`.
 pub(super) fn project(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
-    gaussians: &GpuGaussians,
-    block: &ViewBlock,
-    options: &RenderOptions,
+    job: Job<'_>,
+    blocks: &[ViewBlock],
     report: &wgpu::Buffer,
 ) -> Result<Scene, GpuError> {
-    let (context, count) = (recorder.context(), gaussians.len());
+    let (context, count) = (recorder.context(), job.splats());
     let mut get = |name, each: u64| pool.get(context, name, 0, each * count);
     let (shapes, positions, splat_colours) = (get("shapes", 16)?, get("positions", 16)?, get("splat_colours", 16)?);
     let reaches = get("reaches", 8)?;
@@ -48,12 +46,12 @@ pub(super) fn project(
     recorder.clear(report, status::BYTES);
     recorder.stage("project");
     let mut first = 0;
-    for part in &gaussians.parts {
-        let block = part_block(block, gaussians.sh_degree, options, part, first);
+    for part in &job.gaussians.parts {
+        let (uniform, threads) = job.launch(blocks, part, first);
         let dummy = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar", 0, 4)?];
         let filters = part.filter_3d.as_ref().unwrap_or(&dummy[0]);
         let scalars = part.scalars.as_ref().unwrap_or(&dummy[1]);
-        let groups = u64::from(part.count).div_ceil(64);
+        let groups = threads.div_ceil(64);
         let buffers = [
             &part.means,
             &part.quaternions,
@@ -64,33 +62,16 @@ pub(super) fn project(
             &positions,
             &reaches,
         ];
-        recorder.dispatch(Kernel::Project, block.bytes(), &buffers, groups)?;
+        recorder.dispatch(Kernel::Project.of_batch(job.is_batch()), &uniform, &buffers, groups)?;
         let buffers = [&part.means, &part.sh, scalars, &reaches, &splat_colours];
-        recorder.dispatch(Kernel::Colour, block.bytes(), &buffers, groups)?;
+        recorder.dispatch(Kernel::Colour.of_batch(job.is_batch()), &uniform, &buffers, groups)?;
         first += part.count;
     }
     recorder.stage("sort");
-    let mut block = *block;
-    block.window[3] = first;
+    let mut block = blocks[0];
+    block.window[3] = u32::try_from(count).unwrap_or(u32::MAX);
     let buffers = [&reaches, &positions, &keys.keys, &keys.values, report];
     recorder.dispatch(Kernel::Keys, block.bytes(), &buffers, count.div_ceil(64))?;
     let order = sort(recorder, pool, keys, spare, Items::Known(count), u32::BITS)?.values;
     Ok(Scene { count, shapes, positions, splat_colours, reaches, order, offsets, masks })
-}
-
-/// The uniform block for one part of the Gaussians.
-pub(super) fn part_block(
-    block: &ViewBlock,
-    sh_degree: u8,
-    options: &RenderOptions,
-    part: &super::GpuPart,
-    first: u32,
-) -> ViewBlock {
-    let degree = if options.max_sh_degree < sh_degree { options.max_sh_degree } else { sh_degree };
-    #[expect(clippy::cast_possible_truncation, reason = "at most 25 coefficients")]
-    let stored = sh_coefficients(sh_degree) as u32;
-    let mut block =
-        block.with_flag(flag::HAS_FILTER, part.filter_3d.is_some()).with_flag(flag::HAS_SCALAR, part.scalars.is_some());
-    block.part = [part.count, first, stored, degree.into()];
-    block
 }

@@ -29,8 +29,8 @@ pub struct GpuGradients {
     pub sh_degree: u8,
     /// One for each part of [`super::GpuGaussians`].
     pub parts: Vec<GpuGradientPart>,
-    /// Twelve f32: gradients of the camera's rotation, 0, its translation, 0, the background, 0. See
-    /// [`crate::Gradients::pose`].
+    /// Twelve f32: gradients of the camera's rotation, 0, its translation, 0, the background, 0; of a batch, summed over its
+    /// views. See [`crate::Gradients::pose`].
     pub pose_and_background: wgpu::Buffer,
 }
 

@@ -4,8 +4,9 @@ use std::time::Instant;
 
 use super::context::Context;
 use super::gaussians::GpuGaussians;
+use super::job::Job;
 use super::kernels::Pool;
-use super::render::{self, Job, check_memory_before_upload};
+use super::render::{self, check_memory_before_upload};
 use super::{
     GpuCounts, GpuGradients, GpuImageGradients, GpuOptions, GpuRenderer, GpuRendering, ScreenGradients, backward,
     images, status,
@@ -110,10 +111,10 @@ impl GpuRenderer {
         let context = work.context;
         let (rendering, timings) = context.guarded(|| {
             let resident = gaussians(context, work.pool, work.limits)?;
-            let job = Job { gaussians: &resident, view, options };
+            let job = Job::of_view(&resident, view, options);
             render::check(context, work.limits, job)?;
             let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
-            let images = GpuRendering::allocate(context, work.pool, view, options.channels, &mut allocate)?;
+            let images = GpuRendering::allocate(context, work.pool, job, &mut allocate)?;
             let report = work.pool.get(context, "report", 0, status::BYTES)?;
             let (census, finished) = work.run(&report, &images.sources(), &|recorder, resources| {
                 render::record(recorder, resources, job, &images)
@@ -164,9 +165,9 @@ impl GpuRenderer {
                 GpuGaussians::upload(context, work.pool, gaussians, MAX_SH_DEGREE)?
             };
             view.optics(&options.constants)?;
-            let strips = images::strips(context, view)?;
+            let strips = images::strips(context, view, 1)?;
             let images = GpuImageGradients::upload(context, work.pool, view, &strips, images)?;
-            let job = Job { gaussians: &resident, view, options };
+            let job = Job::of_view(&resident, view, options);
             backward::check(context, work.limits, job, &images)?;
             let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
             let made = GpuGradients::allocate(work.pool, &resident, screen.is_some(), &mut allocate)?;

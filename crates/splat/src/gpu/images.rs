@@ -3,6 +3,7 @@ use atsplat_camera::ImageSize;
 use super::GpuError;
 use super::context::Context;
 use super::forward::TILE;
+use super::job::Job;
 use super::kernels::Pool;
 use super::render::Allocate;
 use crate::{Census, Channels, Rendering, SplatError, View};
@@ -10,7 +11,7 @@ use crate::{Census, Channels, Rendering, SplatError, View};
 /// Images in device memory, split into strips of rows that the adapter can bind.
 #[derive(Clone, Debug)]
 pub struct GpuRendering {
-    /// In pixels.
+    /// In pixels; of a batch, that of its pictures below each other.
     pub size: ImageSize,
     /// From top to bottom.
     pub strips: Vec<GpuStrip>,
@@ -33,9 +34,17 @@ pub struct GpuStrip {
 /// Bytes of the largest per-pixel record.
 const PIXEL_BYTES: u64 = 32;
 
-/// First row and number of rows of each strip.
-pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, SplatError> {
+/// First row and number of rows of each strip of a picture, or of the pictures of a batch below each other, which have to fit one.
+pub(super) fn strips(context: &Context, view: &View, pictures: u32) -> Result<Vec<[u32; 2]>, SplatError> {
     view.check_size()?;
+    let bytes = PIXEL_BYTES * u64::from(pictures) * view.pixels() as u64;
+    if pictures > 1 && bytes > context.binding_limit {
+        let (adapter, limit) = (context.name.clone(), context.binding_limit);
+        return Err(GpuError::TooLarge { adapter, what: "pixels of a batch", unit: "bytes", needed: bytes, limit }.into());
+    }
+    if pictures > 1 {
+        return Ok(vec![[0, pictures * view.size.height]]);
+    }
     let row_of_tiles = PIXEL_BYTES * u64::from(TILE) * u64::from(view.size.width);
     let fitting = u32::try_from(context.binding_limit / row_of_tiles).unwrap_or(u32::MAX).min(u32::MAX / TILE);
     if fitting == 0 {
@@ -59,17 +68,17 @@ impl GpuRendering {
     pub(super) fn allocate(
         context: &Context,
         pool: &mut Pool,
-        view: &View,
-        channels: Channels,
+        job: Job<'_>,
         allocate: Allocate<'_>,
     ) -> Result<Self, SplatError> {
+        let (view, channels) = (job.view(), job.options.channels);
         let mut buffers = Vec::new();
-        for (at, [first_row, rows]) in strips(context, view)?.into_iter().enumerate() {
+        for (at, [first_row, rows]) in job.strips(context)?.into_iter().enumerate() {
             let bytes = 16 * u64::from(rows) * u64::from(view.size.width);
             let extras = with_extras(channels).then(|| allocate(pool, "extras", at, bytes)).transpose()?;
             buffers.push(GpuStrip { first_row, rows, colours: allocate(pool, "colours", at, bytes)?, extras });
         }
-        Ok(Self { size: view.size, strips: buffers, channels })
+        Ok(Self { size: job.size(), strips: buffers, channels })
     }
 
     /// What to copy to the host: the colours of each strip, then its other images.

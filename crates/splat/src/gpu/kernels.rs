@@ -28,6 +28,10 @@ pub(super) enum Kernel {
     Probe,
     Reduce,
     Pack,
+    ProjectBatch,
+    ColourBatch,
+    ColourBackwardBatch,
+    ProjectBackwardBatch,
 }
 
 macro_rules! sources {
@@ -36,7 +40,7 @@ macro_rules! sources {
 
 impl Kernel {
     /// Every kernel.
-    pub(super) const ALL: [Self; 22] = [
+    pub(super) const ALL: [Self; 26] = [
         Self::Project,
         Self::Colour,
         Self::Keys,
@@ -59,34 +63,59 @@ impl Kernel {
         Self::Probe,
         Self::Reduce,
         Self::Pack,
+        Self::ProjectBatch,
+        Self::ColourBatch,
+        Self::ColourBackwardBatch,
+        Self::ProjectBackwardBatch,
     ];
+
+    /// The kernel for splats of many views, if it has to know the view of each.
+    pub(super) const fn of_batch(self, is_batch: bool) -> Self {
+        match self {
+            Self::Project if is_batch => Self::ProjectBatch,
+            Self::Colour if is_batch => Self::ColourBatch,
+            Self::ColourBackward if is_batch => Self::ColourBackwardBatch,
+            Self::ProjectBackward if is_batch => Self::ProjectBackwardBatch,
+            other => other,
+        }
+    }
 
     pub(super) const fn source(self) -> &'static str {
         match self {
-            Self::Project => sources!("view", "double", "exponent", "lens", "geometry", "gaussians", "project"),
-            Self::Colour => sources!("view", "double", "exponent", "harmonics", "colour"),
-            Self::Keys => sources!("view", "keys"),
+            Self::Project => sources!("view", "one_view", "double", "exponent", "lens", "geometry", "gaussians", "project"),
+            Self::Colour => sources!("view", "one_view", "double", "exponent", "harmonics", "colour"),
+            Self::Keys => sources!("view", "one_view", "keys"),
             Self::SortCount => sources!("counted", "sort_count"),
             Self::SortScatter => sources!("counted", "sort_scatter"),
             Self::ScanSums => sources!("counted", "scan", "scan_sums"),
             Self::ScanApply => sources!("counted", "scan", "scan_apply"),
-            Self::TileCount => sources!("view", "tiles", "ellipse", "tile_count"),
-            Self::Emit => sources!("view", "tiles", "ellipse", "emit"),
-            Self::Ranges => sources!("view", "tiles", "ranges"),
-            Self::Needs => sources!("view", "needs"),
-            Self::Composite => sources!("view", "tiles", "raster", "composite"),
-            Self::PixelGradients => sources!("view", "pixel_gradients"),
-            Self::RowSums => sources!("view", "row_sums"),
-            Self::CompositeBackward => sources!("view", "tiles", "raster", "composite_backward"),
-            Self::Gather => sources!("view", "gather"),
-            Self::ColourBackward => sources!("view", "double", "exponent", "harmonics", "colour_backward"),
+            Self::TileCount => sources!("view", "one_view", "tiles", "ellipse", "tile_count"),
+            Self::Emit => sources!("view", "one_view", "tiles", "ellipse", "emit"),
+            Self::Ranges => sources!("view", "one_view", "tiles", "ranges"),
+            Self::Needs => sources!("view", "one_view", "needs"),
+            Self::Composite => sources!("view", "one_view", "tiles", "raster", "composite"),
+            Self::PixelGradients => sources!("view", "one_view", "pixel_gradients"),
+            Self::RowSums => sources!("view", "one_view", "row_sums"),
+            Self::CompositeBackward => sources!("view", "one_view", "tiles", "raster", "composite_backward"),
+            Self::Gather => sources!("view", "one_view", "gather"),
+            Self::ColourBackward => sources!("view", "one_view", "double", "exponent", "harmonics", "colour_backward"),
             Self::ProjectBackward => {
-                sources!("view", "double", "exponent", "lens", "geometry", "gaussians", "project_backward")
+                sources!("view", "one_view", "double", "exponent", "lens", "geometry", "gaussians", "project_backward")
             }
             Self::Unpack => sources!("unpack"),
             Self::Probe => sources!("probe"),
             Self::Reduce => sources!("reduce"),
             Self::Pack => sources!("pack"),
+            Self::ProjectBatch => {
+                sources!("view", "many_views", "double", "exponent", "lens", "geometry", "gaussians", "project")
+            }
+            Self::ColourBatch => sources!("view", "many_views", "double", "exponent", "harmonics", "colour"),
+            Self::ColourBackwardBatch => {
+                sources!("view", "many_views", "double", "exponent", "harmonics", "colour_backward")
+            }
+            Self::ProjectBackwardBatch => {
+                sources!("view", "many_views", "double", "exponent", "lens", "geometry", "gaussians", "project_backward")
+            }
         }
     }
 }

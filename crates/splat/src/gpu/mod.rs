@@ -29,6 +29,7 @@ mod gaussians;
 mod gradients;
 mod host;
 mod images;
+mod job;
 mod kernels;
 mod lists;
 mod options;
@@ -213,6 +214,6 @@ impl GpuRenderer {
     /// [`SplatError::View`] for an empty image or one with more than 65 535 pixels per side; [`GpuError::TooLarge`] if
     /// the adapter cannot bind 16 of its rows.
     pub fn strips(&self, view: &View) -> Result<Vec<[u32; 2]>, SplatError> {
-        images::strips(&self.context, view)
+        images::strips(&self.context, view, 1)
     }
 }

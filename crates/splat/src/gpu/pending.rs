@@ -4,8 +4,9 @@ use std::sync::OnceLock;
 
 use super::bounds::Plan;
 use super::gaussians::GpuGaussians;
+use super::job::Job;
 use super::record::Recorder;
-use super::render::{self, Job, Resources};
+use super::render::{self, Resources};
 use super::status::{self, Status};
 use super::work::Work;
 use super::{GpuError, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward};
@@ -34,15 +35,29 @@ type Record<T> = fn(&mut Recorder<'_>, Resources<'_>, &Task, &T) -> Result<Plan,
 #[derive(Debug)]
 struct Task {
     gaussians: GpuGaussians,
-    view: View,
+    views: Vec<View>,
+    scenes: u32,
     options: RenderOptions,
     /// For gradients.
     images: Option<GpuImageGradients>,
 }
 
 impl Task {
-    const fn job(&self) -> Job<'_> {
-        Job { gaussians: &self.gaussians, view: &self.view, options: &self.options }
+    fn new(
+        gaussians: &GpuGaussians,
+        scenes: u32,
+        views: &[View],
+        options: &RenderOptions,
+        images: Option<GpuImageGradients>,
+    ) -> Result<Self, SplatError> {
+        if views.is_empty() {
+            return Err(SplatError::Length { field: "views", expected: 1, found: 0 });
+        }
+        Ok(Self { gaussians: gaussians.clone(), views: views.to_vec(), scenes, options: options.clone(), images })
+    }
+
+    fn job(&self) -> Job<'_> {
+        Job { gaussians: &self.gaussians, views: &self.views, scenes: self.scenes, options: &self.options }
     }
 }
 
@@ -81,13 +96,30 @@ impl GpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Pending<GpuRendering>, SplatError> {
-        let task = Task { gaussians: gaussians.clone(), view: *view, options: options.clone(), images: None };
+        self.render_batch(gaussians, 1, std::slice::from_ref(view), options)
+    }
+
+    /// As [`Self::render_resident`] for several scenes at once, with as many Gaussians each, one after the other, and as many views
+    /// each, those of the first scene first, all of one size. Every kernel runs once for all of them. Pictures are below each other;
+    /// the census counts Gaussians of all views together.
+    ///
+    /// # Errors
+    /// As [`Self::render_resident`]; [`SplatError::Length`] if there is no view or scenes differ; [`GpuError::TooLarge`] if one
+    /// launch cannot do it, for which smaller batches are the remedy.
+    pub fn render_batch(
+        &mut self,
+        gaussians: &GpuGaussians,
+        scenes: u32,
+        views: &[View],
+        options: &RenderOptions,
+    ) -> Result<Pending<GpuRendering>, SplatError> {
+        let task = Task::new(gaussians, scenes, views, options, None)?;
         let mut work = self.work();
         let context = work.context;
         context.guarded(|| {
             render::check(context, work.limits, task.job())?;
             let mut allocate = |_: &mut _, name, _, bytes| context.buffer(name, bytes);
-            let result = GpuRendering::allocate(context, work.pool, view, options.channels, &mut allocate)?;
+            let result = GpuRendering::allocate(context, work.pool, task.job(), &mut allocate)?;
             begin(&mut work, task, result, |recorder, resources, task, rendering| {
                 render::record(recorder, resources, task.job(), rendering)
             })
@@ -107,8 +139,23 @@ impl GpuRenderer {
         options: &RenderOptions,
         images: &GpuImageGradients,
     ) -> Result<Pending<GpuGradients>, SplatError> {
-        let images = Some(images.clone());
-        let task = Task { gaussians: gaussians.clone(), view: *view, options: options.clone(), images };
+        self.backward_batch(gaussians, 1, std::slice::from_ref(view), options, images)
+    }
+
+    /// As [`Self::backward_resident`] for a batch, see [`Self::render_batch`]; the gradient of a Gaussian is summed over the views of
+    /// its scene, in their order.
+    ///
+    /// # Errors
+    /// As [`Self::backward_resident`] and [`Self::render_batch`].
+    pub fn backward_batch(
+        &mut self,
+        gaussians: &GpuGaussians,
+        scenes: u32,
+        views: &[View],
+        options: &RenderOptions,
+        images: &GpuImageGradients,
+    ) -> Result<Pending<GpuGradients>, SplatError> {
+        let task = Task::new(gaussians, scenes, views, options, Some(images.clone()))?;
         let mut work = self.work();
         let context = work.context;
         context.guarded(|| {

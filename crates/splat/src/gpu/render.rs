@@ -3,22 +3,15 @@
 use super::bounds::{Bounds, Key, Plan};
 use super::context::Context;
 use super::forward::{self, Scene};
-use super::gaussians::GpuGaussians;
 use super::images::{self, GpuRendering};
+use super::job::Job;
 use super::kernels::{Kernel, Pool};
 use super::lists::{Lists, list};
 use super::record::Recorder;
-use super::uniforms::{ViewBlock, flag};
+use super::uniforms::flag;
 use super::{GpuError, GpuOptions};
-use crate::{Gaussians, RenderOptions, SplatError, View};
+use crate::{Gaussians, SplatError, View};
 
-/// What to render.
-#[derive(Clone, Copy)]
-pub(super) struct Job<'a> {
-    pub(super) gaussians: &'a GpuGaussians,
-    pub(super) view: &'a View,
-    pub(super) options: &'a RenderOptions,
-}
 
 /// What recording needs besides the job: buffers between stages, limits, and how long lists have to be.
 pub(super) struct Resources<'a> {
@@ -34,9 +27,8 @@ pub(super) type Allocate<'a> = &'a mut dyn FnMut(&mut Pool, &'static str, usize,
 
 /// Rejects what cannot be rendered.
 pub(super) fn check(context: &Context, limits: &GpuOptions, job: Job<'_>) -> Result<(), SplatError> {
-    job.options.check()?;
-    job.view.optics(&job.options.constants)?;
-    check_memory(bytes_needed(job.gaussians, job.view), limits.memory_limit)?;
+    job.check(context)?;
+    check_memory(bytes_needed(job), limits.memory_limit)?;
     Ok(job.gaussians.check(context)?)
 }
 
@@ -47,21 +39,22 @@ pub(super) fn record(
     job: Job<'_>,
     rendering: &GpuRendering,
 ) -> Result<Plan, SplatError> {
-    let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    let (context, options) = (recorder.context(), job.options);
     let Resources { pool, limits, bounds, report } = resources;
-    let optics = view.optics(&options.constants)?;
-    let block = ViewBlock::new(view, &optics, options)
-        .with_flag(flag::EXTRAS, images::with_extras(options.channels))
-        .with_flag(flag::APPLY_EXPOSURE, options.exposure.is_some());
-    let strips = images::strips(context, view)?;
+    let flags = [
+        (flag::EXTRAS, images::with_extras(options.channels)),
+        (flag::APPLY_EXPOSURE, options.exposure.is_some()),
+    ];
+    let blocks = job.blocks(&flags)?;
+    let strips = job.strips(context)?;
     // Bytes per pair: keys and values twice, digits, sorted pairs, boxes.
-    let room = limits.memory_limit.saturating_sub(bytes_needed(gaussians, view));
+    let room = limits.memory_limit.saturating_sub(bytes_needed(job));
     let most = pair_capacity(context, room, 32, 8);
-    let (plan, windows) = bounds.plan(context, Key::new(gaussians, view, false), (&strips, view), most);
+    let (plan, windows) = bounds.plan(context, Key::new(job, false), (&strips, job), most);
 
-    let scene = forward::project(recorder, pool, gaussians, &block, options, report)?;
+    let scene = forward::project(recorder, pool, job, &blocks, report)?;
     for window in windows {
-        let lists = list(recorder, pool, &scene, &block, (&plan, window, report))?;
+        let lists = list(recorder, pool, &scene, &blocks[0], (&plan, window, report))?;
         let strip = &rendering.strips[window.strip];
         composite(recorder, pool, &scene, &lists, &strip.colours, strip.extras.as_ref())?;
     }
@@ -95,18 +88,18 @@ pub(super) fn composite(
 }
 
 /// Bytes on the device for Gaussians, splats and pixels, excluding tile lists.
-pub(super) fn bytes_needed(gaussians: &GpuGaussians, view: &View) -> u64 {
-    bytes_of_splats(gaussians.len(), view).saturating_add(gaussians.size_in_bytes())
+pub(super) fn bytes_needed(job: Job<'_>) -> u64 {
+    bytes_of_splats(job.splats(), job.pixels()).saturating_add(job.gaussians.size_in_bytes())
 }
 
-fn bytes_of_splats(count: u64, view: &View) -> u64 {
+const fn bytes_of_splats(count: u64, pixels: u64) -> u64 {
     // Splats 56, keys and values twice 16, offsets 4, masks 4, digits 2.
-    count.saturating_mul(82).saturating_add((view.pixels() as u64).saturating_mul(32))
+    count.saturating_mul(82).saturating_add(pixels.saturating_mul(32))
 }
 
 /// Rejects what cannot be rendered within the limit, before it is copied to the device.
 pub(super) fn check_memory_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
-    let splats = bytes_of_splats(gaussians.len() as u64, view);
+    let splats = bytes_of_splats(gaussians.len() as u64, view.pixels() as u64);
     check_memory(splats.saturating_add(gaussians.size_in_bytes()), limit)
 }
 

@@ -1,6 +1,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
+use super::forward::TILE;
 use crate::constants::{ClampedGradient, Extent, ShAxes};
 use crate::cpu::to_f32;
 use crate::view::Optics;
@@ -28,7 +29,11 @@ pub(super) struct ViewBlock {
     pub(super) part: [u32; 4],
     pub(super) tiles: [u32; 4],
     pub(super) window: [u32; 4],
+    batch: [u32; 4],
 }
+
+/// Views of the array in `shaders/many_views.wgsl`, which fit the smallest uniform buffer of an adapter.
+pub(super) const MOST_VIEWS: usize = 160;
 
 /// Flags of `view.wgsl`.
 pub(super) mod flag {
@@ -101,7 +106,16 @@ impl ViewBlock {
             part: [0; 4],
             tiles: [0; 4],
             window: [0; 4],
+            // No index reaches a second picture.
+            batch: [u32::MAX, u32::MAX, 1, 1],
         }
+    }
+
+    /// As the view of one of `pictures`, which have so many splats each; a scene has so many views.
+    pub(super) const fn in_batch(mut self, splats: u32, views_of_scene: u32, pictures: u32) -> Self {
+        let [width, height, ..] = self.image;
+        self.batch = [splats, width.div_ceil(TILE) * height.div_ceil(TILE), pictures, views_of_scene];
+        self
     }
 
     pub(super) const fn with_flag(mut self, flag: u32, on: bool) -> Self {

@@ -5,6 +5,7 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod backward;
+mod batch;
 #[path = "../common/cloud.rs"]
 mod cloud;
 #[path = "../common/poison.rs"]

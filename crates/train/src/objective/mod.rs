@@ -20,6 +20,26 @@ use crate::{FeatureCache, TrainError};
 use group::Group;
 use terms::Clock;
 
+/// A group of samples, which go through the network together, and what else decides their losses.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupInput<'a> {
+    /// The samples, whose context pictures are as many and as large.
+    pub samples: &'a [Sample],
+    /// Cache of a frozen backbone's features.
+    pub features: Option<&'a FeatureCache>,
+    /// Seeds random selection in the first sample; the next number that in the second.
+    pub call_seed: u64,
+    /// Share of the run that is done, from 0 to 1.
+    pub share: f64,
+}
+
+impl<'a> GroupInput<'a> {
+    /// Samples at the begin of a run, without a cache.
+    pub const fn new(samples: &'a [Sample]) -> Self {
+        Self { samples, features: None, call_seed: 0, share: 0.0 }
+    }
+}
+
 /// The losses of a group of samples, which go through the network together, and the gradients of their sum.
 #[derive(Clone, Debug, Default)]
 pub struct GroupGradients {
@@ -85,22 +105,13 @@ impl Objective {
         self.perceptual.name()
     }
 
-    /// Runs the network on samples with the same number of context pictures of the same size, renders every set of Gaussians, and
-    /// propagates the sum of all losses back. The network must be on an autodiff device. `features` is the cache of a frozen
-    /// backbone's features; `call_seed` seeds random selection in the first sample, the next number that in the second; `share` of
-    /// the run is done.
+    /// Runs the network on a group, renders every set of Gaussians, and propagates the sum of all losses back. The network must be
+    /// on an autodiff device.
     ///
     /// # Errors
     /// [`SampleFault`] if the step cannot be used; nothing is changed.
-    pub fn gradients(
-        &self,
-        network: &Network,
-        samples: &[Sample],
-        features: Option<&FeatureCache>,
-        call_seed: u64,
-        share: f64,
-    ) -> Result<GroupGradients, SampleFault> {
-        let done = self.differentiate(network, samples, features, call_seed, share)?;
+    pub fn gradients(&self, network: &Network, input: &GroupInput<'_>) -> Result<GroupGradients, SampleFault> {
+        let done = self.differentiate(network, input)?;
         let Differentiated { terms, mut seconds, mut clock, gradients } = done;
         let gradients = gradients.map(|own| network.gradients(&own)).unwrap_or_default();
         seconds.backward = clock.lap();
@@ -109,7 +120,7 @@ impl Objective {
         if broken.is_empty() {
             Ok(GroupGradients { terms, gradients, seconds })
         } else {
-            Err(SampleFault { sample: names(samples), what: FaultKind::Gradients(broken) })
+            Err(SampleFault { sample: names(input.samples), what: FaultKind::Gradients(broken) })
         }
     }
 
@@ -117,15 +128,8 @@ impl Objective {
     ///
     /// # Errors
     /// [`SampleFault`] if the step cannot be used; nothing is changed.
-    pub fn flat_gradient(
-        &self,
-        network: &Network,
-        samples: &[Sample],
-        features: Option<&FeatureCache>,
-        call_seed: u64,
-        share: f64,
-    ) -> Result<FlatGradient, SampleFault> {
-        let done = self.differentiate(network, samples, features, call_seed, share)?;
+    pub fn flat_gradient(&self, network: &Network, input: &GroupInput<'_>) -> Result<FlatGradient, SampleFault> {
+        let done = self.differentiate(network, input)?;
         let Differentiated { terms, mut seconds, mut clock, gradients } = done;
         let gradient = match gradients {
             Some(gradients) => network.flat_gradient(&gradients),
@@ -135,14 +139,8 @@ impl Objective {
         Ok(FlatGradient { terms, gradient, seconds })
     }
 
-    fn differentiate(
-        &self,
-        network: &Network,
-        samples: &[Sample],
-        features: Option<&FeatureCache>,
-        call_seed: u64,
-        share: f64,
-    ) -> Result<Differentiated, SampleFault> {
+    fn differentiate(&self, network: &Network, input: &GroupInput<'_>) -> Result<Differentiated, SampleFault> {
+        let GroupInput { samples, features, call_seed, share } = *input;
         let mut clock = Clock::start();
         let refused = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
         let views = |sample: &Sample| {

@@ -10,7 +10,7 @@ use super::{Event, Trainer};
 use crate::TrainError;
 use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
 use crate::journal::StepRecord;
-use crate::objective::{FlatGradient, GroupGradients, PartSeconds, Terms};
+use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Terms};
 use crate::samples::{Draw, Sample};
 use crate::update::update;
 
@@ -79,7 +79,8 @@ impl Trainer {
             // Each group has its own graph over the same weights, so groups run in parallel.
             let network = network.clone().fork(&network.device());
             let Together { samples, first, share, drawing } = *together;
-            let mut group = products.scope(|| objective.gradients(&network, samples, features, first, share))?;
+            let input = GroupInput { samples, features, call_seed: first, share };
+            let mut group = products.scope(|| objective.gradients(&network, &input))?;
             group.seconds.sample = drawing;
             Ok(group)
         };
@@ -97,8 +98,8 @@ impl Trainer {
         let mut resident = self.resident.take().expect("a run on an adapter");
         let gradients = |together: &Together<'_>| {
             let Together { samples, first, share, drawing } = *together;
-            let (network, features) = (resident.network(), self.features.as_ref());
-            let mut group = self.objective.flat_gradient(network, samples, features, first, share)?;
+            let input = GroupInput { samples, features: self.features.as_ref(), call_seed: first, share };
+            let mut group = self.objective.flat_gradient(resident.network(), &input)?;
             group.seconds.sample = drawing;
             Ok(group)
         };

@@ -5,7 +5,7 @@ use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::samples::{PatchDistances, Sample};
-use atsplat_train::{Evaluation, FaultKind, GroupGradients, LossConfig, Objective, Parameters, Terms};
+use atsplat_train::{Evaluation, FaultKind, GroupGradients, GroupInput, LossConfig, Objective, Parameters, Terms};
 
 fn network() -> Network {
     let model = config("").model.config().unwrap();
@@ -15,7 +15,7 @@ fn network() -> Network {
 
 fn gradients(losses: LossConfig, sample: &Sample) -> Result<GroupGradients, FaultKind> {
     let objective = Objective::new(losses).unwrap();
-    let computed = objective.gradients(&network(), std::slice::from_ref(sample), None, 0, 0.0);
+    let computed = objective.gradients(&network(), &GroupInput::new(std::slice::from_ref(sample)));
     computed.map_err(|fault| {
         assert_eq!(fault.sample, sample.name);
         fault.what
@@ -100,7 +100,8 @@ fn exact_distances_reach_what_predicts_depth_and_fade_out() {
     sample.distances = Some(PatchDistances { columns: 2, distances });
     let only = LossConfig { distance_weight: 0.5, distance_until: 0.8, ..NOTHING };
     let objective = Objective::new(only).unwrap();
-    let at = |share: f64| objective.gradients(&network, std::slice::from_ref(&sample), None, 0, share).unwrap();
+    let input = GroupInput::new(std::slice::from_ref(&sample));
+    let at = |share: f64| objective.gradients(&network, &GroupInput { share, ..input }).unwrap();
     for (share, weight) in [(0.0, 0.5), (0.2, 0.375), (0.8, 0.0), (1.0, 0.0)] {
         let result = at(share);
         let distance = if weight > 0.0 { 2f64.ln() } else { 0.0 };
@@ -163,7 +164,9 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
         ..sample(number as u64 + 7)
     });
     let objective = Objective::new(LossConfig { distance_weight: 0.2, ..LossConfig::default() }).unwrap();
-    let of = |samples: &[Sample], call_seed| objective.gradients(&network, samples, None, call_seed, 0.0).unwrap();
+    let of = |samples: &[Sample], call_seed| {
+        objective.gradients(&network, &GroupInput { call_seed, ..GroupInput::new(samples) }).unwrap()
+    };
     let together = of(&samples, 40);
     let alone: Vec<GroupGradients> =
         samples.iter().zip(40..).map(|(sample, seed)| of(std::slice::from_ref(sample), seed)).collect();
@@ -176,7 +179,7 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
     }
     let mut broken = samples;
     broken[1].targets.pictures[3] = f32::NAN;
-    let fault = objective.gradients(&network, &broken, None, 0, 0.0).unwrap_err();
+    let fault = objective.gradients(&network, &GroupInput::new(&broken)).unwrap_err();
     assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Picture("target picture 0".to_owned())));
 }
 
@@ -198,9 +201,10 @@ fn losses_in_the_graph_have_the_same_terms_and_gradients() {
         background: [0.2, 0.4, 0.6],
         ..LossConfig::default()
     };
-    let beside = Objective::new(losses.clone()).unwrap().gradients(&network, &samples, None, 0, 0.0).unwrap();
+    let input = GroupInput::new(&samples);
+    let beside = Objective::new(losses.clone()).unwrap().gradients(&network, &input).unwrap();
     let inside = Objective::in_graph(losses, &network.device()).unwrap();
-    let named = inside.gradients(&network, &samples, None, 0, 0.0).unwrap();
+    let named = inside.gradients(&network, &input).unwrap();
     for (found, expected) in named.terms.iter().zip(&beside.terms) {
         for ((name, found), (_, expected)) in found.named().into_iter().zip(expected.named()) {
             Tolerance::relative(1e-5).assert([found], [expected], name);
@@ -213,7 +217,7 @@ fn losses_in_the_graph_have_the_same_terms_and_gradients() {
         let found = named.gradients[name].iter().copied().map(f64::from);
         Tolerance::absolute(1e-4 * largest).assert(found, expected.iter().copied().map(f64::from), name);
     }
-    let flat = inside.flat_gradient(&network, &samples, None, 0, 0.0).unwrap();
+    let flat = inside.flat_gradient(&network, &input).unwrap();
     let squares = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
     let sum: f64 = named.gradients.values().map(|values| squares(values)).sum();
     Tolerance::relative(1e-5).assert([squares(&f32_values(flat.gradient))], [sum], "the gradient as one tensor");

@@ -5,7 +5,7 @@ use crate::common::{Noise, SIZE, config, sample, trainer};
 use atsplat_model::network::{Device, Network};
 use atsplat_numeric::Tolerance;
 use atsplat_train::journal::{self, StepRecord};
-use atsplat_train::{GroupGradients, Objective, Parameters, Start, TrainConfig};
+use atsplat_train::{GroupGradients, GroupInput, Objective, Parameters, Start, TrainConfig};
 use tempfile::tempdir;
 
 /// The gradients of a step's samples, through the public interface.
@@ -15,7 +15,11 @@ fn batch(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<GroupG
     let objective = Objective::new(config.losses.clone()).unwrap();
     let size = config.batch.get() as u64;
     let numbers = step * size..(step + 1) * size;
-    numbers.map(|number| objective.gradients(&network, &[sample(number)], None, number, 0.0).unwrap()).collect()
+    let gradients = |call_seed| {
+        let samples = [sample(call_seed)];
+        objective.gradients(&network, &GroupInput { call_seed, ..GroupInput::new(&samples) }).unwrap()
+    };
+    numbers.map(gradients).collect()
 }
 
 /// Every weight follows the formulas of Kingma and Ba (2015) and of Loshchilov and Hutter (2019), in f64.

@@ -63,6 +63,27 @@ fn equal_rows_are_the_same_in_any_order() {
 }
 
 #[test]
+fn means_are_those_of_tables_where_renders_are_identical_to_the_truth() {
+    let mut base = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    for row in &mut base.targets[..2] {
+        (row.status, row.scores) = (TargetStatus::Identical, std::collections::BTreeMap::new());
+    }
+    let (leaked, identical) = (crate::statistics::Leaked::Included, crate::statistics::Identical::Excluded);
+    let query = crate::statistics::MetricQuery { preset: PRESET, method: "m", metric: "psnr", leaked, identical };
+    let table = crate::statistics::summary(&base, &query, atsplat_protocol::Aggregation::SceneMeans).mean;
+    let report = compare(&base, &baseline);
+    let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+    assert_eq!(comparison.now, table);
+    assert!(comparison.baseline.is_some_and(|mean| mean < 31.0));
+    assert_eq!((report.verdict, comparison.changed), (Verdict::Drifted, 2), "{report}");
+    assert_eq!(kinds(&report)[0], (FindingKind::Status, Verdict::Drifted, 2));
+    let accepted = Baseline::new(&base, &[], acceptance("second"));
+    assert_eq!(accepted.numbers.iter().map(|number| Some(number.mean)).collect::<Vec<_>>(), [table]);
+    assert_eq!(compare(&base, &accepted).verdict, Verdict::Same);
+}
+
+#[test]
 fn a_single_bit_is_drift_for_deterministic_methods() {
     let base = store(true, 12, 0.0, 1);
     let baseline = Baseline::new(&base, &[], acceptance("first"));

@@ -16,19 +16,20 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at >= view.part.x {
+    if at >= splats() {
         return;
     }
+    let gaussian = enter(at);
     let index = view.part.y + at;
     if reaches[index].y == 0u {
         return;
     }
     var rgb = vec3(0.5);
-    let first = 3u * view.part.z * at;
+    let first = 3u * view.part.z * gaussian;
     if view.part.w == 0u {
         rgb += 0.28209479177387814 * vec3(sh[first], sh[first + 1u], sh[first + 2u]);
     } else {
-        let direction = direction_to(vec3(means[3u * at], means[3u * at + 1u], means[3u * at + 2u]));
+        let direction = direction_to(vec3(means[3u * gaussian], means[3u * gaussian + 1u], means[3u * gaussian + 2u]));
         var basis = sh_basis(view.part.w, direction.xyz);
         let coefficients = (view.part.w + 1u) * (view.part.w + 1u);
         for (var k = 0u; k < coefficients; k++) {
@@ -38,7 +39,7 @@ fn main(
     }
     var scalar = 0.0;
     if has(HAS_SCALAR) {
-        scalar = scalars[at];
+        scalar = scalars[gaussian];
     }
     let largest = max(max(max(abs(rgb.x), abs(rgb.y)), abs(rgb.z)), abs(scalar));
     let is_valid_log_scale = are_finite(rgb) && is_finite(scalar) && largest <= LARGEST_CHANNEL;

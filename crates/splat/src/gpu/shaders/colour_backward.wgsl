@@ -4,7 +4,7 @@
 @group(0) @binding(3) var<storage, read> seconds: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> colours: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> reaches: array<vec2<u32>>;
-// Records of this part, 24 values per Gaussian; this kernel writes the first three and the last two.
+// Records of this part, 24 values per splat; this kernel writes the first three and the last two.
 @group(0) @binding(6) var<storage, read_write> records: array<f32>;
 @group(0) @binding(7) var<storage, read_write> d_sh: array<f32>;
 @group(0) @binding(8) var<storage, read_write> d_scalars: array<f32>;
@@ -16,19 +16,21 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at >= view.part.x {
+    if at >= splats() {
         return;
     }
+    let gaussian = enter(at);
     let index = view.part.y + at;
     let is_drawn = reaches[index].y != 0u;
-    let first = 3u * view.part.z * at;
+    let first = 3u * view.part.z * gaussian;
+    let result = 3u * view.part.z * at;
     if has(HAS_SCALAR) {
         d_scalars[at] = select(0.0, saturated(seconds[index].w), is_drawn && !has(ABSOLUTE));
     }
     var d_mean = vec3(0.0);
     if is_drawn {
         let coefficients = (view.part.w + 1u) * (view.part.w + 1u);
-        let direction = direction_to(vec3(means[3u * at], means[3u * at + 1u], means[3u * at + 2u]));
+        let direction = direction_to(vec3(means[3u * gaussian], means[3u * gaussian + 1u], means[3u * gaussian + 2u]));
         var basis = sh_basis(view.part.w, direction.xyz);
         // A channel clamped at 0 has no gradient.
         var raw = vec3(0.5);
@@ -38,14 +40,14 @@ fn main(
         }
         let d_rgb = select(colours[index].xyz, vec3(0.0), raw < vec3(0.0));
         for (var k = 0u; k < coefficients; k++) {
-            let n = first + 3u * k;
+            let n = result + 3u * k;
             let value = saturated3(basis[k] * d_rgb);
             d_sh[n] = value.x;
             d_sh[n + 1u] = value.y;
             d_sh[n + 2u] = value.z;
         }
         for (var k = coefficients; k < view.part.z; k++) {
-            let n = first + 3u * k;
+            let n = result + 3u * k;
             d_sh[n] = 0.0;
             d_sh[n + 1u] = 0.0;
             d_sh[n + 2u] = 0.0;
@@ -62,7 +64,7 @@ fn main(
         }
     } else {
         for (var k = 0u; k < 3u * view.part.z; k++) {
-            d_sh[first + k] = 0.0;
+            d_sh[result + k] = 0.0;
         }
     }
     records[24u * at] = d_mean.x;

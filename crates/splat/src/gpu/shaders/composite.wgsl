@@ -10,7 +10,7 @@ fn main(
     @builtin(local_invocation_id) local: vec3<u32>,
 ) {
     let tile = group.y * groups.x + group.x;
-    if tile >= view.tiles.z * view.tiles.w {
+    if tile >= all_tiles() {
         return;
     }
     let block = block_of(tile, local);

@@ -35,13 +35,14 @@ fn main(
     let mask = masks[at];
     let shift = shift_of(tiles);
     let across = squares_of(tiles, shift).x;
+    let first = gaussian / view.batch.x * view.batch.y;
     for (var row = tiles.y; row < tiles.w; row++) {
         for (var column = tiles.x; column < tiles.z; column++) {
             let bit = ((row - tiles.y) >> shift) * across + ((column - tiles.x) >> shift);
             if ((mask >> bit) & 1u) == 0u {
                 continue;
             }
-            let tile = (row - view.tiles.y) * view.tiles.z + (column - view.tiles.x);
+            let tile = first + (row - view.tiles.y) * view.tiles.z + (column - view.tiles.x);
             if !fits {
                 // Only the lengths of the lists, for the host. Integer sums do not depend on the order.
                 atomicAdd(&ranges[2u * tile + 1u], 1u);

@@ -11,7 +11,7 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let tile = linear_index(group, groups, 64u, local);
-    if tile >= view.tiles.z * view.tiles.w {
+    if tile >= view.tiles.z * view.tiles.w * view.batch.z {
         return;
     }
     let pairs = offsets[view.window.w];

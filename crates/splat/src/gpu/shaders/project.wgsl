@@ -13,10 +13,11 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at >= view.part.x {
+    if at >= splats() {
         return;
     }
-    let g = geometry_at(at);
+    let gaussian = enter(at);
+    let g = geometry_at(gaussian);
     let index = view.part.y + at;
     if g.outcome != DRAWN {
         reaches[index] = vec2(g.outcome, 0u);

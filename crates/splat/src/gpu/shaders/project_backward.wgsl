@@ -3,7 +3,7 @@
 // deviations and the second moments M, the gradient of V is −Lᵀ M L V.
 @group(0) @binding(6) var<storage, read> firsts: array<vec4<f32>>;
 @group(0) @binding(7) var<storage, read> seconds: array<vec4<f32>>;
-// 24 values per Gaussian: mean, quaternion, log-scales, logit, projected centre, conic, pose (rotation, then
+// 24 values per splat: mean, quaternion, log-scales, logit, projected centre, conic, pose (rotation, then
 // translation), two that `colour_backward.wgsl` wrote. On entry the first three hold the mean's gradient through the colour.
 @group(0) @binding(8) var<storage, read_write> records: array<f32>;
 
@@ -20,9 +20,10 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, 64u, local);
-    if at >= view.part.x {
+    if at >= splats() {
         return;
     }
+    let gaussian = enter(at);
     let index = view.part.y + at;
     let record = 24u * at;
     let d_mean = vec3(records[record], records[record + 1u], records[record + 2u]);
@@ -31,7 +32,7 @@ fn main(
     }
     let first = firsts[index];
     let second = seconds[index];
-    let g = geometry_at(at);
+    let g = geometry_at(gaussian);
     if g.outcome != DRAWN {
         return;
     }
@@ -47,7 +48,7 @@ fn main(
     let m = second.xyz / (HALF_LOG2_E * HALF_LOG2_E);
 
     // Opacity: e is minus the gradient of its logarithm.
-    let one_minus_sigmoid = 1.0 / (1.0 + exp_within_range(logits[at]));
+    let one_minus_sigmoid = 1.0 / (1.0 + exp_within_range(logits[gaussian]));
     records[record + 10u] = saturated(-d_e * one_minus_sigmoid);
     var d_logs = -d_e * (vec3(1.0) - g.unfiltered_share);
 

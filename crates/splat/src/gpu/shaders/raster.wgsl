@@ -3,15 +3,16 @@
 // A thread composites a block of pixels 4 wide and ROWS high (1 or 4; defined by `kernels.rs`), and a workgroup a tile.
 const THREADS: u32 = 64u / ROWS;
 
-// A thread's pixels: first column and row within the tile, and within the picture.
+// A thread's pixels: first column and row within the tile, and within the picture; the picture's first pixel.
 struct Block {
     corner: vec2<u32>,
     pixel: vec2<u32>,
+    first: u32,
 }
 
 fn block_of(tile: u32, local: vec3<u32>) -> Block {
     let corner = vec2(local.x * 4u, local.y * ROWS);
-    return Block(corner, corner_of(tile) + corner);
+    return Block(corner, corner_of(tile) + corner, tile / view.batch.y * (view.image.x * view.image.y));
 }
 
 // Whether the picture has the pixel in row r and column n of a block.
@@ -21,7 +22,7 @@ fn is_inside(block: Block, r: u32, n: u32) -> bool {
 
 // Its index in the strip's buffers.
 fn pixel_of(block: Block, r: u32, n: u32) -> u32 {
-    return (block.pixel.y + r - view.window.z) * view.image.x + block.pixel.x + n;
+    return block.first + (block.pixel.y + r - view.window.z) * view.image.x + block.pixel.x + n;
 }
 
 // Whether a Gaussian's box within the tile misses the thread's pixels; most Gaussians cover only part of a tile.

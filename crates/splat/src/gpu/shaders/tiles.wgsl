@@ -1,6 +1,12 @@
-// First column and row of a tile, by its index in the window.
+// First column and row of a tile within its picture, by its index in the window.
 fn corner_of(tile: u32) -> vec2<u32> {
-    return 16u * (view.tiles.xy + vec2(tile % view.tiles.z, tile / view.tiles.z));
+    let own = tile % view.batch.y;
+    return 16u * (view.tiles.xy + vec2(own % view.tiles.z, own / view.tiles.z));
+}
+
+// The window's tiles, of all pictures.
+fn all_tiles() -> u32 {
+    return view.tiles.z * view.tiles.w * view.batch.z;
 }
 
 // The window's tiles of 16×16 pixels that a Gaussian may reach: first column and row, and the end of both.

@@ -1,4 +1,4 @@
-// Copies some of the 24 values of each record to an output buffer.
+// Copies some values of each record to an output buffer, summed over the views of its scene in their order.
 struct Unpack {
     count: u32,
     // Offset in a record, and number of values.
@@ -8,9 +8,11 @@ struct Unpack {
     stride: u32,
     // Index of the first Gaussian in the result.
     first: u32,
-    spare_a: u32,
-    spare_b: u32,
-    spare_c: u32,
+    // Values per record.
+    record: u32,
+    // Gaussians of a scene, and its views.
+    each: u32,
+    views: u32,
 }
 
 @group(0) @binding(0) var<uniform> unpack: Unpack;
@@ -27,10 +29,14 @@ fn main(
     if at >= unpack.count {
         return;
     }
+    let splat = at / unpack.each * unpack.views * unpack.each + at % unpack.each;
     for (var k = 0u; k < unpack.stride; k++) {
         var value = 0.0;
         if k < unpack.width {
-            value = records[24u * at + unpack.from_ + k];
+            value = records[unpack.record * splat + unpack.from_ + k];
+            for (var n = 1u; n < unpack.views; n++) {
+                value += records[unpack.record * (splat + n * unpack.each) + unpack.from_ + k];
+            }
         }
         result[(unpack.first + at) * unpack.stride + k] = value;
     }

@@ -33,6 +33,9 @@ struct View {
     // Pixels of the strip, pairs that the lists hold, first pixel row of the image buffers, total number of Gaussians.
     // Of more pairs none is listed: the host repeats the rendering with longer lists.
     window: vec4<u32>,
+    // Of a batch: splats and tiles of a picture, pictures, views of a scene. For a single picture, the first two are larger than
+    // any index.
+    batch: vec4<u32>,
 }
 
 const NEAR_IS_CULLED: u32 = 1u;
@@ -53,8 +56,6 @@ const APPLY_EXPOSURE: u32 = 16384u;
 const EXPOSED_LOSS: u32 = 32768u;
 const RESUMES: u32 = 65536u;
 const ABSOLUTE: u32 = 131072u;
-
-@group(0) @binding(0) var<uniform> view: View;
 
 fn has(flag: u32) -> bool {
     return (view.image.z & flag) != 0u;

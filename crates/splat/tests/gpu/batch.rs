@@ -1,0 +1,195 @@
+//! Batches against the same views one by one.
+
+use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_splat::gpu::{
+    GpuCounts, GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
+};
+use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Renderer, SplatError, View};
+use glam::{DMat3, DVec3};
+
+use crate::scenes::{cloud, everything, gpu, image_gradients, narrow, open, view};
+
+/// Each from elsewhere, through another lens.
+fn views(count: usize, width: u32, height: u32) -> Vec<View> {
+    let moved = |at: usize| {
+        let mut own = view(width, height);
+        let turn = DMat3::from_rotation_y(0.05 * at as f64);
+        let pose = own.camera.camera_from_world;
+        own.camera.camera_from_world = atsplat_camera::CameraFromWorld::new(
+            turn * pose.rotation(),
+            pose.translation() + DVec3::new(0.1 * at as f64, -0.07, 0.05 * at as f64),
+        )
+        .unwrap();
+        own
+    };
+    (0..count).map(moved).collect()
+}
+
+fn scenes(count: u32, gaussians: usize) -> Vec<Gaussians> {
+    (0..count).map(|scene| cloud(gaussians, 1, 19 + scene)).collect()
+}
+
+/// Scenes one after the other.
+fn joined(scenes: &[Gaussians]) -> Gaussians {
+    let mut all = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
+    for scene in scenes {
+        let own = scene.parts();
+        all.means.extend(&own.means);
+        all.quaternions.extend(&own.quaternions);
+        all.log_scales.extend(&own.log_scales);
+        all.opacity_logits.extend(&own.opacity_logits);
+        all.sh.extend(&own.sh);
+        all.scalars.iter_mut().for_each(|scalars| scalars.extend(own.scalars.iter().flatten()));
+    }
+    Gaussians::new(all).unwrap()
+}
+
+/// Image gradients of pictures below each other, on the device.
+fn uploaded(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradients {
+    let buffer = |values: Vec<[f32; 4]>| {
+        let bytes: Vec<u8> = values.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
+        let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: bytes.len() as u64,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        gpu.queue().write_buffer(&buffer, 0, &bytes);
+        buffer
+    };
+    let pixels = |own: &ImageGradients<f32>| 0..own.rgb.len();
+    let colour = |own: &ImageGradients<f32>, at: usize| {
+        let [red, green, blue] = own.rgb[at];
+        [red, green, blue, own.alpha.as_ref().unwrap()[at]]
+    };
+    let extra = |own: &ImageGradients<f32>, at: usize| {
+        [own.depth.as_ref().unwrap()[at], own.scalar.as_ref().unwrap()[at], 0.0, 0.0]
+    };
+    let colours = images.iter().flat_map(|own| pixels(own).map(|at| colour(own, at)).collect::<Vec<_>>());
+    let extras = images.iter().flat_map(|own| pixels(own).map(|at| extra(own, at)).collect::<Vec<_>>());
+    let strip = GpuStripGradients { colours: buffer(colours.collect()), extras: Some(buffer(extras.collect())) };
+    GpuImageGradients { strips: vec![strip] }
+}
+
+/// Three scenes with two views each: pictures, and gradients summed over the views of each scene.
+#[test]
+fn a_batch_equals_its_views_one_by_one() {
+    let Some(mut gpu) = gpu() else { return };
+    let (scenes, views) = (scenes(3, 500), views(6, 53, 41));
+    let joined = joined(&scenes);
+    let resident = gpu.upload(&joined).unwrap();
+    let pending = gpu.render_batch(&resident, 3, &views, &everything()).unwrap();
+    let batch = gpu.read(&pending).unwrap();
+    assert_eq!((batch.size.width, batch.size.height), (53, 6 * 41));
+    let mut drawn = 0;
+    for (at, view) in views.iter().enumerate() {
+        let alone = gpu.render(&scenes[at / 2], view, &everything()).unwrap();
+        let own = at * view.pixels()..(at + 1) * view.pixels();
+        assert!(batch.rgb[own.clone()] == alone.rgb, "view {at}");
+        assert!(batch.alpha[own.clone()] == alone.alpha, "view {at}");
+        assert!(batch.depth.as_ref().unwrap()[own.clone()] == *alone.depth.as_ref().unwrap(), "view {at}");
+        assert!(batch.median_depth.as_ref().unwrap()[own.clone()] == *alone.median_depth.as_ref().unwrap(), "view {at}");
+        assert!(batch.scalar.as_ref().unwrap()[own] == *alone.scalar.as_ref().unwrap(), "view {at}");
+        assert!(alone.census.drawn > 100 && alone.census.outside_picture > 0, "{:?}", alone.census);
+        drawn += alone.census.drawn;
+    }
+    assert_eq!(batch.census.drawn, drawn);
+
+    let phases = |at: usize| {
+        let mut own = narrow(&image_gradients(&views[at]));
+        own.rgb.rotate_left(11 * at);
+        own
+    };
+    let images: Vec<ImageGradients<f32>> = (0..6).map(phases).collect();
+    let by_images = uploaded(&gpu, &images);
+    let pending = gpu.backward_batch(&resident, 3, &views, &everything(), &by_images).unwrap();
+    let found = gpu.read_gradients(&pending, &joined).unwrap();
+    for (scene, gaussians) in scenes.iter().enumerate() {
+        let mut of_view =
+            |at: usize| gpu.backward(gaussians, &views[at], &everything(), &images[at]).unwrap();
+        let [first, second] = [of_view(2 * scene), of_view(2 * scene + 1)];
+        let own = scene * 500..(scene + 1) * 500;
+        let fields: [(&str, fn(&Gradients<f32>) -> &[f32], usize); 6] = [
+            ("means", |own| own.means.as_flattened(), 3),
+            ("quaternions", |own| own.quaternions.as_flattened(), 4),
+            ("log scales", |own| own.log_scales.as_flattened(), 3),
+            ("opacity logits", |own| &own.opacity_logits, 1),
+            ("SH", |own| own.sh.as_flattened(), 12),
+            ("scalars", |own| &own.scalars, 1),
+        ];
+        for (name, of, each) in fields {
+            let sum: Vec<f32> = of(&first).iter().zip(of(&second)).map(|(a, b)| a + b).collect();
+            assert!(of(&found)[own.start * each..own.end * each] == sum, "{name} of scene {scene}");
+            assert!(sum.iter().any(|value| value.abs() > 0.0) && of(&first) != of(&second), "{name}");
+        }
+    }
+    let poses: Vec<[f32; 6]> = views
+        .iter()
+        .zip(&images)
+        .enumerate()
+        .map(|(at, (view, images))| gpu.backward(&scenes[at / 2], view, &everything(), images).unwrap().pose)
+        .collect();
+    let sums: Vec<f64> = (0..6).map(|axis| poses.iter().map(|pose| f64::from(pose[axis])).sum()).collect();
+    let largest = sums.iter().fold(0.0, |most: f64, sum| most.maximum_of(sum.abs()));
+    Tolerance::absolute(1e-5 * largest).assert(found.pose.map(f64::from), sums, "pose");
+}
+
+/// Kernels are launched once for the whole batch; only passes of sorts and levels of sums grow, with logarithms.
+#[test]
+fn launches_do_not_grow_with_the_batch() {
+    let Some(mut gpu) = gpu() else { return };
+    let mut launches = |count: u32| -> [GpuCounts; 2] {
+        let views = views(2 * count as usize, 64, 64);
+        let resident = gpu.upload(&joined(&scenes(count, 1500))).unwrap();
+        let images: Vec<_> = views.iter().map(|view| narrow(&image_gradients(view))).collect();
+        let by_images = uploaded(&gpu, &images);
+        let render = |gpu: &mut GpuRenderer| {
+            let pending = gpu.render_batch(&resident, count, &views, &everything()).unwrap();
+            gpu.settle(&pending).unwrap();
+        };
+        let differentiate = |gpu: &mut GpuRenderer| {
+            let pending = gpu.backward_batch(&resident, count, &views, &everything(), &by_images).unwrap();
+            gpu.settle(&pending).unwrap();
+        };
+        let mut counted = |work: &dyn Fn(&mut GpuRenderer)| {
+            // Lists have learnt their lengths.
+            work(&mut gpu);
+            let before = gpu.counts();
+            work(&mut gpu);
+            gpu.counts() - before
+        };
+        [counted(&render), counted(&differentiate)]
+    };
+    let [four, eight, sixteen] = [4, 8, 16].map(&mut launches);
+    for (at, most) in [(0, 20), (1, 24)] {
+        assert_eq!(four[at].dispatches, eight[at].dispatches, "{four:?} {eight:?}");
+        assert!(sixteen[at].dispatches <= four[at].dispatches + most, "{four:?} {sixteen:?}");
+        let alike = [four[at], sixteen[at]].iter().all(|own| (own.submissions, own.waits) == (2, 1));
+        assert!(alike, "one, and one that reads the report: {four:?} {sixteen:?}");
+    }
+}
+
+#[test]
+fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
+    let Some(mut gpu) = gpu() else { return };
+    let resident = gpu.upload(&joined(&scenes(2, 100))).unwrap();
+    let mut refused = |scenes, views: &[View]| gpu.render_batch(&resident, scenes, views, &everything()).unwrap_err();
+    let fields = [(2, views(3, 20, 20)), (3, views(3, 20, 20)), (2, [views(3, 20, 20), views(1, 20, 21)].concat()), (1, vec![])];
+    let found = fields.map(|(scenes, views)| match refused(scenes, &views) {
+        SplatError::Length { field, .. } => field,
+        other => panic!("{other}"),
+    });
+    let expected = ["views of as many for each scene", "Gaussians of as many for each scene", "views of one size", "views"];
+    assert_eq!(found, expected);
+    let crowd = refused(2, &views(162, 20, 20));
+    assert!(matches!(crowd, SplatError::Gpu(GpuError::TooLarge { what: "views of a batch", .. })), "{crowd}");
+
+    let Some(mut small) = open(GpuOptions { binding_limit: 64 << 10, ..GpuOptions::default() }) else { return };
+    let resident = small.upload(&joined(&scenes(2, 100))).unwrap();
+    let wide = small.render_batch(&resident, 2, &views(2, 64, 64), &everything()).unwrap_err();
+    assert!(matches!(wide, SplatError::Gpu(GpuError::TooLarge { what: "pixels of a batch", .. })), "{wide}");
+    let parts: Vec<GpuPart> = [resident.parts(), resident.parts()].concat();
+    let parts = GpuGaussians::from_parts(parts, 1).unwrap();
+    let split = small.render_batch(&parts, 2, &views(2, 16, 16), &everything()).unwrap_err();
+    assert!(matches!(&split, SplatError::Gpu(GpuError::TooLarge { what, .. }) if what.starts_with("parts")), "{split}");
+}
