@@ -34,7 +34,11 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&optimised, &["--opacities-as-stored"], "--opacities-as-stored is for ply and exec"),
         (&baseline, &["--effects", "none"], "--effects is for methods whose Gaussians are rendered"),
         (&renders, &["--tolerance", "0.1"], "--tolerance is for --ply"),
-        (&baseline, &["--images", "2"], "--images: expected captures of nerfstudio or COLMAP, found a dataset in the format re10k"),
+        (
+            &baseline,
+            &["--images", "2"],
+            "--images: expected captures of nerfstudio or COLMAP, found a dataset in the format re10k",
+        ),
         (&baseline, &["--prefer-undistorted"], "--prefer-undistorted: expected captures of nerfstudio or DL3DV"),
         (&baseline, &["--metric-weights", "gone"], "expected an existing folder, found \"gone\""),
         (&baseline, &["--metrics", "ssim,pnsr"], "pnsr"),
@@ -102,30 +106,47 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
 fn strict_finds_failed_rows_and_empty_renders() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    write_noise(here, 1);
-    fs::create_dir_all(here.join("renders/scene-00")).unwrap();
-    let score = ["score", "tiny.toml", "--data", "data", "--strict"];
-    let failing = atsplat(here, &[&score[..], &["--renders", "renders", "--out", "failing"]].concat());
-    assert_ne!(failing.code, 0);
-    let report = |store: &str| atsplat(here, &["report", store, "--out", "page", "--strict"]);
-    let strict = report("failing");
-    assert!(strict.code == 4 && strict.stderr.contains("1 trials of renders are incomplete: scene-00 failed:"), "{}", strict.stderr);
-    assert_eq!(atsplat(here, &["report", "failing", "--out", "page"]).code, 0);
-
-    // One Gaussian far behind every camera.
-    let far = "ply\nformat ascii 1.0\nelement vertex 1\n";
-    let fields = [("x", "0"), ("y", "0"), ("z", "-9000"), ("f_dc_0", "0"), ("f_dc_1", "0"), ("f_dc_2", "0"), ("opacity", "1")]
-        .into_iter()
-        .chain([("scale_0", "-4"), ("scale_1", "-4"), ("scale_2", "-4"), ("rot_0", "1"), ("rot_1", "0"), ("rot_2", "0"), ("rot_3", "0")]);
-    let (names, values): (Vec<String>, Vec<&str>) =
-        fields.map(|(name, value)| (format!("property float {name}\n"), value)).unzip();
+    write_noise(here, 2);
     fs::create_dir(here.join("behind")).unwrap();
-    let text = format!("{far}{}end_header\n{}\n", names.concat(), values.join(" "));
-    fs::write(here.join("behind/scene-00.ply"), text).unwrap();
-    let behind = atsplat(here, &[&score[..], &["--ply", "behind", "--out", "behind-store"]].concat());
-    assert!(behind.code == 4 && behind.stdout.contains("1 without a Gaussian in any target"), "{}", behind.stdout);
-    assert_eq!(report("behind-store").code, 0, "its rows have numbers");
+    let write = |scene: &str| fs::write(here.join("behind").join(scene), BEHIND).unwrap();
+    let score = |store: &str| {
+        atsplat(here, &["score", "tiny.toml", "--data", "data", "--strict", "--ply", "behind", "--out", store])
+    };
+    let report = |store: &str, more: &[&str]| atsplat(here, &[&["report", store, "--out", "page"], more].concat());
+    write("scene-00.ply");
+    assert_eq!(score("failing").code, 4);
+    let strict = report("failing", &["--strict"]);
+    let expected = "failing: tiny: 1 trials of behind are incomplete: scene-01 failed:";
+    assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
+    assert_eq!(report("failing", &[]).code, 0);
+
+    write("scene-01.ply");
+    let empty = score("empty");
+    assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
+    assert_eq!(report("empty", &["--strict"]).code, 0, "its rows have numbers");
 }
+
+/// One Gaussian, far behind every camera.
+const BEHIND: &str = "ply
+format ascii 1.0
+element vertex 1
+property float x
+property float y
+property float z
+property float f_dc_0
+property float f_dc_1
+property float f_dc_2
+property float opacity
+property float scale_0
+property float scale_1
+property float scale_2
+property float rot_0
+property float rot_1
+property float rot_2
+property float rot_3
+end_header
+0 0 -9000 0 0 0 1 -4 -4 -4 1 0 0 0
+";
 
 #[test]
 fn an_unfinished_run_is_no_baseline() {

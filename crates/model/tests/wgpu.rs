@@ -8,11 +8,13 @@
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize as CameraSize, NormalizedIntrinsics, WorldFromCamera};
-use atsplat_model::network::{BlockOutcome, Device, Network, Processor, Reconstruction, Views, f32_values};
+use atsplat_model::network::{
+    BlockOutcome, Device, GaussianTensors, Network, Processor, Reconstruction, RenderedTensors, Views, f32_values,
+};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig};
-use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_numeric::{Extremes as _, SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer, adapters};
 use atsplat_splat::{
@@ -228,6 +230,97 @@ fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
     let sum = (images.rgb.clone() * images.rgb).sum() + (last.rgb.clone() * last.rgb).sum();
     let sum = sum + images.alpha.sum() * 0.3 + depth.sum() * 0.05 + scalar.sum() * 0.2;
     Rendered { images: shown, gradients: network.gradients(&sum.backward()) }
+}
+
+/// `scenes` different ones, `count` Gaussians each, as leaves of a graph; and one scalar for each Gaussian.
+fn leaves(scenes: usize, count: usize, device: &Device) -> (GaussianTensors, Tensor<2>) {
+    let mut random = SplitMix64::for_scene(7, "leaves");
+    let mut tensor = |each: usize, low: f32, high: f32| {
+        let unit = |random: &mut SplitMix64| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32;
+        let values: Vec<f32> = (0..scenes * count * each).map(|_| low + (high - low) * unit(&mut random)).collect();
+        Tensor::<3>::from_data(TensorData::new(values, [scenes, count, each]), device)
+    };
+    let shift = Tensor::<1>::from_floats([0.0, 0.0, 2.5], device).reshape([1, 1, 3]);
+    let gaussians = GaussianTensors {
+        means: (tensor(3, -1.0, 1.0) + shift).require_grad(),
+        quaternions: tensor(4, -1.0, 1.0).require_grad(),
+        log_scales: tensor(3, -3.5, -1.5).require_grad(),
+        opacity_logits: tensor(1, -2.0, 2.0).squeeze_dim::<2>(2).require_grad(),
+        sh: tensor(12, -0.8, 0.8).require_grad(),
+        sh_degree: 1,
+    };
+    let scalars = tensor(1, 0.0, 1.0).squeeze_dim::<2>(2).require_grad();
+    (gaussians, scalars)
+}
+
+/// Pictures of several scenes, all at once or scene by scene, and the gradients of a sum that weighs every pixel differently.
+fn of_scenes(at_once: bool, scenes: usize, views: &[Vec<View>], device: &Device) -> Vec<Vec<f32>> {
+    let (gaussians, scalars) = leaves(scenes, 300, device);
+    let options = RenderOptions {
+        channels: Channels { depth: true, scalar: true, ..Channels::default() },
+        ..RenderOptions::default()
+    };
+    let rendered: Vec<RenderedTensors> = if at_once {
+        vec![gaussians.render_all(views, &options, Some(scalars.clone())).unwrap()]
+    } else {
+        let one = |(scene, views): (usize, &Vec<View>)| {
+            let own = scalars.clone().slice_dim(0, scene..scene + 1).squeeze_dim::<1>(0);
+            gaussians.render(scene, views, &options, Some(own)).unwrap()
+        };
+        views.iter().enumerate().map(one).collect()
+    };
+    let rgb = Tensor::cat(rendered.iter().map(|own| own.rgb.clone()).collect(), 0);
+    let channel = |of: fn(&RenderedTensors) -> Tensor<3>| Tensor::cat(rendered.iter().map(of).collect(), 0);
+    let extra = channel(|own| own.depth.clone().unwrap()) * 0.1 + channel(|own| own.scalar.clone().unwrap());
+    let count = rgb.shape().num_elements();
+    let weights: Vec<f32> = (0..count).map(|at| (at as f32 * 0.37).sin()).collect();
+    let weights = Tensor::<4>::from_data(TensorData::new(weights, rgb.dims()), device);
+    let sum =
+        (rgb.clone() * weights.clone()).sum() + (extra.clone() * weights.slice_dim(3, 0..1).squeeze_dim::<3>(3)).sum();
+    let gradients = sum.backward();
+    let of = |leaf: &Tensor<3>| f32_values(leaf.grad(&gradients).unwrap());
+    let flat = |leaf: &Tensor<2>| f32_values(leaf.grad(&gradients).unwrap());
+    let GaussianTensors { means, quaternions, log_scales, opacity_logits, sh, .. } = &gaussians;
+    vec![
+        f32_values(rgb),
+        f32_values(extra),
+        of(means),
+        of(quaternions),
+        of(log_scales),
+        flat(opacity_logits),
+        of(sh),
+        flat(&scalars),
+    ]
+}
+
+/// Scenes at once have the pictures and gradients of scenes one by one: three in one launch, and two with more views than a launch takes.
+/// The CPU's backend accepts batches too.
+#[test]
+fn scenes_at_once_are_those_one_by_one() {
+    let views = |scenes: usize, count: usize, side: u32| -> Vec<Vec<View>> {
+        let size = CameraSize { width: side, height: side - 3 };
+        let view = |scene: usize, at: usize| {
+            let pose = CameraFromWorld::new(
+                DMat3::from_rotation_y(0.1 * scene as f64 - 0.01 * at as f64),
+                DVec3::new(0.1 * at as f64 % 0.7, 0.05, 0.2 * scene as f64),
+            );
+            let intrinsics = NormalizedIntrinsics::new(0.9, 1.0, 0.5, 0.48).unwrap();
+            View { camera: Camera::pinhole(pose.unwrap(), intrinsics), size }
+        };
+        (0..scenes).map(|scene| (0..count).map(|at| view(scene, at)).collect()).collect()
+    };
+    let cases = [(3, views(3, 2, 40)), (2, views(2, 81, 16))];
+    let devices = [Some(Device::flex()), wgpu()];
+    for device in devices.into_iter().flatten() {
+        for (scenes, views) in &cases {
+            let [at_once, one_by_one] =
+                [true, false].map(|at_once| of_scenes(at_once, *scenes, views, &device.clone().autodiff()));
+            for (part, (found, expected)) in at_once.iter().zip(&one_by_one).enumerate() {
+                assert!(found == expected, "part {part} of {scenes} scenes");
+                assert!(found.iter().any(|value| value.abs() > 1e-3), "part {part}");
+            }
+        }
+    }
 }
 
 /// Largest difference in PSNR between the pictures that a network and a renderer on an adapter make of a trial and those that

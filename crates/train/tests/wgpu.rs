@@ -5,6 +5,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use atsplat_model::network::Processor;
 use atsplat_numeric::Tolerance;
@@ -59,6 +60,9 @@ every = 2
 keep = 2
 "#;
 
+/// A process has one adapter, whose launches are counted.
+static ADAPTER: Mutex<()> = Mutex::new(());
+
 fn train(folder: &Path, processor: Processor, start: &Start, limit: u64) -> (Trainer, Vec<StepRecord>) {
     let mut trainer = Trainer::on(processor, TrainConfig::from_toml(TINY).unwrap(), folder, start).unwrap();
     let mut records = Vec::new();
@@ -84,6 +88,7 @@ fn steps_on_an_adapter_are_those_of_the_cpu_and_resume() {
     if let Err(error) = Processor::Wgpu(None).open() {
         return skip_without_graphics("train wgpu", error);
     }
+    let _alone = ADAPTER.lock().unwrap_or_else(PoisonError::into_inner);
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let (cpu, of_cpu) = train(&at("cpu"), Processor::Cpu, &Start::Fresh, 4);
@@ -113,4 +118,34 @@ fn steps_on_an_adapter_are_those_of_the_cpu_and_resume() {
     let (resumed, rest) = train(&at("resumed"), Processor::Wgpu(None), &Start::Resume, 4);
     assert_eq!(rest.len(), 2);
     assert_eq!(weights(&resumed), weights(&card), "to the bit");
+}
+
+/// A step renders its samples at once: with four times as many, levels of sums and passes of sorts are all that is launched more often.
+#[test]
+fn launches_of_a_step_on_an_adapter_do_not_grow_with_the_batch() {
+    let processor = Processor::Wgpu(None);
+    if let Err(error) = processor.open() {
+        return skip_without_graphics("train wgpu", error);
+    }
+    let _alone = ADAPTER.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let mut launches = |batch: usize| {
+        let text = TINY.replace("batch = 4\ntogether = 2", &format!("batch = {batch}\ntogether = {batch}"));
+        let config = TrainConfig::from_toml(&text).unwrap();
+        assert_eq!(config.together.get(), batch);
+        let at = folder.path().join(batch.to_string());
+        let mut trainer = Trainer::on(processor, config, &at, &Start::Fresh).unwrap();
+        // Lists of tiles have learnt their lengths.
+        trainer.run(Limits { steps: Some(2), ..Limits::default() }, &mut |_| ()).unwrap();
+        let before = processor.rendering_counts().unwrap();
+        trainer.run(Limits { steps: Some(3), ..Limits::default() }, &mut |_| ()).unwrap();
+        processor.rendering_counts().unwrap() - before
+    };
+    let [two, four, eight] = [2, 4, 8].map(&mut launches);
+    // Three sets of Gaussians, forward and backward.
+    assert!(two.dispatches > 6 * 30, "{two:?}");
+    assert_eq!((two.submissions, two.waits), (four.submissions, four.waits), "{two:?} {four:?}");
+    assert_eq!(two.submissions, eight.submissions, "{two:?} {eight:?}");
+    assert!(eight.dispatches < two.dispatches + two.dispatches / 2, "{two:?} {eight:?}");
+    assert!(four.dispatches <= eight.dispatches, "{four:?} {eight:?}");
 }

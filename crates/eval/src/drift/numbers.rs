@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::probe::Stage;
 use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
-use crate::{Results, TargetStatus};
 use crate::statistics::{Outcome, SelectedTarget, score_of, summary_of};
+use crate::{Results, TargetStatus};
 
 /// One number of an accepted run, kept when the rows are replaced by a later acceptance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

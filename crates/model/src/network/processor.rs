@@ -1,7 +1,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, select};
+use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, GpuCounts, select};
 use burn::tensor::Device;
 use serde::Serialize;
 
@@ -61,6 +61,17 @@ impl Processor {
             Self::Cpu => None,
             #[cfg(feature = "gpu-network")]
             Self::Wgpu(_) => super::splatting::refusal(),
+            #[cfg(not(feature = "gpu-network"))]
+            Self::Wgpu(_) => None,
+        }
+    }
+
+    /// What passed between the host and an adapter in renderings so far; `None` where nothing is rendered on an adapter.
+    pub fn rendering_counts(self) -> Option<GpuCounts> {
+        match self {
+            Self::Cpu => None,
+            #[cfg(feature = "gpu-network")]
+            Self::Wgpu(_) => super::splatting::counts(),
             #[cfg(not(feature = "gpu-network"))]
             Self::Wgpu(_) => None,
         }

@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::sync::Arc;
 
 use atsplat_splat::{Census, RenderOptions, View};
@@ -21,7 +22,7 @@ pub struct RenderedTensors {
     pub depth: Option<Tensor<3>>,
     /// The Gaussians' own scalar, composited like a colour on 0, `[views, height, width]`; if requested.
     pub scalar: Option<Tensor<3>>,
-    /// Counts of drawn and skipped Gaussians, by view.
+    /// Counts of drawn and skipped Gaussians: by view, or of all views together where they were rendered at once.
     pub census: Vec<Census>,
 }
 
@@ -42,43 +43,80 @@ impl GaussianTensors {
         options: &RenderOptions,
         scalars: Option<Tensor<1>>,
     ) -> Result<RenderedTensors, ModelError> {
-        let [scenes, count, _] = self.means.dims();
+        let [scenes, ..] = self.means.dims();
         if scene >= scenes {
             return Err(ModelError::malformed("rendering", "scene", format!("one of {scenes}"), scene));
         }
-        let size = match views {
+        let scalars = scalars.map(|scalars| scalars.unsqueeze_dim(0));
+        self.scenes(scene..scene + 1).render_all(&[views.to_vec()], options, scalars)
+    }
+
+    /// Renders every scene to as many views each, all of one size, as [`Self::render`] does; pictures of the first scene come first.
+    /// On a graphics adapter, every kernel runs once for all of them if they fit its memory. `scalars` are `[scenes, Gaussians]`.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub fn render_all(
+        &self,
+        views: &[Vec<View>],
+        options: &RenderOptions,
+        scalars: Option<Tensor<2>>,
+    ) -> Result<RenderedTensors, ModelError> {
+        let [scenes, count, _] = self.means.dims();
+        let of_scene = views.first().map_or(0, Vec::len);
+        if views.len() != scenes || views.iter().any(|own| own.len() != of_scene) {
+            let found = views.iter().map(|own| own.len().to_string()).collect::<Vec<_>>().join(", ");
+            let expected = format!("as many for each of {scenes} scenes");
+            return Err(ModelError::malformed("rendering", "views", expected, found));
+        }
+        let views = views.concat();
+        let size = match &views[..] {
             [first, rest @ ..] if rest.iter().all(|view| view.size == first.size) => first.size,
             _ => return Err(ModelError::malformed("rendering", "views", "one or more of one size", views.len())),
         };
         let given = scalars.as_ref().map(Tensor::dims);
-        if given != options.channels.scalar.then_some([count]) {
+        if given != options.channels.scalar.then_some([scenes, count]) {
             let expected = "one for each Gaussian, with the channel `scalar`";
             return Err(ModelError::malformed("rendering", "scalars", expected, format!("{given:?}")));
         }
-        let rows = |x: &Tensor<3>| x.clone().slice_dim(0, scene..scene + 1).into_dispatch();
-        let scalars = scalars.unwrap_or_else(|| Tensor::zeros([count], &self.means.device()));
-        let request = Arc::new(Request::new(views.to_vec(), options.clone(), self.sh_degree));
+        let scalars = scalars.unwrap_or_else(|| Tensor::zeros([scenes, count], &self.means.device()));
+        let pictures = views.len();
+        let request = Arc::new(Request::new(views, scenes, options.clone(), self.sh_degree));
         let images = Dispatch::splat(
-            rows(&self.means),
-            rows(&self.quaternions),
-            rows(&self.log_scales),
-            rows(&self.opacity_logits.clone().unsqueeze_dim(2)),
-            rows(&self.sh),
+            self.means.clone().into_dispatch(),
+            self.quaternions.clone().into_dispatch(),
+            self.log_scales.clone().into_dispatch(),
+            self.opacity_logits.clone().unsqueeze_dim::<3>(2).into_dispatch(),
+            self.sh.clone().into_dispatch(),
             scalars.into_dispatch(),
             Arc::clone(&request),
         );
         let census = request.outcome()?;
 
         let images = Tensor::<4>::from_dispatch(images);
-        let [count, height, width] = [views.len(), size.height as usize, size.width as usize];
+        let [height, width] = [size.height as usize, size.width as usize];
         let mut next = 3;
         let mut image = || {
             next += 1;
-            images.clone().slice_dim(3, next - 1..next).reshape([count, height, width])
+            images.clone().slice_dim(3, next - 1..next).reshape([pictures, height, width])
         };
         let alpha = image();
         let depth = options.channels.depth.then(&mut image);
         let scalar = options.channels.scalar.then(image);
         Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, census })
+    }
+
+    /// Some scenes of the batch.
+    #[must_use]
+    pub fn scenes(&self, scenes: Range<usize>) -> Self {
+        let rows = |x: &Tensor<3>| x.clone().slice_dim(0, scenes.clone());
+        Self {
+            means: rows(&self.means),
+            quaternions: rows(&self.quaternions),
+            log_scales: rows(&self.log_scales),
+            opacity_logits: self.opacity_logits.clone().slice_dim(0, scenes.clone()),
+            sh: rows(&self.sh),
+            sh_degree: self.sh_degree,
+        }
     }
 }

@@ -181,7 +181,11 @@ mod tests {
         for (from, to, expected) in [
             ("stands-for = \"re10k-2v-256\"", "stands-for = \"re10k\"", "field stands-for: expected a published"),
             ("stands-for = \"re10k-2v-256\"", "stands-for = \"yards-6v-112\"", "which is a stand-in itself"),
-            ("context-views = 2", "context-views = 3", "field index.context-views: expected 2, as re10k-2v-256 has, found 3"),
+            (
+                "context-views = 2",
+                "context-views = 3",
+                "field index.context-views: expected 2, as re10k-2v-256 has, found 3",
+            ),
         ] {
             let error = changed(from, to).unwrap_err();
             assert!(error.contains(expected), "{error}");

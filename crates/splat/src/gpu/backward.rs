@@ -46,7 +46,8 @@ fn bytes_with_gradients(job: Job<'_>) -> u64 {
     // screen; per pixel two more images and its gradients. In a batch, each view has its own gradients of colours.
     let copies = if job.is_batch() { 1 + u64::from(job.views_of_scene()) } else { 1 };
     let own = copies.saturating_mul(job.gaussians.size_in_bytes());
-    let own = own.saturating_add(job.splats().saturating_mul(176)).saturating_add(job.gaussians.len().saturating_mul(28));
+    let own =
+        own.saturating_add(job.splats().saturating_mul(176)).saturating_add(job.gaussians.len().saturating_mul(28));
     bytes_needed(job).saturating_add(own).saturating_add(job.pixels().saturating_mul(80))
 }
 
@@ -182,8 +183,7 @@ fn part_gradients(
         None => [&gradients.sh, &dummies[1]],
     };
     let groups = splats.div_ceil(64);
-    let buffers =
-        [&part.means, &part.sh, &sums.seconds, &sums.colours, &scene.reaches, &records, d_sh, d_scalars];
+    let buffers = [&part.means, &part.sh, &sums.seconds, &sums.colours, &scene.reaches, &records, d_sh, d_scalars];
     recorder.dispatch(Kernel::ColourBackward.of_batch(job.is_batch()), &uniform, &buffers, groups)?;
     let buffers = [
         &part.means,

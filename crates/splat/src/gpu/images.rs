@@ -40,7 +40,9 @@ pub(super) fn strips(context: &Context, view: &View, pictures: u32) -> Result<Ve
     let bytes = PIXEL_BYTES * u64::from(pictures) * view.pixels() as u64;
     if pictures > 1 && bytes > context.binding_limit {
         let (adapter, limit) = (context.name.clone(), context.binding_limit);
-        return Err(GpuError::TooLarge { adapter, what: "pixels of a batch", unit: "bytes", needed: bytes, limit }.into());
+        return Err(
+            GpuError::TooLarge { adapter, what: "pixels of a batch", unit: "bytes", needed: bytes, limit }.into()
+        );
     }
     if pictures > 1 {
         return Ok(vec![[0, pictures * view.size.height]]);

@@ -89,7 +89,8 @@ impl<'a> Job<'a> {
             return Err(SplatError::Length { field, expected, found });
         }
         let size = self.view().size;
-        let tiles = u64::from(size.width.div_ceil(super::forward::TILE)) * u64::from(size.height.div_ceil(super::forward::TILE));
+        let tiles = u64::from(size.width.div_ceil(super::forward::TILE))
+            * u64::from(size.height.div_ceil(super::forward::TILE));
         let limits = [
             ("views of a batch", "views", views as u64, MOST_VIEWS as u64),
             ("parts of the Gaussians of a batch", "parts", self.gaussians.parts.len() as u64, 1),

@@ -82,7 +82,9 @@ impl Kernel {
 
     pub(super) const fn source(self) -> &'static str {
         match self {
-            Self::Project => sources!("view", "one_view", "double", "exponent", "lens", "geometry", "gaussians", "project"),
+            Self::Project => {
+                sources!("view", "one_view", "double", "exponent", "lens", "geometry", "gaussians", "project")
+            }
             Self::Colour => sources!("view", "one_view", "double", "exponent", "harmonics", "colour"),
             Self::Keys => sources!("view", "one_view", "keys"),
             Self::SortCount => sources!("counted", "sort_count"),
@@ -114,7 +116,16 @@ impl Kernel {
                 sources!("view", "many_views", "double", "exponent", "harmonics", "colour_backward")
             }
             Self::ProjectBackwardBatch => {
-                sources!("view", "many_views", "double", "exponent", "lens", "geometry", "gaussians", "project_backward")
+                sources!(
+                    "view",
+                    "many_views",
+                    "double",
+                    "exponent",
+                    "lens",
+                    "geometry",
+                    "gaussians",
+                    "project_backward"
+                )
             }
         }
     }

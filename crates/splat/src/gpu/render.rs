@@ -12,7 +12,6 @@ use super::uniforms::flag;
 use super::{GpuError, GpuOptions};
 use crate::{Gaussians, SplatError, View};
 
-
 /// What recording needs besides the job: buffers between stages, limits, and how long lists have to be.
 pub(super) struct Resources<'a> {
     pub(super) pool: &'a mut Pool,
@@ -41,10 +40,8 @@ pub(super) fn record(
 ) -> Result<Plan, SplatError> {
     let (context, options) = (recorder.context(), job.options);
     let Resources { pool, limits, bounds, report } = resources;
-    let flags = [
-        (flag::EXTRAS, images::with_extras(options.channels)),
-        (flag::APPLY_EXPOSURE, options.exposure.is_some()),
-    ];
+    let flags =
+        [(flag::EXTRAS, images::with_extras(options.channels)), (flag::APPLY_EXPOSURE, options.exposure.is_some())];
     let blocks = job.blocks(&flags)?;
     let strips = job.strips(context)?;
     // Bytes per pair: keys and values twice, digits, sorted pairs, boxes.

@@ -88,7 +88,10 @@ fn a_batch_equals_its_views_one_by_one() {
         assert!(batch.rgb[own.clone()] == alone.rgb, "view {at}");
         assert!(batch.alpha[own.clone()] == alone.alpha, "view {at}");
         assert!(batch.depth.as_ref().unwrap()[own.clone()] == *alone.depth.as_ref().unwrap(), "view {at}");
-        assert!(batch.median_depth.as_ref().unwrap()[own.clone()] == *alone.median_depth.as_ref().unwrap(), "view {at}");
+        assert!(
+            batch.median_depth.as_ref().unwrap()[own.clone()] == *alone.median_depth.as_ref().unwrap(),
+            "view {at}"
+        );
         assert!(batch.scalar.as_ref().unwrap()[own] == *alone.scalar.as_ref().unwrap(), "view {at}");
         assert!(alone.census.drawn > 100 && alone.census.outside_picture > 0, "{:?}", alone.census);
         drawn += alone.census.drawn;
@@ -105,8 +108,7 @@ fn a_batch_equals_its_views_one_by_one() {
     let pending = gpu.backward_batch(&resident, 3, &views, &everything(), &by_images).unwrap();
     let found = gpu.read_gradients(&pending, &joined).unwrap();
     for (scene, gaussians) in scenes.iter().enumerate() {
-        let mut of_view =
-            |at: usize| gpu.backward(gaussians, &views[at], &everything(), &images[at]).unwrap();
+        let mut of_view = |at: usize| gpu.backward(gaussians, &views[at], &everything(), &images[at]).unwrap();
         let [first, second] = [of_view(2 * scene), of_view(2 * scene + 1)];
         let own = scene * 500..(scene + 1) * 500;
         let fields: [(&str, fn(&Gradients<f32>) -> &[f32], usize); 6] = [
@@ -174,12 +176,14 @@ fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
     let Some(mut gpu) = gpu() else { return };
     let resident = gpu.upload(&joined(&scenes(2, 100))).unwrap();
     let mut refused = |scenes, views: &[View]| gpu.render_batch(&resident, scenes, views, &everything()).unwrap_err();
-    let fields = [(2, views(3, 20, 20)), (3, views(3, 20, 20)), (2, [views(3, 20, 20), views(1, 20, 21)].concat()), (1, vec![])];
+    let fields =
+        [(2, views(3, 20, 20)), (3, views(3, 20, 20)), (2, [views(3, 20, 20), views(1, 20, 21)].concat()), (1, vec![])];
     let found = fields.map(|(scenes, views)| match refused(scenes, &views) {
         SplatError::Length { field, .. } => field,
         other => panic!("{other}"),
     });
-    let expected = ["views of as many for each scene", "Gaussians of as many for each scene", "views of one size", "views"];
+    let expected =
+        ["views of as many for each scene", "Gaussians of as many for each scene", "views of one size", "views"];
     assert_eq!(found, expected);
     let crowd = refused(2, &views(162, 20, 20));
     assert!(matches!(crowd, SplatError::Gpu(GpuError::TooLarge { what: "views of a batch", .. })), "{crowd}");

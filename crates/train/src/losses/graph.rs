@@ -10,29 +10,38 @@ const C2: f64 = 0.03 * 0.03;
 /// Subtracted from the pictures, so that their variances keep more digits.
 const GREY: f64 = 0.5;
 
-/// Mean squared error over pixels, channels and views.
-pub fn mse<const D: usize>(render: Tensor<D>, truth: Tensor<D>) -> Tensor<1> {
-    (render - truth).square().mean()
+/// The mean of each sample's values; samples follow each other along the first dimension, with as many values each.
+pub fn means<const D: usize>(values: Tensor<D>, samples: usize) -> Tensor<1> {
+    let each = values.shape().num_elements() / samples.max(1);
+    values.reshape([samples, each]).mean_dim(1).squeeze_dim::<1>(1)
 }
 
-/// Mean absolute difference between the rendered uncertainty and the error map, which is a constant.
-pub fn uncertainty(rendered: Tensor<3>, error_map: Tensor<3>) -> Tensor<1> {
-    (rendered - error_map.detach()).abs().mean()
+/// Mean squared error of each sample over its pixels, channels and views.
+pub fn mse<const D: usize>(render: Tensor<D>, truth: Tensor<D>, samples: usize) -> Tensor<1> {
+    means((render - truth).square(), samples)
 }
 
-/// Mean absolute difference between the logarithms of predicted and exact distances of one sample, as
+/// Mean absolute difference between the rendered uncertainty and the error map, which is a constant, of each sample.
+pub fn uncertainty(rendered: Tensor<3>, error_map: Tensor<3>, samples: usize) -> Tensor<1> {
+    means((rendered - error_map.detach()).abs(), samples)
+}
+
+/// Mean absolute difference between the logarithms of predicted distances, `[samples, patches]`, and exact ones, of each sample as
 /// [`super::log_distance`].
-pub fn log_distance(predicted: Tensor<1>, exact: &[f32]) -> Tensor<1> {
-    let count = exact.iter().filter(|exact| exact.is_finite()).count().max(1);
+pub fn log_distance(predicted: Tensor<2>, exact: &[&[f32]]) -> Tensor<1> {
+    let (samples, patches) = (exact.len(), exact.first().map_or(0, |exact| exact.len()));
     // Sky counts for nothing, whatever is predicted there.
     let of = |part: fn(f32) -> f32| {
-        let values: Vec<f32> = exact.iter().map(|exact| part(*exact)).collect();
-        Tensor::<1>::from_data(TensorData::new(values, [exact.len()]), &predicted.device())
+        let values: Vec<f32> = exact.iter().flat_map(|exact| exact.iter().map(|exact| part(*exact))).collect();
+        Tensor::<2>::from_data(TensorData::new(values, [samples, patches]), &predicted.device())
     };
     let weight = of(|exact| if exact == f32::INFINITY { 0.0 } else { 1.0 });
+    let counts: Vec<f32> =
+        exact.iter().map(|exact| exact.iter().filter(|exact| exact.is_finite()).count().max(1) as f32).collect();
+    let counts = Tensor::<1>::from_data(TensorData::new(counts, [samples]), &predicted.device());
     let exact = of(|exact| if exact == f32::INFINITY { 1.0 } else { exact });
     let known = predicted * weight.clone() + (weight.clone() * -1.0 + 1.0);
-    ((known.log() - exact.log()).abs() * weight).sum() / count as f64
+    ((known.log() - exact.log()).abs() * weight).sum_dim(1).squeeze_dim::<1>(1) / counts
 }
 
 /// `1 − SSIM` as 3DGS's training computes it, of pictures of one size.

@@ -10,7 +10,7 @@ use burn::tensor::module::{conv2d, max_pool2d};
 use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
 use burn::tensor::{Device, TensorData, activation};
 
-use super::{Loss, Stack};
+use super::{Loss, Stack, graph};
 use crate::TrainError;
 
 /// Smallest length of a feature vector: lpips `normalize_tensor`.
@@ -96,16 +96,16 @@ impl Learned {
         format!("{}, weights {}", self.network.name(), self.sha256)
     }
 
-    /// The distance of pictures `[views, height, width, 3]`, mean over views; no gradient reaches the second. Pictures are not
-    /// clamped, as in the training of LPIPS itself.
-    pub fn distance(&self, render: Tensor<4>, truth: Tensor<4>) -> Tensor<1> {
-        let [views, ..] = render.dims();
-        let mut distance = Tensor::<1>::zeros([1], &render.device());
+    /// The distance of pictures `[pictures, height, width, 3]`, mean over the views of each sample, of which all have as many; no
+    /// gradient reaches the second. Pictures are not clamped, as in the training of LPIPS itself.
+    pub fn distance(&self, render: Tensor<4>, truth: Tensor<4>, samples: usize) -> Tensor<1> {
+        let mut distance = Tensor::<1>::zeros([samples], &render.device());
         for ((ours, theirs), head) in self.features(render).into_iter().zip(self.features(truth)).zip(&self.heads) {
-            let [_, _, height, width] = ours.dims();
+            let [_, channels, ..] = ours.dims();
             let difference = ours - theirs.detach();
             let weighted = difference.clone() * difference * head.clone();
-            distance = distance + weighted.sum() / (views * height * width) as f64;
+            // A sum over channels, a mean over everything else.
+            distance = distance + graph::means(weighted, samples) * channels as f64;
         }
         distance
     }
@@ -119,7 +119,7 @@ impl Learned {
             Tensor::<4>::from_data(TensorData::new(values.to_vec(), [views, height, width, 3]), &device)
         };
         let render = pictures(render).require_grad();
-        let distance = self.distance(render.clone(), pictures(truth));
+        let distance = self.distance(render.clone(), pictures(truth), 1);
         let value = f64::from(distance.clone().into_scalar::<f32>());
         #[expect(clippy::expect_used, reason = "the distance depends on the render")]
         let gradient = render.grad(&distance.backward()).expect("a gradient of the render");

@@ -45,11 +45,11 @@ impl Perceptual {
         }
     }
 
-    /// The loss of pictures `[views, height, width, 3]` on their device, mean over views.
-    pub fn in_graph(&self, render: Tensor<4>, truth: Tensor<4>, d_ssim: &graph::DSsim) -> Tensor<1> {
+    /// The loss of pictures `[pictures, height, width, 3]` on their device, mean over the views of each sample.
+    pub fn in_graph(&self, render: Tensor<4>, truth: Tensor<4>, d_ssim: &graph::DSsim, samples: usize) -> Tensor<1> {
         match self {
-            Self::DSsim => d_ssim.map(render, truth).mean(),
-            Self::Learned(learned) => learned.distance(render, truth),
+            Self::DSsim => graph::means(d_ssim.map(render, truth), samples),
+            Self::Learned(learned) => learned.distance(render, truth, samples),
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Samples on their way through the losses.
 
+use std::ops::Range;
+
 use atsplat_model::network::f32_values;
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
@@ -16,8 +18,8 @@ pub(super) struct Group<'a> {
     pub(super) seconds: PartSeconds,
     pub(super) clock: Clock,
     device: Device,
-    /// Of each sample, once a loss in the graph needed them.
-    targets: Vec<Option<(Tensor<4>, graph::DSsim)>>,
+    /// Once a loss in the graph needed them.
+    runs: Vec<Run>,
     /// Losses that are part of the graph and have not been read.
     unread: Vec<GraphLoss>,
     /// What the backward pass starts from. A loss that is computed beside the graph enters as `weight · image · gradient`, whose
@@ -28,39 +30,67 @@ pub(super) struct Group<'a> {
 /// A term of a sample's record.
 type Slot = fn(&mut Terms) -> &mut f64;
 
+/// A term of consecutive samples.
 struct GraphLoss {
-    sample: usize,
+    first: usize,
     slot: Slot,
     weight: f64,
-    value: Tensor<1>,
+    /// One for each sample.
+    values: Tensor<1>,
+}
+
+/// Consecutive samples whose targets are as many and as large, which losses in the graph compare together.
+#[derive(Clone, Debug)]
+pub(super) struct Run {
+    pub(super) samples: Range<usize>,
+    /// The targets of a sample.
+    pub(super) stack: Stack,
+    /// `[samples, views, height, width, 3]`.
+    truth: Tensor<5>,
+    pub(super) d_ssim: graph::DSsim,
+}
+
+impl Run {
+    pub(super) fn count(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// The first targets of every sample, `[pictures, height, width, 3]`.
+    pub(super) fn truth(&self, views: usize) -> Tensor<4> {
+        let Stack { height, width, .. } = self.stack;
+        self.truth.clone().slice_dim(1, 0..views).reshape([self.count() * views, height, width, 3])
+    }
 }
 
 impl<'a> Group<'a> {
     pub(super) fn new(samples: &'a [Sample], seconds: PartSeconds, clock: Clock, device: Device) -> Self {
         let terms = vec![Terms::default(); samples.len()];
-        let targets = vec![None; samples.len()];
-        Self { samples, terms, seconds, clock, device, targets, unread: Vec::new(), sum: None }
+        Self { samples, terms, seconds, clock, device, runs: Vec::new(), unread: Vec::new(), sum: None }
     }
 
-    /// The first targets of a sample, `[views, height, width, 3]`, and what compares with them.
-    pub(super) fn in_graph(&mut self, at: usize, views: usize) -> (Tensor<4>, graph::DSsim) {
-        let (targets, d_ssim) = match self.targets[at].take() {
-            Some(known) => known,
-            None => self.copied_targets(at),
-        };
-        let first = targets.clone().slice_dim(0, 0..views);
-        self.targets[at] = Some((targets, d_ssim.clone()));
-        (first, d_ssim)
+    /// The samples by runs, whose targets are copied to the device when they are first asked for.
+    pub(super) fn runs(&mut self) -> Vec<Run> {
+        if self.runs.is_empty() {
+            let mut first = 0;
+            for samples in self.samples.chunk_by(|a, b| a.targets.stack() == b.targets.stack()) {
+                let run = self.run(first..first + samples.len(), samples);
+                self.runs.push(run);
+                first += samples.len();
+            }
+        }
+        self.runs.clone()
     }
 
-    fn copied_targets(&self, at: usize) -> (Tensor<4>, graph::DSsim) {
-        let targets = &self.samples[at].targets;
-        let Stack { views, height, width } = targets.stack();
-        let pictures = TensorData::new(targets.pictures.clone(), [views, height, width, 3]);
-        let of_size = |(others, _): &&(Tensor<4>, graph::DSsim)| others.dims()[1..3] == [height, width];
-        let known = self.targets.iter().flatten().find(of_size).map(|(_, d_ssim)| d_ssim.clone());
+    fn run(&self, range: Range<usize>, samples: &[Sample]) -> Run {
+        #[expect(clippy::expect_used, reason = "`chunk_by` gives at least one")]
+        let stack = samples.first().expect("a sample").targets.stack();
+        let Stack { views, height, width } = stack;
+        let pictures = samples.iter().flat_map(|sample| sample.targets.pictures.iter().copied()).collect();
+        let pictures = TensorData::new::<f32, _>(pictures, [samples.len(), views, height, width, 3]);
+        let of_size = |run: &&Run| (run.stack.height, run.stack.width) == (height, width);
+        let known = self.runs.iter().find(of_size).map(|run| run.d_ssim.clone());
         let d_ssim = known.unwrap_or_else(|| graph::DSsim::new([height, width], &self.device));
-        (Tensor::from_data(pictures, &self.device), d_ssim)
+        Run { samples: range, stack, truth: Tensor::from_data(pictures, &self.device), d_ssim }
     }
 
     /// Adds a loss with a known gradient with respect to an image.
@@ -71,11 +101,11 @@ impl<'a> Group<'a> {
         self.add((image.clone() * gradient).sum());
     }
 
-    /// Adds a loss of a sample that is part of the graph.
-    pub(super) fn add_in_graph(&mut self, sample: usize, slot: Slot, weight: f64, value: Tensor<1>) {
-        self.unread.push(GraphLoss { sample, slot, weight, value: value.clone().detach() });
+    /// Adds a loss of consecutive samples that is part of the graph.
+    pub(super) fn add_in_graph(&mut self, first: usize, slot: Slot, weight: f64, values: Tensor<1>) {
+        self.unread.push(GraphLoss { first, slot, weight, values: values.clone().detach() });
         if weight > 0.0 {
-            self.add(value * weight);
+            self.add(values.sum() * weight);
         }
     }
 
@@ -95,11 +125,9 @@ impl<'a> Group<'a> {
         let exact = samples.map(|sample| sample.distances.as_ref().ok_or_else(|| sample.fault(missing())));
         let exact = exact.collect::<Result<Vec<_>, SampleFault>>()?;
         if in_graph {
-            for (at, exact) in exact.into_iter().enumerate() {
-                let own = depths.clone().slice_dim(0, at..at + 1).squeeze_dim::<1>(0);
-                let loss = graph::log_distance(own, &exact.distances);
-                self.add_in_graph(at, |terms| &mut terms.distance, weight, loss);
-            }
+            let exact: Vec<&[f32]> = exact.into_iter().map(|exact| exact.distances.as_slice()).collect();
+            let losses = graph::log_distance(depths.clone(), &exact);
+            self.add_in_graph(0, |terms| &mut terms.distance, weight, losses);
             return Ok(());
         }
         let values = f32_values(depths.clone());
@@ -127,11 +155,14 @@ impl<'a> Group<'a> {
         if self.unread.is_empty() {
             return;
         }
-        let values = f32_values(Tensor::cat(self.unread.iter().map(|loss| loss.value.clone()).collect(), 0));
-        for (loss, value) in self.unread.drain(..).zip(values) {
-            let terms = &mut self.terms[loss.sample];
-            *(loss.slot)(terms) += f64::from(value);
-            terms.total += loss.weight * f64::from(value);
+        let values = f32_values(Tensor::cat(self.unread.iter().map(|loss| loss.values.clone()).collect(), 0));
+        let mut values = values.into_iter().map(f64::from);
+        for loss in self.unread.drain(..) {
+            let [count] = loss.values.dims();
+            for (terms, value) in self.terms.iter_mut().skip(loss.first).zip(values.by_ref().take(count)) {
+                *(loss.slot)(terms) += value;
+                terms.total += loss.weight * value;
+            }
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::fault::{FaultKind, SampleFault};
 use crate::losses::{Perceptual, Stack};
 use crate::samples::{Sample, pixel_size};
 use crate::{FeatureCache, TrainError};
-use group::Group;
+use group::{Group, Run};
 use terms::Clock;
 
 /// A group of samples, which go through the network together, and what else decides their losses.
@@ -178,15 +178,20 @@ impl Objective {
 
     /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
     fn add_final(&self, gaussians: &GaussianTensors, weight: f64, group: &mut Group<'_>) -> Result<(), SampleFault> {
+        if self.in_graph {
+            for run in group.runs() {
+                let images = self.render_run(gaussians, group.samples, (&run, run.stack.views), None)?;
+                group.seconds.splat += group.clock.lap();
+                self.compare_final_in_graph(images, &run, weight, group);
+                group.seconds.losses += group.clock.lap();
+            }
+            return Ok(());
+        }
         for (at, sample) in group.samples.iter().enumerate() {
             let stack = sample.targets.stack();
             let images = self.render(gaussians, group, at, stack, None)?;
             group.seconds.splat += group.clock.lap();
-            if self.in_graph {
-                self.compare_final_in_graph(images, at, stack, weight, group);
-            } else {
-                self.compare_final(&images, at, stack, weight, group);
-            }
+            self.compare_final(&images, at, stack, weight, group);
             group.seconds.losses += group.clock.lap();
         }
         Ok(())
@@ -203,17 +208,24 @@ impl Objective {
         if scores.is_none() && self.config.intermediate_weight <= 0.0 {
             return Ok(());
         }
+        let views_of =
+            |stack: Stack| self.config.intermediate_targets.map_or(stack.views, |most| most.get().min(stack.views));
+        if self.in_graph {
+            for run in group.runs() {
+                let views = views_of(run.stack);
+                let images = self.render_run(gaussians, group.samples, (&run, views), scores.as_ref())?;
+                group.seconds.splat += group.clock.lap();
+                self.compare_intermediate_in_graph(images, (&run, views), group);
+                group.seconds.losses += group.clock.lap();
+            }
+            return Ok(());
+        }
         for (at, sample) in group.samples.iter().enumerate() {
             let all = sample.targets.stack();
-            let views = self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views));
-            let stack = Stack { views, ..all };
+            let stack = Stack { views: views_of(all), ..all };
             let images = self.render(gaussians, group, at, stack, scores.as_ref())?;
             group.seconds.splat += group.clock.lap();
-            if self.in_graph {
-                self.compare_intermediate_in_graph(images, at, stack, group);
-            } else {
-                self.compare_intermediate(&images, at, stack, group);
-            }
+            self.compare_intermediate(&images, at, stack, group);
             group.seconds.losses += group.clock.lap();
         }
         Ok(())
@@ -229,22 +241,42 @@ impl Objective {
         scores: Option<&Tensor<2>>,
     ) -> Result<RenderedTensors, SampleFault> {
         let sample = &group.samples[at];
-        let [_, count, _] = gaussians.means.dims();
-        let scalars = scores.map(|scores| {
-            let [_, tokens] = scores.dims();
-            let own = scores.clone().narrow(0, at, 1);
-            own.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens.max(1)).reshape([count])
-        });
-        let options = RenderOptions {
-            background: self.config.background,
-            channels: Channels { scalar: scalars.is_some(), ..Channels::default() },
-            gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
-            ..RenderOptions::default()
-        };
-        let views = target_views(sample, stack.views);
-        let rendered = gaussians.render(at, &views, &options, scalars);
+        let scalars = scores.map(|scores| scalars(scores.clone().narrow(0, at, 1), gaussians).squeeze_dim::<1>(0));
+        let options = self.options(scalars.is_some());
+        let rendered = gaussians.render(at, &target_views(sample, stack.views), &options, scalars);
         rendered.map_err(|error| sample.fault(FaultKind::Refused(error.to_string())))
     }
+
+    /// Renders the first targets of every sample of a run, at once.
+    fn render_run(
+        &self,
+        gaussians: &GaussianTensors,
+        samples: &[Sample],
+        (run, views): (&Run, usize),
+        scores: Option<&Tensor<2>>,
+    ) -> Result<RenderedTensors, SampleFault> {
+        let scalars = scores.map(|scores| scalars(scores.clone().slice_dim(0, run.samples.clone()), gaussians));
+        let options = self.options(scalars.is_some());
+        let own = &samples[run.samples.clone()];
+        let views: Vec<Vec<View>> = own.iter().map(|sample| target_views(sample, views)).collect();
+        let rendered = gaussians.scenes(run.samples.clone()).render_all(&views, &options, scalars);
+        rendered.map_err(|error| SampleFault { sample: names(own), what: FaultKind::Refused(error.to_string()) })
+    }
+
+    fn options(&self, with_scalars: bool) -> RenderOptions {
+        RenderOptions {
+            background: self.config.background,
+            channels: Channels { scalar: with_scalars, ..Channels::default() },
+            gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+            ..RenderOptions::default()
+        }
+    }
+}
+
+/// The score of each token, `[scenes, tokens]`, for all of its Gaussians, `[scenes, Gaussians]`.
+fn scalars(scores: Tensor<2>, gaussians: &GaussianTensors) -> Tensor<2> {
+    let ([_, count, _], [scenes, tokens]) = (gaussians.means.dims(), scores.dims());
+    scores.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens.max(1)).reshape([scenes, count])
 }
 
 fn names(samples: &[Sample]) -> String {

@@ -1,9 +1,9 @@
-//! The losses of one sample's renders: with known gradients, or as part of the graph.
+//! The losses of renders: of one sample's with known gradients, or of several samples' as part of the graph.
 
 use atsplat_model::network::{RenderedTensors, f32_values};
 
 use super::Objective;
-use super::group::Group;
+use super::group::{Group, Run};
 use crate::losses::{Stack, d_ssim, graph, mse, uncertainty};
 
 impl Objective {
@@ -32,16 +32,16 @@ impl Objective {
     pub(super) fn compare_final_in_graph(
         &self,
         images: RenderedTensors,
-        at: usize,
-        stack: Stack,
+        run: &Run,
         perceptual_weight: f64,
         group: &mut Group<'_>,
     ) {
-        let (truth, d_ssim) = group.in_graph(at, stack.views);
-        group.add_in_graph(at, |terms| &mut terms.mse, 1.0, graph::mse(images.rgb.clone(), truth.clone()));
+        let (first, count, truth) = (run.samples.start, run.count(), run.truth(run.stack.views));
+        let mse = graph::mse(images.rgb.clone(), truth.clone(), count);
+        group.add_in_graph(first, |terms| &mut terms.mse, 1.0, mse);
         if perceptual_weight > 0.0 {
-            let perceptual = self.perceptual.in_graph(images.rgb, truth, &d_ssim);
-            group.add_in_graph(at, |terms| &mut terms.perceptual, perceptual_weight, perceptual);
+            let perceptual = self.perceptual.in_graph(images.rgb, truth, &run.d_ssim, count);
+            group.add_in_graph(first, |terms| &mut terms.perceptual, perceptual_weight, perceptual);
         }
     }
 
@@ -79,20 +79,21 @@ impl Objective {
     pub(super) fn compare_intermediate_in_graph(
         &self,
         images: RenderedTensors,
-        at: usize,
-        stack: Stack,
+        (run, views): (&Run, usize),
         group: &mut Group<'_>,
     ) {
-        let (truth, d_ssim) = group.in_graph(at, stack.views);
-        let map = d_ssim.map(images.rgb.clone(), truth.clone());
+        let (first, count, truth) = (run.samples.start, run.count(), run.truth(views));
+        let map = run.d_ssim.map(images.rgb.clone(), truth.clone());
         let weight = self.config.intermediate_weight;
-        group.add_in_graph(at, |terms| &mut terms.intermediate_mse, weight, graph::mse(images.rgb, truth));
+        let mse = graph::mse(images.rgb, truth, count);
+        group.add_in_graph(first, |terms| &mut terms.intermediate_mse, weight, mse);
+        let d_ssim = graph::means(map.clone(), count);
         let d_ssim_weight = weight * self.config.intermediate_d_ssim_weight;
-        group.add_in_graph(at, |terms| &mut terms.intermediate_d_ssim, d_ssim_weight, map.clone().mean());
+        group.add_in_graph(first, |terms| &mut terms.intermediate_d_ssim, d_ssim_weight, d_ssim);
         if let Some(predicted) = images.scalar {
             let error_map = map.mean_dim(1).squeeze_dim::<3>(1);
-            let loss = graph::uncertainty(predicted, error_map);
-            group.add_in_graph(at, |terms| &mut terms.uncertainty, self.config.uncertainty_weight, loss);
+            let loss = graph::uncertainty(predicted, error_map, count);
+            group.add_in_graph(first, |terms| &mut terms.uncertainty, self.config.uncertainty_weight, loss);
         }
     }
 }

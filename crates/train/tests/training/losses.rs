@@ -69,7 +69,7 @@ fn losses_in_the_graph_agree_with_pytorch() {
         };
         let render = pictures(&case.render).require_grad();
         let gradient = |loss: &Tensor<1>| f32_values(render.grad(&loss.backward()).unwrap());
-        let error = graph::mse(render.clone(), pictures(&case.truth));
+        let error = graph::mse(render.clone(), pictures(&case.truth), 1);
         close(REACHED_F32, &gradient(&error), &case.mse_gradient, "MSE's gradient");
         let map = graph::DSsim::new([case.height, case.width], &device).map(render.clone(), pictures(&case.truth));
         let dissimilarity = map.clone().mean();
@@ -78,7 +78,7 @@ fn losses_in_the_graph_agree_with_pytorch() {
         close(REACHED_F32, &f32_values(map.clone()), &case.d_ssim_map, "D-SSIM's map");
         let scalar = TensorData::new(case.scalar.clone(), [case.views, case.height, case.width]);
         let scalar = Tensor::<3>::from_data(scalar, &device).require_grad();
-        let unsure = graph::uncertainty(scalar.clone(), map);
+        let unsure = graph::uncertainty(scalar.clone(), map, 1);
         let gradients = unsure.backward();
         close(
             REACHED_F32,
@@ -99,15 +99,15 @@ fn distances_in_the_graph_are_those_beside_it() {
     let exact = [2.0, 6.0, f32::INFINITY, 5.0];
     for predicted in [[4.0f32, 3.0, 7.0, 5.5], [1.0, 30.0, 0.0, 4.0]] {
         let known = log_distance(&predicted, &exact);
-        let tensor = Tensor::<1>::from_floats(predicted, &device).require_grad();
-        let loss = graph::log_distance(tensor.clone(), &exact);
+        let tensor = Tensor::<2>::from_floats([predicted], &device).require_grad();
+        let loss = graph::log_distance(tensor.clone(), &[&exact]);
         let gradient = f32_values(tensor.grad(&loss.backward()).unwrap()).into_iter().map(f64::from);
         Tolerance::relative(1e-5).assert([f64::from(f32_values(loss)[0])], [known.value], "value");
         Tolerance::relative(1e-5).assert(gradient, known.gradient.into_iter().map(f64::from), "gradient");
     }
-    let broken = graph::log_distance(Tensor::from_floats([f32::NAN], &device), &[2.0]);
+    let broken = graph::log_distance(Tensor::from_floats([[f32::NAN]], &device), &[&[2.0]]);
     assert!(f32_values(broken)[0].is_nan());
-    let sky = graph::log_distance(Tensor::from_floats([3.0], &device), &[f32::INFINITY]);
+    let sky = graph::log_distance(Tensor::from_floats([[3.0]], &device), &[&[f32::INFINITY]]);
     Tolerance::EXACT.assert([f64::from(f32_values(sky)[0])], [0.0], "nothing but sky");
 }
 

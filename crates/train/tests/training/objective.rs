@@ -183,14 +183,18 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
     assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Picture("target picture 0".to_owned())));
 }
 
-/// Two samples in one group, every term switched on: losses in the graph give the terms and gradients of those beside it.
+/// Three samples in one group, the last with one target less, every term switched on: losses in the graph give the terms and
+/// gradients of those beside it.
 #[test]
 fn losses_in_the_graph_have_the_same_terms_and_gradients() {
-    let mut samples = [sample(6), sample(7)];
+    let mut samples = [sample(6), sample(7), sample(8)];
+    let fewer = &mut samples[2].targets;
+    fewer.cameras.pop();
+    fewer.pictures.truncate(fewer.pictures.len() / 2);
     let network = network();
     let views = samples.each_ref().map(|sample| sample.context.views().unwrap());
     let depths = f32_values(network.forward(&views, 0).unwrap().initial.depths.unwrap());
-    for (sample, depths) in samples.iter_mut().zip(depths.chunks(depths.len() / 2)) {
+    for (sample, depths) in samples.iter_mut().zip(depths.chunks(depths.len() / 3)) {
         let mut distances: Vec<f32> = depths.iter().map(|distance| 1.5 * distance).collect();
         distances[0] = f32::INFINITY;
         sample.distances = Some(PatchDistances { columns: 2, distances });

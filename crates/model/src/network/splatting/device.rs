@@ -4,10 +4,10 @@ use std::any::Any;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use atsplat_splat::gpu::{
-    GpuError, GpuGaussians, GpuGradients, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuRendering,
+    GpuCounts, GpuError, GpuGaussians, GpuGradients, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuRendering,
     GpuStripGradients,
 };
-use atsplat_splat::{SplatError, View, sh_coefficients};
+use atsplat_splat::{Census, SplatError, sh_coefficients};
 use burn::backend::ops::FloatTensorOps as _;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Cube, CubeDevice, DispatchDevice, TensorMetadata};
@@ -46,6 +46,12 @@ pub(in crate::network) fn is_shared() -> bool {
     SHARED.get().is_some_and(Result::is_ok)
 }
 
+/// What passed between the host and the device in renderings, if a renderer shares burn's device.
+pub(in crate::network) fn counts() -> Option<GpuCounts> {
+    let shared = SHARED.get()?.as_ref().ok()?;
+    Some(shared.renderer.lock().unwrap_or_else(PoisonError::into_inner).counts())
+}
+
 /// Why no renderer shares burn's device, if opening one failed.
 pub(in crate::network) fn refusal() -> Option<String> {
     SHARED.get().and_then(|shared| shared.as_ref().err().cloned())
@@ -62,7 +68,14 @@ fn shared(tensor: &FloatTensor<Cube>) -> Option<MutexGuard<'static, GpuRenderer>
 pub(in crate::network) enum Recorded {
     Host(host::Recorded),
     /// `None` if rendering failed.
-    Device(Option<Arc<GpuGaussians>>),
+    Device(Option<Arc<Vec<Scenes>>>),
+}
+
+/// The copy of consecutive scenes, which one launch renders.
+#[derive(Clone, Debug)]
+pub(in crate::network) struct Scenes {
+    gaussians: GpuGaussians,
+    count: usize,
 }
 
 impl Splatter for Cube {
@@ -79,7 +92,7 @@ impl Splatter for Cube {
             return (Recorded::Host(recorded), images);
         };
         match rendered(&mut renderer, &inputs, request) {
-            Ok((gaussians, images)) => (Recorded::Device(Some(Arc::new(gaussians))), images),
+            Ok((scenes, images)) => (Recorded::Device(Some(Arc::new(scenes))), images),
             Err(error) => {
                 request.set_outcome(Err(error));
                 let nothing = Self::float_zeros(Shape::from(request.shape()), &device, FloatDType::F32);
@@ -95,13 +108,13 @@ impl Splatter for Cube {
         request: &Request,
     ) -> Inputs<Self> {
         let device = images.device();
-        let gaussians = match recorded {
+        let scenes = match recorded {
             Recorded::Host(recorded) => return host::differentiate::<Self>(&recorded, images, shapes, request),
-            Recorded::Device(gaussians) => gaussians,
+            Recorded::Device(scenes) => scenes,
         };
-        let derivatives = gaussians.zip(shared(&images)).and_then(|(gaussians, mut renderer)| {
-            derivatives(&mut renderer, &gaussians, &images, shapes, request).ok()
-        });
+        let derivatives = scenes
+            .zip(shared(&images))
+            .and_then(|(scenes, mut renderer)| derivatives(&mut renderer, &scenes, &images, shapes, request).ok());
         let unknown = |shape: &Shape| Self::float_full(shape.clone(), f32::NAN.into(), &device, FloatDType::F32);
         derivatives.unwrap_or_else(|| shapes.each_ref().map(unknown))
     }
@@ -112,26 +125,71 @@ fn rendered(
     renderer: &mut GpuRenderer,
     inputs: &Inputs<Cube>,
     request: &Request,
-) -> Result<(GpuGaussians, FloatTensor<Cube>), SplatError> {
-    let gaussians = gaussians(renderer, inputs, request)?;
-    let mut render = |view| renderer.render_resident(&gaussians, view, &request.options);
-    let pending = request.views.iter().map(&mut render).collect::<Result<Vec<_>, _>>()?;
-    let settled = renderer.settle_all(&pending.iter().collect::<Vec<_>>())?;
-    let mut census = Vec::new();
-    let mut images = Vec::new();
-    for (settled, view) in settled.iter().zip(&request.views) {
-        census.push(settled.census);
-        images.push(image(renderer, settled.result, view, request, &inputs[0])?);
-    }
+) -> Result<(Vec<Scenes>, FloatTensor<Cube>), SplatError> {
+    let splats = inputs[0].shape().num_elements() / 3 / request.scenes.max(1) * request.views.len();
+    let done = match request.scenes {
+        // What is too large for one launch is rendered scene by scene. The backward pass needs room for a few tiles of each splat.
+        scenes if scenes == 1 || 2 * splats > renderer.part_length(request.sh_degree) => None,
+        scenes => match batch(renderer, inputs, scenes, request) {
+            Err(SplatError::Gpu(GpuError::TooLarge { .. }) | SplatError::Memory { .. }) => None,
+            done => Some(done?),
+        },
+    };
+    let (scenes, census, images) = match done {
+        Some(done) => done,
+        None => one_by_one(renderer, inputs, request)?,
+    };
     if census.iter().any(|census| census.invalid > 0) {
         // Values that are not finite are an error, shapes that overflow are skipped: the CPU renderer distinguishes them.
-        host::gaussians::<Cube>(inputs.clone(), request)?;
+        host::scenes::<Cube>(inputs.clone(), request)?;
     }
     request.set_outcome(Ok(census));
-    Ok((gaussians, Cube::float_cat(images, 0)))
+    Ok((scenes, images))
 }
 
-#[expect(clippy::expect_used, reason = "a part's buffers are addressed by 32 bits")]
+/// Copies of the Gaussians, counts, and pictures.
+type Rendered = (Vec<Scenes>, Vec<Census>, FloatTensor<Cube>);
+
+/// All scenes by one launch of each kernel.
+fn batch(
+    renderer: &mut GpuRenderer,
+    inputs: &Inputs<Cube>,
+    scenes: usize,
+    request: &Request,
+) -> Result<Rendered, SplatError> {
+    let gaussians = gaussians(renderer, inputs, request)?;
+    let pending = renderer.render_batch(&gaussians, in_u32(scenes), &request.views, &request.options)?;
+    let settled = renderer.settle(&pending)?;
+    let (census, result) = (settled.census, settled.result);
+    let images = image(renderer, result, request.views.len(), request, &inputs[0])?;
+    Ok((vec![Scenes { gaussians, count: scenes }], vec![census], images))
+}
+
+/// Each view by its own launches, with one wait for a scene.
+fn one_by_one(renderer: &mut GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -> Result<Rendered, SplatError> {
+    let (mut scenes, mut census, mut images) = (Vec::new(), Vec::new(), Vec::new());
+    for (at, views) in request.views_by_scene().enumerate() {
+        let row = |input: &FloatTensor<Cube>| Cube::float_slice(input.clone(), &[Slice::from(at..at + 1)]);
+        let gaussians = match request.scenes {
+            1 => gaussians(renderer, inputs, request)?,
+            _ => gaussians(renderer, &inputs.each_ref().map(row), request)?,
+        };
+        let mut render = |view| renderer.render_resident(&gaussians, view, &request.options);
+        let pending = views.iter().map(&mut render).collect::<Result<Vec<_>, _>>()?;
+        for settled in renderer.settle_all(&pending.iter().collect::<Vec<_>>())? {
+            census.push(settled.census);
+            images.push(image(renderer, settled.result, 1, request, &inputs[0])?);
+        }
+        scenes.push(Scenes { gaussians, count: 1 });
+    }
+    Ok((scenes, census, Cube::float_cat(images, 0)))
+}
+
+#[expect(clippy::expect_used, reason = "an adapter holds fewer")]
+fn in_u32(count: usize) -> u32 {
+    u32::try_from(count).expect("fewer scenes and Gaussians than 32 bits can count")
+}
+
 fn gaussians(renderer: &GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -> Result<GpuGaussians, SplatError> {
     let count = inputs[0].shape().num_elements() / 3;
     let stored = 3 * sh_coefficients(request.sh_degree);
@@ -143,7 +201,7 @@ fn gaussians(renderer: &GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -
         let own = most.min(count - first);
         let mut rows = |tensor: &FloatTensor<Cube>, each: usize| copies.out_of(tensor, first * each, own * each);
         parts.push(GpuPart {
-            count: u32::try_from(own).expect("parts are smaller than the device's largest buffer"),
+            count: in_u32(own),
             means: rows(&means, 3)?,
             quaternions: rows(&quaternions, 4)?,
             log_scales: rows(&log_scales, 3)?,
@@ -157,16 +215,16 @@ fn gaussians(renderer: &GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -
     GpuGaussians::from_parts(parts, request.sh_degree)
 }
 
-/// A picture as `[1, height, width, channels]`.
+/// Pictures as `[pictures, height, width, channels]`.
 fn image(
     renderer: &GpuRenderer,
     rendering: &GpuRendering,
-    view: &View,
+    pictures: usize,
     request: &Request,
     like: &FloatTensor<Cube>,
 ) -> Result<FloatTensor<Cube>, SplatError> {
-    let width = view.size.width as usize;
-    let shape = [1, view.size.height as usize, width, 4];
+    let [_, height, width, _] = request.shape();
+    let shape = [pictures, height, width, 4];
     let empty = || Cube::float_empty(Shape::from(shape), &like.device(), FloatDType::F32);
     let channels = request.options.channels;
     let colours = empty();
@@ -188,47 +246,65 @@ fn image(
     Ok(if parts.len() > 1 { Cube::float_cat(parts, 3) } else { parts.swap_remove(0) })
 }
 
-/// Gradients with respect to the inputs, summed over the views in their order.
+/// Gradients with respect to the inputs, summed over the views of each scene in their order.
 fn derivatives(
     renderer: &mut GpuRenderer,
-    gaussians: &GpuGaussians,
+    scenes: &[Scenes],
     images: &FloatTensor<Cube>,
     shapes: &[Shape; INPUTS],
     request: &Request,
 ) -> Result<Inputs<Cube>, SplatError> {
     let device = images.device();
-    let mut pending = Vec::new();
-    for (at, view) in request.views.iter().enumerate() {
-        let own = Cube::float_slice(images.clone(), &[Slice::from(at..at + 1)]);
-        let by_images = image_gradients(renderer, &own, view, request)?;
-        pending.push(renderer.backward_resident(gaussians, view, &request.options, &by_images)?);
+    let of_scene = |shape: &Shape| Shape::from_iter(std::iter::once(1).chain(shape.iter().skip(1).copied()));
+    let of_scene = shapes.each_ref().map(of_scene);
+    if let [Scenes { gaussians, count }] = scenes
+        && *count > 1
+    {
+        let by_images = image_gradients(renderer, images, request)?;
+        let made = renderer.backward_batch(gaussians, in_u32(*count), &request.views, &request.options, &by_images)?;
+        let settled = renderer.settle(&made)?;
+        return tensors(renderer, settled.result, shapes, &device);
     }
-    let mut sums: Option<Inputs<Cube>> = None;
-    for made in renderer.settle_all(&pending.iter().collect::<Vec<_>>())? {
-        let own = tensors(renderer, made.result, shapes, &device)?;
-        sums = Some(match sums {
-            None => own,
-            Some(sums) => {
-                let mut own = own.into_iter();
-                sums.map(|sum| match own.next() {
-                    Some(own) => Cube::float_add(sum, own),
-                    None => sum,
-                })
-            }
-        });
+    let mut views = request.views.iter().enumerate();
+    let mut by_scene: Vec<Inputs<Cube>> = Vec::new();
+    for (Scenes { gaussians, .. }, own) in scenes.iter().zip(request.views_by_scene()) {
+        let mut pending = Vec::new();
+        for (at, view) in views.by_ref().take(own.len()) {
+            let picture = Cube::float_slice(images.clone(), &[Slice::from(at..at + 1)]);
+            let by_images = image_gradients(renderer, &picture, request)?;
+            pending.push(renderer.backward_resident(gaussians, view, &request.options, &by_images)?);
+        }
+        let settled = renderer.settle_all(&pending.iter().collect::<Vec<_>>())?;
+        let made = settled.iter().map(|made| tensors(renderer, made.result, &of_scene, &device));
+        by_scene.push(summed(made.collect::<Result<_, _>>()?, &of_scene, &device));
     }
-    let nothing = |shape: &Shape| Cube::float_zeros(shape.clone(), &device, FloatDType::F32);
-    Ok(sums.unwrap_or_else(|| shapes.each_ref().map(nothing)))
+    Ok(if by_scene.len() == 1 { by_scene.swap_remove(0) } else { joined(&by_scene) })
 }
 
-/// Gradients with respect to one image, `[1, height, width, channels]`, strip by strip.
+fn summed(all: Vec<Inputs<Cube>>, shapes: &[Shape; INPUTS], device: &CubeDevice) -> Inputs<Cube> {
+    let sum = all.into_iter().reduce(|sums, own| {
+        let mut own = own.into_iter();
+        sums.map(|sum| match own.next() {
+            Some(own) => Cube::float_add(sum, own),
+            None => sum,
+        })
+    });
+    sum.unwrap_or_else(|| shapes.each_ref().map(|shape| Cube::float_zeros(shape.clone(), device, FloatDType::F32)))
+}
+
+/// Scenes one after the other.
+fn joined(scenes: &[Inputs<Cube>]) -> Inputs<Cube> {
+    std::array::from_fn(|input| Cube::float_cat(scenes.iter().map(|scene| scene[input].clone()).collect(), 0))
+}
+
+/// Gradients with respect to pictures, `[pictures, height, width, channels]`: of one, strip by strip, or of a batch.
 fn image_gradients(
     renderer: &GpuRenderer,
     pixels: &FloatTensor<Cube>,
-    view: &View,
     request: &Request,
 ) -> Result<GpuImageGradients, SplatError> {
     let channels = request.options.channels;
+    let [pictures, height, width] = [0, 1, 2].map(|dim| pixels.shape()[dim]);
     let colours = flat(channel(pixels.clone(), 0, 4));
     let extras = (channels.depth || channels.scalar).then(|| {
         let nothing = || Cube::float_zeros(channel(pixels.clone(), 0, 1).shape(), &pixels.device(), FloatDType::F32);
@@ -237,10 +313,13 @@ fn image_gradients(
             if channels.scalar { channel(pixels.clone(), 4 + usize::from(channels.depth), 1) } else { nothing() };
         flat(Cube::float_cat(vec![depth, scalar, nothing(), nothing()], 3))
     });
-    let width = view.size.width as usize;
+    let rows = match request.views.first() {
+        Some(view) if pictures == 1 => renderer.strips(view)?,
+        _ => vec![[0, in_u32(pictures * height)]],
+    };
     let mut copies = Copies::new(renderer);
     let mut strips = Vec::new();
-    for [first, rows] in renderer.strips(view)? {
+    for [first, rows] in rows {
         let (first, length) = (4 * first as usize * width, 4 * rows as usize * width);
         strips.push(GpuStripGradients {
             colours: copies.out_of(&colours, first, length)?,
@@ -316,18 +395,21 @@ impl<'a> Copies<'a> {
 
     /// Copies numbers of a flat tensor to a new buffer.
     fn out_of(&mut self, tensor: &FloatTensor<Cube>, first: usize, count: usize) -> Result<wgpu::Buffer, SplatError> {
-        let bytes = 4 * count as u64;
-        let buffer = self.renderer.device().create_buffer(&wgpu::BufferDescriptor {
-            label: Some("tensor"),
-            size: bytes.max(16),
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
+        let buffer = self.buffer(count);
         let (memory, offset) = self.memory(tensor)?;
-        if bytes > 0 {
-            self.encoder.copy_buffer_to_buffer(&memory, offset + 4 * first as u64, &buffer, 0, bytes);
+        if count > 0 {
+            self.encoder.copy_buffer_to_buffer(&memory, offset + 4 * first as u64, &buffer, 0, 4 * count as u64);
         }
         Ok(buffer)
+    }
+
+    fn buffer(&self, count: usize) -> wgpu::Buffer {
+        self.renderer.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some("tensor"),
+            size: (4 * count as u64).max(16),
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
     }
 
     /// Copies the beginning of a buffer into a contiguous tensor.

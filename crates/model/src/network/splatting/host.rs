@@ -3,14 +3,16 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_splat::cpu::{CpuRenderer, Recording};
-use atsplat_splat::{Census, GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, SplatError};
+use atsplat_splat::{
+    Census, GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, SplatError, View, sh_coefficients,
+};
 use burn::backend::tensor::{Device, FloatTensor};
 use burn::backend::{Backend, Flex, TensorMetadata};
 use burn::tensor::{Shape, TensorData, try_read_sync};
 
 use super::{INPUTS, Inputs, Request, Splatter};
 
-/// One recording per view; all share the Gaussians.
+/// One recording per view; those of a scene share its Gaussians.
 pub(super) type Recorded = Arc<Mutex<Vec<Recording<Arc<Gaussians>>>>>;
 
 impl Splatter for Flex {
@@ -36,19 +38,29 @@ impl Splatter for Flex {
 
 pub(super) fn render<B: Backend>(inputs: Inputs<B>, request: &Request) -> FloatTensor<B> {
     let device = inputs[0].device();
-    let render = |gaussians| CpuRenderer::default().render_many(&gaussians, &request.views, &request.options);
-    let rendered = gaussians::<B>(inputs, request).and_then(render);
+    let render = |(gaussians, views): (Gaussians, &[View])| {
+        CpuRenderer::default().render_many(&gaussians, views, &request.options)
+    };
+    let rendered = scenes::<B>(inputs, request).and_then(|scenes| {
+        let scenes = scenes.into_iter().zip(request.views_by_scene());
+        Ok(scenes.map(render).collect::<Result<Vec<_>, SplatError>>()?.concat())
+    });
     let images = rendered.map(|images| images.iter().map(|image| (image.census, request.interleaved(image))).unzip());
     tensor::<B>(request.finish(images), request.shape(), &device)
 }
 
 pub(super) fn record<B: Backend>(inputs: Inputs<B>, request: &Request) -> (Recorded, FloatTensor<B>) {
     let device = inputs[0].device();
-    let recorded = gaussians::<B>(inputs, request).and_then(|gaussians| {
-        let gaussians = Arc::new(gaussians);
+    let recorded = scenes::<B>(inputs, request).and_then(|scenes| {
         let mut renderer = CpuRenderer::default();
-        let record = |view| renderer.record(Arc::clone(&gaussians), view, &request.options);
-        request.views.iter().map(record).collect::<Result<Vec<_>, SplatError>>()
+        let mut recordings = Vec::new();
+        for (gaussians, views) in scenes.into_iter().zip(request.views_by_scene()) {
+            let gaussians = Arc::new(gaussians);
+            for view in views {
+                recordings.push(renderer.record(Arc::clone(&gaussians), view, &request.options)?);
+            }
+        }
+        Ok(recordings)
     });
     let (recordings, images) = match recorded {
         Ok(recordings) => {
@@ -71,42 +83,54 @@ pub(super) fn differentiate<B: Backend>(
     let pixels = numbers::<B>(images);
     let mut recordings = recorded.lock().unwrap_or_else(PoisonError::into_inner);
     let per_view = request.shape().iter().skip(1).product::<usize>().max(1);
-    let mut sums: [Vec<f32>; INPUTS] = Default::default();
+    let mut all: [Vec<f32>; INPUTS] = Default::default();
     let mut failed = recordings.is_empty() || pixels.is_none();
-    // Views are summed in their order.
-    for (recording, pixels) in recordings.iter_mut().zip(pixels.unwrap_or_default().chunks_exact(per_view)) {
-        match recording.backward(&request.image_gradients(pixels)) {
-            Ok(gradients) => add(&mut sums, gradients),
-            Err(_) => failed = true,
+    let pixels = pixels.unwrap_or_default();
+    let mut own = recordings.iter_mut().zip(pixels.chunks_exact(per_view));
+    for views in request.views_by_scene() {
+        let mut sums: [Vec<f32>; INPUTS] = Default::default();
+        // Views are summed in their order.
+        for (recording, pixels) in own.by_ref().take(views.len()) {
+            match recording.backward(&request.image_gradients(pixels)) {
+                Ok(gradients) => add(&mut sums, gradients),
+                Err(_) => failed = true,
+            }
         }
+        all.iter_mut().zip(sums).for_each(|(all, sum)| all.extend(sum));
     }
     std::array::from_fn(|input| {
-        let (shape, sum) = (shapes[input].clone(), std::mem::take(&mut sums[input]));
-        let sum = match (failed, sum.is_empty()) {
+        let (shape, all) = (shapes[input].clone(), std::mem::take(&mut all[input]));
+        let all = match (failed, all.is_empty()) {
             (true, _) => vec![f32::NAN; shape.num_elements()],
             // No scalars were rendered, so nothing depends on them.
             (false, true) => vec![0.0; shape.num_elements()],
-            (false, false) => sum,
+            (false, false) => all,
         };
-        B::float_from_data(TensorData::new(sum, shape), &device)
+        B::float_from_data(TensorData::new(all, shape), &device)
     })
 }
 
-/// Gaussians in the format of the CPU renderer, checked.
+/// The Gaussians of each scene in the format of the CPU renderer, checked.
 #[expect(clippy::expect_used, reason = "as burn, which panics if a tensor cannot be read from its device")]
-pub(super) fn gaussians<B: Backend>(inputs: Inputs<B>, request: &Request) -> Result<Gaussians, SplatError> {
+pub(super) fn scenes<B: Backend>(inputs: Inputs<B>, request: &Request) -> Result<Vec<Gaussians>, SplatError> {
     let [means, quaternions, log_scales, opacity_logits, sh, scalars] =
         inputs.map(|input| numbers::<B>(input).expect("the numbers of a tensor"));
-    Gaussians::new(GaussianParts {
-        means: means.as_chunks().0.to_vec(),
-        quaternions: quaternions.as_chunks().0.to_vec(),
-        log_scales: log_scales.as_chunks().0.to_vec(),
-        opacity_logits,
-        sh_degree: request.sh_degree,
-        sh: sh.as_chunks().0.to_vec(),
-        scalars: request.options.channels.scalar.then_some(scalars),
-        filter_3d: None,
-    })
+    let count = opacity_logits.len() / request.scenes.max(1);
+    let stored = sh_coefficients(request.sh_degree);
+    let of_scene = |scene: usize| {
+        let rows = |values: &[f32], each: usize| values[scene * each * count..(scene + 1) * each * count].to_vec();
+        Gaussians::new(GaussianParts {
+            means: rows(&means, 3).as_chunks().0.to_vec(),
+            quaternions: rows(&quaternions, 4).as_chunks().0.to_vec(),
+            log_scales: rows(&log_scales, 3).as_chunks().0.to_vec(),
+            opacity_logits: rows(&opacity_logits, 1),
+            sh_degree: request.sh_degree,
+            sh: rows(&sh, 3 * stored).as_chunks().0.to_vec(),
+            scalars: request.options.channels.scalar.then(|| rows(&scalars, 1)),
+            filter_3d: None,
+        })
+    };
+    (0..request.scenes).map(of_scene).collect()
 }
 
 impl Request {

@@ -16,7 +16,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Flex, TensorMetadata, backend_extension};
 use burn::tensor::Shape;
 #[cfg(feature = "gpu-network")]
-pub(super) use device::{is_shared, refusal, share};
+pub(super) use device::{counts, is_shared, refusal, share};
 
 /// Number of inputs: means, quaternions, log scales, opacity logits, spherical harmonics, scalars.
 const INPUTS: usize = 6;
@@ -26,7 +26,7 @@ type Inputs<B> = [FloatTensor<B>; INPUTS];
 /// The operation, differentiable on `Autodiff`.
 #[backend_extension(Cube: cfg(feature = "gpu-network"), Flex, Autodiff)]
 pub(super) trait Splatting: Backend {
-    /// Inputs are `[1, Gaussians, …]`, scalars `[Gaussians]`; the output is `[views, height, width, channels]`.
+    /// Inputs are `[scenes, Gaussians, …]`, scalars `[scenes, Gaussians]`; the output is `[views, height, width, channels]`.
     fn splat(
         means: FloatTensor<Self>,
         quaternions: FloatTensor<Self>,
@@ -61,18 +61,25 @@ pub(super) trait Splatter: Backend {
 /// What to render, and the outcome, since an operation can return only a tensor.
 #[derive(Debug)]
 pub(super) struct Request {
+    /// As many for each scene, those of the first scene first.
     views: Vec<View>,
+    scenes: usize,
     options: RenderOptions,
     sh_degree: u8,
     outcome: Mutex<Option<Result<Vec<Census>, SplatError>>>,
 }
 
 impl Request {
-    pub(super) const fn new(views: Vec<View>, options: RenderOptions, sh_degree: u8) -> Self {
-        Self { views, options, sh_degree, outcome: Mutex::new(None) }
+    pub(super) const fn new(views: Vec<View>, scenes: usize, options: RenderOptions, sh_degree: u8) -> Self {
+        Self { views, scenes, options, sh_degree, outcome: Mutex::new(None) }
     }
 
-    /// Census of the Gaussians in each view.
+    /// The views of each scene.
+    fn views_by_scene(&self) -> impl Iterator<Item = &[View]> {
+        self.views.chunks((self.views.len() / self.scenes.max(1)).max(1))
+    }
+
+    /// Census of the Gaussians in each view, or in all of them.
     #[expect(clippy::expect_used, reason = "every implementation of the operation sets the outcome")]
     pub(super) fn outcome(&self) -> Result<Vec<Census>, SplatError> {
         self.outcome.lock().unwrap_or_else(PoisonError::into_inner).take().expect("the outcome of a rendering")
