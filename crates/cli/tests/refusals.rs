@@ -2,6 +2,7 @@
 
 mod common;
 mod evaluation;
+mod render_scene;
 
 use std::fs;
 
@@ -9,6 +10,7 @@ use atsplat_eval::Results;
 use atsplat_model::ModelConfig;
 use common::{atsplat, succeed, write_trajectory};
 use evaluation::write_noise;
+use render_scene::SCENE;
 
 const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--out", "store"];
 
@@ -108,7 +110,10 @@ fn strict_finds_failed_rows_and_empty_renders() {
     let here = folder.path();
     write_noise(here, 2);
     fs::create_dir(here.join("behind")).unwrap();
-    let write = |scene: &str| fs::write(here.join("behind").join(scene), BEHIND).unwrap();
+    // One Gaussian, far behind every camera.
+    let (header, _) = SCENE.split_once("end_header").unwrap();
+    let text = header.replace("vertex 6", "vertex 1") + "end_header\n0 0 -9000 0 0 0 1 -4 -4 -4 1 0 0 0 0\n";
+    let write = |scene: &str| fs::write(here.join("behind").join(scene), &text).unwrap();
     let score = |store: &str| {
         atsplat(here, &["score", "tiny.toml", "--data", "data", "--strict", "--ply", "behind", "--out", store])
     };
@@ -125,28 +130,6 @@ fn strict_finds_failed_rows_and_empty_renders() {
     assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
     assert_eq!(report("empty", &["--strict"]).code, 0, "its rows have numbers");
 }
-
-/// One Gaussian, far behind every camera.
-const BEHIND: &str = "ply
-format ascii 1.0
-element vertex 1
-property float x
-property float y
-property float z
-property float f_dc_0
-property float f_dc_1
-property float f_dc_2
-property float opacity
-property float scale_0
-property float scale_1
-property float scale_2
-property float rot_0
-property float rot_1
-property float rot_2
-property float rot_3
-end_header
-0 0 -9000 0 0 0 1 -4 -4 -4 1 0 0 0
-";
 
 #[test]
 fn an_unfinished_run_is_no_baseline() {

@@ -126,7 +126,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(&format!("warning: the stores have no results for table {name}"));
     }
     let failures: Vec<String> = stores.iter().flat_map(|store| failures(&store.source)).collect();
-    failures.iter().for_each(|failure| warn(&format!("warning: {failure}")));
+    for failure in &failures {
+        warn(&format!("warning: {failure}"));
+    }
     let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
     for (plot, fault) in &faults {
         warn(&format!("warning: plot {plot}: {fault}"));

@@ -71,7 +71,9 @@ fn index(preset: &Preset) -> Result<(), ProtocolError> {
 fn stand_in(preset: &Preset) -> Result<(), ProtocolError> {
     let Some(name) = &preset.stands_for else { return Ok(()) };
     let expected = "a published protocol of `atsplat protocol list`";
-    let published = Preset::named(name).map_err(|_| malformed("stands-for", expected, name))?;
+    let known = Preset::names().any(|known| known == name);
+    ensure(known, "stands-for", expected, name)?;
+    let published = Preset::named(name)?;
     ensure(published.stands_for.is_none(), "stands-for", expected, &format!("{name}, which is a stand-in itself"))?;
     let (own, views) = (preset.index.context_views, published.index.context_views);
     ensure(own == views, "index.context-views", &format!("{views}, as {name} has"), &own)

@@ -204,9 +204,10 @@ fn part_gradients(
         recorder.dispatch(Kernel::Unpack, &uniform, &[source, result], count.div_ceil(64))
     };
     let of_splats = [splats, splats, 1];
-    let of_gaussians = match job.is_batch() {
-        true => [job.gaussians.len(), job.gaussians_of_scene(), job.views_of_scene().into()],
-        false => of_splats,
+    let of_gaussians = if job.is_batch() {
+        [job.gaussians.len(), job.gaussians_of_scene(), job.views_of_scene().into()]
+    } else {
+        of_splats
     };
     let field = |result, from, width| Unpacked { result, from, width, stride: width, first: 0 };
     let fields = [

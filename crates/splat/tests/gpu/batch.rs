@@ -71,6 +71,8 @@ fn uploaded(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradie
     GpuImageGradients { strips: vec![strip] }
 }
 
+type Field = fn(&Gradients<f32>) -> &[f32];
+
 /// Three scenes with two views each: pictures, and gradients summed over the views of each scene.
 #[test]
 fn a_batch_equals_its_views_one_by_one() {
@@ -111,7 +113,7 @@ fn a_batch_equals_its_views_one_by_one() {
         let mut of_view = |at: usize| gpu.backward(gaussians, &views[at], &everything(), &images[at]).unwrap();
         let [first, second] = [of_view(2 * scene), of_view(2 * scene + 1)];
         let own = scene * 500..(scene + 1) * 500;
-        let fields: [(&str, fn(&Gradients<f32>) -> &[f32], usize); 6] = [
+        let fields: [(&str, Field, usize); 6] = [
             ("means", |own| own.means.as_flattened(), 3),
             ("quaternions", |own| own.quaternions.as_flattened(), 4),
             ("log scales", |own| own.log_scales.as_flattened(), 3),

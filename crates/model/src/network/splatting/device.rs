@@ -68,7 +68,7 @@ fn shared(tensor: &FloatTensor<Cube>) -> Option<MutexGuard<'static, GpuRenderer>
 pub(in crate::network) enum Recorded {
     Host(host::Recorded),
     /// `None` if rendering failed.
-    Device(Option<Arc<Vec<Scenes>>>),
+    Device(Option<Arc<[Scenes]>>),
 }
 
 /// The copy of consecutive scenes, which one launch renders.
@@ -92,7 +92,7 @@ impl Splatter for Cube {
             return (Recorded::Host(recorded), images);
         };
         match rendered(&mut renderer, &inputs, request) {
-            Ok((scenes, images)) => (Recorded::Device(Some(Arc::new(scenes))), images),
+            Ok((scenes, images)) => (Recorded::Device(Some(scenes.into())), images),
             Err(error) => {
                 request.set_outcome(Err(error));
                 let nothing = Self::float_zeros(Shape::from(request.shape()), &device, FloatDType::F32);
@@ -255,7 +255,7 @@ fn derivatives(
     request: &Request,
 ) -> Result<Inputs<Cube>, SplatError> {
     let device = images.device();
-    let of_scene = |shape: &Shape| Shape::from_iter(std::iter::once(1).chain(shape.iter().skip(1).copied()));
+    let of_scene = |shape: &Shape| std::iter::once(1).chain(shape.iter().skip(1).copied()).collect::<Shape>();
     let of_scene = shapes.each_ref().map(of_scene);
     if let [Scenes { gaussians, count }] = scenes
         && *count > 1
