@@ -395,7 +395,7 @@ fn gaussians_that_draw_nothing_are_noted() {
     let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
     let run = Run::new(vec![dataset(Walls::new(3, 8), &[entry(&[0, 4], &[1, 2])])], vec![Arc::new(ply)]);
     let (results, summary) = run.run(&folder.path().join("store")).unwrap();
-    assert!(summary.is_complete(), "they are scored");
+    assert_eq!((summary.incomplete, summary.undrawn, summary.is_complete()), (0, 2, false), "scored, but empty");
     let notes: Vec<String> = results.trials.iter().map(|trial| trial.notes.join("; ")).collect();
     assert_eq!(notes[0], "no Gaussian is left: 2 of 2 renders show the background");
     assert!(notes[1].starts_with("no Gaussian is drawn: 2 of 2 renders show the background; do "), "{}", notes[1]);

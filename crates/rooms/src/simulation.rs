@@ -20,7 +20,7 @@ pub const GENERATOR: &str = "atsplat rooms 1";
 /// Route of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Route {
-    /// As people `tone_curve` such places.
+    /// As people film such places.
     #[default]
     Natural,
     /// As these cameras with their times in microseconds do, from a place in the scene that has room for it. The

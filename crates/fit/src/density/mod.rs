@@ -20,7 +20,7 @@ pub trait Density: std::fmt::Debug + Send {
         0.0
     }
 
-    /// Takes note of a step's gradients.
+    /// Accumulates statistics of a step's gradients.
     fn observe(&mut self, _seen: &Seen<'_>) {}
 
     /// Changes the scene after the optimiser's update of a step.
@@ -41,7 +41,7 @@ pub trait Density: std::fmt::Debug + Send {
 /// What one view's backward pass tells about the Gaussians.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
-    /// Positions of the Gaussians in the picture.
+    /// Indices of the Gaussians that are drawn.
     pub drawn: &'a [u32],
     /// Gradient of the loss with respect to the projected means, in pixels; or sums of its absolute values over pixels.
     pub means_2d: &'a [[f32; 2]],

@@ -51,7 +51,7 @@ impl GaussianTensors {
         self.scenes(scene..scene + 1).render_all(&[views.to_vec()], options, scalars)
     }
 
-    /// Renders every scene to as many views each, all of one size, as [`Self::render`] does; pictures of the first scene come first.
+    /// Renders every scene to the same number of views, all of one size, as [`Self::render`] does; pictures of the first scene come first.
     /// On a graphics adapter, every kernel runs once for all of them if they fit its memory. `scalars` are `[scenes, Gaussians]`.
     ///
     /// # Errors
@@ -66,7 +66,7 @@ impl GaussianTensors {
         let of_scene = views.first().map_or(0, Vec::len);
         if views.len() != scenes || views.iter().any(|own| own.len() != of_scene) {
             let found = views.iter().map(|own| own.len().to_string()).collect::<Vec<_>>().join(", ");
-            let expected = format!("as many for each of {scenes} scenes");
+            let expected = format!("the same number for each of {scenes} scenes");
             return Err(ModelError::malformed("rendering", "views", expected, found));
         }
         let views = views.concat();

@@ -11,7 +11,7 @@ use crate::{Census, Channels, Rendering, SplatError, View};
 /// Images in device memory, split into strips of rows that the adapter can bind.
 #[derive(Clone, Debug)]
 pub struct GpuRendering {
-    /// In pixels; of a batch, that of its pictures below each other.
+    /// In pixels; of a batch, that of its pictures stacked vertically.
     pub size: ImageSize,
     /// From top to bottom.
     pub strips: Vec<GpuStrip>,
@@ -34,7 +34,7 @@ pub struct GpuStrip {
 /// Bytes of the largest per-pixel record.
 const PIXEL_BYTES: u64 = 32;
 
-/// First row and number of rows of each strip of a picture, or of the pictures of a batch below each other, which have to fit one.
+/// First row and number of rows of each strip of a picture, or of the stacked pictures of a batch, which have to fit one.
 pub(super) fn strips(context: &Context, view: &View, pictures: u32) -> Result<Vec<[u32; 2]>, SplatError> {
     view.check_size()?;
     let bytes = PIXEL_BYTES * u64::from(pictures) * view.pixels() as u64;

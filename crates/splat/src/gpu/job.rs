@@ -9,10 +9,10 @@ use super::images;
 use super::uniforms::{MOST_VIEWS, ViewBlock, flag};
 use crate::{RenderOptions, SplatError, View, sh_coefficients};
 
-/// One view of Gaussians; or a batch: scenes with as many Gaussians each, one after the other, and as many views of each, all of one
+/// One view of Gaussians; or a batch: consecutive scenes with equal numbers of Gaussians and equal numbers of views, all views of one
 /// size. A batch goes through every kernel once, in a single part, strip and window.
 ///
-/// A splat is a Gaussian as a view sees it, so that a single view has as many as there are Gaussians.
+/// A splat is a Gaussian projected to one view, so a single view has one splat per Gaussian.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub(super) gaussians: &'a GpuGaussians,
@@ -69,7 +69,7 @@ impl<'a> Job<'a> {
         images::strips(context, self.view(), self.pictures())
     }
 
-    /// Rejects what cannot be rendered, but for its size in memory.
+    /// Rejects jobs that cannot be rendered; does not check their size in memory.
     pub(super) fn check(&self, context: &Context) -> Result<(), SplatError> {
         self.options.check()?;
         self.views.iter().try_for_each(|view| view.optics(&self.options.constants).map(|_| ()))?;
@@ -82,8 +82,8 @@ impl<'a> Job<'a> {
         let whole = |count: usize| count / scenes * scenes;
         let lengths = [
             ("views of one size", views, alike),
-            ("views of as many for each scene", whole(views).max(scenes), views),
-            ("Gaussians of as many for each scene", whole(gaussians), gaussians),
+            ("views, the same number for every scene", whole(views).max(scenes), views),
+            ("Gaussians, the same number for every scene", whole(gaussians), gaussians),
         ];
         if let Some((field, expected, found)) = lengths.into_iter().find(|(_, expected, found)| expected != found) {
             return Err(SplatError::Length { field, expected, found });

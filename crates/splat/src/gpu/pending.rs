@@ -99,9 +99,9 @@ impl GpuRenderer {
         self.render_batch(gaussians, 1, std::slice::from_ref(view), options)
     }
 
-    /// As [`Self::render_resident`] for several scenes at once, with as many Gaussians each, one after the other, and as many views
-    /// each, those of the first scene first, all of one size. Every kernel runs once for all of them. Pictures are below each other;
-    /// the census counts Gaussians of all views together.
+    /// As [`Self::render_resident`] for several scenes at once: equal numbers of Gaussians, stored scene by scene, and equal numbers
+    /// of views, all of one size, those of the first scene first. Every kernel runs once for all of them. Pictures are stacked
+    /// vertically; the census counts Gaussians of all views together.
     ///
     /// # Errors
     /// As [`Self::render_resident`]; [`SplatError::Length`] if there is no view or scenes differ; [`GpuError::TooLarge`] if one

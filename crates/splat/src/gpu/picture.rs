@@ -54,7 +54,7 @@ impl PictureFormat {
         }
     }
 
-    /// Bytes of so many pixels.
+    /// Bytes of this number of pixels.
     const fn bytes(self, pixels: u64) -> u64 {
         pixels * self.channels() * self.bytes_of_number()
     }

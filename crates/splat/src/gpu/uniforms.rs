@@ -111,7 +111,7 @@ impl ViewBlock {
         }
     }
 
-    /// As the view of one of `pictures`, which have so many splats each; a scene has so many views.
+    /// As a view in a batch of `pictures` with `splats` each.
     pub(super) const fn in_batch(mut self, splats: u32, views_of_scene: u32, pictures: u32) -> Self {
         let [width, height, ..] = self.image;
         self.batch = [splats, width.div_ceil(TILE) * height.div_ceil(TILE), pictures, views_of_scene];

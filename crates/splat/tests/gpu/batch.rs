@@ -184,8 +184,12 @@ fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
         SplatError::Length { field, .. } => field,
         other => panic!("{other}"),
     });
-    let expected =
-        ["views of as many for each scene", "Gaussians of as many for each scene", "views of one size", "views"];
+    let expected = [
+        "views, the same number for every scene",
+        "Gaussians, the same number for every scene",
+        "views of one size",
+        "views",
+    ];
     assert_eq!(found, expected);
     let crowd = refused(2, &views(162, 20, 20));
     assert!(matches!(crowd, SplatError::Gpu(GpuError::TooLarge { what: "views of a batch", .. })), "{crowd}");

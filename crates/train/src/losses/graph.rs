@@ -10,7 +10,7 @@ const C2: f64 = 0.03 * 0.03;
 /// Subtracted from the pictures, so that their variances keep more digits.
 const GREY: f64 = 0.5;
 
-/// The mean of each sample's values; samples follow each other along the first dimension, with as many values each.
+/// The mean of each sample's values; samples follow each other along the first dimension, with equal numbers of values.
 pub fn means<const D: usize>(values: Tensor<D>, samples: usize) -> Tensor<1> {
     let each = values.shape().num_elements() / samples.max(1);
     values.reshape([samples, each]).mean_dim(1).squeeze_dim::<1>(1)

@@ -96,7 +96,7 @@ impl Learned {
         format!("{}, weights {}", self.network.name(), self.sha256)
     }
 
-    /// The distance of pictures `[pictures, height, width, 3]`, mean over the views of each sample, of which all have as many; no
+    /// The distance of pictures `[pictures, height, width, 3]`, mean over the views of each sample, the same number in all; no
     /// gradient reaches the second. Pictures are not clamped, as in the training of LPIPS itself.
     pub fn distance(&self, render: Tensor<4>, truth: Tensor<4>, samples: usize) -> Tensor<1> {
         let mut distance = Tensor::<1>::zeros([samples], &render.device());

@@ -39,7 +39,7 @@ struct GraphLoss {
     values: Tensor<1>,
 }
 
-/// Consecutive samples whose targets are as many and as large, which losses in the graph compare together.
+/// Consecutive samples with equal numbers and sizes of targets, for which losses in the graph are computed together.
 #[derive(Clone, Debug)]
 pub(super) struct Run {
     pub(super) samples: Range<usize>,

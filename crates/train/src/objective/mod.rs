@@ -23,7 +23,7 @@ use terms::Clock;
 /// A group of samples, which go through the network together, and what else decides their losses.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupInput<'a> {
-    /// The samples, whose context pictures are as many and as large.
+    /// The samples, with equal numbers and sizes of context pictures.
     pub samples: &'a [Sample],
     /// Cache of a frozen backbone's features.
     pub features: Option<&'a FeatureCache>,
@@ -34,7 +34,7 @@ pub struct GroupInput<'a> {
 }
 
 impl<'a> GroupInput<'a> {
-    /// Samples at the begin of a run, without a cache.
+    /// Samples at the start of a run, without a cache.
     pub const fn new(samples: &'a [Sample]) -> Self {
         Self { samples, features: None, call_seed: 0, share: 0.0 }
     }

@@ -61,7 +61,7 @@ pub(super) trait Splatter: Backend {
 /// What to render, and the outcome, since an operation can return only a tensor.
 #[derive(Debug)]
 pub(super) struct Request {
-    /// As many for each scene, those of the first scene first.
+    /// The same number for every scene, those of the first scene first.
     views: Vec<View>,
     scenes: usize,
     options: RenderOptions,
