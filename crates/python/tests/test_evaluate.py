@@ -98,7 +98,7 @@ def test_broken_methods_are_failed_rows_and_the_run_goes_on(rooms, tmp_path):
     (lambda n: np.zeros((n, 3, 128, 128)), "permute channels"),
     (lambda n: np.zeros((n + 1, 128, 128, 3)), "found 4 × 128 × 128 × 3"),
     (lambda n: np.zeros((n, 128, 128, 3), dtype=np.int64), "int64"),
-    (lambda n: np.tile(np.linspace(-1, 1, 128)[:, None, None], (n, 1, 128, 3)), "take .sample . 1. / 2"),
+    (lambda n: np.tile(np.linspace(-1, 1, 128)[:, None, None], (n, 1, 128, 3)), "which seems to be −1…1"),
     (lambda n: None, "found a single number"),
     (lambda n: [np.zeros((128, 128, 3)), np.zeros((64, 128, 3))], "same shape"),
 ])
