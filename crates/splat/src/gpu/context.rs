@@ -41,7 +41,7 @@ pub(super) struct Context {
 /// Storage buffers of the largest kernel.
 const STORAGE_BUFFERS: u32 = 8;
 /// Shared memory of the largest kernel's workgroup, in bytes.
-const SHARED_BYTES: u32 = 13 << 10;
+const SHARED_BYTES: u32 = 14 << 10;
 /// Upper bound on the loop iterations per entry of a tile's list. The backward pass needs most if 16 threads have 16
 /// pixels each and the driver unrolls nothing: 11 to clear sums, one for each thread that skips the entry separately, 4
 /// rows of pixels, 11 to store sums, 12 to add those of all threads; about 40 in the worst case.
@@ -90,7 +90,7 @@ impl Context {
         let shortfalls = [
             ("storage buffers of a kernel", limits.max_storage_buffers_per_shader_stage, STORAGE_BUFFERS),
             ("shared bytes of a workgroup", limits.max_compute_workgroup_storage_size, SHARED_BYTES),
-            ("threads of a workgroup", limits.max_compute_invocations_per_workgroup, 64),
+            ("threads of a workgroup", limits.max_compute_invocations_per_workgroup, 128),
         ];
         for (what, found, expected) in shortfalls {
             if found < expected {

@@ -1,6 +1,5 @@
 //! Rendering on burn's GPU: tensors are copied within its memory, and only counts are copied to the host.
 
-use std::any::Any;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use atsplat_splat::gpu::{
@@ -11,10 +10,10 @@ use atsplat_splat::{Census, SplatError, sh_coefficients};
 use burn::backend::ops::FloatTensorOps as _;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Cube, CubeDevice, DispatchDevice, TensorMetadata};
-use burn::cubecl::wgpu::{AutoCompiler, WgpuServer};
-use burn::tensor::wgpu::{WgpuSetup, wgpu};
+use burn::tensor::wgpu::WgpuSetup;
 use burn::tensor::{Device, FloatDType, Shape, Slice};
 
+use super::copies::Copies;
 use super::{INPUTS, Inputs, Request, Splatter, host};
 
 /// The renderer that shares burn's device, or why there is none.
@@ -112,9 +111,10 @@ impl Splatter for Cube {
             Recorded::Host(recorded) => return host::differentiate::<Self>(&recorded, images, shapes, request),
             Recorded::Device(scenes) => scenes,
         };
-        let derivatives = scenes
-            .zip(shared(&images))
-            .and_then(|(scenes, mut renderer)| derivatives(&mut renderer, &scenes, &images, shapes, request).ok());
+        let derivatives = scenes.zip(shared(&images)).and_then(|(scenes, mut renderer)| {
+            let made = derivatives(&mut renderer, &scenes, &images, shapes, request);
+            made.inspect_err(|error| tracing::error!(%error, "no gradients of a rendering")).ok()
+        });
         let unknown = |shape: &Shape| Self::float_full(shape.clone(), f32::NAN.into(), &device, FloatDType::F32);
         derivatives.unwrap_or_else(|| shapes.each_ref().map(unknown))
     }
@@ -254,17 +254,70 @@ fn derivatives(
     shapes: &[Shape; INPUTS],
     request: &Request,
 ) -> Result<Inputs<Cube>, SplatError> {
+    let [Scenes { gaussians, count }] = scenes else {
+        return derivatives_one_by_one(renderer, scenes, images, shapes, request);
+    };
+    if *count == 1 {
+        return derivatives_one_by_one(renderer, scenes, images, shapes, request);
+    }
+    let by_images = image_gradients(renderer, images, request)?;
+    let made = renderer.backward_batch(gaussians, in_u32(*count), &request.views, &request.options, &by_images);
+    let settled = made.and_then(|made| {
+        let settled = renderer.settle(&made)?;
+        tensors(renderer, settled.result, shapes, &images.device())
+    });
+    match settled {
+        // A pair of the backward pass takes six times the memory of a pair of the forward pass, which fitted.
+        Err(SplatError::Gpu(GpuError::TooLarge { .. }) | SplatError::Memory { .. }) => {
+            let scenes = separated(renderer, gaussians, *count, images)?;
+            derivatives_one_by_one(renderer, &scenes, images, shapes, request)
+        }
+        made => made,
+    }
+}
+
+/// The scenes of a batch, each in buffers of its own.
+fn separated(
+    renderer: &GpuRenderer,
+    batch: &GpuGaussians,
+    count: usize,
+    like: &FloatTensor<Cube>,
+) -> Result<Vec<Scenes>, SplatError> {
+    let stored = 3 * sh_coefficients(batch.sh_degree());
+    let mut copies = Copies::new(renderer);
+    let mut scenes = Vec::with_capacity(count);
+    for at in 0..count {
+        let own = |part: &GpuPart| {
+            let gaussians = part.count as usize / count;
+            let mut rows = |buffer, each: usize| copies.of_buffer(buffer, at * gaussians * each, gaussians * each);
+            GpuPart {
+                count: in_u32(gaussians),
+                means: rows(&part.means, 3),
+                quaternions: rows(&part.quaternions, 4),
+                log_scales: rows(&part.log_scales, 3),
+                opacity_logits: rows(&part.opacity_logits, 1),
+                sh: rows(&part.sh, stored),
+                scalars: part.scalars.as_ref().map(|scalars| rows(scalars, 1)),
+                filter_3d: None,
+            }
+        };
+        let parts = batch.parts().iter().map(own).collect();
+        scenes.push(Scenes { gaussians: GpuGaussians::from_parts(parts, batch.sh_degree())?, count: 1 });
+    }
+    copies.submit(like)?;
+    Ok(scenes)
+}
+
+fn derivatives_one_by_one(
+    renderer: &mut GpuRenderer,
+    scenes: &[Scenes],
+    images: &FloatTensor<Cube>,
+    shapes: &[Shape; INPUTS],
+    request: &Request,
+) -> Result<Inputs<Cube>, SplatError> {
     let device = images.device();
     let of_scene = |shape: &Shape| std::iter::once(1).chain(shape.iter().skip(1).copied()).collect::<Shape>();
     let of_scene = shapes.each_ref().map(of_scene);
-    if let [Scenes { gaussians, count }] = scenes
-        && *count > 1
-    {
-        let by_images = image_gradients(renderer, images, request)?;
-        let made = renderer.backward_batch(gaussians, in_u32(*count), &request.views, &request.options, &by_images)?;
-        let settled = renderer.settle(&made)?;
-        return tensors(renderer, settled.result, shapes, &device);
-    }
     let mut views = request.views.iter().enumerate();
     let mut by_scene: Vec<Inputs<Cube>> = Vec::new();
     for (Scenes { gaussians, .. }, own) in scenes.iter().zip(request.views_by_scene()) {
@@ -377,73 +430,4 @@ fn channel(pixels: FloatTensor<Cube>, first: usize, count: usize) -> FloatTensor
 fn flat(tensor: FloatTensor<Cube>) -> FloatTensor<Cube> {
     let count = tensor.shape().num_elements();
     Cube::float_reshape(tensor, Shape::from([count]))
-}
-
-/// Copies within the device's memory, in the order of the queue that burn and the renderer share.
-struct Copies<'a> {
-    renderer: &'a GpuRenderer,
-    encoder: wgpu::CommandEncoder,
-    /// Memory that burn may neither free nor move until the copies are submitted.
-    held: Vec<Box<dyn Any>>,
-}
-
-impl<'a> Copies<'a> {
-    fn new(renderer: &'a GpuRenderer) -> Self {
-        let encoder = renderer.device().create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        Self { renderer, encoder, held: Vec::new() }
-    }
-
-    /// Copies numbers of a flat tensor to a new buffer.
-    fn out_of(&mut self, tensor: &FloatTensor<Cube>, first: usize, count: usize) -> Result<wgpu::Buffer, SplatError> {
-        let buffer = self.buffer(count);
-        let (memory, offset) = self.memory(tensor)?;
-        if count > 0 {
-            self.encoder.copy_buffer_to_buffer(&memory, offset + 4 * first as u64, &buffer, 0, 4 * count as u64);
-        }
-        Ok(buffer)
-    }
-
-    fn buffer(&self, count: usize) -> wgpu::Buffer {
-        self.renderer.device().create_buffer(&wgpu::BufferDescriptor {
-            label: Some("tensor"),
-            size: (4 * count as u64).max(16),
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        })
-    }
-
-    /// Copies the beginning of a buffer into a contiguous tensor.
-    fn fill_tensor(
-        &mut self,
-        buffer: &wgpu::Buffer,
-        tensor: &FloatTensor<Cube>,
-        first: usize,
-        count: usize,
-    ) -> Result<(), SplatError> {
-        let (memory, offset) = self.memory(tensor)?;
-        if count > 0 {
-            self.encoder.copy_buffer_to_buffer(buffer, 0, &memory, offset + 4 * first as u64, 4 * count as u64);
-        }
-        Ok(())
-    }
-
-    /// The buffer of a tensor, and the byte offset of its first number.
-    fn memory(&mut self, tensor: &FloatTensor<Cube>) -> Result<(wgpu::Buffer, u64), SplatError> {
-        let memory = tensor.client.get_resource::<WgpuServer<AutoCompiler>>(tensor.handle.clone());
-        let memory = memory.map_err(|error| self.refused(&error))?;
-        let place = (memory.resource().buffer.clone(), memory.resource().offset);
-        self.held.push(Box::new(memory));
-        Ok(place)
-    }
-
-    fn refused(&self, error: &dyn std::fmt::Debug) -> SplatError {
-        GpuError::Refused { adapter: self.renderer.adapter().to_owned(), reason: format!("{error:?}") }.into()
-    }
-
-    /// Submits the copies after all work that burn queued for a tensor.
-    fn submit(self, tensor: &FloatTensor<Cube>) -> Result<(), SplatError> {
-        tensor.client.flush().map_err(|error| self.refused(&error))?;
-        self.renderer.queue().submit([self.encoder.finish()]);
-        Ok(())
-    }
 }

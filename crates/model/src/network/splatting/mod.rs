@@ -1,6 +1,8 @@
 //! The renderer as an operation in burn's graph: Gaussians to images forward, image gradients to Gaussian gradients backward.
 
 #[cfg(feature = "gpu-network")]
+mod copies;
+#[cfg(feature = "gpu-network")]
 mod device;
 mod host;
 

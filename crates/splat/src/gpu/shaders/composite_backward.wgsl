@@ -33,6 +33,10 @@ fn main(
         return;
     }
     let range = current_entries(list);
+    if thread == 0u {
+        atomicStore(&finished, 0u);
+    }
+    workgroupBarrier();
 
     var transmittance: array<vec4<f32>, ROWS>;
     var d_red: array<vec4<f32>, ROWS>;

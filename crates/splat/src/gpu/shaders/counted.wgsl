@@ -4,15 +4,15 @@ struct Work {
     bound: u32,
     // Where `totals` has the number; KNOWN if it is the bound.
     at: u32,
-    // Of the sort's digit.
+    // Of the sort's digit, and which bits it has after the shift.
     shift: u32,
+    mask: u32,
     // Of the prefix sum: 0 for the numbers themselves, 1 for the sums of their blocks, and so on.
     level: u32,
     // Whether this level is a single block, and whether the numbers are the digits of a sort.
     is_last: u32,
     is_table: u32,
-    spare_a: u32,
-    spare_b: u32,
+    spare: u32,
 }
 
 @group(0) @binding(0) var<uniform> work: Work;
@@ -29,8 +29,8 @@ fn items() -> u32 {
     return select(total, 0u, total > work.bound);
 }
 
-// Runs of 32 keys, which one thread sorts.
-fn runs() -> u32 {
+// Blocks of 2048 keys, which a workgroup sorts.
+fn sort_blocks() -> u32 {
     let count = items();
-    return count / 32u + select(0u, 1u, (count & 31u) != 0u);
+    return count / 2048u + select(0u, 1u, (count & 2047u) != 0u);
 }

@@ -13,6 +13,10 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
+    if local < 8u {
+        atomicStore(&counts[local], 0u);
+    }
+    workgroupBarrier();
     let at = linear_index(group, groups, 64u, local);
     if at < view.window.w {
         let reach = reaches[at];

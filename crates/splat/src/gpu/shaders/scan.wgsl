@@ -4,7 +4,7 @@
 fn length() -> u32 {
     var length = items();
     if work.is_table != 0u {
-        length = 16u * runs();
+        length = 256u * sort_blocks();
     }
     for (var level = 0u; level < work.level; level++) {
         length = blocks_of(length);
