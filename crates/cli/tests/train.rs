@@ -130,6 +130,8 @@ fn a_run_writes_all_its_outputs() {
     assert_eq!(again.code, 1);
     assert!(again.stderr.contains("expected no run, found one of 4 steps"), "{}", again.stderr);
     train(folder.path(), "second", &["--steps", "1", "--init", "out/weights.safetensors"]);
+    let message = succeed(folder.path(), &["weights", "inspect", "second/weights.safetensors"]);
+    assert!(message.contains("at 32x32; before: 1 × rooms train 0 to 0 at 32x32"), "{message}");
     let wrong = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "x", "--hours", "0"]);
     assert_eq!(wrong.code, 2);
 }
@@ -170,11 +172,26 @@ fn resuming_needs_an_existing_run() {
     std::fs::create_dir(folder.path().join("empty")).unwrap();
     for out in ["empty", "absent"] {
         let refused = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", out, "--resume"]);
-        let message = refused.stderr.contains("expected a run that was begun there") && refused.stderr.contains(out);
+        let message = refused.stderr.contains("expected a run that was started there") && refused.stderr.contains(out);
         assert!(refused.code == 1 && message, "{}", refused.stderr);
     }
     assert!(!folder.path().join("absent").exists());
     assert_eq!(std::fs::read_dir(folder.path().join("empty")).unwrap().count(), 0);
+}
+
+/// A run is killed before its first checkpoint: what is left is the checkpoint of the weights that it was given.
+#[test]
+fn resuming_keeps_the_given_weights() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    train(folder.path(), "first", &["--steps", "2"]);
+    train(folder.path(), "whole", &["--steps", "2", "--init", "first/weights.safetensors"]);
+    let given = folder.path().join("whole/checkpoints/step-00000000.safetensors");
+    std::fs::create_dir_all(folder.path().join("killed/checkpoints")).unwrap();
+    std::fs::copy(given, folder.path().join("killed/checkpoints/step-00000000.safetensors")).unwrap();
+    train(folder.path(), "killed", &["--steps", "2", "--resume"]);
+    let weights = |out: &str| std::fs::read(folder.path().join(out).join("weights.safetensors")).unwrap();
+    assert!(weights("killed") == weights("whole"));
 }
 
 /// A run stopped before its first checkpoint restarts with a notice; a damaged checkpoint is skipped and named.
@@ -190,10 +207,10 @@ fn resuming_reports_unusable_checkpoints() {
         assert_eq!(outcome.code, 0, "{}", outcome.stderr);
         outcome.stderr
     };
-    assert!(resumed("6").contains("no checkpoint was written: the run begins again at step 0"));
+    assert!(resumed("6").contains("no checkpoint was written: the run restarts at step 0"));
     std::fs::write(folder.path().join("out/checkpoints/step-00000006.safetensors"), "torn").unwrap();
     let message = resumed("7");
-    assert!(message.contains("a checkpoint was passed over") && message.contains("step-00000006"), "{message}");
+    assert!(message.contains("skipped a checkpoint") && message.contains("step-00000006"), "{message}");
 }
 
 /// Steps on an adapter have nearly the CPU's losses; a run does not change its device.
@@ -218,7 +235,7 @@ fn a_run_on_an_adapter_follows_the_cpu_and_resumes_there_only() {
     for (out, device) in [("card", "cpu"), ("cpu", "wgpu")] {
         let args = ["train", "--config", "tiny.toml", "--out", out, "--resume", "--device", device];
         let refused = atsplat(folder.path(), &args);
-        assert!(refused.code == 1 && refused.stderr.contains("on which the run was begun"), "{}", refused.stderr);
+        assert!(refused.code == 1 && refused.stderr.contains("on which the run was started"), "{}", refused.stderr);
     }
     train(folder.path(), "card", &["--steps", "4", "--resume", "--device", "wgpu"]);
     assert_eq!(losses("card").len(), 4);

@@ -20,7 +20,7 @@ use atsplat_model::network::{Device, Forward, GaussianTensors, Network};
 use atsplat_model::weights::{ModelWeights, StoredTensors};
 use atsplat_scene::Warnings;
 use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
-use atsplat_train::samples::{Draw, Sample, Source as _};
+use atsplat_train::samples::{Sample, SampleId, Source as _};
 use atsplat_train::{Event, Parameters, SourceConfig, Start, TrainConfig, Trainer};
 use burn::Tensor;
 use rayon::prelude::*;
@@ -42,7 +42,7 @@ fn main() -> Result<(), Failure> {
     };
     let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&weights)?;
     let source = config.samples(&mut Warnings::new())?;
-    let sample = |number| source.sample(Draw { seed: 1, number, step: 0 });
+    let sample = |number| source.sample(SampleId { seed: 1, number, step: 0 });
     for line in stdin().lock().lines() {
         let line = line?;
         let request: Vec<&str> = line.split_whitespace().collect();

@@ -1,5 +1,6 @@
 //! Checkpoints: safetensors files with everything that a run needs to resume as if uninterrupted.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_model::parameters::Parameter;
@@ -13,8 +14,22 @@ const WHAT: &str = "checkpoint";
 const FORMAT: &str = "1";
 const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
 const AVERAGE: &str = "average";
+const FROZEN: &str = "frozen";
+const FROZEN_DIGEST: &str = "frozen-sha256";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
+const INITIAL_DATA: &str = "initial-weights-data";
 const ADAPTER: &str = "adapter";
+/// Folder of the checkpoints in a run's folder.
+const FOLDER: &str = "checkpoints";
+
+/// Weights that a run starts from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InitialWeights {
+    /// SHA-256 of their file.
+    pub sha256: String,
+    /// What they were trained on, if their provenance says so.
+    pub data: Option<String>,
+}
 
 /// The state of a run between two steps.
 #[derive(Clone, Debug)]
@@ -31,8 +46,8 @@ pub struct State {
     pub moments: Vec<Moments>,
     /// Moving averages of the weights, in the order of the parameters, if the configuration has `average`.
     pub average: Option<Vec<Vec<f32>>>,
-    /// SHA-256 of the weights file that the run started from, if any.
-    pub initial_weights: Option<String>,
+    /// The weights that the run started from, if they were given.
+    pub initial_weights: Option<InitialWeights>,
     /// The graphics adapter that the run is computed on, with its driver; `None` for the CPU.
     pub adapter: Option<String>,
 }
@@ -78,26 +93,35 @@ impl State {
             let tensor = StoredTensor::from_f32(parameter.shape.clone(), values)?;
             stored.tensors.insert(format!("{AVERAGE}/{}", parameter.name), tensor);
         }
+        // Unlike the file of a backbone, given weights are not read again when the run resumes.
+        if self.initial_weights.is_some() {
+            for (name, tensor) in &self.parameters.frozen().tensors {
+                stored.tensors.insert(format!("{FROZEN}/{name}"), tensor.clone());
+            }
+        }
         stored.metadata = [
             ("atsplat.checkpoint", FORMAT.to_owned()),
             ("step", self.step.to_string()),
             ("updates", self.updates.to_string()),
             ("faults-in-a-row", self.faults_in_a_row.to_string()),
             ("configuration", config.to_toml()?),
+            (FROZEN_DIGEST, self.parameters.frozen().digest()),
             ("tensors-sha256", stored.digest()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into();
-        if let Some(hash) = &self.initial_weights {
-            stored.metadata.insert(INITIAL_WEIGHTS.to_owned(), hash.clone());
-        }
-        if let Some(adapter) = &self.adapter {
-            stored.metadata.insert(ADAPTER.to_owned(), adapter.clone());
-        }
+        let given = self.initial_weights.as_ref();
+        let optional = [
+            (INITIAL_WEIGHTS, given.map(|given| &given.sha256)),
+            (INITIAL_DATA, given.and_then(|given| given.data.as_ref())),
+            (ADAPTER, self.adapter.as_ref()),
+        ];
+        let present = optional.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?.clone())));
+        stored.metadata.extend(present);
         Ok(stored)
     }
 
-    /// Reads a state from a file, except for the frozen weights, which come from `fresh`.
+    /// Reads a state from a file; frozen weights that are not in it are those of `fresh`.
     fn from_stored(stored: &StoredTensors, config: &TrainConfig, fresh: &Parameters) -> Result<Self, TrainError> {
         let text = |key: &str| {
             let found = stored.metadata.get(key);
@@ -126,7 +150,7 @@ impl State {
                 || TrainError::malformed(WHAT, name.clone(), format!("a tensor of {:?}", parameter.shape), "none");
             Ok::<_, TrainError>(tensor.ok_or_else(absent)?.to_f32()?)
         };
-        let mut parameters = fresh.clone();
+        let mut parameters = with_frozen(stored, fresh)?;
         let mut moments = Vec::new();
         let mut average = config.average.map(|_| Vec::new());
         for (position, parameter) in fresh.list().iter().enumerate() {
@@ -139,9 +163,30 @@ impl State {
         }
         let faults_in_a_row = u32::try_from(number("faults-in-a-row")?)
             .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
-        let [initial_weights, adapter] = [INITIAL_WEIGHTS, ADAPTER].map(|key| stored.metadata.get(key).cloned());
+        let [sha256, data, adapter] =
+            [INITIAL_WEIGHTS, INITIAL_DATA, ADAPTER].map(|key| stored.metadata.get(key).cloned());
+        let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data });
         let (step, updates) = (number("step")?, number("updates")?);
         Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights, adapter })
+    }
+}
+
+/// `fresh` with the frozen weights of a checkpoint, if it holds any. A checkpoint of an earlier version does not state their hash.
+fn with_frozen(stored: &StoredTensors, fresh: &Parameters) -> Result<Parameters, TrainError> {
+    let mut frozen = StoredTensors::default();
+    for (name, tensor) in &stored.tensors {
+        if let Some(name) = name.strip_prefix(FROZEN).and_then(|name| name.strip_prefix('/')) {
+            frozen.tensors.insert(name.to_owned(), tensor.clone());
+        }
+    }
+    let parameters = if frozen.tensors.is_empty() { fresh.clone() } else { fresh.with_frozen(frozen) };
+    let Some(expected) = stored.metadata.get(FROZEN_DIGEST) else { return Ok(parameters) };
+    match parameters.frozen().digest() {
+        found if found == *expected => Ok(parameters),
+        found => {
+            let expected = format!("those that the run was started with, sha256 {expected}");
+            Err(TrainError::malformed(WHAT, "frozen weights, of model.backbone", expected, found))
+        }
     }
 }
 
@@ -158,12 +203,19 @@ impl Checkpoints {
     /// # Errors
     /// [`TrainError::Io`].
     pub fn new(folder: &Path, keep: usize) -> Result<Self, TrainError> {
-        let folder = folder.join("checkpoints");
+        let folder = folder.join(FOLDER);
         std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder", &folder))?;
         Ok(Self { folder, keep })
     }
 
-    /// Writes a checkpoint atomically, and removes the oldest ones beyond the number to keep.
+    /// Whether a run's folder holds a checkpoint, readable or not.
+    pub(crate) fn exist_in(folder: &Path) -> bool {
+        let entries = std::fs::read_dir(folder.join(FOLDER)).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path()).any(|path| step_of(&path).is_some())
+    }
+
+    /// Writes a checkpoint atomically, and removes the oldest ones beyond the number to keep, and those of later steps: they could
+    /// not be read when the run went on from an earlier one.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if a weight is NaN or infinite: such a state is not written; [`TrainError::Model`] if the
@@ -176,10 +228,10 @@ impl Checkpoints {
         let path = self.folder.join(format!("step-{:08}.safetensors", state.step));
         state.stored(config)?.write(&path)?;
         let mut all = self.all()?;
-        all.pop();
-        let beyond = all.len().saturating_sub(self.keep.saturating_sub(1));
-        for old in all.iter().take(beyond) {
-            std::fs::remove_file(old).map_err(TrainError::io("removing an old checkpoint", old))?;
+        let later = all.split_off(&(state.step + 1));
+        let beyond = all.len().saturating_sub(self.keep.max(1));
+        for old in all.into_values().take(beyond).chain(later.into_values()) {
+            std::fs::remove_file(&old).map_err(TrainError::io("removing an old checkpoint", old))?;
         }
         Ok(path)
     }
@@ -191,8 +243,8 @@ impl Checkpoints {
     /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read.
     pub fn read(&self, config: &TrainConfig, fresh: &Parameters) -> Result<Option<(State, Vec<String>)>, TrainError> {
         let (mut messages, mut first) = (Vec::new(), None);
-        for path in self.all()?.iter().rev() {
-            let state = TensorFile::open(path)
+        for path in self.all()?.into_values().rev() {
+            let state = TensorFile::open(&path)
                 .map_err(TrainError::from)
                 .and_then(|file| State::from_stored(&file.stored, config, fresh));
             match state {
@@ -206,20 +258,21 @@ impl Checkpoints {
         first.map_or(Ok(None), Err)
     }
 
-    /// All checkpoints, oldest first.
-    fn all(&self) -> Result<Vec<PathBuf>, TrainError> {
+    /// All checkpoints by their steps.
+    fn all(&self) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
         let reading = || TrainError::io("listing checkpoints", &self.folder);
-        let mut all = Vec::new();
+        let mut all = BTreeMap::new();
         for entry in std::fs::read_dir(&self.folder).map_err(reading())? {
             let path = entry.map_err(reading())?.path();
-            let name = path.file_name().and_then(std::ffi::OsStr::to_str);
-            if name.is_some_and(|name| name.starts_with("step-") && name.ends_with(".safetensors")) {
-                all.push(path);
-            }
+            all.extend(step_of(&path).map(|step| (step, path)));
         }
-        all.sort();
         Ok(all)
     }
+}
+
+/// Number of steps before a checkpoint; `None` for other files.
+fn step_of(path: &Path) -> Option<u64> {
+    path.file_name()?.to_str()?.strip_prefix("step-")?.strip_suffix(".safetensors")?.parse().ok()
 }
 
 #[cfg(test)]
@@ -230,11 +283,62 @@ mod tests {
     fn other_files_in_the_folder_are_no_checkpoints() {
         let folder = tempfile::tempdir().unwrap();
         let checkpoints = Checkpoints::new(folder.path(), 2).unwrap();
-        let files = ["step-00000012.safetensors", "step-00000004.safetensors", "step-notes.txt", "best.safetensors"];
+        let files = ["step-00000012.safetensors", "step-00000004.safetensors", "step-notes.txt", "step-a.safetensors"];
         for name in files {
             std::fs::write(checkpoints.folder.join(name), "").unwrap();
         }
         let expected = ["step-00000004.safetensors", "step-00000012.safetensors"];
-        assert_eq!(checkpoints.all().unwrap(), expected.map(|name| checkpoints.folder.join(name)));
+        let found = checkpoints.all().unwrap().into_values();
+        assert_eq!(found.collect::<Vec<_>>(), expected.map(|name| checkpoints.folder.join(name)));
+    }
+
+    /// After so many steps, with one trained and one frozen number.
+    fn state(step: u64, frozen: f32) -> State {
+        let of = |value: f32| StoredTensor::from_f32(vec![1], &[value]).unwrap();
+        let parameter = Parameter { name: "weight".to_owned(), shape: vec![1], trained: true };
+        let mut tensors = StoredTensors::default();
+        tensors.tensors.insert("backbone.weight".to_owned(), of(frozen));
+        let parameters = Parameters::of_values(vec![parameter], vec![vec![0.5]]).with_frozen(tensors);
+        State { step, updates: step, ..State::new(parameters) }
+    }
+
+    #[test]
+    fn what_was_just_written_is_kept_and_later_steps_are_removed() {
+        for (keep, expected) in [(1, vec![600]), (2, vec![500, 600]), (3, vec![400, 500, 600])] {
+            let (folder, config) = (tempfile::tempdir().unwrap(), TrainConfig::shortest());
+            let checkpoints = Checkpoints::new(folder.path(), keep).unwrap();
+            for step in [400, 500] {
+                checkpoints.write(&state(step, 1.0), &config).unwrap();
+            }
+            std::fs::write(checkpoints.folder.join("step-00001000.safetensors"), "damaged").unwrap();
+            let written = checkpoints.write(&state(600, 1.0), &config).unwrap();
+            let all = checkpoints.all().unwrap();
+            assert_eq!(all.keys().copied().collect::<Vec<_>>(), expected, "{keep} are kept");
+            assert_eq!(all.get(&600), Some(&written));
+            let (found, messages) = checkpoints.read(&config, &state(0, 1.0).parameters).unwrap().unwrap();
+            assert_eq!((found.step, messages.len()), (600, 0));
+        }
+    }
+
+    #[test]
+    fn a_changed_backbone_is_refused_and_given_weights_are_kept() {
+        let config = TrainConfig::shortest();
+        let read = |stored: &StoredTensors, frozen: f32| {
+            let read = State::from_stored(stored, &config, &state(0, frozen).parameters);
+            read.map(|state| state.parameters.frozen().digest()).map_err(|error| error.to_string())
+        };
+        let digest = |frozen: f32| Ok::<_, String>(state(0, frozen).parameters.frozen().digest());
+        let mut stored = state(3, 1.0).stored(&config).unwrap();
+        assert_eq!(read(&stored, 1.0), digest(1.0));
+        let error = read(&stored, 2.0).unwrap_err();
+        assert!(error.contains("model.backbone: expected those that the run was started with"), "{error}");
+        stored.metadata.remove(FROZEN_DIGEST);
+        assert_eq!(read(&stored, 2.0), digest(2.0), "as written by earlier versions");
+        let given = InitialWeights { sha256: "a hash".to_owned(), data: Some("rooms".to_owned()) };
+        let started = State { initial_weights: Some(given.clone()), ..state(3, 1.0) };
+        let stored = started.stored(&config).unwrap();
+        assert_eq!(read(&stored, 2.0), digest(1.0), "from the checkpoint");
+        let again = State::from_stored(&stored, &config, &state(0, 2.0).parameters).unwrap();
+        assert_eq!(again.initial_weights, Some(given));
     }
 }

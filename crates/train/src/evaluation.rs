@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use atsplat_metrics::ssim::{Ssim, ssim};
-use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
+use atsplat_metrics::{DECIBEL_CAP, Pair, Score, Values, psnr};
 use atsplat_model::network::Network;
 use atsplat_pixels::Image;
 use atsplat_splat::RenderOptions;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::TrainError;
 use crate::journal::EvaluationRecord;
 use crate::objective::target_views;
-use crate::samples::{Draw, PosedPictures, Sample, Source, pixel_size};
+use crate::samples::{PosedPictures, Sample, SampleId, Source, pixel_size};
 
 /// The fixed samples of an evaluation.
 #[derive(Debug)]
@@ -27,6 +27,8 @@ pub struct Evaluation {
 pub(crate) struct Scores {
     pub(crate) psnr: f64,
     ssim: f64,
+    /// If the pictures are equal: PSNR is then infinite, and capped above.
+    is_identical: bool,
 }
 
 impl Evaluation {
@@ -35,7 +37,7 @@ impl Evaluation {
     /// # Errors
     /// As [`Source::sample`].
     pub fn new(source: &dyn Source, seed: u64, count: u64, background: [f64; 3]) -> Result<Self, TrainError> {
-        let samples = (0..count).into_par_iter().map(|number| source.sample(Draw { seed, number, step: u64::MAX }));
+        let samples = (0..count).into_par_iter().map(|number| source.sample(SampleId { seed, number, step: u64::MAX }));
         Ok(Self { samples: samples.collect::<Result<_, _>>()?, background })
     }
 
@@ -49,10 +51,12 @@ impl Evaluation {
         &self.samples
     }
 
-    /// Scores a network; `step` goes into the record. The result does not depend on the number of threads.
+    /// Scores a network; `step` goes into the record. The result does not depend on the number of threads. Targets that equal their
+    /// nearest context view, or whose render equals them, are counted and left out of all means.
     ///
     /// # Errors
-    /// [`TrainError::Model`], [`TrainError::Splat`]; [`TrainError::Metric`] for renders that are not finite.
+    /// [`TrainError::Model`], [`TrainError::Splat`]; [`TrainError::Metric`] for renders that are not finite;
+    /// [`TrainError::Malformed`] if no target is left.
     pub fn run(&self, network: &Network, step: u64) -> Result<EvaluationRecord, TrainError> {
         let start = Instant::now();
         let scored = |sample: &Sample| {
@@ -68,8 +72,14 @@ impl Evaluation {
             // An adapter runs one sample at a time, with all of its threads.
             Some(_) => self.samples.iter().map(scored).collect(),
         };
-        let scored = scored?.concat();
-        let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| scored.iter().map(of).sum::<f64>() / scored.len().max(1) as f64;
+        let (scored, identical): (Vec<_>, Vec<_>) =
+            scored?.concat().into_iter().partition(|pair| pair.iter().all(|scores| !scores.is_identical));
+        if scored.is_empty() {
+            let expected = "a target that is none of the context views, as `inset = 1` ensures";
+            let found = format!("{} identical to their context view or render", identical.len());
+            return Err(TrainError::malformed("evaluation", "targets", expected, found));
+        }
+        let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| scored.iter().map(of).sum::<f64>() / scored.len() as f64;
         Ok(EvaluationRecord {
             step,
             psnr: mean(&|[render, _]| render.psnr),
@@ -77,6 +87,7 @@ impl Evaluation {
             nearest_view_psnr: mean(&|[_, nearest]| nearest.psnr),
             nearest_view_ssim: mean(&|[_, nearest]| nearest.ssim),
             targets: scored.len(),
+            identical: identical.len(),
             secs: start.elapsed().as_secs_f64(),
         })
     }
@@ -106,7 +117,9 @@ pub(crate) fn picture(posed: &PosedPictures, view: usize) -> Result<Image, Train
 pub(crate) fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
     let pair = Pair::new(render, truth)?;
     let ssim = ssim(&pair, Values::Clipped, Ssim::SKIMAGE_GAUSSIAN)?;
-    Ok(Scores { psnr: psnr(&pair, Values::Clipped).capped(DECIBEL_CAP).unwrap_or(f64::NAN), ssim })
+    let psnr = psnr(&pair, Values::Clipped);
+    let is_identical = psnr == Score::Identical;
+    Ok(Scores { psnr: psnr.capped(DECIBEL_CAP).unwrap_or(f64::NAN), ssim, is_identical })
 }
 
 #[cfg(test)]

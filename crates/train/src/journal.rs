@@ -1,6 +1,6 @@
 //! Logs of steps and evaluations: lines of JSON, appended as they happen, and Parquet at the end.
 
-use atsplat_files::AtomicFile;
+use atsplat_files::{AtomicFile, Malformed};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ pub struct StepRecord {
 pub struct EvaluationRecord {
     /// Number of steps done before it.
     pub step: u64,
-    /// Mean PSNR of renders over all targets, in dB, clipped to [0, 1].
+    /// Mean PSNR of renders, in dB, clipped to [0, 1].
     pub psnr: f64,
     /// Mean SSIM of renders (scikit-image's, Gaussian window).
     pub ssim: f64,
@@ -46,8 +46,11 @@ pub struct EvaluationRecord {
     pub nearest_view_psnr: f64,
     /// Mean SSIM of the nearest-view baseline.
     pub nearest_view_ssim: f64,
-    /// Number of target views.
+    /// Number of target views that the means are over.
     pub targets: usize,
+    /// Number of target views that equal their nearest context view or render; no mean counts them.
+    #[serde(default)]
+    pub identical: usize,
     /// Wall-clock seconds of the evaluation.
     pub secs: f64,
 }
@@ -72,8 +75,9 @@ impl Record for StepRecord {
 }
 
 impl Record for EvaluationRecord {
+    /// A run that restarts evaluates the initial weights again.
     fn is_within(&self, steps: u64) -> bool {
-        self.step <= steps
+        steps > 0 && self.step <= steps
     }
 }
 
@@ -89,7 +93,7 @@ impl Journal {
     /// are removed. Returns the records that were kept.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
+    /// As [`read`].
     pub fn open<R: Record>(path: &Path, steps: u64) -> Result<(Self, Vec<R>), TrainError> {
         let kept: Vec<R> = read(path)?.into_iter().filter(|record: &R| record.is_within(steps)).collect();
         let mut text = String::new();
@@ -116,16 +120,28 @@ fn line<R: Record>(record: &R) -> Result<String, TrainError> {
     Ok(text + "\n")
 }
 
-/// The records of a log up to the first incomplete line; none if there is no file.
+/// The records of a log without a last line that was cut off when the run was killed; none if there is no file.
 ///
 /// # Errors
-/// [`TrainError::Io`].
+/// [`TrainError::Io`]; [`TrainError::Malformed`] with the number of a whole line that is not a record.
 pub fn read<R: Record>(path: &Path) -> Result<Vec<R>, TrainError> {
-    match std::fs::read_to_string(path) {
-        Ok(text) => Ok(text.lines().map_while(|line| serde_json::from_str(line).ok()).collect()),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
-        Err(error) => Err(TrainError::io("reading a log", path)(error)),
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(TrainError::io("reading a log", path)(error)),
+    };
+    let mut records = Vec::new();
+    for (number, line) in (1_u64..).zip(bytes.split_inclusive(|byte| *byte == b'\n')) {
+        match serde_json::from_slice(line) {
+            Ok(record) => records.push(record),
+            Err(_cut_off) if !line.ends_with(b"\n") => {}
+            Err(error) => {
+                let found = Malformed::new("log", format!("line {number}"), "a record of this log", error);
+                return Err(found.in_file(path).into());
+            }
+        }
     }
+    Ok(records)
 }
 
 /// Writes steps as Parquet, one row each; values that a skipped step lacks are null.
@@ -161,13 +177,17 @@ pub fn write_evaluations(path: &Path, records: &[EvaluationRecord]) -> Result<()
     let numbers = |name: &str, of: fn(&EvaluationRecord) -> f64| {
         Column::new(name.into(), records.iter().map(of).collect::<Vec<f64>>())
     };
+    let counts = |name: &str, of: fn(&EvaluationRecord) -> usize| {
+        Column::new(name.into(), records.iter().map(|record| of(record) as u64).collect::<Vec<u64>>())
+    };
     let columns = vec![
         Column::new("step".into(), records.iter().map(|record| record.step).collect::<Vec<u64>>()),
         numbers("psnr", |record| record.psnr),
         numbers("ssim", |record| record.ssim),
         numbers("nearest-view-psnr", |record| record.nearest_view_psnr),
         numbers("nearest-view-ssim", |record| record.nearest_view_ssim),
-        Column::new("targets".into(), records.iter().map(|record| record.targets as u64).collect::<Vec<u64>>()),
+        counts("targets", |record| record.targets),
+        counts("identical", |record| record.identical),
         numbers("secs", |record| record.secs),
     ];
     write_frame(path, columns)
@@ -204,6 +224,7 @@ mod tests {
             nearest_view_psnr: 16.5,
             nearest_view_ssim: 0.4,
             targets: 3,
+            identical: 1,
             secs: 1.0,
         };
         assert!(evaluation(0).gain() > 4.4 && evaluation(0).gain() < 4.6, "21 dB against 16.5");
@@ -219,5 +240,40 @@ mod tests {
         assert_eq!(read::<StepRecord>(&steps).unwrap(), kept, "in the file too");
         let (_, kept) = Journal::open::<EvaluationRecord>(&evaluations, 4).unwrap();
         assert_eq!(kept, [0, 1, 2, 3, 4].map(evaluation));
+    }
+
+    #[test]
+    fn only_a_last_line_without_its_end_is_dropped() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("evaluations.jsonl");
+        let whole = r#"{"step":STEP,"psnr":21.0,"ssim":0.7,"nearest-view-psnr":16.5,"nearest-view-ssim":0.4,"targets":3,"secs":1.0}"#;
+        let lines = [1, 2, 3].map(|step: u32| whole.replace("STEP", &step.to_string()) + "\n");
+        let steps = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            let records = read::<EvaluationRecord>(&path).map_err(|error| error.to_string())?;
+            Ok::<Vec<u64>, String>(records.iter().map(|record| record.step).collect())
+        };
+        let text = lines.concat();
+        assert_eq!(steps(text.as_bytes()).unwrap(), [1, 2, 3], "also without a count of identical targets");
+        assert_eq!(steps(&text.as_bytes()[..text.len() - 1]).unwrap(), [1, 2, 3], "only its end is missing");
+        assert_eq!(steps(&text.as_bytes()[..text.len() - 9]).unwrap(), [1, 2]);
+        assert_eq!(
+            steps(&[lines[0].as_bytes(), b"{\"fault\":\"\xe2\x80"].concat()).unwrap(),
+            [1],
+            "within a character"
+        );
+        for damaged in [lines[1].replace("0.7", "0,7"), lines[1].replace("21.0", "null"), "\n".to_owned()] {
+            let error = steps([&lines[0], &damaged, &lines[2]].map(String::as_str).concat().as_bytes()).unwrap_err();
+            assert!(error.contains("log: line 2: expected a record") && error.contains("evaluations.jsonl"), "{error}");
+        }
+        let reopened = Journal::open::<EvaluationRecord>(&path, 9);
+        assert!(
+            reopened.is_err() && std::fs::read_to_string(&path).unwrap().lines().count() == 3,
+            "nothing is dropped"
+        );
+        let restarted = [&lines[0], &lines[1]].map(String::as_str).concat();
+        std::fs::write(&path, restarted).unwrap();
+        let (_, kept) = Journal::open::<EvaluationRecord>(&path, 0).unwrap();
+        assert!(kept.is_empty(), "evaluated again before step 0");
     }
 }

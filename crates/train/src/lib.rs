@@ -21,7 +21,7 @@ mod sheet;
 mod trainer;
 mod update;
 
-pub use checkpoint::{Checkpoints, State};
+pub use checkpoint::{Checkpoints, InitialWeights, State};
 pub use config::{
     CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig,
     TrainConfig,

@@ -37,6 +37,11 @@ impl Parameters {
         Self { values, ..self.clone() }
     }
 
+    /// The same parameters with other tensors of a pretrained backbone.
+    pub(crate) fn with_frozen(&self, frozen: StoredTensors) -> Self {
+        Self { frozen, ..self.clone() }
+    }
+
     /// The values of the trained parameters among a network's tensors.
     pub(crate) fn values_in(&self, stored: &StoredTensors) -> Result<Vec<Vec<f32>>, TrainError> {
         let values = self.list.iter().map(|parameter| {

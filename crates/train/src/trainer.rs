@@ -1,5 +1,6 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
+mod start;
 mod step;
 
 use std::borrow::Cow;
@@ -8,18 +9,20 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use atsplat_files::Sha256Digest;
-use atsplat_model::network::{Device, Network, Processor, Products};
-use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, read_backbone};
+use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
+use atsplat_model::weights::{ModelWeights, Precision};
 use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
 
-use crate::checkpoint::{Checkpoints, State};
+pub use start::Start;
+use start::require_run_to_resume;
+
+use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
 use crate::evaluation::Evaluation;
 use crate::fault::Fault;
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::Objective;
-use crate::parameters::Parameters;
 use crate::resident::Resident;
 use crate::samples::Source;
 use crate::{FeatureCache, TrainConfig, TrainError};
@@ -42,19 +45,8 @@ pub enum Event<'a> {
     Evaluation(&'a EvaluationRecord),
     /// A checkpoint was written.
     Checkpoint(&'a Path),
-    /// A problem that does not stop the run.
+    /// A problem that does not stop the run, or what must be known about its data.
     Notice(&'a str),
-}
-
-/// How a run starts.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Start {
-    /// From newly initialised weights, in a folder without a run.
-    Fresh,
-    /// From the weights in a file, in a folder without a run.
-    Weights(PathBuf),
-    /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice.
-    Resume,
 }
 
 /// The log of a run's steps, created when the run starts.
@@ -109,7 +101,7 @@ impl Trainer {
     /// the resumed run was computed on another one, and for products in bfloat16 on an adapter.
     pub fn on(processor: Processor, config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
         processor.check_build()?;
-        if config.products != Products::F32 && processor != Processor::Cpu {
+        if config.products != MatmulPrecision::F32 && processor != Processor::Cpu {
             let expected = "f32 on a graphics adapter";
             return Err(TrainError::malformed(WHAT, "products", expected, "bf16"));
         }
@@ -148,79 +140,34 @@ impl Trainer {
         let template = Network::new(&model, &device.clone().autodiff())?;
         let objective = objective_on(processor, &config, &template)?;
         let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
-        let mut initial_weights = None;
-        let fresh = match start {
-            Start::Weights(path) => {
-                let weights = ModelWeights::read(path)?;
-                initial_weights = weights.sha256;
-                Parameters::from_weights(&model, &weights.tensors, &config.model.fresh, config.seed)?
-            }
-            Start::Fresh | Start::Resume => {
-                let frozen = match &config.model.backbone {
-                    Some(path) => read_backbone(path, &model, None)?.tensors,
-                    None => StoredTensors::default(),
-                };
-                Parameters::fresh(&model, config.seed, frozen)
-            }
-        };
+        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
+        let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
         let features = match &config.model.feature_cache {
             Some(folder) => {
                 // Each device has its own features.
                 let own = adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
-                Some(FeatureCache::open(own.as_ref().unwrap_or(folder), &model, fresh.frozen())?)
+                Some(FeatureCache::open(own.as_ref().unwrap_or(folder), &model, state.parameters.frozen())?)
             }
             None => None,
         };
-        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
-        let found = checkpoints.read(&config, &fresh)?;
-        let initial_state = |fresh| {
-            let (initial_weights, adapter) = (initial_weights.clone(), adapter.clone());
-            let state = State { initial_weights, adapter, ..State::new(fresh) };
-            if config.average.is_some() { state.with_average() } else { state }
-        };
-        let step = found.as_ref().map(|(state, _)| state.step);
-        tracing::info!(folder = %folder.display(), ?start, last_checkpoint = step, "opening the run");
-        let (state, mut notices): (State, Vec<String>) = match (found, start) {
-            (Some((state, passed_over)), Start::Resume) => {
-                let notices = passed_over.into_iter().map(|reason| format!("a checkpoint was passed over: {reason}"));
-                (state, notices.collect())
-            }
-            (None, Start::Resume) => {
-                (initial_state(fresh), vec!["no checkpoint was written: the run begins again at step 0".to_owned()])
-            }
-            (None, Start::Fresh | Start::Weights(_)) => (initial_state(fresh), Vec::new()),
-            (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
-                let found = format!("one of {} steps", state.step);
-                return Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found));
-            }
-        };
-        if state.adapter != adapter {
-            let name = |adapter: &Option<String>| adapter.clone().unwrap_or_else(|| "the CPU".to_owned());
-            let expected = format!("{}, on which the run was begun", name(&state.adapter));
-            return Err(TrainError::malformed("checkpoint", "adapter", expected, name(&adapter)));
-        }
-        if config.products != Products::F32 && !config.products.is_fast() {
+        if config.products != MatmulPrecision::F32 && !config.products.is_fast() {
             let slow =
                 "products in bfloat16 take longer than in f32 on this processor, which has no instructions for them";
             notices.push(slow.to_owned());
         }
-        let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
-        let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
+        notices.extend(samples.notices());
         let mut opening_warnings = Warnings::new();
-        let evaluation = match &config.evaluation {
-            Some(settings) => {
-                let source = settings.source.open(&config.pose_normalisation, None, &mut opening_warnings)?;
-                let background = config.losses.background;
-                let evaluation = Evaluation::new(source.as_ref(), config.seed, settings.samples.get(), background)?;
-                opening_warnings.merge(source.warnings());
-                Some(evaluation)
-            }
-            None => None,
-        };
+        let evaluation = evaluation_of(&config, &mut notices, &mut opening_warnings)?;
         let resident = match processor {
             Processor::Cpu => None,
             Processor::Wgpu(_) => Some(Resident::new(&state, &template)?),
         };
+        if let Start::Weights(_) = start {
+            // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
+            checkpoints.write(&state, &config)?;
+        }
+        let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
+        let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
         Ok(Self {
             config,
             model,
@@ -380,7 +327,6 @@ impl Trainer {
     fn provenance(&self) -> Result<BTreeMap<String, String>, TrainError> {
         let entries = [
             ("title", self.config.title.clone()),
-            ("data", self.samples.name()),
             ("seed", self.config.seed.to_string()),
             ("steps", format!("{} of {}", self.state.step, self.config.steps)),
             ("skipped-steps", self.state.skipped().to_string()),
@@ -394,8 +340,18 @@ impl Trainer {
         if let Some(adapter) = &self.state.adapter {
             provenance.insert("adapter".to_owned(), adapter.clone());
         }
-        if let Some(hash) = &self.state.initial_weights {
-            provenance.insert("initial-weights-sha256".to_owned(), hash.clone());
+        let own = self.samples.name();
+        let data = match &self.state.initial_weights {
+            None => vec![("data", own)],
+            Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{own}; before: {before}"))],
+            // From `data`, readers conclude what the network never saw.
+            Some(InitialWeights { data: None, .. }) => {
+                vec![("data-of-this-run", own), ("data-before", "not stated".to_owned())]
+            }
+        };
+        provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
+        if let Some(InitialWeights { sha256, .. }) = &self.state.initial_weights {
+            provenance.insert("initial-weights-sha256".to_owned(), sha256.clone());
         }
         Ok(provenance)
     }
@@ -418,14 +374,19 @@ fn objective_on(processor: Processor, config: &TrainConfig, template: &Network) 
     }
 }
 
-/// Resuming needs a folder in which a run was started.
-fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), TrainError> {
-    let has_run = folder.join(STEPS).is_file() || folder.join("checkpoints").is_dir();
-    if *start != Start::Resume || has_run {
-        return Ok(());
-    }
-    let expected = "a run that was begun there; start one without `--resume`";
-    Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
+/// The evaluation on fixed samples, if the configuration has one.
+fn evaluation_of(
+    config: &TrainConfig,
+    notices: &mut Vec<String>,
+    warnings: &mut Warnings,
+) -> Result<Option<Evaluation>, TrainError> {
+    let Some(settings) = &config.evaluation else { return Ok(None) };
+    let source = settings.source.open(&config.pose_normalisation, None, warnings)?;
+    let background = config.losses.background;
+    let evaluation = Evaluation::new(source.as_ref(), config.seed, settings.samples.get(), background)?;
+    warnings.merge(source.warnings());
+    notices.extend(source.notices().into_iter().map(|notice| format!("evaluation: {notice}")));
+    Ok(Some(evaluation))
 }
 
 #[cfg(test)]

@@ -38,8 +38,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
 
-    /// Where network and splatter run, forward and backward: cpu, wgpu or wgpu:N, a graphics adapter, N as `atsplat adapters`
-    /// numbers them, in builds with `--features gpu-network`. Losses and optimiser run there too. A run resumes on its device.
+    /// Where network, renderer, losses and optimiser run: cpu, wgpu (the best graphics adapter) or wgpu:N (number N of
+    /// `atsplat adapters`); an adapter needs a build with `--features gpu-network`. A run resumes on its device.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
     processor: Processor,
 
@@ -68,7 +68,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let steps = config.steps.get();
     let mut trainer = Trainer::on(args.processor, config, &args.out, &start)?;
-    let mut live = Live::new(args.steps.map_or(steps, |most| most.min(steps)), trainer.state().step);
+    let last = args.steps.map_or(steps, |most| most.min(steps));
+    let mut live = Live::new(last, trainer.state().step, trainer.config().is_evaluation_held_out());
     let outcome = trainer.run(Limits { steps: args.steps, time: args.hours }, &mut |event| live.show(event));
     drop(live);
     // Logs and plots are written even if the run failed.

@@ -80,12 +80,13 @@ impl GapSchedule {
     pub const DEPTHSPLAT_DL3DV: Self =
         Self { min: 20, max: 50, initial_min: 15, initial_max: 30, warm_up_steps: 10_000 };
 
-    /// Smallest and largest gap at a training step.
+    /// Smallest and largest gap at a training step; a bound that would fall has its final value from the first step on.
     pub fn at(&self, step: u64) -> (usize, usize) {
         if self.warm_up_steps == 0 {
             return (self.min, self.max);
         }
-        let fraction = step as f64 / self.warm_up_steps as f64;
+        // After the warm-up a rising bound is capped by its final value, and a falling one would go on falling.
+        let fraction = step.min(self.warm_up_steps) as f64 / self.warm_up_steps as f64;
         (interpolate(self.initial_min, self.min, fraction), interpolate(self.initial_max, self.max, fraction))
     }
 
@@ -116,7 +117,7 @@ impl Bounded {
     /// One entry at the end of the schedule, drawn from the scene's own stream of `seed`.
     ///
     /// # Errors
-    /// As [`Bounded::draw`].
+    /// Those of [`Bounded::draw`].
     pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
         let mut random = SplitMix64::for_scene(self.seed, scene.key);
         self.draw(scene, self.gaps.warm_up_steps, &mut random).map(|entry| vec![entry])
@@ -205,7 +206,12 @@ mod tests {
         );
         assert_eq!(GapSchedule { warm_up_steps: 0, ..gaps }.at(0), (45, 135));
         let shrinking = GapSchedule { initial_min: 50, ..gaps };
-        assert_eq!(shrinking.at(0).0, 45, "min(…, final) ends a falling schedule at once, as in pixelSplat");
+        assert_eq!(
+            [0, 15_000, 30_000, 60_000, 300_000].map(|step| shrinking.at(step).0),
+            [45; 5],
+            "min(…, final) ends a falling schedule at once, as in pixelSplat, and it falls no further"
+        );
+        assert_eq!(gaps.at(u64::MAX), (45, 135));
     }
 
     #[test]

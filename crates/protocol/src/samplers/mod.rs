@@ -115,7 +115,8 @@ pub enum NoEntry {
         /// Largest allowed overlap.
         maximum: String,
     },
-    /// The geometry of the cameras cannot be computed, because numbers exceed the range of f64.
+    /// The geometry of the cameras, or the overlap of the views, cannot be computed: numbers exceed the range of f64, or there are
+    /// fewer than two views.
     #[error("camera geometry: {0}")]
     Geometry(String),
     /// The dataset does not contain the scene.

@@ -2,6 +2,7 @@
 
 mod check;
 mod derived;
+mod held_out;
 mod losses;
 mod model;
 
@@ -9,7 +10,7 @@ use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};
 use std::path::Path;
 
 use atsplat_camera::{MeanCameraScale, PoseNormalisation};
-use atsplat_model::network::Products;
+use atsplat_model::network::MatmulPrecision;
 use atsplat_scene::Warnings;
 use serde::{Deserialize, Serialize};
 
@@ -72,7 +73,7 @@ pub struct TrainConfig {
     /// Precision of the network's matrix products while it is trained; evaluations have f32. Weights, sums, losses and updates are in
     /// f32 anyway.
     #[serde(default, skip_serializing_if = "is_default")]
-    pub products: Products,
+    pub products: MatmulPrecision,
     /// Evaluation during training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationConfig>,
@@ -147,8 +148,8 @@ fn is_one(number: &NonZeroUsize) -> bool {
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_default(products: &Products) -> bool {
-    *products == Products::default()
+fn is_default(products: &MatmulPrecision) -> bool {
+    *products == MatmulPrecision::default()
 }
 
 const fn unit() -> f64 {
@@ -245,8 +246,14 @@ impl TrainConfig {
     /// Opens all sources of samples and adds what is wrong with them to `warnings`.
     ///
     /// # Errors
-    /// As [`DatasetSource::open`] and [`Mixture::new`].
+    /// As [`DatasetSource::open`] and [`Mixture::new`]; [`TrainError::Malformed`] for a dataset whose folder holds its training
+    /// scenes in `train` and its test scenes in `test`.
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
+        for (at, data) in self.data.iter().enumerate() {
+            if let SourceConfig::Dataset(dataset) = &data.source {
+                dataset.require_one_split(format!("data[{at}].source.dataset.path"))?;
+            }
+        }
         let patch = self.distance_patch()?;
         let sources =
             self.data.iter().map(|data| Ok((data.share, data.source.open(&self.pose_normalisation, patch, warnings)?)));

@@ -32,7 +32,7 @@ impl Perceptual {
     /// Description, for provenance.
     pub fn name(&self) -> String {
         match self {
-            Self::DSsim => "D-SSIM (1 − SSIM, Gaussian window of 11) in the place of a learned loss".to_owned(),
+            Self::DSsim => "D-SSIM (1 − SSIM, Gaussian window of 11) in place of a learned loss".to_owned(),
             Self::Learned(learned) => learned.name(),
         }
     }

@@ -1,5 +1,5 @@
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use atsplat_camera::{Camera, PoseNormalisation};
@@ -13,8 +13,10 @@ use atsplat_scene::{OneScene, Scene, SceneSource, Warning, WarningKind, Warnings
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, ExcludedScenes, PosedPictures, Sample, Source, ViewChoice, first_sample};
+use super::exclude::scene_name;
+use super::{ExcludedScenes, PosedPictures, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
+use crate::config::WHAT;
 
 /// A dataset on disk with a protocol's preprocessing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,9 +28,24 @@ pub struct DatasetConfig {
     pub preset: String,
     /// How frames are chosen for a sample.
     pub views: ViewChoice,
-    /// Scenes that are never drawn: those of the indices that the network will be evaluated on.
+    /// Scenes that are never drawn: those of the indices that the network will be evaluated on. Keys are compared without the
+    /// prefix `dl3dv_`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exclude: Vec<ExcludedScenes>,
+}
+
+impl DatasetConfig {
+    /// Refuses training data whose folder holds both training and test scenes: the reader would take them all, or the test
+    /// scenes alone.
+    pub(crate) fn require_one_split(&self, field: String) -> Result<(), TrainError> {
+        let [train, test] = ["train", "test"].map(|split| self.path.join(split));
+        let holds_scenes = |folder: &Path| folder.is_dir() && atsplat_scene::open(folder, &mut Warnings::new()).is_ok();
+        if !holds_scenes(&test) || !holds_scenes(&train) {
+            return Ok(());
+        }
+        let expected = format!("{}, without the test scenes in {}", train.display(), test.display());
+        Err(TrainError::malformed(WHAT, field, expected, self.path.display()))
+    }
 }
 
 /// Samples from the scenes of a dataset, prepared by the same code as an evaluation's trials.
@@ -38,6 +55,7 @@ pub struct DatasetSource {
     /// Of the scenes that may be drawn.
     keys: Vec<String>,
     recipe: TrialRecipe,
+    notices: Vec<String>,
     counted: Mutex<Counted>,
 }
 
@@ -62,11 +80,16 @@ impl DatasetSource {
         warnings: &mut Warnings,
     ) -> Result<Self, TrainError> {
         let dataset: Box<dyn SceneSource> = Box::new(atsplat_scene::open(&config.path, warnings)?);
-        let mut excluded = BTreeSet::new();
+        let (mut excluded, mut notices) = (BTreeSet::new(), Vec::new());
         for scenes in &config.exclude {
-            scenes.add_to(&mut excluded)?;
+            let names = scenes.names()?;
+            let count = dataset.keys().iter().filter(|key| names.contains(scene_name(key))).count();
+            let (path, all, index) = (config.path.display(), dataset.keys().len(), scenes.index.display());
+            notices.push(format!("{path}: {count} of {all} scenes excluded by {index}"));
+            excluded.extend(names);
         }
-        let keys: Vec<String> = dataset.keys().iter().filter(|key| !excluded.contains(*key)).cloned().collect();
+        let keys = dataset.keys().iter().filter(|key| !excluded.contains(scene_name(key)));
+        let keys: Vec<String> = keys.cloned().collect();
         if keys.is_empty() {
             let place = config.path.display().to_string();
             let found = format!("{} scenes, all of them excluded", dataset.keys().len());
@@ -76,7 +99,7 @@ impl DatasetSource {
             pose_normalisation: normalisation,
             ..TrialRecipe::of(&Preset::resolve(&config.preset)?, "ATSplat")
         };
-        Ok(Self { config, dataset, keys, recipe, counted: Mutex::default() })
+        Ok(Self { config, dataset, keys, recipe, notices, counted: Mutex::default() })
     }
 
     /// Keys of the scenes that may be drawn, in the dataset's order.
@@ -165,13 +188,17 @@ impl Source for DatasetSource {
         self.counted().warnings.clone()
     }
 
-    fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
+    fn notices(&self) -> Vec<String> {
+        self.notices.clone()
+    }
+
+    fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
         let keys = &self.keys;
         // Paths of data and preset change no draw.
-        first_sample(self, "dataset", draw, |random| {
+        first_sample(self, "dataset", id, |random| {
             #[expect(clippy::expect_used, reason = "a dataset without scenes to draw is rejected when it is opened")]
             let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
-            Ok(self.try_sample(key, draw.step, random))
+            Ok(self.try_sample(key, id.step, random))
         })
     }
 }

@@ -19,8 +19,8 @@ pub struct ExcludedScenes {
 }
 
 impl ExcludedScenes {
-    /// Adds the keys of the index, scenes without an entry included.
-    pub(super) fn add_to(&self, keys: &mut BTreeSet<String>) -> Result<(), TrainError> {
+    /// Names of the scenes of the index as by [`scene_name`], those without an entry included.
+    pub(super) fn names(&self) -> Result<BTreeSet<String>, TrainError> {
         let file = IndexFile::read(&self.index)?;
         if file.sha256 != self.sha256 {
             let place = self.index.display().to_string();
@@ -31,7 +31,12 @@ impl ExcludedScenes {
                 file.sha256,
             ));
         }
-        keys.extend(file.index.scenes.into_keys());
-        Ok(())
+        Ok(file.index.scenes.keys().map(|key| scene_name(key).to_owned()).collect())
     }
+}
+
+/// A scene's key without the prefix that DepthSplat's training set of DL3DV has and its evaluation indices do not
+/// (depthsplat `src/scripts/convert_dl3dv_train.py`).
+pub(super) fn scene_name(key: &str) -> &str {
+    key.strip_prefix("dl3dv_").unwrap_or(key)
 }

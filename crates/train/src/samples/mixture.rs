@@ -1,7 +1,7 @@
 use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
-use super::{Draw, Sample, Source, mirrored};
+use super::{Sample, SampleId, Source, mirrored};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -32,8 +32,8 @@ impl Mixture {
     }
 
     /// The source of a sample, and whether it is mirrored.
-    fn plan(&self, draw: Draw) -> (&dyn Source, bool) {
-        let mut random = SplitMix64::for_scene(draw.seed, &format!("mixture {}", draw.number));
+    fn plan(&self, id: SampleId) -> (&dyn Source, bool) {
+        let mut random = SplitMix64::for_scene(id.seed, &format!("mixture {}", id.number));
         let total: f64 = self.sources.iter().map(|(share, _)| share).sum();
         let unit = (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
         let mut remaining = unit * total;
@@ -55,10 +55,10 @@ impl Source for Mixture {
         names.join(" + ")
     }
 
-    fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        let draw = Draw { number: self.distinct.map_or(draw.number, |distinct| draw.number % distinct.max(1)), ..draw };
-        let (source, flipped) = self.plan(draw);
-        let sample = source.sample(draw)?;
+    fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
+        let id = SampleId { number: self.distinct.map_or(id.number, |distinct| id.number % distinct.max(1)), ..id };
+        let (source, flipped) = self.plan(id);
+        let sample = source.sample(id)?;
         Ok(if flipped { mirrored(&sample)? } else { sample })
     }
 
@@ -66,5 +66,9 @@ impl Source for Mixture {
         let mut warnings = Warnings::new();
         self.sources.iter().for_each(|(_, source)| warnings.merge(source.warnings()));
         warnings
+    }
+
+    fn notices(&self) -> Vec<String> {
+        self.sources.iter().flat_map(|(_, source)| source.notices()).collect()
     }
 }

@@ -53,7 +53,7 @@ pub struct PosedPictures {
 
 /// The identity of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Draw {
+pub struct SampleId {
     /// Seed of the run.
     pub seed: u64,
     /// Counts samples from 0.
@@ -67,15 +67,20 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     /// Description, for provenance.
     fn name(&self) -> String;
 
-    /// The sample of a draw: always the same.
+    /// The sample with this identity: always the same.
     ///
     /// # Errors
     /// [`TrainError::NoSample`] if many draws in a row give none; errors of reading and rendering.
-    fn sample(&self, draw: Draw) -> Result<Sample, TrainError>;
+    fn sample(&self, id: SampleId) -> Result<Sample, TrainError>;
 
     /// What was wrong with the scenes loaded so far without stopping, each scene counted once.
     fn warnings(&self) -> Warnings {
         Warnings::new()
+    }
+
+    /// What a reader of the run must know about the data, such as how many scenes are excluded.
+    fn notices(&self) -> Vec<String> {
+        Vec::new()
     }
 }
 
@@ -131,18 +136,18 @@ impl Sample {
     }
 }
 
-/// The first sample that `attempt` makes from a random stream of the draw and of `stream`, or the reason of the last failure
+/// The first sample that `attempt` makes from a random stream given by `id` and `stream`, or the reason of the last failure
 /// after 20 attempts.
 fn first_sample(
     source: &dyn Source,
     stream: &str,
-    draw: Draw,
+    id: SampleId,
     mut attempt: impl FnMut(&mut SplitMix64) -> Result<Result<Sample, String>, TrainError>,
 ) -> Result<Sample, TrainError> {
     const ATTEMPTS: u32 = 20;
     let mut reason = String::new();
     for number in 0..ATTEMPTS {
-        match attempt(&mut SplitMix64::for_scene(draw.seed, &format!("{stream} {} {number}", draw.number)))? {
+        match attempt(&mut SplitMix64::for_scene(id.seed, &format!("{stream} {} {number}", id.number)))? {
             Ok(sample) => return Ok(sample),
             Err(error) => reason = error,
         }

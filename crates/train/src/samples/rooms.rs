@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Draw, NormalisedCameras, PatchDistances, PosedPictures, Sample, Source, ViewChoice, distances, first_sample,
+    NormalisedCameras, PatchDistances, PosedPictures, Sample, SampleId, Source, ViewChoice, distances, first_sample,
     normalised, pixel_size,
 };
 use crate::TrainError;
@@ -44,6 +44,13 @@ pub struct RoomsConfig {
     /// Memory for frames, in MiB, rendered or not; scenes that do not fit are rendered again.
     #[serde(default = "gibibyte")]
     pub cache_mib: usize,
+}
+
+impl RoomsConfig {
+    /// Index of the last scene.
+    pub(crate) const fn last(&self) -> u32 {
+        self.first.saturating_add(self.scenes.get() - 1)
+    }
 }
 
 const fn train() -> Split {
@@ -237,13 +244,13 @@ impl RoomsSource {
 
 impl Source for RoomsSource {
     fn name(&self) -> String {
-        let RoomsConfig { scenes_of, split, scenes, first, size, .. } = &self.config;
-        let last = first.saturating_add(scenes.get() - 1);
+        let RoomsConfig { scenes_of, split, first, size, .. } = &self.config;
+        let last = self.config.last();
         format!("{scenes_of} {split} {first} to {last} at {size}")
     }
 
-    fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        first_sample(self, &self.name(), draw, |random| self.try_sample(draw.step, random))
+    fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
+        first_sample(self, &self.name(), id, |random| self.try_sample(id.step, random))
     }
 }
 

@@ -11,7 +11,7 @@ use crate::TrainError;
 use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
 use crate::journal::StepRecord;
 use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Terms};
-use crate::samples::{Draw, Sample};
+use crate::samples::{Sample, SampleId};
 use crate::update::update;
 
 /// Samples that go through the network together.
@@ -128,7 +128,7 @@ impl Trainer {
         let step = self.state.step;
         let start = Instant::now();
         let draw = |&number: &u64| {
-            let sample = self.samples.sample(Draw { seed: self.config.seed, number, step });
+            let sample = self.samples.sample(SampleId { seed: self.config.seed, number, step });
             sample.map_err(|error| {
                 let what = FaultKind::Refused(error.to_string());
                 Fault { step, sample: format!("sample {number}"), what }

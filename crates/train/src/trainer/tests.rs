@@ -1,6 +1,6 @@
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
-use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::WarningKind;
 
 use super::*;
@@ -27,7 +27,7 @@ const CONFIG: &str = r#"
     [evaluation]
     every = 6
     samples = 1
-    source.dataset = { path = "DATA", preset = "PRESET", views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } } }
+    source.dataset = { path = "DATA", preset = "PRESET", views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 }, inset = 1 } }
 "#;
 
 #[test]
@@ -37,7 +37,7 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     let seed = SceneSeed { split: Split::Train, number: 0 };
     let size = atsplat_camera::ImageSize { width: 32, height: 32 };
     let request = Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) };
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
     write_dataset(&data, [request], &options, &mut Warnings::new(), |_, _| ()).unwrap();
     let name = "66667.png";
     std::fs::remove_file(data.join("train").join(seed.key(SceneKind::Rooms)).join(name)).unwrap();
@@ -73,16 +73,40 @@ fn resuming_needs_a_log_or_checkpoints() {
     let folder = tempfile::tempdir().unwrap();
     let runs = ["log", "checkpoints", "neither"].map(|name| folder.path().join(name));
     for run in &runs {
-        std::fs::create_dir(run).unwrap();
+        std::fs::create_dir_all(run.join("checkpoints")).unwrap();
     }
     let [log, checkpoints, neither] = &runs;
     std::fs::write(log.join(STEPS), "").unwrap();
-    std::fs::create_dir(checkpoints.join("checkpoints")).unwrap();
+    std::fs::write(checkpoints.join("checkpoints/step-00000000.safetensors"), "").unwrap();
     assert!(require_run_to_resume(log, &Start::Resume).is_ok(), "killed before its first checkpoint");
     assert!(require_run_to_resume(checkpoints, &Start::Resume).is_ok());
     assert!(require_run_to_resume(neither, &Start::Fresh).is_ok());
+    // Given weights, if there were any, were not written yet.
     let error = require_run_to_resume(neither, &Start::Resume).unwrap_err().to_string();
-    assert!(error.contains("neither: expected a run that was begun there"), "{error}");
+    assert!(error.contains("neither: expected a run that was started there"), "{error}");
+}
+
+/// The reader of chunks prefers `test` to `train`.
+#[test]
+fn training_on_a_folder_with_test_scenes_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let size = atsplat_camera::ImageSize { width: 32, height: 32 };
+    let scenes = [Split::Train, Split::Test].map(|split| {
+        let seed = SceneSeed { split, number: 0 };
+        Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
+    });
+    let options = WriteOptions { layout: Layout::Chunks, coding: PictureEncoding::Png, depth: false };
+    write_dataset(folder.path(), scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
+    let config = |path: &Path| {
+        let text = CONFIG.replace("DATA", &path.to_string_lossy()).replace("PRESET", "re10k-2v-256");
+        TrainConfig::from_toml(&text).unwrap()
+    };
+    let open = |path: &Path| config(path).samples(&mut Warnings::new()).map(drop);
+    let error = open(folder.path()).unwrap_err().to_string();
+    for expected in ["data[0].source.dataset.path", "train, without the test scenes in ", "test, found "] {
+        assert!(error.contains(expected), "{error}");
+    }
+    open(&folder.path().join("train")).unwrap();
 }
 
 /// Before the first and after the last step, with the scores of the evaluation's own sample, reported and logged.

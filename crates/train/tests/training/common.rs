@@ -5,7 +5,7 @@ use std::path::Path;
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::ImageSize;
 use atsplat_numeric::SplitMix64;
-use atsplat_train::samples::{Draw, PosedPictures, Sample, Source};
+use atsplat_train::samples::{PosedPictures, Sample, SampleId, Source};
 use atsplat_train::{Start, TrainConfig, TrainError, Trainer};
 use glam::{DMat3, DVec3};
 
@@ -90,9 +90,9 @@ impl Source for Noise {
         "noise".to_owned()
     }
 
-    fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        let mut sample = sample(draw.number);
-        (self.corrupt)(draw.number, &mut sample);
+    fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
+        let mut sample = sample(id.number);
+        (self.corrupt)(id.number, &mut sample);
         Ok(sample)
     }
 }

@@ -187,6 +187,18 @@ fn errors_of_a_configuration_name_file_and_field() {
         ("min = 4, max = 9", "min = 9, max = 4", "data[0].source.rooms.views.gaps", "min and max in order"),
         (
             "min = 4, max = 9",
+            "min = 4, max = 9, initial-min = 5, initial-max = 9, warm-up-steps = 9",
+            "data[0].source.rooms.views.gaps",
+            "initial-min and min in order, as windows grow during the warm-up, found 5 and 4",
+        ),
+        (
+            "min = 4, max = 9",
+            "min = 4, max = 9, initial-min = 4, initial-max = 10, warm-up-steps = 9",
+            "data[0].source.rooms.views.gaps",
+            "initial-max and max in order, as windows grow during the warm-up, found 10 and 9",
+        ),
+        (
+            "min = 4, max = 9",
             "min = 15, max = 20",
             "data[0].source.rooms.views",
             "frames among the 15 that a clip offers",

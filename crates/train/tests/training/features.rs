@@ -96,3 +96,21 @@ fn rejects_the_cache_of_a_trained_backbone() {
     let error = FeatureCache::open(tempdir().unwrap().path(), &config, &StoredTensors::default()).unwrap_err();
     assert!(error.to_string().contains("model.feature-cache: expected a frozen backbone, found Patch"), "{error}");
 }
+
+/// The file of given weights may be gone when their run resumes: its checkpoints hold the frozen backbone.
+#[test]
+fn a_run_from_given_weights_resumes_with_their_backbone() {
+    let folder = tempdir().unwrap();
+    let (config, start, run) = (with_dino(), folder.path().join("start.safetensors"), folder.path().join("run"));
+    let model = config.model.config().unwrap();
+    let weights = ModelWeights::new(model.clone(), BTreeMap::new(), &generated(&parameters(&model), 1)).unwrap();
+    weights.write(&start, Precision::Half).unwrap();
+    let mut killed = trainer(config.clone(), &run, &Start::Weights(start.clone()), Noise::CLEAN);
+    killed.step(&mut |_| ()).unwrap();
+    std::fs::remove_file(start).unwrap();
+    let mut resumed = trainer(config, &run, &Start::Resume, Noise::CLEAN);
+    assert_eq!(resumed.state().step, 0, "killed before its first checkpoint");
+    resumed.step(&mut |_| ()).unwrap();
+    assert_eq!((killed.state().skipped(), resumed.state().skipped()), (0, 0));
+    assert!(bits(&resumed) == bits(&killed));
+}

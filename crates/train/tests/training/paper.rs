@@ -8,7 +8,7 @@ use atsplat_camera::ImageSize;
 use atsplat_files::Sha256Digest;
 use atsplat_model::config::{AnchorDesign, Selection};
 use atsplat_protocol::{KNOWN_INDICES, Preset};
-use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
 use atsplat_train::samples::{DatasetConfig, DatasetSource, ExcludedScenes};
 use atsplat_train::{PerceptualChoice, SourceConfig, Start, TrainConfig, Trainer};
@@ -135,7 +135,7 @@ fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
         (request.samples, request.frames) = (1, FRAMES);
         request
     };
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
     write_dataset(folder, vec![request(0), request(1)], &options, &mut Warnings::new(), |_, _| ()).unwrap();
     let index = folder.join("index.json");
     let json = r#"{"rooms-train-00000001": {"context": [0, 3], "target": [1]}}"#;

@@ -1,10 +1,11 @@
 //! Whole runs: identical bits however they are interrupted, and never a silent NaN.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU64;
 use std::path::Path;
 
 use crate::common::{Noise, bits, config, trainer};
-use atsplat_model::weights::ModelWeights;
+use atsplat_model::weights::{ModelWeights, Precision};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
@@ -243,6 +244,7 @@ fn logs_are_converted_to_parquet() {
         nearest_view_psnr: 16.5,
         nearest_view_ssim: 0.5,
         targets: 3,
+        identical: 1,
         secs: 2.0,
     };
     for (records, expected) in [(none, vec![]), (vec![evaluation], vec![21.0, 0.75, 16.5, 0.5, 2.0])] {
@@ -303,20 +305,50 @@ fn averaged_weights_follow_the_recurrence_and_resume_identically() {
 }
 
 #[test]
-fn provenance_keeps_the_hash_of_the_initial_weights() {
+fn provenance_keeps_hash_and_data_of_the_initial_weights() {
     let first = tempdir().unwrap();
     run(&mut trainer(config(""), first.path(), &Start::Fresh, Noise::CLEAN), None).unwrap();
     let path = first.path().join("weights.safetensors");
     let initial = ModelWeights::read(&path).unwrap();
-    let folder = tempdir().unwrap();
-    for start in [Start::Weights(path), Start::Resume] {
-        let mut trainer = trainer(config(""), folder.path(), &start, Noise::CLEAN);
-        let steps = trainer.state().step + 3;
-        run(&mut trainer, Some(steps)).unwrap();
-        let made = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap();
-        assert_eq!(made.provenance.get("initial-weights-sha256"), initial.sha256.as_ref());
-    }
     assert!(!initial.provenance.contains_key("initial-weights-sha256"));
+    assert_eq!(initial.provenance["data"], "noise");
+    let silent = first.path().join("silent.safetensors");
+    let unstated = ModelWeights { provenance: BTreeMap::new(), ..initial.clone() };
+    unstated.write(&silent, Precision::Single).unwrap();
+    let of_silent = ModelWeights::read(&silent).unwrap().sha256;
+    let stated = [("data", Some("noise; before: noise")), ("data-of-this-run", None), ("data-before", None)];
+    // Without `data`, nothing is concluded about what the network never saw.
+    let not_stated = [("data", None), ("data-of-this-run", Some("noise")), ("data-before", Some("not stated"))];
+    for (path, sha256, expected) in [(path, initial.sha256, stated), (silent, of_silent, not_stated)] {
+        let folder = tempdir().unwrap();
+        for start in [Start::Weights(path), Start::Resume] {
+            let mut trainer = trainer(config(""), folder.path(), &start, Noise::CLEAN);
+            let steps = trainer.state().step + 3;
+            run(&mut trainer, Some(steps)).unwrap();
+            let made = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap().provenance;
+            assert_eq!(made.get("initial-weights-sha256"), sha256.as_ref());
+            for (key, value) in expected {
+                assert_eq!(made.get(key).map(String::as_str), value, "{key}");
+            }
+        }
+    }
+}
+
+/// A run that is killed before its first step is done has a checkpoint of the weights that it was given.
+#[test]
+fn given_weights_outlive_a_kill_before_the_first_checkpoint() {
+    let (first, folder) = (tempdir().unwrap(), tempdir().unwrap());
+    run(&mut trainer(config(""), first.path(), &Start::Fresh, Noise::CLEAN), None).unwrap();
+    let path = first.path().join("weights.safetensors");
+    let mut killed = trainer(config(""), folder.path(), &Start::Weights(path.clone()), Noise::CLEAN);
+    let given = (bits(&killed), killed.state().initial_weights.clone());
+    assert!(given.1.is_some());
+    killed.step(&mut |_| ()).unwrap();
+    drop(killed);
+    std::fs::remove_file(path).unwrap();
+    let resumed = trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN);
+    assert_eq!(resumed.state().step, 0);
+    assert!((bits(&resumed), resumed.state().initial_weights.clone()) == given);
 }
 
 #[test]

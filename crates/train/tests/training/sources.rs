@@ -5,13 +5,14 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 
 use atsplat_camera::{ImageSize, MeanCameraScale, PoseNormalisation};
+use atsplat_files::Sha256Digest;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_protocol::Preset;
-use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
 use atsplat_train::samples::{
-    DatasetConfig, DatasetSource, Draw, Mixture, PatchDistances, RoomsConfig, RoomsSource, Sample, Source, ViewChoice,
-    mirrored,
+    DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, RoomsConfig, RoomsSource, Sample, SampleId,
+    Source, ViewChoice, mirrored,
 };
 use glam::{DVec2, DVec3};
 use tempfile::tempdir;
@@ -26,8 +27,8 @@ fn rooms(scenes: u32, more: &str) -> RoomsSource {
     RoomsSource::new(toml::from_str::<RoomsConfig>(&text).unwrap(), RULE)
 }
 
-fn draw(number: u64) -> Draw {
-    Draw { seed: 4, number, step: 0 }
+fn id(number: u64) -> SampleId {
+    SampleId { seed: 4, number, step: 0 }
 }
 
 fn same(a: &Sample, b: &Sample) -> bool {
@@ -44,10 +45,10 @@ fn assert_normalised(sample: &Sample) {
 fn a_sample_is_a_function_of_its_draw() {
     let (source, small) = (rooms(3, ""), rooms(3, "cache-mib = 0"));
     for number in [0, 5, 2, 5, 0] {
-        let sample = source.sample(draw(number)).unwrap();
-        assert!(same(&sample, &rooms(3, "").sample(draw(number)).unwrap()), "a fresh source");
-        assert!(same(&sample, &small.sample(draw(number)).unwrap()), "a source without a cache");
-        let other = source.sample(Draw { seed: 5, ..draw(number) }).unwrap();
+        let sample = source.sample(id(number)).unwrap();
+        assert!(same(&sample, &rooms(3, "").sample(id(number)).unwrap()), "a fresh source");
+        assert!(same(&sample, &small.sample(id(number)).unwrap()), "a source without a cache");
+        let other = source.sample(SampleId { seed: 5, ..id(number) }).unwrap();
         assert!(!same(&sample, &other), "another seed");
         assert_normalised(&sample);
     }
@@ -57,7 +58,7 @@ fn a_sample_is_a_function_of_its_draw() {
 #[test]
 fn distances_of_both_views_agree_about_the_scene() {
     let source = rooms(3, "").with_distances(NonZeroUsize::MIN);
-    let sample = source.sample(draw(1)).unwrap();
+    let sample = source.sample(id(1)).unwrap();
     let PatchDistances { columns, distances } = sample.distances.clone().unwrap();
     assert_eq!((columns, distances.len()), (32, 2 * 32 * 32));
     let size = ImageSize { width: 32, height: 32 };
@@ -87,8 +88,8 @@ fn distances_of_both_views_agree_about_the_scene() {
 
 #[test]
 fn training_and_test_scenes_differ() {
-    let train = rooms(1, "").sample(draw(0)).unwrap();
-    let test = rooms(1, "split = 'test'").sample(draw(0)).unwrap();
+    let train = rooms(1, "").sample(id(0)).unwrap();
+    let test = rooms(1, "split = 'test'").sample(id(0)).unwrap();
     assert!(train.name.contains("train") && test.name.contains("test"));
     assert_ne!(train.context.pictures, test.context.pictures);
 }
@@ -103,13 +104,13 @@ fn a_mixture_follows_its_shares_mirrors_half_and_repeats() {
     let (flipping, straight) = (mixture(true, None), mixture(false, None));
     let parts = [rooms(1, ""), rooms(1, "split = 'test'")].map(|part| part.name());
     assert_eq!(straight.name(), format!("3 × {} + 1 × {}", parts[0], parts[1]));
-    let names: Vec<String> = (0..200).map(|number| flipping.sample(draw(number)).unwrap().name).collect();
+    let names: Vec<String> = (0..200).map(|number| flipping.sample(id(number)).unwrap().name).collect();
     let count = |word: &str| names.iter().filter(|name| name.contains(word)).count();
     assert!((30..=70).contains(&count("test")), "{} of 200 from a share of a quarter", count("test"));
     assert!((70..=130).contains(&count("mirrored")), "{} of 200 are mirrored", count("mirrored"));
-    assert!((0..50).all(|number| !straight.sample(draw(number)).unwrap().name.contains("mirrored")));
+    assert!((0..50).all(|number| !straight.sample(id(number)).unwrap().name.contains("mirrored")));
     let repeating = mixture(true, Some(3));
-    assert!(same(&repeating.sample(draw(1)).unwrap(), &repeating.sample(draw(7)).unwrap()));
+    assert!(same(&repeating.sample(id(1)).unwrap(), &repeating.sample(id(7)).unwrap()));
     assert!(Mixture::new(Vec::new(), false, None).is_err());
     assert!(Mixture::new(vec![(0.0, Box::new(rooms(1, "")))], false, None).is_err());
 }
@@ -134,10 +135,10 @@ fn a_dataset_on_disk_gives_samples() {
         exclude: Vec::new(),
     };
     let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
-    let simulated = rooms(1, "").sample(draw(0)).unwrap();
+    let simulated = rooms(1, "").sample(id(0)).unwrap();
     for number in 0..4 {
-        let sample = open().sample(draw(number)).unwrap();
-        assert!(same(&sample, &open().sample(draw(number)).unwrap()));
+        let sample = open().sample(id(number)).unwrap();
+        assert!(same(&sample, &open().sample(id(number)).unwrap()));
         assert_eq!((sample.context.cameras.len(), sample.targets.cameras.len()), (2, 3));
         assert_eq!((sample.context.size, sample.targets.size), (simulated.context.size, simulated.targets.size));
         assert_normalised(&sample);
@@ -145,14 +146,14 @@ fn a_dataset_on_disk_gives_samples() {
         assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
     }
-    let (before, moved) = (open().sample(draw(1)).unwrap(), folder.path().join("moved"));
+    let (before, moved) = (open().sample(id(1)).unwrap(), folder.path().join("moved"));
     std::fs::rename(&data, &moved).unwrap();
     let config = DatasetConfig { path: moved.join("train"), ..config };
     let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
-    assert!(same(&before, &open().sample(draw(1)).unwrap()), "elsewhere, the same data gives the same samples");
+    assert!(same(&before, &open().sample(id(1)).unwrap()), "elsewhere, the same data gives the same samples");
     // By the rule that was given, not by the preset's, which has another scale.
     let rule = PoseNormalisation::BaselineOne { minimum: 0.0, maximum: None };
-    let sample = DatasetSource::open(config.clone(), rule, &mut Warnings::new()).unwrap().sample(draw(0)).unwrap();
+    let sample = DatasetSource::open(config.clone(), rule, &mut Warnings::new()).unwrap().sample(id(0)).unwrap();
     let centres = [0, 1].map(|view| sample.context.cameras[view].camera_from_world.inverse().centre());
     Tolerance::F64.assert([(centres[1] - centres[0]).length()], [1.0], "the baseline");
     let absent = DatasetConfig { path: folder.path().join("absent"), ..config.clone() };
@@ -160,8 +161,42 @@ fn a_dataset_on_disk_gives_samples() {
     let mut impossible = config;
     impossible.views.gaps.min = 500;
     impossible.views.gaps.max = 600;
-    let error = DatasetSource::open(impossible, RULE, &mut Warnings::new()).unwrap().sample(draw(0)).unwrap_err();
+    let error = DatasetSource::open(impossible, RULE, &mut Warnings::new()).unwrap().sample(id(0)).unwrap_err();
     assert!(error.to_string().contains("needs"), "{error}");
+}
+
+/// In subsets of scenes, as in DL3DV's training set (`1K/<hash>/…`), keys have a prefix that the evaluation indices do not have.
+#[test]
+fn scenes_are_excluded_with_and_without_the_prefix_of_dl3dv() {
+    let folder = tempdir().unwrap();
+    let (data, index) = (folder.path().join("train"), folder.path().join("index.json"));
+    for hash in ["aaa", "bbb", "ccc"] {
+        let scene = data.join("1K").join(hash);
+        std::fs::create_dir_all(&scene).unwrap();
+        std::fs::write(scene.join("transforms.json"), "{}").unwrap();
+    }
+    let views: BTreeMap<String, ViewChoice> = toml::from_str(&format!("v = {VIEWS}")).unwrap();
+    for (path, test_scenes, trained_on, count) in [
+        (data.clone(), r#"{"bbb": null}"#, vec!["dl3dv_aaa", "dl3dv_ccc"], "1 of 3"),
+        (data.clone(), r#"{"dl3dv_bbb": null, "ccc": null}"#, vec!["dl3dv_aaa"], "2 of 3"),
+        (data.clone(), r#"{"ddd": null}"#, vec!["dl3dv_aaa", "dl3dv_bbb", "dl3dv_ccc"], "0 of 3"),
+        (data.join("1K"), r#"{"dl3dv_bbb": null}"#, vec!["aaa", "ccc"], "1 of 3"),
+    ] {
+        std::fs::write(&index, test_scenes).unwrap();
+        let sha256 = Sha256Digest::of(test_scenes.as_bytes());
+        let config = DatasetConfig {
+            path: path.clone(),
+            preset: "dl3dv-2v-256x448".to_owned(),
+            views: views["v"].clone(),
+            exclude: vec![ExcludedScenes { index: index.clone(), sha256 }],
+        };
+        let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
+        assert_eq!(source.keys(), trained_on);
+        let expected = format!("{}: {count} scenes excluded by {}", path.display(), index.display());
+        assert_eq!(source.notices(), std::slice::from_ref(&expected));
+        let mixture = Mixture::new(vec![(1.0, Box::new(source))], false, None).unwrap();
+        assert_eq!(mixture.notices(), [expected], "of a run's data");
+    }
 }
 
 fn write_rooms(folder: &Path) {
@@ -173,6 +208,6 @@ fn write_rooms(folder: &Path) {
             request
         })
         .into();
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
     write_dataset(folder, requests, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }

@@ -1,0 +1,88 @@
+//! What a run goes on from: new weights, given ones, or its last checkpoint.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_model::ModelConfig;
+use atsplat_model::weights::{ModelWeights, StoredTensors, read_backbone};
+
+use super::STEPS;
+use crate::checkpoint::{Checkpoints, InitialWeights, State};
+use crate::parameters::Parameters;
+use crate::{TrainConfig, TrainError};
+
+/// How a run starts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// From newly initialised weights, in a folder without a run.
+    Fresh,
+    /// From the weights in a file, in a folder without a run. A checkpoint at step 0 keeps them.
+    Weights(PathBuf),
+    /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice.
+    Resume,
+}
+
+/// Resuming needs a folder in which a run was started: its log follows the checkpoint of given weights.
+pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), TrainError> {
+    if *start != Start::Resume || folder.join(STEPS).is_file() || Checkpoints::exist_in(folder) {
+        return Ok(());
+    }
+    let expected = "a run that was started there; start one without `--resume`";
+    Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
+}
+
+/// The state before the next step in a run's folder, and notices about it.
+pub(super) fn state(
+    config: &TrainConfig,
+    model: &ModelConfig,
+    start: &Start,
+    (folder, checkpoints): (&Path, &Checkpoints),
+    adapter: Option<String>,
+) -> Result<(State, Vec<String>), TrainError> {
+    let (parameters, initial_weights) = initial(config, model, start)?;
+    let found = checkpoints.read(config, &parameters)?;
+    let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
+    tracing::info!(folder = %folder.display(), ?start, last_checkpoint, "opening the run");
+    match (found, start) {
+        (Some((state, skipped)), Start::Resume) => {
+            if state.adapter != adapter {
+                let name = |adapter: Option<String>| adapter.unwrap_or_else(|| "the CPU".to_owned());
+                let expected = format!("{}, on which the run was started", name(state.adapter));
+                return Err(TrainError::malformed("checkpoint", "adapter", expected, name(adapter)));
+            }
+            let notices = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
+            Ok((state, notices.collect()))
+        }
+        (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
+            let found = format!("one of {} steps", state.step);
+            Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found))
+        }
+        (None, _) => {
+            let state = State { initial_weights, adapter, ..State::new(parameters) };
+            let state = if config.average.is_some() { state.with_average() } else { state };
+            let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
+            let notices = (*start == Start::Resume).then(|| notice.to_owned());
+            Ok((state, notices.into_iter().collect()))
+        }
+    }
+}
+
+/// Parameters before the first step, and where they come from if they are given.
+fn initial(
+    config: &TrainConfig,
+    model: &ModelConfig,
+    start: &Start,
+) -> Result<(Parameters, Option<InitialWeights>), TrainError> {
+    let Start::Weights(path) = start else {
+        let frozen = match &config.model.backbone {
+            Some(path) => read_backbone(path, model, None)?.tensors,
+            None => StoredTensors::default(),
+        };
+        return Ok((Parameters::fresh(model, config.seed, frozen), None));
+    };
+    let weights = ModelWeights::read(path)?;
+    #[expect(clippy::expect_used, reason = "weights that were read from a file have its hash")]
+    let sha256 = weights.sha256.expect("the hash of the file");
+    let data = weights.provenance.get("data").cloned();
+    let parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed)?;
+    Ok((parameters, Some(InitialWeights { sha256, data })))
+}
