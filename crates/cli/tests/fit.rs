@@ -79,3 +79,45 @@ fn a_fit_on_an_adapter_says_so() {
     let psnr = |record: &Value| record["evaluations"].as_array().unwrap().last().unwrap()["psnr"].as_f64().unwrap();
     Tolerance::absolute(0.05).assert([psnr(&on_adapter)], [psnr(&on_cpu)], "held-out PSNR");
 }
+
+/// One step before the end, when each photo but one was seen and most comparisons were made.
+#[test]
+fn a_resumed_run_has_the_record_and_the_curve_of_an_uninterrupted_one() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = |more: &[&'static str]| -> Vec<&str> {
+        let input = ["fit", "photos", "--views", "..", "--held-out", "..:4", "--size", "32x32", "--start", SCENE];
+        let run = ["--strategy", "3dgs", "--steps", "7", "--evaluate-every", "2", "--checkpoint", "state"];
+        let output = ["--checkpoint-every", "6", "--out", "fitted.ply", "--plots", "plots"];
+        [&input[..], &run, &output, more].concat()
+    };
+    let read = |file: &str| std::fs::read_to_string(here.join(file)).unwrap();
+    let results = || ["fitted.ply.json", "plots/learning-curve.svg"].map(read);
+    succeed(here, &fit(&[]));
+    let (whole, gaussians) = (results(), std::fs::read(here.join("fitted.ply")).unwrap());
+    let record: Value = serde_json::from_str(&whole[0]).unwrap();
+    let steps = record["evaluations"].as_array().unwrap().iter().map(|own| own["step"].as_u64());
+    assert_eq!(steps.collect::<Vec<_>>(), [2, 4, 6, 7].map(Some));
+    assert!(record["training-psnr"].as_f64().is_some_and(f64::is_finite), "{record}");
+    succeed(here, &fit(&["--resume"]));
+    assert_eq!(results(), whole);
+    assert!(std::fs::read(here.join("fitted.ply")).unwrap() == gaussians);
+}
+
+#[test]
+fn options_that_nothing_reads_are_usage_errors() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    for (more, expected) in [
+        (&["--depths", "1,9", "--refine", "micro-rooms"][..], "'--refine <WEIGHTS>'"),
+        (&["--depths", "1,9", "--start", "points"], "--depths is for random points, found --start points"),
+        (&["--evaluate-every", "2"], "--held-out <SEL>"),
+        (&["--checkpoint-every", "2"], "--checkpoint <FILE>"),
+    ] {
+        let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];
+        let refused = atsplat(here, &[&fit[..], more].concat());
+        assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+    }
+    assert_eq!(std::fs::read_dir(here).unwrap().count(), 0, "nothing was written");
+}

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
-use atsplat_fit::loss::Photometric;
+use atsplat_fit::loss::PhotometricLoss;
 use atsplat_fit::{Adam, Fit, FitConfig, Rates, Scene, Strategy, TrainingView};
 use atsplat_numeric::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
@@ -43,7 +43,7 @@ fn rounds(strategy: Strategy) {
     let config = FitConfig { max_gaussians: COUNT, ..FitConfig::new(strategy, 30_000) };
     let mut fit = Fit::new(config, views.clone(), &start).expect("an optimisation");
     let options = fit.options();
-    let (mut renderer, mut loss) = (CpuRenderer::default(), Photometric::default());
+    let (mut renderer, mut loss) = (CpuRenderer::default(), PhotometricLoss::default());
     let mut images = ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None };
     let (mut gradients, mut trained) = (Gradients::default(), Scene::new(start.clone()));
     let Rates { means, colours, opacities, scales, rotations, .. } = Rates::default();

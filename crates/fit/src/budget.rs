@@ -37,7 +37,7 @@ impl FromStr for Budget {
             }
             None => text.parse().ok().filter(|steps| *steps > 0).map(Self::Steps),
         };
-        budget.ok_or_else(|| InvalidText::new("a number of steps or of seconds, as 3000 or 10s", text))
+        budget.ok_or_else(|| InvalidText::new("a number of steps or of seconds, such as 3000 or 10s", text))
     }
 }
 

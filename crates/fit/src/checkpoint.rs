@@ -10,7 +10,8 @@ use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
 
 use crate::corrections::Corrections;
-use crate::{Fit, FitConfig, FitDevice, FitError, Scene, TrainingView};
+use crate::history::HistoryFacts;
+use crate::{Fit, FitConfig, FitDevice, FitError, History, Scene, TrainingView};
 
 const METADATA: &str = "atsplat.fit";
 const PARTS: [&str; 3] = ["value", "first-moment", "second-moment"];
@@ -20,80 +21,86 @@ struct Metadata {
     step: u64,
     /// Hash of configuration and views.
     run: String,
-    /// Name of the device, as bits differ between them; files without one are of the CPU.
-    #[serde(default = "cpu")]
+    /// Hash of the start, on which extent and first degree depend too.
+    start: String,
+    /// Name of the device, as bits differ between them.
     device: String,
     sh_degree: u8,
     filtered: bool,
     memory: Vec<String>,
+    history: HistoryFacts,
     /// Hash of all tensors in order, so that damage is noticed.
     tensors: String,
 }
 
 impl Fit {
-    /// Writes the state between two steps, atomically.
+    /// Writes the state between two steps with the [history](Self::history), atomically.
     ///
     /// # Errors
     /// [`FitError::Io`].
     pub fn checkpoint(&self, path: &Path) -> Result<(), FitError> {
-        let mut tensors: Vec<(String, &[f32])> = Vec::new();
-        let memory = self.density.memory();
+        let (memory, history) = (self.density.memory(), self.history.arrays());
+        let mut state: Vec<(String, &[f32])> = Vec::new();
         for (part, parts) in PARTS.into_iter().zip([&self.scene.parts, &self.scene.first, &self.scene.second]) {
-            tensors.extend(arrays(parts).map(|(name, values)| (format!("{part}/{name}"), values)));
+            state.extend(arrays(parts).map(|(name, values)| (format!("{part}/{name}"), values)));
         }
         let filters = self.scene.parts.filter_3d.as_deref();
-        tensors.extend(filters.map(|filters| ("filter-3d".to_owned(), filters)));
-        tensors.extend(self.corrections.arrays().map(|(name, values)| (name.to_owned(), values)));
-        tensors.extend(memory.iter().map(|(name, values)| (format!("memory/{name}"), values.as_slice())));
+        state.extend(filters.map(|filters| ("filter-3d".to_owned(), filters)));
+        state.extend(self.corrections.arrays().map(|(name, values)| (name.to_owned(), values)));
+        state.extend(memory.iter().map(|(name, values)| (format!("memory/{name}"), values.as_slice())));
+        let singles =
+            state.iter().map(|(name, values)| (name.as_str(), Dtype::F32, bytemuck::cast_slice::<f32, u8>(values)));
+        let doubles = History::ARRAYS.into_iter().zip(&history);
+        let doubles = doubles.map(|(name, values)| (name, Dtype::F64, bytemuck::cast_slice::<f64, u8>(values)));
+        let tensors: Vec<(&str, Dtype, &[u8])> = singles.chain(doubles).collect();
         let metadata = Metadata {
             step: self.step,
             run: run_hash(&self.config, &self.views),
+            start: self.start.clone(),
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
             filtered: filters.is_some(),
             memory: memory.iter().map(|(name, _)| (*name).to_owned()).collect(),
-            tensors: digest(tensors.iter().map(|(_, values)| *values)),
+            history: self.history.facts(),
+            tensors: digest(tensors.iter().map(|(.., bytes)| *bytes)),
         };
         let failed =
             |source| FitError::from(FileError { action: "writing a checkpoint", path: path.to_owned(), source });
         let other = |error: &dyn std::fmt::Display| failed(std::io::Error::other(error.to_string()));
         let text = serde_json::to_string(&metadata).map_err(|error| other(&error))?;
         let mut views = Vec::new();
-        for (name, values) in &tensors {
-            let view = TensorView::new(Dtype::F32, vec![values.len()], bytemuck::cast_slice(values));
-            views.push((name.as_str(), view.map_err(|error| other(&error))?));
+        for (name, dtype, bytes) in tensors {
+            let view = TensorView::new(dtype, vec![8 * bytes.len() / dtype.bitsize()], bytes);
+            views.push((name, view.map_err(|error| other(&error))?));
         }
         let metadata = HashMap::from([(METADATA.to_owned(), text)]);
         let bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| other(&error))?;
         atsplat_files::write(path, &bytes).map_err(failed)
     }
 
-    /// The state of a checkpoint that a run with the same configuration and views wrote on the same device; `start` is the
-    /// run's start.
+    /// The state of a checkpoint that a run with the same configuration, views and start wrote on the same device; views that it
+    /// compared with must be the `held_out` ones.
     ///
     /// # Errors
-    /// As [`Fit::new`]; [`FitError::Checkpoint`] for a file of another run or a damaged one; [`FitError::Io`].
+    /// As [`Fit::new`]; [`FitError::Checkpoint`] for a file of another run, one of an earlier version, or a damaged one;
+    /// [`FitError::Io`].
     pub fn resume(
         config: FitConfig,
         views: Vec<TrainingView>,
+        held_out: &[TrainingView],
         start: &Gaussians,
         device: FitDevice,
         path: &Path,
     ) -> Result<Self, FitError> {
-        let wrong = |field: &str, expected: &str, found: String| FitError::Checkpoint {
-            field: field.to_owned(),
-            expected: expected.to_owned(),
-            found,
-            path: path.to_owned(),
-        };
+        let wrong = |field: &str, expected: &str, found: String| wrong(path, field, expected, found);
         let bytes = std::fs::read(path).map_err(FileError::during::<FitError>("reading a checkpoint", path))?;
         let malformed = |error: &dyn std::fmt::Display| wrong("file", "a checkpoint", error.to_string());
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| malformed(&error))?;
         let stored = SafeTensors::deserialize(&bytes).map_err(|error| malformed(&error))?;
         let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA));
         let text = text.ok_or_else(|| wrong(METADATA, "metadata", "none".to_owned()))?;
-        let metadata: Metadata =
-            serde_json::from_str(text).map_err(|error| wrong(METADATA, "metadata", error.to_string()))?;
+        let metadata: Metadata = serde_json::from_str(text)
+            .map_err(|error| wrong(METADATA, "metadata as this version writes it", error.to_string()))?;
         if metadata.run != run_hash(&config, &views) {
             return Err(wrong("run", "the configuration and views of this run", "others".to_owned()));
         }
@@ -101,51 +108,77 @@ impl Fit {
             return Err(wrong("device", device.name(), metadata.device));
         }
         let mut fit = Self::new(config, views, start)?.on(device);
+        if metadata.start != fit.start {
+            return Err(wrong("start", "the Gaussians that this run starts from", "others".to_owned()));
+        }
         let own: Vec<&str> = fit.density.memory().into_iter().map(|(name, _)| name).collect();
         if metadata.memory != own {
             return Err(wrong("memory", &format!("{own:?}"), format!("{:?}", metadata.memory)));
         }
-        let mut read = Vec::new();
-        let mut tensor = |name: String| {
-            let found = stored.tensor(&name).ok().filter(|tensor| tensor.dtype() == Dtype::F32);
-            let found = found.ok_or_else(|| wrong(&name, "a tensor of f32", "none".to_owned()))?;
-            let values =
-                found.data().as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect::<Vec<f32>>();
-            read.push(values.clone());
-            Ok::<_, FitError>(values)
-        };
+        let mut tensors = Tensors { stored, path, read: Vec::new() };
         let mut scene = Scene::default();
         for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
             parts.sh_degree = metadata.sh_degree;
-            let mut named = |name: &str| tensor(format!("{part}/{name}"));
+            let mut named = |name: &str| tensors.singles(&format!("{part}/{name}"));
             parts.means = rows(&named("means")?);
             parts.quaternions = rows(&named("quaternions")?);
             parts.log_scales = rows(&named("log-scales")?);
             parts.opacity_logits = named("opacity-logits")?;
             parts.sh = rows(&named("sh")?);
         }
-        scene.parts.filter_3d = metadata.filtered.then(|| tensor("filter-3d".to_owned())).transpose()?;
+        scene.parts.filter_3d = metadata.filtered.then(|| tensors.singles("filter-3d")).transpose()?;
         let mut corrections = Corrections::default();
-        let [values, first, second] = fit.corrections.arrays().map(|(name, _)| tensor(name.to_owned()));
+        let [values, first, second] = fit.corrections.arrays().map(|(name, _)| tensors.singles(name));
         (corrections.values, corrections.first, corrections.second) = (rows(&values?), rows(&first?), rows(&second?));
-        let memory: Vec<Vec<f32>> =
-            metadata.memory.iter().map(|name| tensor(format!("memory/{name}"))).collect::<Result<_, _>>()?;
+        let memory = metadata.memory.iter().map(|name| tensors.singles(&format!("memory/{name}")));
+        let memory: Vec<Vec<f32>> = memory.collect::<Result<_, _>>()?;
+        let [losses, scores, training] = History::ARRAYS.map(|name| tensors.doubles(name));
+        let numbers = [losses?, scores?, training?];
         let lengths =
             [&scene.parts, &scene.first, &scene.second].map(|parts| Gaussians::new(parts.clone()).map(|all| all.len()));
         let [Ok(values), Ok(first), Ok(second)] = lengths else {
             return Err(wrong("tensors", "arrays of matching lengths", "others".to_owned()));
         };
-        if digest(read.iter().map(Vec::as_slice)) != metadata.tensors || [first, second] != [values; 2] {
+        if digest(tensors.read.into_iter()) != metadata.tensors || [first, second] != [values; 2] {
             return Err(wrong("tensors", "the tensors that were written", "others".to_owned()));
         }
-        (fit.scene, fit.step, fit.corrections) = (scene, metadata.step, corrections);
+        let history = History::restored(metadata.history, &numbers, metadata.step, fit.views.len());
+        let history = history.ok_or_else(|| wrong("history", "one of all steps and views", "another".to_owned()))?;
+        if !history.is_of(&views_hash(held_out)) {
+            return Err(wrong("held-out", "the held-out views of this run", "others".to_owned()));
+        }
+        (fit.scene, fit.step, fit.corrections, fit.history) = (scene, metadata.step, corrections, history);
         fit.density.restore(memory);
         Ok(fit)
     }
 }
 
-fn cpu() -> String {
-    FitDevice::CPU.to_owned()
+fn wrong(path: &Path, field: &str, expected: &str, found: String) -> FitError {
+    FitError::Checkpoint { field: field.to_owned(), expected: expected.to_owned(), found, path: path.to_owned() }
+}
+
+/// The tensors of a file, and the bytes of those that were read, in order.
+struct Tensors<'a> {
+    stored: SafeTensors<'a>,
+    path: &'a Path,
+    read: Vec<&'a [u8]>,
+}
+
+impl<'a> Tensors<'a> {
+    fn bytes(&mut self, name: &str, dtype: Dtype) -> Result<&'a [u8], FitError> {
+        let found = self.stored.tensor(name).ok().filter(|tensor| tensor.dtype() == dtype);
+        let found = found.ok_or_else(|| wrong(self.path, name, &format!("a tensor of {dtype}"), "none".to_owned()))?;
+        self.read.push(found.data());
+        Ok(found.data())
+    }
+
+    fn singles(&mut self, name: &str) -> Result<Vec<f32>, FitError> {
+        Ok(self.bytes(name, Dtype::F32)?.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+    }
+
+    fn doubles(&mut self, name: &str) -> Result<Vec<f64>, FitError> {
+        Ok(self.bytes(name, Dtype::F64)?.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+    }
 }
 
 fn arrays(parts: &GaussianParts) -> [(&'static str, &[f32]); 5] {
@@ -167,17 +200,32 @@ fn rows<const N: usize>(values: &[f32]) -> Vec<[f32; N]> {
     values.as_chunks::<N>().0.to_vec()
 }
 
-fn digest<'a>(tensors: impl Iterator<Item = &'a [f32]>) -> String {
-    let bytes: Vec<u8> = tensors.flat_map(bytemuck::cast_slice::<f32, u8>).copied().collect();
-    Sha256Digest::of(&bytes).to_string()
+fn digest<'a>(tensors: impl Iterator<Item = &'a [u8]>) -> String {
+    Sha256Digest::of(&tensors.collect::<Vec<_>>().concat()).to_string()
 }
 
-/// Hash of everything that a step depends on, apart from the state.
+/// Hash of everything that a step depends on, apart from the start and the state.
 fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
-    let of_view = |view: &TrainingView| {
-        let pixels = Sha256Digest::of(bytemuck::cast_slice(view.rgb.as_flattened()));
-        format!("{:?} {pixels}", view.view)
-    };
     let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
+    Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
+}
+
+/// Hash of cameras and pictures, in order.
+pub(crate) fn views_hash(views: &[TrainingView]) -> String {
+    let lines: Vec<String> = views.iter().map(of_view).collect();
+    Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
+}
+
+fn of_view(view: &TrainingView) -> String {
+    let pixels = Sha256Digest::of(bytemuck::cast_slice(view.rgb.as_flattened()));
+    format!("{:?} {pixels}", view.view)
+}
+
+/// Hash of the Gaussians that a run starts from, as they are given.
+pub(crate) fn start_hash(start: &Gaussians) -> String {
+    let parts = start.parts();
+    let filters = parts.filter_3d.as_deref().map(|filters| ("filter-3d", filters));
+    let line = |(name, values): (&str, &[f32])| format!("{name} {}", Sha256Digest::of(bytemuck::cast_slice(values)));
+    let lines: Vec<String> = arrays(parts).into_iter().chain(filters).map(line).collect();
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
 }

@@ -34,7 +34,7 @@ impl Strategy {
 }
 
 /// What is behind the Gaussians during optimisation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
     /// Black.
@@ -43,6 +43,21 @@ pub enum Background {
     White,
     /// Another colour in each step, so that holes cannot hide; held-out views are rendered on black.
     Random,
+    /// Any other colour: RGB in [0, 1].
+    Colour([f64; 3]),
+}
+
+impl Background {
+    /// A constant colour, RGB in [0, 1].
+    pub fn of(rgb: [f64; 3]) -> Self {
+        if rgb.iter().all(|channel| *channel <= 0.0) {
+            Self::Black
+        } else if rgb.iter().all(|channel| *channel >= 1.0) {
+            Self::White
+        } else {
+            Self::Colour(rgb)
+        }
+    }
 }
 
 /// Learning rates of Adam: graphdeco-inria/gaussian-splatting `arguments/__init__.py`.
@@ -145,6 +160,11 @@ impl FitConfig {
         }
         if !(0.0..=1.0).contains(&self.d_ssim) {
             return wrong("d-ssim", "from 0 to 1", &self.d_ssim);
+        }
+        if let Background::Colour(rgb) = self.background
+            && !rgb.iter().all(|channel| (0.0..=1.0).contains(channel))
+        {
+            return wrong("background", "channels from 0 to 1", &format!("{rgb:?}"));
         }
         if let Some(extent) = self.extent.filter(|extent| !(extent.is_finite() && *extent > 0.0)) {
             return wrong("extent", "a positive length", &extent);

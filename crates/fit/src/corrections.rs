@@ -30,7 +30,7 @@ pub(crate) struct Corrections {
 
 /// Gradients of one view in one step.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Slopes {
+pub(crate) struct CorrectionGradients {
     /// As [`atsplat_splat::Gradients::pose`].
     pub(crate) pose: [f32; 6],
     /// With respect to the exposure.
@@ -79,7 +79,13 @@ impl Corrections {
     }
 
     /// A step of Adam for the view of this step; each view has one in every epoch.
-    pub(crate) fn update(&mut self, number: usize, slopes: &Slopes, config: &FitConfig, (step, extent): (u64, f64)) {
+    pub(crate) fn update(
+        &mut self,
+        number: usize,
+        slopes: &CorrectionGradients,
+        config: &FitConfig,
+        (step, extent): (u64, f64),
+    ) {
         let epochs = i32::try_from((step - 1) / self.values.len().max(1) as u64 + 1).unwrap_or(i32::MAX);
         let (Some(values), Some(first), Some(second)) =
             (self.values.get_mut(number), self.first.get_mut(number), self.second.get_mut(number))

@@ -4,14 +4,15 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::adam::Adam;
-use crate::corrections::{Corrections, Slopes};
-use crate::density::{Adaptive, At, Changes, Density, DensityError, Fixed, Mcmc, Seen};
+use crate::checkpoint::start_hash;
+use crate::corrections::{CorrectionGradients, Corrections};
+use crate::density::{Adaptive, Changes, DensityControl, DensityError, Fixed, Mcmc, StepContext, ViewGradients};
 use crate::device::{Derivative, Job, Splatter};
 use crate::filter_3d::{Cameras, MIP_BLUR};
-use crate::loss::{Photometric, Terms};
+use crate::loss::{PhotometricLoss, Terms};
 use crate::random::{Purpose, stream, uniform};
 use crate::view::{TrainingView, scene_extent};
-use crate::{Background, Diagnosis, Fault, FitConfig, FitDevice, FitError, Scene, Schedule, Strategy, memory};
+use crate::{Background, Diagnosis, Fault, FitConfig, FitDevice, FitError, History, Scene, Schedule, Strategy, memory};
 
 /// Gradients that are checked at once.
 const CHUNK: usize = 1 << 14;
@@ -28,14 +29,17 @@ pub struct Fit {
     extent: f64,
     limit: usize,
     first_degree: u8,
+    /// Hash of the start.
+    pub(crate) start: String,
     pub(crate) step: u64,
     pub(crate) scene: Scene,
-    pub(crate) density: Box<dyn Density>,
+    pub(crate) density: Box<dyn DensityControl>,
     pub(crate) corrections: Corrections,
+    pub(crate) history: History,
     dropped: usize,
     options: RenderOptions,
     pub(crate) splatter: Splatter,
-    loss: Photometric,
+    loss: PhotometricLoss,
     derivative: Derivative,
 }
 
@@ -84,6 +88,7 @@ impl Fit {
         if views.is_empty() {
             return Err(FitError::Setting { name: "views", expected: "at least 1".to_owned(), found: "0".to_owned() });
         }
+        let hash = start_hash(start);
         let (start, found) = start.cleaned(Cleaning::Repair);
         if start.is_empty() {
             return Err(FitError::Start { found: format!("{} Gaussians, none of them valid", found.total) });
@@ -98,7 +103,7 @@ impl Fit {
         let mut parts = start.with_sh_degree(config.sh_degree).into_parts();
         parts.scalars = None;
         let first_degree = start.sh_degree().min(config.sh_degree);
-        let density: Box<dyn Density> = match config.strategy {
+        let density: Box<dyn DensityControl> = match config.strategy {
             Strategy::Fixed => Box::new(Fixed),
             Strategy::Mcmc => Box::new(Mcmc),
             _ if config.absolute_gradients => Box::new(Adaptive::absolute()),
@@ -113,19 +118,21 @@ impl Fit {
         let mut fit = Self {
             schedule: Schedule::of(config.steps),
             corrections: Corrections::new(&config, views.len()),
+            history: History::new(views.len()),
             config,
             views,
             cameras,
             extent,
             limit,
             first_degree,
+            start: hash,
             step: 0,
             scene: Scene::new(crate::scene::whole(parts)),
             density,
             dropped: found.rejected,
             options,
             splatter: Splatter { cpu, device: FitDevice::default() },
-            loss: Photometric::default(),
+            loss: PhotometricLoss::default(),
             derivative: Derivative::default(),
         };
         fit.filter().map_err(|fault| fit.stopped(1, 0, fault))?;
@@ -163,6 +170,11 @@ impl Fit {
     /// Whether all steps are done.
     pub const fn is_complete(&self) -> bool {
         self.step >= self.config.steps
+    }
+
+    /// What happened so far, also before a resumption.
+    pub const fn history(&self) -> &History {
+        &self.history
     }
 
     /// The scene's extent in scene units.
@@ -231,7 +243,7 @@ impl Fit {
         };
         adam.update(&mut self.scene, &self.derivative.gradients);
         self.corrections.update(number, &slopes, &self.config, (step, self.extent));
-        let at = At {
+        let at = StepContext {
             step,
             schedule: self.schedule,
             extent: self.extent,
@@ -249,7 +261,9 @@ impl Fit {
             self.filter().map_err(|fault| self.stopped(step, number, fault))?;
         }
         self.step = step;
-        Ok(StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes })
+        let record = StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes };
+        self.history.add_step(&record);
+        Ok(record)
     }
 
     /// A training view with its optimised camera, by position.
@@ -266,7 +280,7 @@ impl Fit {
     }
 
     /// Forward and backward pass of one training view.
-    fn differentiate(&mut self, number: usize) -> Result<(Terms, Slopes), FitError> {
+    fn differentiate(&mut self, number: usize) -> Result<(Terms, CorrectionGradients), FitError> {
         let exposure = self.exposure(number);
         let Self { views, scene, options, splatter, loss, derivative, density, config, .. } = self;
         #[expect(clippy::expect_used, reason = "the order of views is a permutation")]
@@ -291,9 +305,9 @@ impl Fit {
             if terms.total.is_finite() {
                 let means_2d = if absolute { &screen.absolute_2d } else { &gradients.means_2d };
                 let size = [f64::from(view.size.width), f64::from(view.size.height)];
-                density.observe(&Seen { drawn: &screen.drawn, means_2d, size, count: gaussians.len() });
+                density.observe(&ViewGradients { drawn: &screen.drawn, means_2d, size, count: gaussians.len() });
             }
-            Ok((terms, Slopes { pose: gradients.pose, exposure: d_exposure }))
+            Ok((terms, CorrectionGradients { pose: gradients.pose, exposure: d_exposure }))
         })
     }
 
@@ -333,6 +347,7 @@ impl Fit {
     fn background(&self, step: Option<u64>) -> [f64; 3] {
         match (self.config.background, step) {
             (Background::White, _) => [1.0; 3],
+            (Background::Colour(rgb), _) => rgb,
             (Background::Random, Some(step)) => {
                 let mut random = stream(self.config.seed, Purpose::Background, step);
                 std::array::from_fn(|_| uniform(&mut random))

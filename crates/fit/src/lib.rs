@@ -3,7 +3,7 @@
 //!
 //! A [`Fit`] holds the scene and takes one step at a time. A step depends on the configuration and the step number alone,
 //! so a run that resumes from a [checkpoint](Fit::checkpoint) ends bit for bit like an uninterrupted one, on any number of
-//! threads.
+//! threads, and with the same [history](History).
 //!
 //! The optimised parameters are those of [`atsplat_splat::Gaussians`]: means, quaternions of any norm, logarithms of
 //! scales, logits of opacities, spherical harmonics. Constants are those of the published code unless a comment says
@@ -24,6 +24,7 @@ mod device;
 mod error;
 pub mod filter_3d;
 mod fit;
+mod history;
 pub mod loss;
 mod memory;
 mod random;
@@ -40,8 +41,9 @@ pub use config::{Background, FitConfig, Rates, Strategy};
 pub use device::FitDevice;
 pub use error::{Diagnosis, Fault, FitError};
 pub use fit::{Fit, Score, StepRecord};
+pub use history::History;
 pub use record::{Correction, FitRecord, FitReport};
 pub use scene::Scene;
 pub use schedule::Schedule;
-pub use score::{AtScale, Evaluation, nearest_view_psnr};
+pub use score::{Evaluation, ScaleEvaluation, nearest_view_psnr};
 pub use view::{TrainingView, camera_extent};

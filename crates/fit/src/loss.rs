@@ -26,12 +26,12 @@ pub struct Terms {
 
 /// Evaluates losses and reuses its buffers.
 #[derive(Debug, Default)]
-pub struct Photometric {
+pub struct PhotometricLoss {
     d_ssim: DSsim,
     dissimilar: Vec<f32>,
 }
 
-impl Photometric {
+impl PhotometricLoss {
     /// The loss of a picture; its gradient replaces the contents of `gradient`. Both pictures have `size`, row by row.
     pub fn evaluate(
         &mut self,

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::{AtScale, Evaluation, Fit, FitConfig, FitError, TrainingView};
+use crate::{Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
 
 /// Everything that the Gaussians of a run depend on, and how good they are. Independent of date and speed of the machine, unless the
 /// budget was a time.
@@ -35,7 +35,7 @@ pub struct FitRecord {
     pub training_psnr: Option<f64>,
     pub evaluations: Vec<Evaluation>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub at_scales: Vec<AtScale>,
+    pub at_scales: Vec<ScaleEvaluation>,
 }
 
 /// What was optimised for one view.
@@ -96,7 +96,7 @@ impl fmt::Display for FitReport {
         if let Some(Evaluation { psnr, ssim, .. }) = evaluations.last() {
             writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on {} held-out views", self.record.held_out.len())?;
         }
-        for AtScale { scale, width, height, psnr, ssim } in &self.record.at_scales {
+        for ScaleEvaluation { scale, width, height, psnr, ssim } in &self.record.at_scales {
             writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on them at {scale} times their size, {width}x{height}")?;
         }
         Ok(())

@@ -2,11 +2,12 @@
 
 use serde::Serialize;
 
+use crate::checkpoint::views_hash;
 use crate::fit::psnr;
 use crate::{Fit, FitError, Score, TrainingView};
 
 /// Mean scores of held-out views after some steps.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Evaluation {
     /// Steps done.
@@ -22,7 +23,7 @@ pub struct Evaluation {
 /// Mean scores of held-out views at a multiple of their size.
 #[derive(Clone, Copy, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct AtScale {
+pub struct ScaleEvaluation {
     /// The multiple.
     pub scale: f64,
     /// Columns.
@@ -36,6 +37,22 @@ pub struct AtScale {
 }
 
 impl Fit {
+    /// Compares with the held-out views, always the same ones, and adds the scores to the [history](Self::history). `None` if there
+    /// are no views, or if they were compared after this step already.
+    ///
+    /// # Errors
+    /// As [`Self::score`].
+    pub fn evaluate(&mut self, held_out: &[TrainingView]) -> Result<Option<Evaluation>, FitError> {
+        let step = self.step;
+        if held_out.is_empty() || self.history.evaluations.last().is_some_and(|last| last.step == step) {
+            return Ok(None);
+        }
+        let Score { psnr, ssim } = self.mean_score(held_out)?;
+        let evaluation = Evaluation { step, gaussians: self.len(), psnr, ssim };
+        self.history.add_evaluation(evaluation, views_hash(held_out));
+        Ok(Some(evaluation))
+    }
+
     /// Means over views; NaN for none.
     ///
     /// # Errors
@@ -50,12 +67,12 @@ impl Fit {
     ///
     /// # Errors
     /// As [`Self::score`].
-    pub fn at_scales(&mut self, scaled: &[(f64, Vec<TrainingView>)]) -> Result<Vec<AtScale>, FitError> {
+    pub fn at_scales(&mut self, scaled: &[(f64, Vec<TrainingView>)]) -> Result<Vec<ScaleEvaluation>, FitError> {
         let mut rows = Vec::new();
         for (scale, views) in scaled {
             let Some(size) = views.first().map(|view| view.view.size) else { continue };
             let Score { psnr, ssim } = self.mean_score(views)?;
-            rows.push(AtScale { scale: *scale, width: size.width, height: size.height, psnr, ssim });
+            rows.push(ScaleEvaluation { scale: *scale, width: size.width, height: size.height, psnr, ssim });
         }
         Ok(rows)
     }

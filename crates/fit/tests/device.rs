@@ -10,16 +10,17 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use atsplat_fit::{Fault, Fit, FitConfig, FitDevice, FitError, Strategy};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Verdict, VerdictKey, Watcher};
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, SelfTestObserver, Verdict, VerdictKey};
 use atsplat_splat::{Gaussians, RendererConstants};
 use atsplat_tests::skip_without_graphics;
 use common::{held_out, run, views};
 use safetensors::SafeTensors;
+use safetensors::tensor::Dtype;
 
 /// The splatter's own tests run its self-test.
 struct Trusting;
 
-impl Watcher for Trusting {
+impl SelfTestObserver for Trusting {
     fn recall(&self, _key: &VerdictKey) -> Option<Verdict> {
         Some(Verdict { fault: None })
     }
@@ -29,7 +30,7 @@ type Shared = Arc<Mutex<Box<dyn atsplat_splat::Renderer>>>;
 
 /// A renderer of its own; `None` if there is no adapter and none is required.
 fn open() -> Option<(Shared, FitDevice)> {
-    match GpuRenderer::watched(&AdapterChoice::Automatic, GpuOptions::default(), &Trusting) {
+    match GpuRenderer::observed(&AdapterChoice::Automatic, GpuOptions::default(), &Trusting) {
         Ok(renderer) => {
             let name = renderer.adapter().to_owned();
             let shared: Shared = Arc::new(Mutex::new(Box::new(renderer)));
@@ -78,7 +79,8 @@ fn state(fit: &Fit) -> BTreeMap<String, Vec<f64>> {
     let bytes = std::fs::read(&path).unwrap();
     let values = |bytes: &[u8]| bytes.as_chunks().0.iter().map(|word| f64::from(f32::from_le_bytes(*word))).collect();
     let tensors = SafeTensors::deserialize(&bytes).unwrap().tensors();
-    tensors.into_iter().map(|(name, tensor)| (name, values(tensor.data()))).collect()
+    let state = tensors.into_iter().filter(|(_, tensor)| tensor.dtype() == Dtype::F32);
+    state.map(|(name, tensor)| (name, values(tensor.data()))).collect()
 }
 
 /// Adam's first moments after one step are a tenth of the gradients.
@@ -152,7 +154,7 @@ fn a_run_on_a_device_resumes_to_the_same_bits() {
     whole.checkpoint(&path).unwrap();
     run(&mut whole, 4);
     assert_ne!(whole.len(), 120);
-    let mut resumed = Fit::resume(config.clone(), views().0, &start(config.strategy), device, &path).unwrap();
+    let mut resumed = Fit::resume(config.clone(), views().0, &[], &start(config.strategy), device, &path).unwrap();
     run(&mut resumed, 4);
     assert!(state(&resumed) == state(&whole));
 }
@@ -167,7 +169,8 @@ fn a_checkpoint_of_another_device_is_refused() {
     for (own, other) in [(&cpu, &device), (&device, &cpu)] {
         fit(&config, own).checkpoint(&path).unwrap();
         let begin = start(config.strategy);
-        let refused = Fit::resume(config.clone(), views().0, &begin, other.clone(), &path).unwrap_err().to_string();
+        let refused = Fit::resume(config.clone(), views().0, &[], &begin, other.clone(), &path);
+        let refused = refused.unwrap_err().to_string();
         let expected = format!("checkpoint: device: expected {}, found {} (", other.name(), own.name());
         assert!(refused.starts_with(&expected), "{refused}");
     }

@@ -3,9 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, PixelIntrinsics};
-use atsplat_fit::density::{Adaptive, At, Changes, Density as _, Mcmc, Seen, relocated};
+use atsplat_fit::density::{Adaptive, Changes, DensityControl as _, Mcmc, StepContext, ViewGradients, relocated};
 use atsplat_fit::filter_3d::Cameras;
-use atsplat_fit::loss::Photometric;
+use atsplat_fit::loss::PhotometricLoss;
 use atsplat_fit::{Adam, Rates, Scene, Schedule};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, View};
@@ -82,7 +82,7 @@ fn loss_and_its_gradient() {
     let case = fixture("loss");
     let side = |name: &str| u32::try_from(case[name].as_u64().unwrap()).unwrap();
     let size = ImageSize { width: side("width"), height: side("height") };
-    let (mut loss, mut gradient) = (Photometric::default(), Vec::new());
+    let (mut loss, mut gradient) = (PhotometricLoss::default(), Vec::new());
     // Twice, because buffers are reused.
     for _ in 0..2 {
         let terms = loss.evaluate(&rows(&case["render"]), &rows(&case["truth"]), size, 0.2, &mut gradient);
@@ -115,9 +115,9 @@ fn two_steps_of_adam_with_the_published_rates() {
     assert_ne!(moved(&case["start"]), moved(&case["after"]));
 }
 
-fn at(case: &Value) -> At {
+fn at(case: &Value) -> StepContext {
     let limit = case["limit"].as_u64().unwrap_or(1000);
-    At {
+    StepContext {
         step: case["step"].as_u64().unwrap(),
         schedule: Schedule::of(Schedule::PUBLISHED),
         extent: case["extent"].as_f64().unwrap_or(1.0),
@@ -141,7 +141,7 @@ fn adaptive_control_clones_splits_and_prunes() {
         let drawn: Vec<u32> =
             view["drawn"].as_array().unwrap().iter().map(|at| u32::try_from(at.as_u64().unwrap()).unwrap()).collect();
         let size = <[f64; 2]>::try_from(numbers(&view["size"])).unwrap();
-        density.observe(&Seen { drawn: &drawn, means_2d: &rows(&view["means_2d"]), size, count: scene.len() });
+        density.observe(&ViewGradients { drawn: &drawn, means_2d: &rows(&view["means_2d"]), size, count: scene.len() });
     }
     let changes = density.after_step(&mut scene, &at(&case)).unwrap();
     let [cloned, split, pruned] = ["cloned", "split", "pruned"].map(|name| count(&case[name]));
@@ -155,7 +155,7 @@ fn reset_lowers_opacities_as_drawn_through_the_filter() {
     let mut parts = gaussians(&case["start"]).into_parts();
     parts.filter_3d = Some(flat(&case["filters"]));
     let mut scene = Scene::new(Gaussians::new(parts).unwrap());
-    let at = At { step: 3000, schedule: Schedule { density_every: 7, ..Schedule::of(30_000) }, ..at(&case) };
+    let at = StepContext { step: 3000, schedule: Schedule { density_every: 7, ..Schedule::of(30_000) }, ..at(&case) };
     assert!(Adaptive::default().after_step(&mut scene, &at).unwrap().reset);
     let close = Tolerance { absolute: 1e-5, relative: 1e-5 };
     assert_close(close, &scene.gaussians().parts().opacity_logits, &case["reset_logits"], "logits");

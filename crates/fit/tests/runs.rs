@@ -106,10 +106,11 @@ fn a_killed_run_resumes_to_the_same_bits_on_any_number_of_threads() {
             killed.checkpoint(&path).unwrap();
             // What comes after the checkpoint is lost.
             killed.step().unwrap();
-            killed = Fit::resume(config.clone(), views.clone(), &start, FitDevice::default(), &path).unwrap();
+            killed = Fit::resume(config.clone(), views.clone(), &[], &start, FitDevice::default(), &path).unwrap();
         }
         run(&mut killed, 1);
         assert_eq!(killed.gaussians(), whole.gaussians(), "{}", strategy.name());
+        assert!(killed.history() == whole.history(), "{}: another history", strategy.name());
     }
 }
 
@@ -120,20 +121,73 @@ fn a_checkpoint_of_another_run_or_a_damaged_one_is_rejected() {
     let (views, start, config) = (views().0, start(Strategy::Mcmc, 50), config(Strategy::Mcmc, 50));
     Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
     let other = FitConfig { seed: 12, ..config.clone() };
-    let error = Fit::resume(other, views.clone(), &start, FitDevice::default(), &path).unwrap_err().to_string();
+    let error = Fit::resume(other, views.clone(), &[], &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(error.contains("expected the configuration and views of this run"), "{error}");
     let mut bytes = std::fs::read(&path).unwrap();
     let last = bytes.len() - 30;
     bytes[last] ^= 1;
     std::fs::write(&path, &bytes).unwrap();
     let error =
-        Fit::resume(config.clone(), views.clone(), &start, FitDevice::default(), &path).unwrap_err().to_string();
+        Fit::resume(config.clone(), views.clone(), &[], &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(error.contains("expected the tensors that were written"), "{error}");
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     assert!(matches!(
-        Fit::resume(config, views, &start, FitDevice::default(), &path),
+        Fit::resume(config, views, &[], &start, FitDevice::default(), &path),
         Err(FitError::Checkpoint { .. })
     ));
+}
+
+/// The start decides the extent and the first degree; the held-out views are those of the evaluations in the record.
+#[test]
+fn a_checkpoint_of_another_start_or_of_other_held_out_views_is_rejected() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint");
+    let ((views, held_out), start, config) = (views(), start(Strategy::Fixed, 50), config(Strategy::Fixed, 20));
+    let mut whole = Fit::new(config.clone(), views.clone(), &start).unwrap();
+    run(&mut whole, 9);
+    whole.evaluate(&held_out).unwrap();
+    whole.checkpoint(&path).unwrap();
+    let resume = |start: &Gaussians, held_out: &[TrainingView]| {
+        Fit::resume(config.clone(), views.clone(), held_out, start, FitDevice::default(), &path)
+    };
+    let mut moved = start.clone().into_parts();
+    moved.means[0][2] += 0.5;
+    let error = resume(&Gaussians::new(moved).unwrap(), &held_out).unwrap_err().to_string();
+    assert!(error.starts_with("checkpoint: start: expected the Gaussians that this run starts from"), "{error}");
+    let error = resume(&start, &held_out[..1]).unwrap_err().to_string();
+    assert!(error.starts_with("checkpoint: held-out: expected the held-out views of this run"), "{error}");
+    let mut resumed = resume(&start, &held_out).unwrap();
+    assert_eq!(resumed.evaluate(&held_out).unwrap(), None, "after this step they were compared already");
+    for fit in [&mut whole, &mut resumed] {
+        run(fit, 11);
+        fit.evaluate(&held_out).unwrap();
+    }
+    assert_eq!(resumed.history().evaluations.iter().map(|own| own.step).collect::<Vec<_>>(), [9, 20]);
+    assert!(resumed.history() == whole.history(), "another history");
+
+    // As before checkpoints held a hash of the start.
+    let (name, other) = (br#"\"start\":"#, br#"\"stare\":"#);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
+    bytes[at..at + name.len()].copy_from_slice(other);
+    std::fs::write(&path, &bytes).unwrap();
+    let error = resume(&start, &held_out).unwrap_err().to_string();
+    assert!(error.contains("expected metadata as this version writes it, found missing field `start`"), "{error}");
+}
+
+/// The pictures have a black background, on which their own Gaussians match them.
+#[test]
+fn a_coloured_background_is_optimised_as_it_is_rendered() {
+    let rgb = [0.25, 0.5, 0.75];
+    let on = |rgb: [f64; 3]| {
+        let config = FitConfig { background: Background::of(rgb), ..config(Strategy::Fixed, 9) };
+        let mut fit = Fit::new(config, views().0, &truth()).unwrap();
+        let loss = fit.step().unwrap().terms.l1;
+        (loss, fit.options().background.map(f64::to_bits))
+    };
+    let ((black, _), (coloured, shown)) = (on([0.0; 3]), on(rgb));
+    assert!(shown == rgb.map(f64::to_bits) && coloured > black + 0.05, "{black} on black, {coloured} on {rgb:?}");
+    assert_eq!([[0.0; 3], [1.0; 3]].map(Background::of), [Background::Black, Background::White]);
 }
 
 #[test]
@@ -149,7 +203,7 @@ fn a_checkpoint_without_all_that_density_control_remembers_is_rejected() {
     let at = bytes.windows(names.len()).position(|window| window == names).unwrap();
     bytes[at..at + names.len()].copy_from_slice(fewer);
     std::fs::write(&path, &bytes).unwrap();
-    let error = Fit::resume(config, views, &start, FitDevice::default(), &path).unwrap_err().to_string();
+    let error = Fit::resume(config, views, &[], &start, FitDevice::default(), &path).unwrap_err().to_string();
     assert!(
         error.contains(r#"memory: expected ["gradient-sums", "gradient-counts"], found ["gradient-sums"]"#),
         "{error}"
@@ -212,6 +266,10 @@ fn settings_out_of_range_are_named() {
     };
     assert_eq!(with(|config| config.steps = 0), "steps: expected at least 1, found 0");
     assert_eq!(with(|config| config.d_ssim = f64::NAN), "d-ssim: expected from 0 to 1, found NaN");
+    assert_eq!(
+        with(|config| config.background = Background::Colour([0.5, 1.5, 0.5])),
+        "background: expected channels from 0 to 1, found [0.5, 1.5, 0.5]"
+    );
     assert!(with(|config| config.rates.scales = -1.0).starts_with("rates.scales: expected a positive rate"));
     assert!(with(|config| config.max_gaussians = 3).contains("the 20 Gaussians of the start"));
     // Cameras in one place that see nothing of the start.
@@ -267,7 +325,7 @@ fn pruning_has_no_visible_effect() {
     let config = FitConfig { sh_degree: 0, ..config(Strategy::Gaussians3d, 3000) };
     let mut scene = atsplat_fit::Scene::new(start.clone());
     let schedule = atsplat_fit::Schedule::of(config.steps);
-    let at = atsplat_fit::density::At {
+    let at = atsplat_fit::density::StepContext {
         step: 100,
         schedule,
         extent: 4.0,
@@ -276,8 +334,11 @@ fn pruning_has_no_visible_effect() {
         seed: 0,
         limit: 1000,
     };
-    let changes =
-        atsplat_fit::density::Density::after_step(&mut atsplat_fit::density::Adaptive::default(), &mut scene, &at);
+    let changes = atsplat_fit::density::DensityControl::after_step(
+        &mut atsplat_fit::density::Adaptive::default(),
+        &mut scene,
+        &at,
+    );
     assert_eq!((changes.unwrap().pruned, scene.len()), (5, 55));
     let mut renderer = CpuRenderer::default();
     let mut picture = |gaussians: &Gaussians| {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use atsplat_eval::Results;
 use atsplat_eval::drift::probe::{Pipeline, attribute};
-use atsplat_eval::drift::{Acceptance, Baseline, compare, date, same_machine};
+use atsplat_eval::drift::{Acceptance, Baseline, acceptable, compare, date, same_machine};
 use atsplat_eval::runner::current_provenance;
 use pyo3::prelude::*;
 
@@ -35,7 +35,7 @@ pub(crate) fn compare_with_baseline(
     })
 }
 
-/// Makes the results of a store the baseline, without a probe, and records why.
+/// Makes the results of a store the baseline, and records why. The probe of the old baseline, if it has one, is run again.
 #[pyfunction]
 pub(crate) fn accept_baseline(py: Python<'_>, store: PathBuf, baseline: PathBuf, why: String) -> Result<(), Failure> {
     work(py, || {
@@ -43,21 +43,18 @@ pub(crate) fn accept_baseline(py: Python<'_>, store: PathBuf, baseline: PathBuf,
             return Err(Failure::invalid("why", "expected why these numbers are correct, found nothing"));
         }
         let results = Results::read(&store)?;
-        if results.targets.iter().all(|row| row.scores.is_empty()) {
-            let found = results.targets.len();
-            return Err(Failure::invalid(
-                "store",
-                format!("expected results with scores, found {found} targets without scores"),
-            ));
-        }
+        acceptable(&results).map_err(|error| Failure::invalid("store", error))?;
         let (version, commit) = (results.provenance.atsplat.clone(), results.provenance.commit.clone());
         let now = current_provenance(env!("CARGO_PKG_VERSION"), None, Vec::new()).started;
         let acceptance = Acceptance { date: date(now), reason: why, atsplat: version, commit };
-        let accepted = if baseline.exists() {
-            Baseline::read(&baseline)?.accept(&results, &[], acceptance)
-        } else {
-            Baseline::new(&results, &[], acceptance)
+        let before = if baseline.exists() { Some(Baseline::read(&baseline)?) } else { None };
+        let mut accepted = match &before {
+            Some(before) => before.accept(&results, &[], acceptance),
+            None => Baseline::new(&results, &[], acceptance),
         };
+        if let Some(probe) = before.and_then(|before| before.probe) {
+            accepted = accepted.probed(probe.recipe, &baseline)?;
+        }
         Ok(accepted.write(&baseline)?)
     })
 }

@@ -25,10 +25,10 @@ pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, p
     work(py, || {
         let parts = stores.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
         let merged = Results::merge(parts)?;
-        let lacking = merged.lacking();
-        if !lacking.is_empty() && !partial {
-            let lacking = lacking.join("; ");
-            return Err(Failure::invalid("stores", format!("{lacking}: partial=True merges the other results")));
+        let reasons = merged.why_incomplete();
+        if !reasons.is_empty() && !partial {
+            let reasons = reasons.join("; ");
+            return Err(Failure::invalid("stores", format!("{reasons}: partial=True merges the other results")));
         }
         Ok(merged.results.write(&out)?)
     })

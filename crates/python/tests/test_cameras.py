@@ -77,6 +77,31 @@ def test_wrong_cameras_say_what_is_wrong():
     assert raised.value.field == "rotation"
 
 
+def test_what_pinhole_cameras_cannot_have_is_refused():
+    def problem(pose=np.eye(4), field="pixel_intrinsics", matrix=INTRINSICS):
+        poses, matrices = np.stack([np.eye(4), pose]), np.stack([INTRINSICS, matrix])
+        with pytest.raises(atsplat.InvalidError) as raised:
+            Cameras.from_arrays(camera_from_world=poses, height=80, width=128, **{field: matrices})
+        return raised.value.field, str(raised.value)
+
+    scaled = np.eye(4)
+    scaled[3, 3] = 2
+    field, text = problem(pose=scaled)
+    assert field == "camera_from_world" and "pose 1: expected the last row 0 0 0 1, found 0 0 0 2" in text
+    translated = np.eye(4)
+    translated[3, :3] = 1, 2, 3
+    assert "found 1 2 3 1" in problem(pose=translated)[1], "a transposed pose"
+    for row, column in [(0, 1), (1, 0), (2, 0), (2, 1), (2, 2)]:
+        matrix = INTRINSICS.copy()
+        matrix[row, column] += 0.5
+        field, text = problem(matrix=matrix)
+        assert field == "pixel_intrinsics" and f"matrix 1: expected {int(row == 2 == column)} in row {row}, column {column}" in text
+    assert problem(field="intrinsics", matrix=np.full((3, 3), np.nan))[0] == "intrinsics"
+    # Rounding is allowed for.
+    almost = INTRINSICS + 1e-6
+    assert len(Cameras.from_arrays(world_from_camera=np.eye(4) + 1e-7, pixel_intrinsics=almost, height=80, width=128)) == 1
+
+
 def test_parts_of_cameras():
     poses = np.stack([np.eye(4)] * 3)
     poses[:, 0, 3] = [5, 6, 7]

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -77,3 +78,24 @@ def test_drift_sees_what_moved_and_in_which_direction(store, rooms, binary, tmp_
     assert psnr["baseline"] != psnr["now"]
     told = json.loads(binary("drift", moved.path, "--baseline", baseline, "--no-probe", "--json", succeeds=False))
     assert told == found.report
+
+
+def test_an_unfinished_run_is_no_baseline(store, tmp_path):
+    killed, baseline = tmp_path / "killed", tmp_path / "baseline.json"
+    shutil.copytree(store.path, killed)
+    provenance = json.loads((killed / "provenance.json").read_text())
+    provenance["presets"][0]["entries"] += 1
+    (killed / "provenance.json").write_text(json.dumps(provenance))
+    with pytest.raises(atsplat.InvalidError, match="expected a finished run, found a store is not done") as raised:
+        atsplat.accept_baseline(killed, baseline, why="first results")
+    assert raised.value.field == "store" and not baseline.exists()
+
+
+def test_the_probe_of_a_baseline_is_kept(store, binary, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    binary("drift", "accept", store.path, "--baseline", baseline, "--why", "first results")
+    recipe = json.loads(baseline.read_text())["probe"]["recipe"]
+    atsplat.accept_baseline(store, baseline, why="the same results")
+    accepted = json.loads(baseline.read_text())
+    assert accepted["probe"]["recipe"] == recipe and len(accepted["history"]) == 2
+    assert len(atsplat.drift(store, baseline, probe=True).report["attribution"]["stages"]) == 5

@@ -10,7 +10,7 @@ from conftest import INDEX, PROTOCOL, SCENES
 import atsplat
 
 torch = pytest.importorskip("torch")
-from atsplat.torch import Evaluation, TrialDataset  # noqa: E402
+from atsplat.torch import Evaluation, TrialDataset, state_hash  # noqa: E402
 
 
 class Blend(torch.nn.Module):
@@ -63,6 +63,36 @@ def test_an_evaluation_runs_every_n_steps_and_fails_if_it_is_worse(rooms, tmp_pa
         check(30, model)
     with pytest.raises(atsplat.InvalidError):
         Evaluation(PROTOCOL, rooms, tmp_path, every=0)
+
+
+def test_the_results_of_an_earlier_training_are_not_taken_for_those_of_this_one(rooms, tmp_path):
+    def trained(method, **options):
+        check = Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=1, index=INDEX, limit=1, name="Blend", **options)
+        return check(1, method)
+
+    first, same = trained(Blend()), Blend()
+    assert trained(same).rows() == first.rows() and not same.modes, "with the same state, they are kept"
+    with pytest.raises(atsplat.InvalidError, match="state-sha256"):
+        trained(Blend(0.25))
+    with pytest.raises(atsplat.InvalidError, match="recipe"):
+        trained(Blend(), parameters={"recipe": "another"})
+    # Nothing tells which state a function has.
+    with pytest.raises(atsplat.InvalidError, match="empty folder"):
+        trained(lambda images, context, target: same(images, context, target))
+
+
+def test_the_hash_of_a_state_is_that_of_names_types_shapes_and_values():
+    def hashed(**state):
+        module = torch.nn.Module()
+        for name, value in state.items():
+            module.register_buffer(name, value)
+        return state_hash(module)
+
+    ones, zeros = torch.ones(2, 3, dtype=torch.bfloat16), torch.zeros(())
+    own = hashed(a=ones, b=zeros)
+    assert own == hashed(b=zeros, a=ones.clone()), "whatever the order"
+    others = [(zeros, ones), (ones.T, zeros), (ones.half(), zeros), (ones, zeros + 1), (ones, zeros.double())]
+    assert len({own, hashed(a=ones), *(hashed(a=a, b=b) for a, b in others)}) == 7
 
 
 def test_better_is_a_failure_only_if_any_drift_is(rooms, tmp_path):

@@ -1,9 +1,8 @@
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use atsplat_eval::Results;
-use atsplat_eval::drift::probe::{Inputs, Pipeline, run as run_probe};
-use atsplat_eval::drift::{Acceptance, AcceptanceReport, Baseline, compare, date};
-use atsplat_eval::store::Unfinished;
+use atsplat_eval::drift::{Acceptance, AcceptanceReport, Baseline, acceptable, compare, date};
 use clap::builder::NonEmptyStringValueParser;
 
 use super::recipe;
@@ -25,8 +24,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
     why: String,
 
-    /// Results of a repetition of the run; may be given several times. Numbers that are not deterministic may later move as
-    /// far as these differ.
+    /// Results of a repetition of the run; may be given several times. Numbers that are not deterministic may later
+    /// change as much as these differ.
     #[arg(long, value_name = "STORE")]
     repeat: Vec<PathBuf>,
 
@@ -52,22 +51,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let read = |store: &PathBuf| Ok::<_, anyhow::Error>(Results::read(&args.cache.store(store)?)?);
     let results = read(&args.store)?;
     let repeats = args.repeat.iter().map(read).collect::<anyhow::Result<Vec<_>>>()?;
-    let scored = results.targets.iter().filter(|row| !row.scores.is_empty()).count();
-    anyhow::ensure!(
-        scored > 0,
-        "{}: expected results with scores, found {} targets without scores; an empty baseline cannot detect drift",
-        args.store.display(),
-        results.targets.len()
-    );
-    let begun = |own: &&Unfinished| {
-        results.trials.iter().any(|trial| (&trial.key.preset, &trial.key.method) == (&own.preset, &own.method))
-    };
-    if let Some(unfinished) = results.unfinished().iter().find(begun) {
-        anyhow::bail!(
-            "{}: expected a finished run, found {unfinished}; the command that began it goes on where it stopped",
-            args.store.display()
-        );
-    }
+    acceptable(&results).with_context(|| args.store.display().to_string())?;
     let now = provenance();
     let acceptance = Acceptance {
         date: date(now.started),
@@ -82,10 +66,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     };
     let recipe = requested.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
     if !args.no_probe {
-        let stages = Pipeline::of(&recipe)?;
-        let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
-        Baseline::write_probe(&args.baseline, &outputs)?;
-        baseline = baseline.with_probe(recipe, &outputs);
+        baseline = baseline.probed(recipe, &args.baseline)?;
     }
     baseline.write(&args.baseline)?;
     print_report(&AcceptanceReport::new(&args.baseline, baseline, acceptance, moved), args.json)?;

@@ -62,7 +62,7 @@ pub(super) struct StartArgs {
     start: String,
 
     /// Nearest and farthest depth of random points, in scene units; by default around the point that the cameras look at.
-    #[arg(long, value_name = "NEAR,FAR", value_parser = depths)]
+    #[arg(long, value_name = "NEAR,FAR", conflicts_with = "refine", value_parser = depths)]
     depths: Option<[f64; 2]>,
 
     /// Start from what this network makes of the photos: a weights file, or micro-rooms, which is embedded in the binary. The
@@ -75,7 +75,7 @@ fn depths(text: &str) -> Result<[f64; 2], String> {
     let numbers = text.split_once(',').map(|(near, far)| (parse::positive(near), parse::positive(far)));
     match numbers {
         Some((Ok(near), Ok(far))) if near <= far => Ok([near, far]),
-        _ => Err(format!("expected two positive lengths, the nearer first, as 0.5,20, found {text:?}")),
+        _ => Err(format!("expected two positive lengths, the nearer first, such as 0.5,20, found {text:?}")),
     }
 }
 
@@ -125,6 +125,16 @@ impl InputArgs {
 }
 
 impl StartArgs {
+    /// Refuses depths that no random point has.
+    pub(super) fn check(&self) -> Result<(), clap::Error> {
+        match self.start.parse::<Start>() {
+            Ok(Start::Points | Start::At(_)) if self.depths.is_some() => {
+                Err(parse::usage_error(format!("--depths is for random points, found --start {}", self.start)))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// For the record.
     pub(super) fn name(&self) -> String {
         self.refine.as_ref().map_or_else(|| self.start.clone(), |weights| format!("network {}", weights.display()))

@@ -40,20 +40,20 @@ pub(crate) struct Args {
     #[arg(long, value_name = "DIR", help_heading = "Output")]
     plots: Option<PathBuf>,
 
-    /// Compare with the held-out photos every N steps; by default eight times in all. Just after a reset of opacities,
-    /// every tenth of the first half of a run, pictures are dark.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
+    /// Compare with the held-out photos every N steps; by default eight times in all. Renders are dark just after a
+    /// reset of opacities, which happens at every tenth of the run in its first half.
+    #[arg(long, value_name = "N", requires = "held_out", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     evaluate_every: Option<u64>,
 
-    /// File for the state of the run, from which --resume goes on.
+    /// File for the state of the run, from which --resume continues.
     #[arg(long, value_name = "FILE", help_heading = "Output", conflicts_with = "seconds")]
     checkpoint: Option<PathBuf>,
 
     /// Write the checkpoint every N steps.
-    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
+    #[arg(long, value_name = "N", default_value_t = 500, requires = "checkpoint", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     checkpoint_every: u64,
 
-    /// Go on from the checkpoint, if it exists; the result is that of an uninterrupted run.
+    /// Continue from the checkpoint, if it exists; the result is that of an uninterrupted run.
     #[arg(long, requires = "checkpoint", help_heading = "Output")]
     resume: bool,
 
@@ -72,7 +72,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "N", required_unless_present = "seconds", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..))]
     steps: Option<u64>,
 
-    /// Seconds instead of steps: their number follows the speed of the last ones, so that results differ between machines.
+    /// Seconds instead of steps: the number of steps depends on their speed, so that results differ between machines.
     #[arg(long, value_name = "S", value_parser = parse::positive)]
     seconds: Option<f64>,
 
@@ -84,7 +84,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=4))]
     sh_degree: u8,
 
-    /// What is behind the Gaussians: black, white, or another colour in each step.
+    /// Background behind the Gaussians: black, white, or random (another colour in each step).
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::named(BACKGROUNDS))]
     background: Background,
 
@@ -92,13 +92,13 @@ struct OptimisationArgs {
     #[arg(long)]
     absolute_gradients: bool,
 
-    /// Optimise each view's camera too, with this rate at first, in radians and in extents of the scene. The scene may drift
-    /// away from the held-out cameras.
+    /// Optimise each view's camera too, with this initial rate, in radians and in extents of the scene. The scene may
+    /// drift away from the held-out cameras.
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "1e-4", value_parser = parse::positive)]
     optimise_poses: Option<f64>,
 
-    /// Optimise each view's exposure too: an affine map of its colours, with this rate at first. Held-out views are compared
-    /// without one.
+    /// Optimise each view's exposure too: an affine map of its colours, with this initial rate. Held-out views are
+    /// compared without one.
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "0.01", value_parser = parse::positive)]
     optimise_exposure: Option<f64>,
 
@@ -107,7 +107,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
     extent: Option<f64>,
 
-    /// Most Gaussians: MCMC uses them all, the others stop with a message beyond them.
+    /// Maximum number of Gaussians: MCMC grows up to it, the other strategies stop with a message if they need more.
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     max_gaussians: usize,
 
@@ -152,8 +152,9 @@ impl OptimisationArgs {
 
 /// Optimises until the last step or the end of the time.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    args.start.check()?;
     let record_file = PendingFile::open(&args.out.with_added_extension("json"))?;
-    // The scene file is tried before long work, too.
+    // Fails before long work if the scene file cannot be written.
     drop(PendingFile::open(&args.out)?);
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
@@ -169,27 +170,29 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     config.steps = steps;
     let (count, views) = (start.len(), input.training.clone());
     let mut fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
-        Some(path) => Fit::resume(config, views, &start, device, path)?,
+        Some(path) => Fit::resume(config, views, &input.held_out, &start, device, path)?,
         None => Fit::new(config, views, &start)?.on(device),
     };
     if fit.dropped() > 0 {
         warn(&format!("warning: {} of {count} Gaussians of the start are invalid and were dropped", fit.dropped()));
     }
-    let mut log = Log::new(&fit, &input.held_out, args.evaluate_every, input.training.len());
+    let mut log = Log::new(&fit, &input.held_out, args.evaluate_every);
     let outcome: anyhow::Result<()> = fit.run(deadline, |fit, step| {
+        // Before the checkpoint, which holds the comparison with the held-out photos.
+        log.step(fit, step)?;
         if let Some(path) = args.checkpoint.as_deref().filter(|_| step.step.is_multiple_of(args.checkpoint_every)) {
             fit.checkpoint(path)?;
         }
-        log.step(fit, step)
+        Ok(())
     });
     let seconds = begin.elapsed().as_secs_f64();
-    // After a fault the last good state, and before further renders, which may fail.
+    // Written before further renders, which may fail; after a fault these are the Gaussians of the last good state.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
     let mut scaled = Vec::new();
-    let of_device = |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_of_device);
+    let is_of_device = |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_of_device);
     // A lost adapter renders nothing any more.
-    if !outcome.as_ref().is_err_and(of_device) {
+    if !outcome.as_ref().is_err_and(is_of_device) {
         log.evaluate(&mut fit)?;
         if let Some(folder) = &args.plots {
             log.draw(folder, &mut fit, &input.training)?;
@@ -213,8 +216,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         file: args.out.clone(),
         gaussians: gaussians.len(),
         corrections: fit.corrections()?,
-        training_psnr: log.training_psnr(),
-        evaluations: log.evaluations.clone(),
+        training_psnr: fit.history().training_psnr(),
+        evaluations: fit.history().evaluations.clone(),
         at_scales: scaled,
     };
     drop(log);

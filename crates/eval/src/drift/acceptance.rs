@@ -4,7 +4,29 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::probe::Recipe;
-use super::{Acceptance, Baseline, Limit, Verdict};
+use super::{Acceptance, Baseline, DriftError, Limit, Verdict};
+use crate::Results;
+use crate::store::Unfinished;
+
+/// Checks that results can become a baseline.
+///
+/// # Errors
+/// [`DriftError::Unacceptable`] for results without scores, which cannot detect drift, and for a run that has not ended.
+pub fn acceptable(results: &Results) -> Result<(), DriftError> {
+    let refused = |expected, found| Err(DriftError::Unacceptable { expected, found });
+    if results.targets.iter().all(|row| row.scores.is_empty()) {
+        let count = results.targets.len();
+        let found = format!("{count} targets without scores; an empty baseline cannot detect drift");
+        return refused("results with scores", found);
+    }
+    let has_trials = |run: &&Unfinished| {
+        results.trials.iter().any(|trial| (&trial.key.preset, &trial.key.method) == (&run.preset, &run.method))
+    };
+    match results.unfinished().iter().find(has_trials) {
+        Some(run) => refused("a finished run", format!("{run}; the command that started it resumes it")),
+        None => Ok(()),
+    }
+}
 
 /// The accepted baseline.
 #[derive(Debug, Serialize)]

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::data::{pictures_of, pictures_of_targets};
 use super::limits::limits;
-use super::probe::{Fingerprint, Outputs, Recipe};
+use super::probe::{Fingerprint, Inputs, Outputs, Pipeline, Recipe, run as run_probe};
 use super::{Acceptance, AcceptedNumber, DriftError, Limit, PictureDigest, compare, numbers};
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
@@ -57,13 +57,13 @@ pub struct BaselineTrial {
     /// Which trial.
     #[serde(flatten)]
     pub key: TrialKey,
-    /// As [`TrialRow::trial_hash`].
+    /// Same as [`TrialRow::trial_hash`].
     pub trial_hash: String,
-    /// As [`TrialRow::status`].
+    /// Same as [`TrialRow::status`].
     pub status: TrialStatus,
-    /// As [`TrialRow::final_tokens`].
+    /// Same as [`TrialRow::final_tokens`].
     pub final_tokens: Option<u64>,
-    /// As [`TrialRow::gaussians`].
+    /// Same as [`TrialRow::gaussians`].
     pub gaussians: Option<u64>,
 }
 
@@ -73,24 +73,24 @@ pub struct BaselineTarget {
     /// Which trial.
     #[serde(flatten)]
     pub key: TrialKey,
-    /// As [`TargetRow::target`].
+    /// Same as [`TargetRow::target`].
     pub target: u32,
-    /// As [`TargetRow::frame`].
+    /// Same as [`TargetRow::frame`].
     pub frame: u64,
-    /// As [`TargetRow::status`].
+    /// Same as [`TargetRow::status`].
     pub status: TargetStatus,
-    /// As [`TargetRow::truth_hash`].
+    /// Same as [`TargetRow::truth_hash`].
     pub truth_hash: Option<String>,
-    /// As [`TargetRow::render_hash`]; kept for deterministic methods only.
+    /// Same as [`TargetRow::render_hash`]; kept for deterministic methods only.
     pub render_hash: Option<String>,
-    /// As [`TargetRow::scores`], to the last bit.
+    /// Same as [`TargetRow::scores`], to the last bit.
     pub scores: BTreeMap<String, f64>,
 }
 
 /// The JSON file.
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Written {
+struct BaselineFile {
     format: u32,
     history: Vec<Acceptance>,
     provenance: Provenance,
@@ -140,6 +140,17 @@ impl Baseline {
         next
     }
 
+    /// Runs a probe on this machine, writes its values next to the baseline, and adds its fingerprints.
+    ///
+    /// # Errors
+    /// [`DriftError::Invalid`] for an unknown name in the recipe, [`DriftError::Stage`], [`DriftError::Io`].
+    pub fn probed(self, recipe: Recipe, path: &Path) -> Result<Self, DriftError> {
+        let stages = Pipeline::of(&recipe)?;
+        let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
+        Self::write_probe(path, &outputs)?;
+        Ok(self.with_probe(recipe, &outputs))
+    }
+
     /// Adds the fingerprints of a probe.
     #[must_use]
     pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Self {
@@ -153,9 +164,9 @@ impl Baseline {
     /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON or another format.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
-        let written: Written =
+        let written: BaselineFile =
             serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "file", "a baseline", error))?;
-        let Written { format, history, provenance, limits, probe, numbers, pictures, trials, targets } = written;
+        let BaselineFile { format, history, provenance, limits, probe, numbers, pictures, trials, targets } = written;
         if !(OLDEST..=FORMAT).contains(&format) {
             let expected = format!("format {OLDEST} to {FORMAT}");
             return Err(DriftError::malformed(path, "field format", expected, format!("format {format}")));
@@ -207,7 +218,7 @@ impl Baseline {
     /// Pretty-printed JSON with one row per line.
     #[expect(clippy::expect_used, reason = "the field is part of the serialised structure")]
     fn to_text(&self, path: &Path) -> Result<String, DriftError> {
-        let head = Written {
+        let head = BaselineFile {
             format: FORMAT,
             history: self.history.clone(),
             provenance: self.provenance.clone(),

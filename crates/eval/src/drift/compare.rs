@@ -170,20 +170,20 @@ impl Group {
     fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, limit: f64) -> Comparison {
         let (preset, method, metric) = of;
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
-        let both = self.targets.iter().filter_map(|(id, then)| {
+        let pairs = self.targets.iter().filter_map(|(id, then)| {
             let now = now.targets.get(id)?;
             let identical = [then, now].map(|row| row.status == TargetStatus::Identical);
-            Some(Both { id, frame: then.frame, then: score(then)?, now: score(now)?, identical })
+            Some(TargetPair { id, frame: then.frame, then: score(then)?, now: score(now)?, identical })
         });
-        let both: Vec<Both> = both.collect();
-        let then: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.then)).collect();
-        let today: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.now)).collect();
+        let pairs: Vec<TargetPair> = pairs.collect();
+        let then: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.then)).collect();
+        let today: Vec<SelectedTarget> = pairs.iter().map(|pair| pair.selected(pair.now)).collect();
         let paired = paired_of(&today, &then, direction(metric));
-        let outside = |bound: Tolerance| both.iter().filter(|both| !bound.accepts(both.now, both.then)).count() as u64;
+        let outside = |bound: Tolerance| pairs.iter().filter(|pair| !bound.accepts(pair.now, pair.then)).count() as u64;
         let (changed, beyond) = (outside(Tolerance::EXACT), outside(metric_bound(metric)));
-        let largest = both.iter().fold((0.0, None), |(largest, at), both| {
-            let change = (both.now - both.then).abs();
-            if change > largest { (change, Some(both)) } else { (largest, at) }
+        let largest = pairs.iter().fold((0.0, None), |(largest, at), pair| {
+            let change = (pair.now - pair.then).abs();
+            if change > largest { (change, Some(pair)) } else { (largest, at) }
         });
         let by_limit = || match &paired {
             Some(paired) if beyond_limit(paired, limit) => Verdict::Drifted,
@@ -197,7 +197,7 @@ impl Group {
             Basis::Bound | Basis::Interval => by_limit(),
         };
         let [baseline, now] = [(0, &then), (1, &today)].map(|(run, selected)| {
-            let own = both.iter().zip(selected).filter(|(both, _)| !both.identical[run]).map(|(_, own)| *own);
+            let own = pairs.iter().zip(selected).filter(|(pair, _)| !pair.identical[run]).map(|(_, own)| *own);
             summary_of(&own.collect::<Vec<_>>(), Aggregation::SceneMeans).mean
         });
         Comparison {
@@ -211,14 +211,14 @@ impl Group {
             paired,
             changed,
             largest: largest.0,
-            largest_at: largest.1.map(|both| format!("{} {} frame {}", both.id.0, both.id.1, both.frame)),
+            largest_at: largest.1.map(|pair| format!("{} {} frame {}", pair.id.0, pair.id.1, pair.frame)),
             limit: (basis != Basis::Exact).then_some(limit),
         }
     }
 }
 
 /// A target with a score in both runs.
-struct Both<'a> {
+struct TargetPair<'a> {
     id: &'a (String, u32, u32),
     frame: u64,
     then: f64,
@@ -227,7 +227,7 @@ struct Both<'a> {
     identical: [bool; 2],
 }
 
-impl Both<'_> {
+impl TargetPair<'_> {
     fn selected(&self, value: f64) -> SelectedTarget<'_> {
         SelectedTarget {
             scene: &self.id.0,

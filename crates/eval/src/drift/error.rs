@@ -24,6 +24,14 @@ pub enum DriftError {
         /// What was found.
         found: String,
     },
+    /// Results that cannot become a baseline.
+    #[error("expected {expected}, found {found}")]
+    Unacceptable {
+        /// What was expected.
+        expected: &'static str,
+        /// What was found.
+        found: String,
+    },
     /// A stage of the probe failed.
     #[error("the probe's stage {stage}: {reason}")]
     Stage {

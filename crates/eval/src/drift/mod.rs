@@ -23,7 +23,7 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-pub use acceptance::AcceptanceReport;
+pub use acceptance::{AcceptanceReport, acceptable};
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use compare::compare;
 pub use data::{ChangedPicture, DataComparison, PictureDigest, PictureRole};

@@ -27,9 +27,11 @@ pub(super) fn differences(baseline: &Provenance, now: &Provenance) -> Vec<Differ
     names.into_iter().filter_map(difference).collect()
 }
 
-/// Whether results can be compared bit by bit: the same platform, processor and, if it rendered, graphics adapter.
+/// Whether results can be compared bit by bit: the same platform, a single processor that is the same and, if it rendered, the same
+/// graphics adapter.
 pub fn same_machine(a: &Provenance, b: &Provenance) -> bool {
-    a.platform == b.platform && a.processor == b.processor && a.adapter == b.adapter
+    let is_one = a.processors().count() <= 1;
+    is_one && a.platform == b.platform && a.processor == b.processor && a.adapter == b.adapter
 }
 
 /// All settings of a provenance that affect numbers, by name; absent ones have no entry.

@@ -13,20 +13,20 @@ use crate::{EvalError, MethodRecord, network_views};
 
 /// Points of a random start.
 pub const START_POINTS: usize = 5000;
-/// Most Gaussians of an optimisation from a random start, unless a caller has another limit.
+/// Default maximum number of Gaussians of an optimisation from a random start.
 pub const MAX_GAUSSIANS: usize = 100_000;
 
 /// Gaussians optimised for each trial on its context views: 3DGS, Mip-Splatting and MCMC from a random start, or the
-/// refinement of what a network made; rendered and differentiated by the backend that renders the targets.
+/// refinement of a network's Gaussians; rendered and differentiated by the backend that renders the targets.
 ///
 /// The papers start 3DGS and Mip-Splatting from COLMAP's points of the context views; trials have none, so random points
-/// seen by the context cameras stand in for them, and each row says so.
+/// seen by the context cameras are used instead, and each row says so.
 #[derive(Debug)]
 pub struct Optimised {
     strategy: Strategy,
     budget: Budget,
     seed: u64,
-    /// Most Gaussians.
+    /// Maximum number of Gaussians.
     limit: usize,
     /// Makes the Gaussians to start from.
     network: Option<Network>,
@@ -121,7 +121,7 @@ impl Optimised {
         let rgb = self.splatting.background.unwrap_or(convention.background);
         FitConfig {
             seed: trial_seed(self.seed, input.trial),
-            background: if rgb.iter().all(|channel| *channel >= 1.0) { Background::White } else { Background::Black },
+            background: Background::of(rgb),
             max_gaussians: self.limit,
             constants: self.splatting.constants.of(convention, input.trial.near_far()),
             ..FitConfig::new(self.strategy, 1)
@@ -245,6 +245,24 @@ mod tests {
         assert!(cost.final_tokens.is_some() && method.record().untrained);
     }
 
+    /// Between the Gaussians of the start, pictures show the background.
+    #[test]
+    fn optimises_on_the_background_that_targets_are_rendered_on() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let on = |background: [f64; 3]| {
+            let splatting = Splatting { background: Some(background), ..Splatting::default() };
+            let method = Optimised::from_scratch(None, Strategy::Mcmc, Budget::Steps(2), 400, 0, splatting);
+            let cost = method.predict(input).unwrap().cost();
+            (method.config(&input).background, cost.context_psnr.unwrap().to_bits())
+        };
+        let colour = [0.25, 0.5, 0.75];
+        let [(black, on_black), (own, on_colour), (_, on_white)] = [[0.0; 3], colour, [1.0; 3]].map(on);
+        assert_eq!((black, own), (Background::Black, Background::Colour(colour)));
+        assert!(on_colour != on_black && on_colour != on_white, "another PSNR on each background");
+    }
+
     /// Two steps of refining what a network makes.
     fn refined(splatting: Splatting) -> Optimised {
         let config = ModelConfig::named("nano").unwrap();
@@ -265,7 +283,7 @@ mod tests {
             Err(error) => panic!("{error}"),
         };
         let renderer = Arc::new(Mutex::new(renderer));
-        let backend = Backend::One(Arc::clone(&renderer), Some(AdapterRecord::default()));
+        let backend = Backend::Shared(Arc::clone(&renderer), Some(AdapterRecord::default()));
         let splatting = || Splatting { backend: backend.clone(), ..Splatting::default() };
         let submissions = || renderer.lock().unwrap().device_counts().unwrap().submissions;
         let preset = Preset::named("rooms-2v-128").unwrap();

@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes as _;
 use atsplat_splat::GaussianParts;
 use glam::{DQuat, DVec3};
 
-use super::{At, Changes, Density, DensityError, Seen};
+use super::{Changes, DensityControl, DensityError, StepContext, ViewGradients};
 use crate::random::{Purpose, normals};
 use crate::scene::{logit, narrowed, sigmoid};
 use crate::{Fault, Scene};
@@ -46,7 +46,7 @@ impl Adaptive {
     }
 
     /// Clones, splits and prunes.
-    fn densify(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
+    fn densify(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError> {
         let count = scene.len();
         self.sums.resize(count, 0.0);
         self.counts.resize(count, 0.0);
@@ -93,22 +93,22 @@ impl Adaptive {
     }
 }
 
-impl Density for Adaptive {
-    fn observe(&mut self, seen: &Seen<'_>) {
-        self.sums.resize(seen.count, 0.0);
-        self.counts.resize(seen.count, 0.0);
-        for position in seen.drawn.iter().map(|position| *position as usize) {
+impl DensityControl for Adaptive {
+    fn observe(&mut self, view: &ViewGradients<'_>) {
+        self.sums.resize(view.count, 0.0);
+        self.counts.resize(view.count, 0.0);
+        for position in view.drawn.iter().map(|position| *position as usize) {
             if let (Some([x, y]), Some(sum), Some(count)) =
-                (seen.means_2d.get(position), self.sums.get_mut(position), self.counts.get_mut(position))
+                (view.means_2d.get(position), self.sums.get_mut(position), self.counts.get_mut(position))
             {
-                let [x, y] = [f64::from(*x) * 0.5 * seen.size[0], f64::from(*y) * 0.5 * seen.size[1]];
+                let [x, y] = [f64::from(*x) * 0.5 * view.size[0], f64::from(*y) * 0.5 * view.size[1]];
                 *sum += narrowed((x * x + y * y).sqrt());
                 *count += 1.0;
             }
         }
     }
 
-    fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
+    fn after_step(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError> {
         let schedule = &at.schedule;
         if at.step >= schedule.density_until {
             return Ok(Changes::default());
@@ -137,7 +137,7 @@ impl Density for Adaptive {
 
 /// Two children for each parent: drawn from the parent's own distribution, smaller by [`SHRINKING`]; first the first child
 /// of every parent, then the second.
-fn children(parents: &GaussianParts, at: &At) -> GaussianParts {
+fn children(parents: &GaussianParts, at: &StepContext) -> GaussianParts {
     let mut random = at.stream(Purpose::Split);
     let mut both = GaussianParts { sh_degree: parents.sh_degree, ..GaussianParts::default() };
     for _ in 0..2 {

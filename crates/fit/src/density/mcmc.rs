@@ -2,7 +2,7 @@ use atsplat_splat::{GaussianParts, Gradients};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-use super::{At, Changes, Density, DensityError};
+use super::{Changes, DensityControl, DensityError, StepContext};
 use crate::random::{Purpose, normals, skip_normals, stream, weighted};
 use crate::scene::{logit, narrowed, set, sigmoid};
 use crate::{Fault, Scene};
@@ -32,7 +32,7 @@ pub struct Mcmc;
 /// Gradients of consecutive values, and the values.
 type Block<'a, T> = (&'a mut [T], &'a [T]);
 
-impl Density for Mcmc {
+impl DensityControl for Mcmc {
     fn regularise(&self, scene: &Scene, gradients: &mut Gradients<f32>) -> f64 {
         let count = scene.len() as f64;
         let [opacity_weight, scale_weight] = [REGULARISERS[0] / count, REGULARISERS[1] / (3.0 * count)];
@@ -57,7 +57,7 @@ impl Density for Mcmc {
         sums.into_iter().sum()
     }
 
-    fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError> {
+    fn after_step(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError> {
         let schedule = &at.schedule;
         let mut changes = Changes::default();
         let due = at.step > schedule.density_from && at.step < schedule.relocation_until;
@@ -88,7 +88,7 @@ pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
 }
 
 /// Moves dead Gaussians to live ones; returns their number.
-fn relocate(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
+fn relocate(scene: &mut Scene, at: &StepContext) -> Result<usize, DensityError> {
     let opacities: Vec<f64> = scene.opacities().collect();
     let dead: Vec<usize> =
         (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
@@ -121,7 +121,7 @@ fn is_dead(opacity: f64) -> bool {
 }
 
 /// Adds Gaussians next to others, drawn by opacity; returns their number.
-fn grow(scene: &mut Scene, at: &At) -> Result<usize, DensityError> {
+fn grow(scene: &mut Scene, at: &StepContext) -> Result<usize, DensityError> {
     let count = scene.len();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a moderate positive number")]
     let grown = (GROWTH * count as f64) as usize;
@@ -160,7 +160,7 @@ fn copy<T: Copy>(from: &[T], at: usize, into: &mut [T], to: usize) {
 }
 
 /// Adds `Σ · noise` to the means, more the fainter the Gaussian.
-fn add_noise(parts: &mut GaussianParts, at: &At) {
+fn add_noise(parts: &mut GaussianParts, at: &StepContext) {
     let seed = at.stream(Purpose::Noise).next_u64();
     let scale = NOISE * at.means_rate;
     let shapes = parts.quaternions.par_chunks(BLOCK).zip(parts.log_scales.par_chunks(BLOCK));

@@ -1,33 +1,32 @@
 //! How the number of Gaussians changes during an optimisation; one file per strategy.
 
 mod adaptive;
-mod fixed;
 mod mcmc;
 
 use atsplat_splat::{Gradients, SplatError};
+use serde::{Deserialize, Serialize};
 
 use crate::random::Purpose;
 use crate::{Fault, Scene, Schedule};
 
 pub use adaptive::Adaptive;
-pub use fixed::Fixed;
 pub use mcmc::{Mcmc, relocated};
 
 /// A strategy of density control, called once per step.
-pub trait Density: std::fmt::Debug + Send {
+pub trait DensityControl: std::fmt::Debug + Send {
     /// Adds the gradients of its regularisers; returns their sum.
     fn regularise(&self, _scene: &Scene, _gradients: &mut Gradients<f32>) -> f64 {
         0.0
     }
 
     /// Accumulates statistics of a step's gradients.
-    fn observe(&mut self, _seen: &Seen<'_>) {}
+    fn observe(&mut self, _view: &ViewGradients<'_>) {}
 
     /// Changes the scene after the optimiser's update of a step.
     ///
     /// # Errors
     /// [`DensityError`]; the number of Gaussians is then unchanged.
-    fn after_step(&mut self, scene: &mut Scene, at: &At) -> Result<Changes, DensityError>;
+    fn after_step(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError>;
 
     /// What it remembers from step to step, by name, one value per Gaussian: part of a checkpoint.
     fn memory(&self) -> Vec<(&'static str, Vec<f32>)> {
@@ -38,9 +37,19 @@ pub trait Density: std::fmt::Debug + Send {
     fn restore(&mut self, _memory: Vec<Vec<f32>>) {}
 }
 
+/// No density control: the Gaussians of the start are refined.
+#[derive(Clone, Copy, Debug)]
+pub struct Fixed;
+
+impl DensityControl for Fixed {
+    fn after_step(&mut self, _scene: &mut Scene, _at: &StepContext) -> Result<Changes, DensityError> {
+        Ok(Changes::default())
+    }
+}
+
 /// What one view's backward pass tells about the Gaussians.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct ViewGradients<'a> {
     /// Indices of the Gaussians that are drawn.
     pub drawn: &'a [u32],
     /// Gradient of the loss with respect to the projected means, in pixels; or sums of its absolute values over pixels.
@@ -51,9 +60,9 @@ pub struct Seen<'a> {
     pub count: usize,
 }
 
-/// A step.
+/// Which step it is, and what the strategies need to know of the run.
 #[derive(Clone, Copy, Debug)]
-pub struct At {
+pub struct StepContext {
     /// Counted from 1.
     pub step: u64,
     /// When things happen.
@@ -70,14 +79,15 @@ pub struct At {
     pub limit: usize,
 }
 
-impl At {
+impl StepContext {
     fn stream(&self, purpose: Purpose) -> atsplat_numeric::SplitMix64 {
         crate::random::stream(self.seed, purpose, self.step)
     }
 }
 
-/// What changed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What a call changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Changes {
     /// Gaussians that were cloned.
     pub cloned: usize,

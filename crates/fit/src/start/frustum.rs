@@ -24,8 +24,7 @@ pub fn in_frustums(
         Some([near, far]) if near > 0.0 && far >= near && far.is_finite() => [near, far],
         found => {
             let found = found.map_or_else(|| "none".to_owned(), |[near, far]| format!("{near} to {far}"));
-            let expected =
-                "positive depths, the nearer first, which a single place of cameras does not suggest".to_owned();
+            let expected = "positive depths, the nearer first; cameras in a single place suggest none".to_owned();
             return Err(FitError::Setting { name: "depths", expected, found });
         }
     };

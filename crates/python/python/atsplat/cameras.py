@@ -17,6 +17,11 @@ CONVENTIONS = {
     "pytorch3d": (-1.0, -1.0, 1.0),  # +x left, +y up
 }
 
+#: Entries of intrinsics that are the same for every camera: those of the identity.
+FIXED = np.array([[False, True, False], [True, False, False], [True, True, True]])
+#: How far they, and the last row of a pose, may be off by rounding.
+ROUNDING = 1e-5
+
 
 @dataclass(frozen=True, eq=False)
 class Cameras:
@@ -54,11 +59,14 @@ class Cameras:
         """Cameras without lens distortion.
 
         Args:
-            world_from_camera: N × 4 × 4 (or 3 × 4), camera to world; or
+            world_from_camera: N × 4 × 4 (or 3 × 4), camera to world, with the last row 0 0 0 1; or
             camera_from_world: N × 4 × 4 (or 3 × 4), world to camera.
-            intrinsics: N × 3 × 3 or 3 × 3, in units of the image's size; or
+            intrinsics: N × 3 × 3 or 3 × 3, in units of the image's size, without skew; or
             pixel_intrinsics: N × 3 × 3 or 3 × 3, in pixels, with pixel centres at + 0.5.
             convention: the camera's axes: ``opencv``, ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
+
+        Raises:
+            InvalidError: if a matrix has another shape, or says what these cameras cannot have.
         """
         if (world_from_camera is None) == (camera_from_world is None):
             raise invalid("cameras", "expected one of world_from_camera and camera_from_world")
@@ -69,14 +77,11 @@ class Cameras:
             camera_from_world = np.linalg.inv(_poses(world_from_camera, "world_from_camera") @ flip)
         else:
             camera_from_world = flip @ _poses(camera_from_world, "camera_from_world")
-        matrices = np.array(as_array(pixel_intrinsics if intrinsics is None else intrinsics), dtype=np.float64)
-        if matrices.shape[-2:] != (3, 3) or matrices.ndim > 3:
-            raise invalid("intrinsics", f"expected N × 3 × 3 or 3 × 3, found {matrices.shape}")
-        matrices = np.broadcast_to(matrices, (len(camera_from_world), 3, 3)).copy()
-        if intrinsics is None:
-            matrices[:, 0] /= width
-            matrices[:, 1] /= height
         count = len(camera_from_world)
+        if intrinsics is None:
+            matrices = _intrinsics(pixel_intrinsics, "pixel_intrinsics", count, (width, height))
+        else:
+            matrices = _intrinsics(intrinsics, "intrinsics", count, (1, 1))
         return cls(camera_from_world, matrices, height, width, tuple(range(count)), (("pinhole", ()),) * count)
 
     @classmethod
@@ -155,6 +160,27 @@ def _poses(value: Any, field: str) -> np.ndarray:
         raise invalid(field, f"expected N × 4 × 4 or N × 3 × 4, found {poses.shape}")
     if not np.isfinite(poses).all():
         raise invalid(field, "expected finite numbers")
+    for at, row in enumerate(poses[:, 3:]):
+        if (abs(row - (0, 0, 0, 1)) > ROUNDING).any():
+            raise invalid(field, f"pose {at}: expected the last row 0 0 0 1, found {' '.join(f'{value:g}' for value in row[0])}")
     whole = np.tile(np.eye(4), (len(poses), 1, 1))
     whole[:, :3] = poses[:, :3]
     return whole
+
+
+def _intrinsics(value: Any, field: str, count: int, size: tuple[int, int]) -> np.ndarray:
+    """Matrices in units of the image's size, of which ``value`` has ``size``: one for each of the cameras, or one for all."""
+    given = np.array(as_array(value), dtype=np.float64)
+    if given.shape[-2:] != (3, 3) or given.ndim > 3:
+        raise invalid(field, f"expected N × 3 × 3 or 3 × 3, found {given.shape}")
+    given = given.reshape(-1, 3, 3)
+    if len(given) not in (1, count):
+        raise invalid(field, f"expected 1 or {count} matrices, found {len(given)}")
+    matrices = given / np.array([[size[0]], [size[1]], [1.0]])
+    # NaN is wrong too.
+    wrong = np.argwhere(FIXED & ~(abs(matrices - np.eye(3)) <= ROUNDING))
+    if len(wrong):
+        at, row, column = wrong[0]
+        expected, found = np.eye(3)[row, column], given[at, row, column]
+        raise invalid(field, f"matrix {at}: expected {expected:g} in row {row}, column {column}, found {found:g}")
+    return np.broadcast_to(matrices, (count, 3, 3)).copy()

@@ -57,5 +57,10 @@ def drift(store: Path | Store, baseline: Path, *, probe: bool = False) -> Drift:
 
 
 def accept_baseline(store: Path | Store, baseline: Path, *, why: str) -> None:
-    """Makes results the baseline; ``why`` is kept in its history. ``atsplat drift accept`` stores a probe too."""
+    """Makes results the baseline; ``why`` is kept in its history. The probe of the old baseline is run again on this machine;
+    ``atsplat drift accept`` stores the first one.
+
+    Raises:
+        InvalidError: if no result has scores, or if the run has not ended.
+    """
     _native.accept_baseline(folder_of(store), fspath(baseline), why)

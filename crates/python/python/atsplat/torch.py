@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from typing import Any
@@ -105,6 +107,10 @@ class Evaluation:
     ...     train(model, batch)
     ...     check(step, model)
 
+    A module's state is a parameter of the method (``state-sha256``, see :func:`state_hash`): an interrupted evaluation is resumed with
+    the same state, and the store of another training is an error, not the result. Other callables have no such state: for them, a
+    folder that already holds results is an error, unless ``resume=True``.
+
     Args:
         protocols: as for :func:`atsplat.evaluate`.
         data: the dataset.
@@ -162,10 +168,30 @@ class Evaluation:
         try:
             with torch.no_grad():
                 out = f"{self._out}/step-{step:08}"
-                return evaluate(method, self._protocols, data=self._data, out=out, **self._options)
+                return evaluate(method, self._protocols, data=self._data, out=out, **self._options_for(module))
         finally:
             for part in training:
                 part.training = True
+
+    def _options_for(self, module: Any) -> dict[str, Any]:
+        if not isinstance(module, torch.nn.Module):
+            return {"resume": False, **self._options}
+        stated = self._options.get("parameters") or {}
+        return {**self._options, "parameters": {**stated, "state-sha256": state_hash(module)}}
+
+
+def state_hash(module: torch.nn.Module) -> str:
+    """SHA-256 of a module's ``state_dict``: names, types, shapes and bytes, in the order of the names."""
+    digest = hashlib.sha256()
+    for name, value in sorted(module.state_dict().items(), key=lambda item: item[0]):
+        digest.update(f"{name}\n".encode())
+        if isinstance(value, torch.Tensor) and value.layout == torch.strided and not value.is_quantized:
+            digest.update(f"{value.dtype} {tuple(value.shape)}\n".encode())
+            # As bytes, because NumPy has no bfloat16.
+            digest.update(value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy())
+        else:
+            digest.update(pickle.dumps(value))
+    return digest.hexdigest()
 
 
 def worse(of: Drift) -> list[dict[str, Any]]:

@@ -41,7 +41,7 @@ impl Pipeline {
     /// The stages of a recipe with these weights instead of the recipe's.
     ///
     /// # Errors
-    /// As [`Self::of`].
+    /// Those of [`Self::of`].
     pub fn with_weights(recipe: &Recipe, config: &ModelConfig, tensors: &StoredTensors) -> Result<Self, DriftError> {
         let network = Network::new(config, &Device::flex()).and_then(|network| network.with_weights(tensors));
         let constants = RendererConstants::named(&recipe.constants).ok_or_else(|| {

@@ -220,6 +220,20 @@ fn noise_is_not_drift_and_a_shift_is() {
 }
 
 #[test]
+fn results_without_scores_and_unfinished_runs_are_no_baseline() {
+    let whole = store(true, 4, 0.0, 1);
+    acceptable(&whole).unwrap();
+    let mut killed = whole.clone();
+    killed.provenance.presets[0].entries = 5;
+    let error = acceptable(&killed).unwrap_err().to_string();
+    assert!(error.starts_with("expected a finished run, found a store is not done: 4 of 5 entries of"), "{error}");
+    let mut empty = whole;
+    empty.targets.iter_mut().for_each(|row| row.scores.clear());
+    let error = acceptable(&empty).unwrap_err().to_string();
+    assert!(error.starts_with("expected results with scores, found 12 targets without scores;"), "{error}");
+}
+
+#[test]
 fn baseline_files_are_exact_and_keep_the_history() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
