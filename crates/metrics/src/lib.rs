@@ -7,7 +7,6 @@
 //! Learned metrics need weights that may not be redistributed. If they are missing, the score is
 //! [`NotComputed::WeightsAbsent`] with instructions to get them; there is no substitute value.
 
-mod average;
 mod d_ssim;
 mod definition;
 mod depth;
@@ -24,17 +23,16 @@ mod suite;
 mod sums;
 mod values;
 
-pub use average::{Average, DECIBEL_CAP};
 pub use d_ssim::DSsim;
 pub use definition::{Definition, Direction, Measure, definition, definitions};
 pub use depth::{DepthError, DepthMap, DepthRange, DepthScale, depth_error};
 pub use error::MetricError;
-pub use map::{Map, Ramp, absolute_error_map};
+pub use map::{ColourMap, Map, absolute_error_map};
 pub use mask::Mask;
 pub use non_finite::NonFinite;
 pub use pair::Pair;
 pub use pixelwise::{l1, mean_squared_error, psnr, psnr_of_mean_squared_error};
-pub use score::{NotComputed, Score};
+pub use score::{DECIBEL_CAP, NotComputed, Score};
 pub use ssim::{Ssim, ssim, ssim_map};
 pub use suite::{Networks, Scored, Suite};
 pub use values::Values;

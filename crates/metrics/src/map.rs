@@ -50,7 +50,7 @@ impl Map {
     ///
     /// # Errors
     /// Never: there is one colour per pixel.
-    pub fn to_image(&self, ramp: Ramp, from: f64, to: f64) -> Result<Image, PixelError> {
+    pub fn to_image(&self, ramp: ColourMap, from: f64, to: f64) -> Result<Image, PixelError> {
         const OUTSIDE: [f32; 3] = [0.5; 3];
         let [width, height] = self.picture;
         let rows = (0..height).into_par_iter().flat_map_iter(move |row| {
@@ -74,7 +74,7 @@ pub fn absolute_error_map(pair: &Pair<'_>, values: Values) -> Map {
 
 /// A colour map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ramp {
+pub enum ColourMap {
     /// Black to white.
     Grey,
     /// Matplotlib's `viridis`, linearly interpolated between nine points: dark violet, green, yellow; perceptually uniform and
@@ -82,7 +82,7 @@ pub enum Ramp {
     Viridis,
 }
 
-impl Ramp {
+impl ColourMap {
     /// The colour at a position clipped to [0, 1]; NaN has the first colour.
     pub fn colour(self, share: f64) -> [f32; 3] {
         const VIRIDIS: [[f32; 3]; 9] = [

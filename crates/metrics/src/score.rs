@@ -4,6 +4,10 @@ use thiserror::Error;
 use crate::MetricError;
 use crate::learned::WeightsAbsent;
 
+/// PSNR in dB that identical pictures count as in averages, where papers average the infinity. A convention of this toolkit,
+/// equal to a root mean square error of 1e-5, far below the step of 8 bits.
+pub const DECIBEL_CAP: f64 = 100.0;
+
 /// The result of a metric on a pair.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Score {
@@ -68,5 +72,19 @@ impl Serialize for Score {
                 map.end()
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    #[test]
+    fn identical_pictures_count_as_the_cap_and_missing_scores_do_not() {
+        let missing = Score::NotComputed(MetricError::Empty { size: [0, 0] }.into());
+        let capped = [Score::Value(20.0), Score::Identical, missing].map(|score| score.capped(DECIBEL_CAP));
+        Tolerance::EXACT.assert(capped.into_iter().flatten(), [20.0, 100.0], "in a mean");
     }
 }

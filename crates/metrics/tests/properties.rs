@@ -6,8 +6,8 @@ mod common;
 
 use atsplat_metrics::ssim::Border;
 use atsplat_metrics::{
-    Mask, MetricError, NonFinite, Pair, Ramp, Score, Ssim, Values, absolute_error_map, l1, mean_squared_error, psnr,
-    ssim, ssim_map,
+    ColourMap, Mask, MetricError, NonFinite, Pair, Score, Ssim, Values, absolute_error_map, l1, mean_squared_error,
+    psnr, ssim, ssim_map,
 };
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{Image, Rounding};
@@ -85,7 +85,7 @@ proptest! {
             let expected = ssim(&pair, Values::AsRendered, convention).ok();
             prop_assert!(Tolerance::F64.check([mean(map.values())], expected).is_ok());
             prop_assert_eq!(map.origin(), if convention.border == Border::Inside { [convention.window.radius(); 2] } else { [0; 2] });
-            let picture = map.to_image(Ramp::Viridis, -1.0, 1.0).unwrap();
+            let picture = map.to_image(ColourMap::Viridis, -1.0, 1.0).unwrap();
             prop_assert_eq!([picture.width(), picture.height()], [width, height]);
         }
         let map = absolute_error_map(&pair, Values::AsRendered);

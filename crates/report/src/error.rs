@@ -46,16 +46,6 @@ pub enum ReportError {
     /// A plot cannot be drawn.
     #[error("drawing: {0}")]
     Plot(String),
-    /// An SVG is not as plots write it.
-    #[error("SVG, line {line}: expected {expected}, found {found:?}")]
-    Svg {
-        /// The line, counted from 1.
-        line: usize,
-        /// What plots write.
-        expected: &'static str,
-        /// The line's text.
-        found: String,
-    },
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] PixelError),

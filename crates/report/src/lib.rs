@@ -15,6 +15,7 @@ pub mod definition;
 pub mod emit;
 mod error;
 pub mod figures;
+mod file_names;
 #[cfg(test)]
 mod gallery;
 pub mod page;

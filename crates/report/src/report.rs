@@ -5,6 +5,7 @@ use atsplat_files::FileError;
 use crate::definition::TableDefinition;
 use crate::emit::{TableFormat, orders_as_markdown};
 use crate::figures::{of_frontier, of_store, of_table, optimisation_section};
+use crate::file_names::unused;
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
@@ -68,7 +69,11 @@ impl Report {
             measured.extend(protocol_tables(&sources, request.mixing)?);
         }
         for source in &sources {
-            plots.extend(of_store(source)?);
+            for (name, plot) in of_store(source)? {
+                // Different labels may give the same name.
+                let name = unused(&name, |name| plots.iter().any(|(own, _)| own == name));
+                plots.push((name, plot));
+            }
         }
         let sections: Vec<PlotSection> =
             optimisation_section(&sources)?.into_iter().chain(request.sections.iter().cloned()).collect();
@@ -146,10 +151,32 @@ pub fn store_labels(stores: &[PathBuf]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::{atsplat, floor, preset, results};
 
     #[test]
     fn stores_of_the_same_name_get_distinct_labels() {
         let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
         assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "other"]);
+    }
+
+    /// Both labels are `a-b` in file names.
+    #[test]
+    fn every_plot_has_a_file_of_its_own() {
+        let results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
+        let request = Request {
+            title: String::new(),
+            tables: Vec::new(),
+            protocols: false,
+            formats: Vec::new(),
+            mixing: Mixing::Apart,
+            max_bytes: 0,
+            sections: Vec::new(),
+            live: Vec::new(),
+        };
+        let store = |label| PageStore { source: Source { label, results: &results }, folder: None };
+        let report = Report::new(&request, &[store("a b"), store("a-b")]).unwrap();
+        let names: Vec<&String> = report.plots.iter().map(|(name, _)| name).collect();
+        assert!(names.iter().any(|name| name.as_str() == "a-b-re10k-2v-256-time-2"), "{names:?}");
+        assert_eq!(names.len(), names.iter().collect::<std::collections::BTreeSet<_>>().len(), "{names:?}");
     }
 }

@@ -64,7 +64,7 @@ pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) ->
     results_over(presets, methods, SCENES.len())
 }
 
-/// As [`results`], with more scenes: fewer than six have no intervals.
+/// Like [`results`], with more scenes: fewer than six have no intervals.
 pub(crate) fn results_over(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>, count: usize) -> Results {
     let more = (SCENES.len()..count).map(|at| format!("scene {at}"));
     let scenes: Vec<String> = SCENES.map(str::to_owned).into_iter().chain(more).collect();

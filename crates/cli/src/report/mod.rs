@@ -15,7 +15,7 @@ use serde_json::json;
 
 use crate::objects::CacheArgs;
 use crate::output::{print_text, warn};
-use crate::parse::{named, once};
+use crate::parse::{named, once, usage_error};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -43,12 +43,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TEXT", default_value = "Results beside the paper")]
     title: String,
 
-    /// Maximum size of the page in megabytes; pictures of trials, the worst, typical and best first, fill what the rest leaves.
+    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with pictures of trials, the
+    /// worst, typical and best first.
     #[arg(long, value_name = "MB", default_value_t = 8)]
     page_size: u16,
 
     /// Check every plot: texts that are cut off or cover something, colours, legends, axes, intervals, headings. Faults are
-    /// printed and fail the command.
+    /// printed; with --strict they fail the command.
     #[arg(long)]
     check_plots: bool,
 
@@ -78,7 +79,12 @@ fn table_name(text: &str) -> Result<String, String> {
 /// Writes the report and prints its tables; `false` if a requested table has no results, a trial of the stores failed, or a
 /// checked plot has a fault.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    once("--tables", &args.tables).map_err(anyhow::Error::msg)?;
+    once("--tables", &args.tables).map_err(usage_error)?;
+    let formats: Vec<String> = FORMATS
+        .iter()
+        .flat_map(|(name, format)| args.format.iter().filter(move |own| *own == format).map(|_| (*name).to_owned()))
+        .collect();
+    once("--format", &formats).map_err(usage_error)?;
     let labels = store_labels(&args.stores);
     std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
@@ -178,7 +184,7 @@ fn print_tables(report: &Report) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// As wide as the terminal, with bold and underlined numbers unless `NO_COLOR` is set.
+/// The format of the terminal: its width, and bold and underlined numbers unless `NO_COLOR` is set.
 fn terminal() -> Terminal {
     const DEFAULT_WIDTH: usize = 120;
     const MIN_WIDTH: u16 = 40;

@@ -76,7 +76,7 @@ impl Perceptual {
             },
         };
         tracing::info!(metric = network.name(), file = %weights.display(), file.sha256, "read weights of a metric");
-        let is_published = network.sha256_prefix().map(|prefix| file.sha256.starts_with(prefix));
+        let is_published = network.is_published(&file.sha256);
         let hashes = WeightsHashes { network: file.sha256, heads: heads_hash, is_published };
         Self::from_tensors(network, &file.stored, &head_tensors, hashes)
     }

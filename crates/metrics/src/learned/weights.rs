@@ -88,6 +88,11 @@ impl Network {
         }
     }
 
+    /// Whether a file with this SHA-256, in hexadecimal, is the published one; `None` if no hash is published.
+    pub fn is_published(self, sha256: &str) -> Option<bool> {
+        self.sha256_prefix().map(|prefix| sha256.starts_with(prefix))
+    }
+
     /// How to get the file.
     pub const fn advice(self) -> &'static str {
         match self {

@@ -9,7 +9,7 @@ use super::training::is_unified;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MethodRule {
-    /// As [`MethodRecord::kind`].
+    /// The method's [`MethodRecord::kind`].
     #[serde(default)]
     pub kind: Option<String>,
     /// The ablation, by the name that `variant` gives a configuration.
@@ -21,7 +21,7 @@ pub struct MethodRule {
     /// Gaussians per token; the paper's 16 by default.
     #[serde(default)]
     pub gaussians_per_token: Option<usize>,
-    /// Whether it has to be one network trained on both datasets, or must not be; both without it.
+    /// `true`: only one network that was trained on both datasets; `false`: only other networks; absent: both.
     #[serde(default)]
     pub unified: Option<bool>,
 }
@@ -58,8 +58,8 @@ impl MethodRule {
     }
 }
 
-/// How a method differs from ATSplat: `full` for the full method, or the name of the ablation, from its parameter `variant`
-/// or else from its configuration. `None` if neither is known.
+/// How a method differs from ATSplat: `full` for the full method, or the name of the ablation. It is taken from the
+/// parameter `variant`, or else from the configuration; `None` if neither is known.
 pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     if let Some(variant) = record.parameters.get("variant").and_then(serde_json::Value::as_str) {
         return Some(variant.to_owned());
@@ -104,13 +104,13 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     }
 }
 
-/// Whether the paper trains a network of its own for this variant; thresholds and ratios are chosen at inference there too.
+/// Whether the paper trains a separate network for this variant; thresholds and ratios it also chooses at inference.
 pub(crate) fn has_own_training(record: &MethodRecord) -> bool {
     is_ablation(record)
         && variant(record).is_some_and(|variant| !matches!(variant.as_str(), "thresholds" | "partial-expansion"))
 }
 
-/// Whether a method is the whole of ATSplat with the paper's ratios.
+/// Whether a method is the full ATSplat with the paper's ratios.
 pub(crate) fn is_full(record: &MethodRecord) -> bool {
     variant(record).as_deref() == Some("full")
 }
@@ -141,8 +141,8 @@ fn thresholds(config: &ModelConfig) -> Vec<f64> {
     active.filter_map(threshold).collect()
 }
 
-/// The configuration stored in the record, or the built-in one with the recorded name and hash. `None` if there is neither,
-/// or if this version cannot read the stored one.
+/// The configuration stored in the record, or the built-in one with the recorded name and hash. `None` if there is
+/// neither, or if this version cannot read the stored one.
 fn configuration(record: &MethodRecord) -> Option<ModelConfig> {
     if let Some(stored) = record.parameters.get("configuration") {
         return serde_json::from_value(stored.clone()).ok();

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use method_rule::MethodRule;
 pub(crate) use method_rule::{by_quantile, has_own_training, is_ablation, is_full};
 pub use published::{Published, PublishedRow};
-pub use quantity::{Along, Quantity};
+pub use quantity::{Quantity, SlopeOver};
 pub(crate) use training::{name as dataset_name, zero_shot_note};
 
 use crate::ReportError;
@@ -55,7 +55,7 @@ pub struct TableDefinition {
     /// Whether ablations get rows of their own too.
     #[serde(default)]
     pub ablations: bool,
-    /// Whether intervals stand beside the numbers.
+    /// Whether intervals are printed next to the numbers.
     #[serde(default)]
     pub intervals: bool,
     /// What readers must know.
@@ -134,7 +134,7 @@ pub struct ColumnGroup {
     /// The overlap bin, or `average` over all bins.
     #[serde(default)]
     pub bin: Option<String>,
-    /// Range of the targets' distance from the window of context frames, in frames on either side; all without it.
+    /// Range of the targets' distance from the window of context frames, in frames on either side; absent: all targets.
     #[serde(default)]
     pub distances: Option<[u64; 2]>,
     /// Suffix of the names of published columns.
@@ -253,7 +253,7 @@ impl TableDefinition {
     /// The presets of each built-in table.
     ///
     /// # Errors
-    /// As [`Self::named`].
+    /// Those of [`Self::named`].
     pub fn presets_by_name() -> Result<BTreeMap<String, Vec<String>>, ReportError> {
         let presets =
             |name: &str| Ok((name.to_owned(), Self::named(name)?.presets().into_iter().map(str::to_owned).collect()));

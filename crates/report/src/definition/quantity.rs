@@ -19,12 +19,12 @@ pub enum Quantity {
     /// Tokens after expansion, which become Gaussians.
     FinalTokens,
     /// Slope of a metric; only in tables of protocols.
-    Slope(&'static Definition, Along),
+    Slope(&'static Definition, SlopeOver),
 }
 
 /// The property of targets along which a slope is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Along {
+pub enum SlopeOver {
     /// Overlap of the context views; per tenth.
     Overlap,
     /// Distance from the window of context frames; per frame.
@@ -51,8 +51,8 @@ impl Quantity {
             Self::Seconds => "seconds",
             Self::InitialTokens => "initial-tokens",
             Self::FinalTokens => "final-tokens",
-            Self::Slope(_, Along::Overlap) => "slope-over-overlap",
-            Self::Slope(_, Along::Distance) => "slope-over-distance",
+            Self::Slope(_, SlopeOver::Overlap) => "slope-over-overlap",
+            Self::Slope(_, SlopeOver::Distance) => "slope-over-distance",
         }
     }
 
@@ -66,8 +66,8 @@ impl Quantity {
             Self::Seconds => "Time (s)",
             Self::InitialTokens => "N init.",
             Self::FinalTokens => "N final",
-            Self::Slope(_, Along::Overlap) => "per 0.1 of overlap",
-            Self::Slope(_, Along::Distance) => "per frame outside",
+            Self::Slope(_, SlopeOver::Overlap) => "per 0.1 of overlap",
+            Self::Slope(_, SlopeOver::Distance) => "per frame outside",
         }
     }
 
@@ -78,11 +78,6 @@ impl Quantity {
             Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax | Self::Seconds => Some(Direction::Lower),
             Self::InitialTokens | Self::FinalTokens | Self::Slope(..) => None,
         }
-    }
-
-    /// Whether it counts Gaussians, which papers truncate to thousands.
-    pub const fn counts_gaussians(self) -> bool {
-        matches!(self, Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax)
     }
 
     /// Formats a number as papers do: decibels with two decimals, other scores and seconds with three, Gaussians truncated

@@ -17,31 +17,39 @@ const SIMULATED: [&str; 2] = ["rooms", "yards"];
 /// The pairs of datasets that a unified network is trained on: the paper's, and its stand-in.
 const UNIFIED: [[&str; 2]; 2] = [["re10k", "dl3dv"], ["rooms", "yards"]];
 
-/// The ids of the datasets that the description names; empty if it names none that is known.
-fn seen(record: &MethodRecord) -> BTreeSet<&'static str> {
-    let Some(training) = &record.training else { return BTreeSet::new() };
-    let data = training.data.to_lowercase();
+/// Precedes the data of the weights from which a training began.
+const BEFORE: &str = "; before: ";
+
+/// The ids of the datasets that a network has seen; empty if its description names none that is known.
+fn training_datasets(record: &MethodRecord) -> BTreeSet<&'static str> {
+    record.training.as_ref().map_or_else(BTreeSet::new, |training| datasets_in(&training.data))
+}
+
+fn datasets_in(description: &str) -> BTreeSet<&'static str> {
+    let data = description.to_lowercase();
     let words: BTreeSet<&str> = data.split(|letter: char| !letter.is_ascii_alphanumeric()).collect();
     DATASETS.iter().filter(|(_, names)| names.iter().any(|name| words.contains(name))).map(|(id, _)| *id).collect()
 }
 
-/// `never saw yards`, for a network that was trained on other data than `dataset`; `None` for a network that saw it, and for
-/// one whose training data are not known.
+/// `never saw yards`, for a network that was trained on other data than `dataset`; `None` for a network that was trained on
+/// it, or whose training data are not known.
 pub(crate) fn zero_shot_note(record: &MethodRecord, dataset: &str) -> Option<String> {
-    let seen = seen(record);
+    let datasets = training_datasets(record);
     let known = DATASETS.iter().any(|(id, _)| *id == dataset);
-    match (seen.is_empty(), known) {
+    match (datasets.is_empty(), known) {
         (true, _) => None,
-        (false, true) => (!seen.contains(dataset)).then(|| format!("never saw {}", name(dataset))),
-        (false, false) => seen.iter().all(|id| SIMULATED.contains(id)).then(|| "never saw photographs".to_owned()),
+        (false, true) => (!datasets.contains(dataset)).then(|| format!("never saw {}", name(dataset))),
+        (false, false) => datasets.iter().all(|id| SIMULATED.contains(id)).then(|| "never saw photographs".to_owned()),
     }
 }
 
 /// Whether one network was trained on both datasets of a unified model, or says that it is one.
 pub(crate) fn is_unified(record: &MethodRecord) -> bool {
     let stated = record.parameters.get("variant").and_then(serde_json::Value::as_str) == Some("unified");
-    let seen = seen(record);
-    stated || UNIFIED.iter().any(|pair| pair.iter().all(|id| seen.contains(id)))
+    // A network that was fine-tuned on the second dataset is not one for both.
+    let last = record.training.as_ref().and_then(|training| training.data.split(BEFORE).next());
+    let datasets = last.map_or_else(BTreeSet::new, datasets_in);
+    stated || UNIFIED.iter().any(|pair| pair.iter().all(|id| datasets.contains(id)))
 }
 
 /// A dataset's name in tables.
@@ -88,5 +96,8 @@ mod tests {
         )));
         assert!(is_unified(&trained_on("1 × rooms train 0 to 9 at 128x128, 1 × yards train 0 to 9 at 128x128")));
         assert!(!is_unified(&trained_on("simulated rooms")) && !is_unified(&trained_on("dl3dv and rooms")));
+        let fine_tuned = trained_on("data/dl3dv/train under dl3dv-6v; before: data/re10k/train under re10k-2v-256");
+        assert!(!is_unified(&fine_tuned));
+        assert_eq!(zero_shot_note(&fine_tuned, "re10k"), None);
     }
 }

@@ -3,9 +3,9 @@ use crate::definition::Quantity;
 use crate::plot::Origin;
 use crate::table::{Row, Table, Value};
 
-/// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of scenes; times also
-/// with their median absolute deviation, the machine and whether it was busy. Columns have their names in
-/// `eval/published`.
+/// One line per row: labels, origin, what was measured, then each number in full precision with its interval and number of
+/// scenes. Times also have their median absolute deviation, the machine and whether it was busy. Columns have the names
+/// that they have in `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
     let about = ["from", "measured_on", "published_setting", "method_id", "store"];

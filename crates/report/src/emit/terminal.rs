@@ -8,8 +8,8 @@ use crate::table::{Mark, Place, Row, Table};
 pub struct Terminal {
     /// Width of the terminal in characters. A wider table is split between groups of columns, or else between columns.
     pub width: usize,
-    /// Whether the best value is bold, the second underlined and published rows faint, by ANSI escape sequences; otherwise
-    /// `*` and `_` follow the numbers.
+    /// Whether the best value is bold, the second underlined and published rows faint, by ANSI escape sequences;
+    /// otherwise `*` and `_` follow the numbers.
     pub styled: bool,
 }
 
@@ -43,7 +43,7 @@ impl Part {
 impl Terminal {
     /// The table as text.
     pub fn write(&self, table: &Table) -> String {
-        let mut text = format!("{}\n", self.set(&table.title, BOLD));
+        let mut text = format!("{}\n", self.with_style(&table.title, BOLD));
         for line in wrapped(&clean(&table.caption), self.width) {
             text.push_str(&format!("{line}\n"));
         }
@@ -58,13 +58,13 @@ impl Terminal {
         for note in &table.footer {
             for (at, line) in wrapped(&clean(&note.text), self.width.saturating_sub(4)).iter().enumerate() {
                 let lead = if at == 0 { "  " } else { "    " };
-                text.push_str(&format!("{lead}{}\n", self.set(line, FAINT)));
+                text.push_str(&format!("{lead}{}\n", self.with_style(line, FAINT)));
             }
         }
         text
     }
 
-    fn set(&self, text: &str, style: &str) -> String {
+    fn with_style(&self, text: &str, style: &str) -> String {
         if self.styled { format!("{style}{text}{PLAIN}") } else { text.to_owned() }
     }
 
@@ -72,7 +72,7 @@ impl Terminal {
     fn parts(&self, table: &Table) -> Vec<Part> {
         let columns: Vec<Place> = table.columns().map(|(place, _)| place).collect();
         let width = |place: &Place| self.part_of(table, &[*place]).widths()[0] + 3;
-        let lead = widths(&lead(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
+        let lead = widths(&row_headers(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
         let mut parts: Vec<Vec<Place>> = Vec::new();
         let mut part: Vec<Place> = Vec::new();
         let mut used = lead;
@@ -116,8 +116,8 @@ impl Terminal {
     }
 
     fn part(&self, table: &Table, part: &Part) -> String {
-        let lead = lead(table);
-        let lead_widths = widths(&lead);
+        let headers = row_headers(table);
+        let lead_widths = widths(&headers);
         let mut column_widths = part.widths();
         // A group's heading may be wider than its columns.
         let mut at = 0;
@@ -139,22 +139,24 @@ impl Terminal {
             let cells: Vec<String> = lead_widths.iter().map(|width| " ".repeat(width + 2)).chain(headings).collect();
             text.push_str(&format!("│{}│\n", cells.join("│")));
         }
-        let heads = lead.first().into_iter().flatten().map(|head| (head.concat(), false));
+        let heads = headers.first().into_iter().flatten().map(|head| (head.concat(), false));
         let heads = heads.chain(part.heads.iter().map(|head| (head.clone(), true)));
-        let cells: Vec<String> =
-            heads.zip(&all).map(|((head, right), width)| self.set(&padded(&head, *width, right), BOLD)).collect();
+        let cells: Vec<String> = heads
+            .zip(&all)
+            .map(|((head, right), width)| self.with_style(&padded(&head, *width, right), BOLD))
+            .collect();
         text.push_str(&format!("│ {} │\n", cells.join(" │ ")));
         text.push_str(&rule('├', '┼', '┤'));
         for (at, row) in table.rows.iter().enumerate() {
             if row.rule_above && at > 0 {
                 text.push_str(&rule('├', '┼', '┤'));
             }
-            let names: Vec<&Vec<String>> = lead.get(at + 1).into_iter().flatten().collect();
+            let names: Vec<&Vec<String>> = headers.get(at + 1).into_iter().flatten().collect();
             let lines = names.iter().map(|name| name.len()).max().unwrap_or(1);
             let name_at = |line: usize| {
                 names.iter().zip(&lead_widths).map(move |(name, width)| {
                     let name = padded(name.get(line).map_or("", String::as_str), *width, false);
-                    if row.origin == Origin::Published { self.set(&name, FAINT) } else { name }
+                    if row.origin == Origin::Published { self.with_style(&name, FAINT) } else { name }
                 })
             };
             let numbers = part.rows.get(at).into_iter().flatten().zip(&column_widths).map(|(own, width)| {
@@ -165,7 +167,7 @@ impl Terminal {
                     (Mark::Plain, Origin::Published) => FAINT,
                     (Mark::Plain, Origin::Measured) => return format!("{space}{}", own.text),
                 };
-                format!("{space}{}", self.set(&own.text, style))
+                format!("{space}{}", self.with_style(&own.text, style))
             });
             text.push_str(&format!("│ {} │\n", name_at(0).chain(numbers).collect::<Vec<_>>().join(" │ ")));
             for line in 1..lines {
@@ -179,7 +181,7 @@ impl Terminal {
 }
 
 /// Labels and origin of each row, after their headings; each as its lines.
-fn lead(table: &Table) -> Vec<Vec<Vec<String>>> {
+fn row_headers(table: &Table) -> Vec<Vec<Vec<String>>> {
     const LONGEST: usize = 26;
     let measured = table.is_measured();
     let origin = |text: &str| measured.then(|| text.to_owned());

@@ -1,4 +1,5 @@
-//! The plots of a table, a store, an expansion study, the history of a baseline, a study of overlap estimators, and the frontiers of several stores.
+//! The plots of tables, stores and trials, of expansion studies, of the history of a baseline, of studies of overlap
+//! estimators and of optimisation, and the frontiers of several stores.
 
 mod of_drift;
 mod of_estimators;
@@ -44,7 +45,7 @@ fn estimate(cell: &Cell) -> Option<Estimate> {
 }
 
 /// The first metric that a protocol's targets have scores of.
-fn first_metric(results: &Results, preset: &str) -> Option<&'static Definition> {
+pub(crate) fn first_metric(results: &Results, preset: &str) -> Option<&'static Definition> {
     let targets = || results.targets.iter().filter(|row| row.key.preset == preset);
     definitions().iter().find(|metric| targets().any(|row| row.scores.contains_key(metric.id)))
 }
@@ -64,11 +65,4 @@ fn subject(results: &Results, preset: &PresetRecord) -> String {
 /// `1 scene`, `2 scenes`.
 fn counted(count: u64, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
-/// A name that is valid on every file system.
-fn plain(text: &str) -> String {
-    text.chars()
-        .map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' })
-        .collect()
 }

@@ -1,12 +1,12 @@
 use atsplat_eval::drift::{HistoricRun, NumberHistory, Verdict};
 use atsplat_metrics::definition;
 
-use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, Figure};
+use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, QualityMetric};
 
 /// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
 pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
     let NumberHistory { preset, method, metric, runs, unknown, verdict } = history;
-    let quality: Figure = definition(metric)?.into();
+    let quality: QualityMetric = definition(metric)?.into();
     let verdict = match verdict {
         Verdict::Same => "no number moved",
         Verdict::Within => "within limits",
@@ -28,7 +28,7 @@ pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
     Some(plot.draw())
 }
 
-fn drift_run(run: &HistoricRun, quality: Figure) -> DriftRun {
+fn drift_run(run: &HistoricRun, quality: QualityMetric) -> DriftRun {
     let moved = |by: f64| {
         let sign = if by < 0.0 { "−" } else { "+" };
         let digits = if by.abs() < 0.005 { format!("{:.1e}", by.abs()) } else { format!("{:.3}", by.abs()) };

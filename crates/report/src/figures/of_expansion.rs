@@ -1,6 +1,6 @@
 use atsplat_eval::expansion::{ExpansionScene, ExpansionTarget, Stage, Uncertainty};
 use atsplat_eval::runner::spread;
-use atsplat_metrics::Ramp;
+use atsplat_metrics::ColourMap;
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{ImageU8, PixelError, Rounding};
 
@@ -102,7 +102,7 @@ fn blocks(blocks: &[usize]) -> String {
 fn triplet(label: &str, own: &Uncertainty) -> Result<UncertaintyRow, ReportError> {
     // The prediction was trained to equal the error: a common scale shows how much it differs.
     let brightest = brightest(&own.error).maximum_of(brightest(&own.predicted)).maximum_of(1e-6);
-    let heat = |values: &[f64]| map(own, values, |value| Ramp::Viridis.colour(value / brightest));
+    let heat = |values: &[f64]| map(own, values, |value| ColourMap::Viridis.colour(value / brightest));
     let share = 100.0 * own.selected as f64 / own.tokens.max(1) as f64;
     let agreement = own.correlation.map_or("no rank correlation".to_owned(), |found| format!("Spearman {found:.2}"));
     Ok(UncertaintyRow {
@@ -111,7 +111,7 @@ fn triplet(label: &str, own: &Uncertainty) -> Result<UncertaintyRow, ReportError
         error: heat(&own.error)?,
         predicted: heat(&own.predicted)?,
         brightest,
-        selected_alpha: map(own, &own.selected_alpha, |alpha| Ramp::Grey.colour(alpha))?,
+        selected_alpha: map(own, &own.selected_alpha, |alpha| ColourMap::Grey.colour(alpha))?,
         captions: [
             format!("mean {:.3}", mean(&own.error)),
             format!("mean {:.3} · {agreement}", mean(&own.predicted)),

@@ -4,23 +4,29 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
 use atsplat_eval::tradeoff::{Axis, Frontier, Point, Tradeoff, tradeoffs};
 use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TrialKey};
 
-use super::{first_metric, plain, subject};
+use super::{first_metric, subject};
 use crate::ReportError;
+use crate::file_names::{plain, unused};
 use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin};
 use crate::table::{BUSY, Source};
 
-/// Accuracy against time and against Gaussians, by name: a plot for each protocol under which there are at least two methods
-/// or settings, from all stores together.
+/// Accuracy against time and against Gaussians, by name: one plot for each protocol with at least two methods or settings
+/// in all stores together.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
 pub fn of_frontier(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut seen = BTreeSet::new();
-    let mut plots = Vec::new();
+    let mut plots: Vec<(String, Drawing)> = Vec::new();
     for preset in sources.iter().flat_map(|source| &source.results.provenance.presets) {
-        if seen.insert(identity(preset)) {
-            let name = format!("frontier-{}", plain(&preset.name));
-            plots.extend(frontier(&together(sources, preset), preset)?.map(|plot| (name, plot)));
+        if !seen.insert(identity(preset)) {
+            continue;
+        }
+        if let Some(plot) = frontier(&merged_results(sources, preset), preset)? {
+            // Stores may have other protocols under the same name.
+            let is_taken = |name: &str| plots.iter().any(|(own, _)| own == name);
+            let name = unused(&format!("frontier-{}", plain(&preset.name)), is_taken);
+            plots.push((name, plot));
         }
     }
     Ok(plots)
@@ -123,8 +129,8 @@ const fn cost(axis: Axis) -> CostAxis {
     }
 }
 
-/// The rows of a protocol from all stores. A method whose name an earlier store has too gets its store's name added.
-fn together(sources: &[Source<'_>], preset: &PresetRecord) -> Results {
+/// The rows of a protocol from all stores. A method whose name an earlier store also has gets the name of its store added.
+fn merged_results(sources: &[Source<'_>], preset: &PresetRecord) -> Results {
     let mut all = Results::default();
     for source in sources {
         let Results { provenance, trials, targets, timings } = source.results;
@@ -169,7 +175,7 @@ mod tests {
         let own = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ()), floor()]);
         let more = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ())]);
         let sources = [Source { label: "own", results: &own }, Source { label: "more", results: &more }];
-        let all = together(&sources, &own.provenance.presets[0]);
+        let all = merged_results(&sources, &own.provenance.presets[0]);
         let names: Vec<&str> = all.provenance.methods.iter().map(|method| method.name.as_str()).collect();
         assert_eq!(names, ["atsplat", "nearest-view", "atsplat, more"]);
         assert_eq!(all.trials.len(), own.trials.len() + more.trials.len());
@@ -179,5 +185,15 @@ mod tests {
         assert!(texts.iter().any(|text| text.contains("No point against Gaussians: Nearest view")), "{texts:?}");
         assert!(texts.iter().any(|text| text.contains("Frontier against time: ")), "{texts:?}");
         assert_eq!(plots[0].1.faults(), []);
+    }
+
+    #[test]
+    fn protocols_of_one_name_have_plots_of_their_own() {
+        let own = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), atsplat("b", |_| ())]);
+        let mut changed = own.clone();
+        changed.provenance.presets[0].hash = "another".to_owned();
+        let sources = [Source { label: "own", results: &own }, Source { label: "changed", results: &changed }];
+        let names: Vec<String> = of_frontier(&sources).unwrap().into_iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["frontier-re10k-2v-256", "frontier-re10k-2v-256-2"]);
     }
 }

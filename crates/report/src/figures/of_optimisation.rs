@@ -4,8 +4,9 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overl
 use atsplat_eval::timing::times;
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
 
-use super::{counted, first_metric, plain};
+use super::{counted, first_metric};
 use crate::ReportError;
+use crate::file_names::{plain, unused};
 use crate::page::PlotSection;
 use crate::plot::{Drawing, Estimate, OptimisationCurves, OptimisationPanel, OptimisationPoint};
 use crate::table::{BUSY, Source};
@@ -17,9 +18,9 @@ const REFINEMENT: &str = "atsplat+refine";
 /// The kind of the network alone, from which the refinement's curve starts.
 const NETWORK: &str = "atsplat";
 
-/// The section that a report starts with: accuracy against the seconds of optimisation, a plot for each protocol of a store under
-/// which trials were optimised with at least two budgets, with a panel for each number of context views, or for each bin of overlap that
-/// the protocol has. `None` without a plot.
+/// The section that a report starts with: accuracy against the seconds of optimisation. It has one plot for each protocol of
+/// a store under which trials were optimised with at least two budgets, with a panel for each number of context views, or
+/// for each overlap bin if the protocol has bins. `None` without a plot.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
@@ -31,13 +32,13 @@ pub fn optimisation_section(sources: &[Source<'_>]) -> Result<Option<PlotSection
                views are needed."
             .to_owned(),
         plots,
-        leads: true,
+        before_tables: true,
     }))
 }
 
 /// The plots by name.
 fn of_optimisation(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
-    let mut plots = BTreeMap::new();
+    let mut plots: BTreeMap<String, Drawing> = BTreeMap::new();
     for Source { results, label } in sources {
         // Sweeps over the number of views evaluate one protocol on an index for each number.
         let mut protocols: BTreeMap<(&str, &str), Vec<&PresetRecord>> = BTreeMap::new();
@@ -49,6 +50,7 @@ fn of_optimisation(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, Rep
             let name = format!("optimisation-{}", plain(name));
             // Stores are measured on their own: curves of two would mix machines.
             let name = if plots.contains_key(&name) { format!("{name}-{}", plain(label)) } else { name };
+            let name = unused(&name, |name| plots.contains_key(name));
             plots.insert(name, plot.draw());
         }
     }
@@ -63,15 +65,15 @@ enum Panel {
     Overlap(usize, String),
 }
 
-/// A method's point and where it belongs.
-struct Placed<'a> {
+/// A point of a method, and the panel that it belongs to.
+struct PanelPoint<'a> {
     panel: Panel,
     method: &'a MethodRecord,
     point: OptimisationPoint,
     scenes: u64,
 }
 
-impl<'a> Placed<'a> {
+impl<'a> PanelPoint<'a> {
     /// Hash of its network's configuration.
     fn model(&self) -> Option<&'a str> {
         self.method.parameters.get("model-hash").and_then(|hash| hash.as_str())
@@ -135,7 +137,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
                 _ => true,
             };
             let psnrs: Vec<f64> = trials.iter().filter(is_in_panel).filter_map(|trial| trial.context_psnr).collect();
-            placed.push(Placed {
+            placed.push(PanelPoint {
                 panel,
                 method,
                 scenes: found.scenes,
@@ -148,7 +150,8 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
         }
     }
     let panels: BTreeSet<&Panel> = placed.iter().map(|own| &own.panel).collect();
-    let panels: Vec<OptimisationPanel> = panels.into_iter().filter_map(|panel| drawn(&placed, panel)).collect();
+    let panels: Vec<OptimisationPanel> =
+        panels.into_iter().filter_map(|panel| optimisation_panel(&placed, panel)).collect();
     if panels.is_empty() {
         return Ok(None);
     }
@@ -176,12 +179,12 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
 }
 
 /// The curves of one panel; `None` without a curve of two points.
-fn drawn(placed: &[Placed<'_>], panel: &Panel) -> Option<OptimisationPanel> {
+fn optimisation_panel(placed: &[PanelPoint<'_>], panel: &Panel) -> Option<OptimisationPanel> {
     let own = || placed.iter().filter(|own| own.panel == *panel);
     let mut curves = Vec::new();
     for (kind, label) in OPTIMISED {
         let of_kind = || own().filter(|own| own.method.kind == kind);
-        let is_start = |own: &&Placed<'_>| {
+        let is_start = |own: &&PanelPoint<'_>| {
             let is_refined = || own.model().is_some() && of_kind().any(|refined| refined.model() == own.model());
             kind == REFINEMENT && own.method.kind == NETWORK && is_refined()
         };

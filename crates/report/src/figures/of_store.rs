@@ -9,41 +9,43 @@ use atsplat_metrics::Definition;
 use atsplat_protocol::{BinRule, OverlapBins};
 
 use crate::ReportError;
+use crate::file_names::plain;
 use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, OverlapBin, OverlapCurves, OverlapSeries, ScatterPanel,
     ScatterPoint, SceneScatter, StageTime, StageTimeRow,
 };
 use crate::table::{BUSY, Source, has_trials};
 
-use super::{first_metric, plain, subject};
+use super::{first_metric, subject};
 
-/// The plots of each protocol in a store, by name: overlap, extrapolation and scenes of the first computed metric, and time.
+/// The plots of each protocol in a store, by name: the first computed metric by overlap, by distance from the window and
+/// by scene, and the time.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in the store.
 pub fn of_store(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
     for preset in &source.results.provenance.presets {
-        let view = View { results: source.results, preset };
+        let protocol = ProtocolResults { results: source.results, preset };
         let name = |kind: &str| format!("{}-{}-{kind}", plain(source.label), plain(&preset.name));
-        if let Some(metric) = view.metric() {
-            plots.extend(view.overlap(metric)?.map(|plot| (name("overlap"), plot)));
-            plots.extend(view.extrapolation(metric).map(|plot| (name("extrapolation"), plot)));
-            plots.extend(view.scatter(metric).map(|plot| (name("scenes"), plot)));
+        if let Some(metric) = protocol.metric() {
+            plots.extend(protocol.overlap(metric)?.map(|plot| (name("overlap"), plot)));
+            plots.extend(protocol.extrapolation(metric).map(|plot| (name("extrapolation"), plot)));
+            plots.extend(protocol.scatter(metric).map(|plot| (name("scenes"), plot)));
         }
-        plots.extend(view.time().map(|plot| (name("time"), plot)));
+        plots.extend(protocol.time().map(|plot| (name("time"), plot)));
     }
     Ok(plots)
 }
 
 /// The results of one protocol in a store.
-struct View<'a> {
+struct ProtocolResults<'a> {
     results: &'a Results,
     preset: &'a PresetRecord,
 }
 
-impl<'a> View<'a> {
-    fn question(&self, method: &'a str, metric: &'static Definition) -> MetricQuery<'a> {
+impl<'a> ProtocolResults<'a> {
+    fn query(&self, method: &'a str, metric: &'static Definition) -> MetricQuery<'a> {
         let (leaked, identical) = (Leaked::Included, Identical::Excluded);
         MetricQuery { preset: &self.preset.name, method, metric: metric.id, leaked, identical }
     }
@@ -68,7 +70,8 @@ impl<'a> View<'a> {
         let trials = || self.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
         let overlaps: Vec<f64> = trials().filter_map(|trial| trial.overlap).collect();
         let estimators = &self.preset.overlap_estimators;
-        let own = bins.foreign(estimators).map(|_| OverlapBins::thirds(&overlaps, &estimators.join(" and ")));
+        let own =
+            bins.mismatched_estimator(estimators).map(|_| OverlapBins::thirds(&overlaps, &estimators.join(" and ")));
         let by = own.as_ref().and_then(OverlapBins::estimator);
         let by = by.map_or_else(String::new, |estimator| format!("; overlaps by {estimator}, a third in each bin"));
         let bins = own.unwrap_or(bins);
@@ -77,7 +80,7 @@ impl<'a> View<'a> {
         let names = (0..STEPS).map(|step| step.to_string()).collect();
         let fine = OverlapBins::new(BinRule::Strict, names, edges.clone())?;
         let series = |method: &'a MethodRecord| {
-            let binned = by_overlap(self.results, &self.question(&method.name, metric), &fine);
+            let binned = by_overlap(self.results, &self.query(&method.name, metric), &fine);
             let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
             let points =
                 middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
@@ -115,7 +118,7 @@ impl<'a> View<'a> {
         let step = step_of(&distances)?;
         let series = |method: &'a MethodRecord| ExtrapolationSeries {
             label: method.title.clone(),
-            points: by_distance_steps(self.results, &self.question(&method.name, metric), step)
+            points: by_distance_steps(self.results, &self.query(&method.name, metric), step)
                 .iter()
                 .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
                 .collect(),
@@ -136,7 +139,7 @@ impl<'a> View<'a> {
         const NAMED: usize = 3;
         let methods: Vec<&MethodRecord> = self.methods().collect();
         let own = methods.iter().find(|method| method.kind == "atsplat").or(methods.first())?;
-        let means = |method: &'a MethodRecord| scene_means(self.results, &self.question(&method.name, metric));
+        let means = |method: &'a MethodRecord| scene_means(self.results, &self.query(&method.name, metric));
         let own_means = means(own);
         let against = |other: &&'a MethodRecord| {
             let others = means(other);
@@ -144,7 +147,7 @@ impl<'a> View<'a> {
                 let other = others.iter().find(|other| other.scene == mean.scene)?;
                 Some(ScatterPoint { scene: mean.scene.clone(), x: other.mean, y: mean.mean })
             };
-            let pair = paired(self.results, &self.question(&own.name, metric), &self.question(&other.name, metric))?;
+            let pair = paired(self.results, &self.query(&own.name, metric), &self.query(&other.name, metric))?;
             let interval = pair.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.2}, {high:+.2}]"));
             let difference = format!(
                 "{:+.2}{interval} to {}; better in {} of {} scenes, sign test p = {:.3}",
@@ -216,7 +219,7 @@ fn estimate(summary: &Summary) -> Option<Estimate> {
     Some(Estimate { value: summary.mean?, interval: summary.interval })
 }
 
-/// How many distances go together so that a side has at most ten points: a round number; `None` without distances.
+/// How many distances share a point, a round number, so that each side has at most ten points; `None` without distances.
 fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
     const MOST: u64 = 10;
     let farthest = distances.iter().map(|distance| distance.unsigned_abs()).max()?;

@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
+use atsplat_eval::{Results, TrialKey};
 use atsplat_metrics::Definition;
 
 use super::{estimate, metric_of, place_of};
@@ -9,7 +10,7 @@ use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
     KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
 };
-use crate::table::{BUSY, Group, Place, Row, Source, Table, Value};
+use crate::table::{BUSY, Group, Place, Row, Source, StoreProtocol, Table, Value};
 
 /// The plots of a measured table, by name.
 pub fn of_table(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
@@ -125,7 +126,7 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
                 Value::Absent => None,
             },
             measured: own.and_then(|own| own.cell((0, at)).value.number()),
-            gap: own.zip(own_reference).and_then(|(own, reference)| gap(definition, sources, metric, own, reference)),
+            gap: own.zip(own_reference).and_then(|(own, reference)| gap(sources, metric, own, reference)),
         }
     };
     let rows: Vec<AblationRow> =
@@ -143,28 +144,20 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
 }
 
 /// Variant minus reference over the same targets.
-fn gap(
-    definition: &TableDefinition,
-    sources: &[Source<'_>],
-    metric: &Definition,
-    own: &Row,
-    reference: &Row,
-) -> Option<Estimate> {
-    let preset = definition.groups.first()?.preset.as_ref()?;
-    let source = |row: &Row| sources.iter().find(|source| Some(source.label) == row.store.as_deref());
-    let (a, b) = (source(own)?, source(reference)?);
-    let record = |source: &Source<'_>| {
-        let records = &source.results.provenance.presets;
-        records.iter().find(|record| record.published() == *preset).map(|record| record.name.clone())
-    };
-    let (first, second) = (record(a)?, record(b)?);
+fn gap(sources: &[Source<'_>], metric: &Definition, own: &Row, reference: &Row) -> Option<Estimate> {
+    let ((a, first), (b, second)) = (measured_from(sources, own)?, measured_from(sources, reference)?);
     let (leaked, identical) = (Leaked::Included, Identical::Excluded);
-    let question = |preset, method| MetricQuery { preset, method, metric: metric.id, leaked, identical };
-    let pair = paired_between(
-        (a.results, &question(&first, own.method.as_deref()?)),
-        (b.results, &question(&second, reference.method.as_deref()?)),
-    )?;
+    let query = |preset, method| MetricQuery { preset, method, metric: metric.id, leaked, identical };
+    let pair =
+        paired_between((a, &query(first, own.method.as_deref()?)), (b, &query(second, reference.method.as_deref()?)))?;
     Some(Estimate { value: pair.difference, interval: pair.interval })
+}
+
+/// The results that the first group of a measured row was computed from, and the name of the protocol in them.
+fn measured_from<'a>(sources: &[Source<'a>], row: &'a Row) -> Option<(&'a Results, &'a str)> {
+    let StoreProtocol { store, preset } = row.protocol(0)?;
+    let source = sources.iter().find(|source| source.label == store)?;
+    Some((source.results, preset.as_str()))
 }
 
 fn k_scaling(table: &Table) -> Option<(String, Drawing)> {
@@ -209,14 +202,9 @@ fn overlap_bins(table: &Table) -> Option<(String, Drawing)> {
 fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
     let group = table.groups.first()?;
     let series = |row: &Row| {
-        let source = sources.iter().find(|source| Some(source.label) == row.store.as_deref())?;
-        let records = &source.results.provenance.presets;
-        let preset = records.iter().find(|record| Some(record.published()) == group.preset.as_deref())?;
-        let own = source
-            .results
-            .trials
-            .iter()
-            .filter(|trial| trial.key.preset == preset.name && Some(&trial.key.method) == row.method.as_ref());
+        let (results, preset) = measured_from(sources, row)?;
+        let is_own = |key: &TrialKey| key.preset == preset && Some(&key.method) == row.method.as_ref();
+        let own = results.trials.iter().filter(|trial| is_own(&trial.key));
         let gaussians: Vec<f64> = own.filter_map(|trial| trial.gaussians).map(|count| count as f64).collect();
         (!gaussians.is_empty()).then(|| BudgetSeries { label: row.printed_labels().join(", "), gaussians })
     };

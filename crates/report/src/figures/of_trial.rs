@@ -1,7 +1,7 @@
 use std::sync::Arc;
 
 use atsplat_eval::expansion::ExpansionTarget;
-use atsplat_metrics::Ramp;
+use atsplat_metrics::ColourMap;
 use atsplat_numeric::quantile;
 use atsplat_pixels::{ImageU8, Rounding};
 
@@ -51,7 +51,7 @@ fn map(title: &str, what: &str, [width, height]: [u32; 2], values: &[f64]) -> Re
     sorted.sort_by(f64::total_cmp);
     let brightest = quantile(&sorted, 1.0 - CLIPPED).unwrap_or(0.0);
     let scale = if brightest > 0.0 { brightest } else { 1.0 };
-    let colours = values.iter().flat_map(|value| Ramp::Viridis.colour(value / scale));
+    let colours = values.iter().flat_map(|value| ColourMap::Viridis.colour(value / scale));
     let image = ImageU8::new(width, height, colours.map(|share| (share * 255.0).round() as u8).collect())?;
     Ok(LivePicture { title: title.to_owned(), note: format!("{what}; yellow from {brightest:.2}"), image })
 }

@@ -12,10 +12,10 @@ use pictures::{contact_sheet, strips, token_expansion, uncertainty};
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, EffectCostRow,
     EffectCosts, Estimate, EstimatePoint, EstimatorPanel, EstimatorScatter, ExtrapolationDecay, ExtrapolationSeries,
-    Figure, Frontier, FrontierPoint, Frontiers, HistogramPanel, Histograms, KPoint, KScaling, LearningCurve,
+    Frontier, FrontierPoint, Frontiers, HistogramPanel, Histograms, KPoint, KScaling, LearningCurve,
     OptimisationCurves, OptimisationPanel, OptimisationPoint, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries,
-    OverlapCurves, OverlapHistogram, OverlapSeries, ScatterPanel, ScatterPoint, SceneScatter, StageTime, StageTimeRow,
-    StressError, StressErrors,
+    OverlapCurves, OverlapHistogram, OverlapSeries, QualityMetric, ScatterPanel, ScatterPoint, SceneScatter, StageTime,
+    StageTimeRow, StressError, StressErrors,
 };
 
 const SYNTHETIC: &str = "synthetic data of 8 scenes";
@@ -49,7 +49,7 @@ pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
     ]
 }
 
-fn figure(id: &str) -> Figure {
+fn metric(id: &str) -> QualityMetric {
     definition(id).unwrap().into()
 }
 
@@ -100,7 +100,7 @@ fn optimisation() -> OptimisationCurves {
     OptimisationCurves {
         title: "PSNR against seconds of optimisation".to_owned(),
         subtitle: format!("12 views, {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         palette: ["ATSplat + refinement", "3DGS", "Mip-Splatting"].map(str::to_owned).to_vec(),
         panels: [2, 3, 6, 12].map(panel).to_vec(),
         note: "Bars: 95 % intervals over scenes.".to_owned(),
@@ -150,7 +150,7 @@ fn frontier(cost: CostAxis) -> Frontier {
         title: format!("Accuracy against {what}"),
         subtitle: format!("RealEstate10K, 2 views, 256×256; {SYNTHETIC}"),
         cost,
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         points: published.into_iter().chain(measured).collect(),
     }
 }
@@ -168,7 +168,7 @@ fn frontiers() -> Frontiers {
         subtitle: format!(
             "RealEstate10K, 2 views, 256×256; {SYNTHETIC}; timed on a machine with a long name, 2 threads on 2 logical processors"
         ),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         panels: vec![panel(CostAxis::Seconds), panel(CostAxis::Gaussians)],
         note: "Frontier against time: K = 4, then warp. Bold: on the frontier; ?: not distinguishable from it."
             .to_owned(),
@@ -187,7 +187,7 @@ fn overlap_curves() -> OverlapCurves {
     OverlapCurves {
         title: "PSNR against overlap".to_owned(),
         subtitle: format!("RealEstate10K by overlap, 5601 scenes; {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         bins: vec![
             OverlapBin { name: "small".to_owned(), edges: [0.05, 0.3], scenes: 1403 },
             OverlapBin { name: "medium".to_owned(), edges: [0.3, 0.55], scenes: 2568 },
@@ -214,7 +214,7 @@ fn overlap_bins() -> OverlapBinMeans {
     OverlapBinMeans {
         title: "PSNR by overlap".to_owned(),
         subtitle: format!("RealEstate10K by overlap; {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         bins: ["small", "medium", "large", "average"].map(str::to_owned).to_vec(),
         series: vec![
             series("pixelSplat", [20.28, 23.73, 27.15, 23.86], Origin::Published),
@@ -240,7 +240,7 @@ fn extrapolation() -> ExtrapolationDecay {
     ExtrapolationDecay {
         title: "PSNR outside the window".to_owned(),
         subtitle: format!("DL3DV, 6 views, 10 frames either side; {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         step: 1.0,
         series: vec![series("ATSplat", 27.2, 2.1), series("warp", 21.0, 2.4), series("nearest view", 18.0, 1.5)],
     }
@@ -256,7 +256,7 @@ fn ablation() -> Ablation {
     Ablation {
         title: "Anchor designs".to_owned(),
         subtitle: format!("DL3DV, 6 views; {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         reference: row("Patch depth, anchor + offset", Ok(27.28), 21.9, 0.0),
         rows: vec![
             row("None, ray + depth", Ok(26.37), 21.1, -0.8),
@@ -307,7 +307,7 @@ fn k_scaling() -> KScaling {
     KScaling {
         title: "PSNR against K".to_owned(),
         subtitle: format!("RealEstate10K, 2 views; {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         points: published.into_iter().chain(own).collect(),
     }
 }
@@ -329,7 +329,7 @@ fn scatter() -> SceneScatter {
     SceneScatter {
         title: "PSNR scene by scene: ATSplat against the others".to_owned(),
         subtitle: "RealEstate10K, 2 views; 140 scenes; synthetic data".to_owned(),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         y: "ATSplat".to_owned(),
         panels: vec![
             panel("warp", 0.8, 0),
@@ -447,7 +447,7 @@ fn drift_history() -> DriftHistory {
     DriftHistory {
         title: "PSNR over commits".to_owned(),
         subtitle: format!("RealEstate10K, quick suite; baseline accepted again at run 16; {SYNTHETIC}"),
-        quality: figure("psnr"),
+        quality: metric("psnr"),
         runs: (0..20).map(run).collect(),
     }
 }

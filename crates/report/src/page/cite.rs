@@ -1,14 +1,15 @@
 use super::PageStore;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Place, Row, Table, short};
+use crate::table::{Place, Row, Table, Trainings, short};
 
 /// One line with everything that a number depends on; `None` for published and absent numbers.
 pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageStore<'_>]) -> Option<String> {
     let cell = row.cell(place);
     cell.value.number().filter(|_| row.origin == Origin::Measured)?;
     let (group, column) = (&table.groups[place.0], table.column(place));
-    let store = stores.iter().find(|store| Some(store.source.label) == row.store.as_deref())?;
+    let protocol = row.protocol(place.0)?;
+    let store = stores.iter().find(|store| store.source.label == protocol.store)?;
     let provenance = &store.source.results.provenance;
     let mut text = format!("{} {}", column.title, cell.print(column));
     if let Some([low, high]) = cell.interval {
@@ -16,6 +17,9 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     }
     if let Some(counts) = cell.counts {
         text.push_str(&format!(" over {} scenes, {} targets", counts.scenes, counts.targets));
+    }
+    if let Some(Trainings { count, .. }) = cell.trainings {
+        text.push_str(&format!(" of {count} trainings"));
     }
     if row.without_leaked {
         text.push_str(", leaked targets excluded");
@@ -46,17 +50,15 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
             }
         }
     }
-    for preset in &provenance.presets {
-        if group.preset.is_none() || group.preset.as_deref() == Some(preset.published()) {
-            let index = preset.index_name.as_deref().unwrap_or("unpublished");
-            let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
-            text.push_str(&format!(
-                "; protocol {}@{hash}, index {index}@{digest}, {} of {} entries, data {}",
-                preset.name, preset.entries, preset.entries_of_index, preset.dataset
-            ));
-            if let Some(published) = &preset.stands_for {
-                text.push_str(&format!(" (in place of {published}: not the published setting)"));
-            }
+    if let Some(preset) = provenance.presets.iter().find(|preset| preset.name == protocol.preset) {
+        let index = preset.index_name.as_deref().unwrap_or("unpublished");
+        let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
+        text.push_str(&format!(
+            "; protocol {}@{hash}, index {index}@{digest}, {} of {} entries, data {}",
+            preset.name, preset.entries, preset.entries_of_index, preset.dataset
+        ));
+        if let Some(published) = &preset.stands_for {
+            text.push_str(&format!(" (in place of {published}: not the published setting)"));
         }
     }
     if let Quantity::Metric(metric) = column.quantity {

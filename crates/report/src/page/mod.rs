@@ -45,7 +45,8 @@ pub struct Page<'a> {
     pub live: &'a [LiveTrial],
     /// The stores, each with its folder.
     pub stores: &'a [PageStore<'a>],
-    /// Limit on the bytes of the page. Pictures of trials fill what the rest leaves; without any, the page may still be larger.
+    /// Limit on the bytes of the page: pictures of trials are added until it is reached. Even without pictures the page may
+    /// be larger.
     pub max_bytes: usize,
 }
 
@@ -58,8 +59,8 @@ pub struct PlotSection {
     pub hint: String,
     /// Plots by name, in order.
     pub plots: Vec<(String, Drawing)>,
-    /// Whether it stands before the tables.
-    pub leads: bool,
+    /// Whether it comes before the tables.
+    pub before_tables: bool,
 }
 
 /// A store and its folder.
@@ -87,7 +88,7 @@ impl Page<'_> {
         self.write_with(None)
     }
 
-    /// As [`write`](Self::write), with an extra script at the end, for tests.
+    /// Like [`write`](Self::write), with an extra script at the end, for tests.
     pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
         let plots = [self.sections(true)?, figures(self.plots)?, self.sections(false)?, live::section(self.live)?];
         let mut budget = self.max_bytes;
@@ -154,12 +155,12 @@ impl Page<'_> {
         Ok(filled(PAGE, &slots))
     }
 
-    /// The sections with plots that stand before the tables, or the others.
-    fn shown(&self, leads: bool) -> impl Iterator<Item = (usize, &PlotSection)> {
-        self.sections.iter().enumerate().filter(move |(_, own)| own.leads == leads && !own.plots.is_empty())
+    /// The sections with plots before the tables, or those after them.
+    fn shown(&self, before: bool) -> impl Iterator<Item = (usize, &PlotSection)> {
+        self.sections.iter().enumerate().filter(move |(_, own)| own.before_tables == before && !own.plots.is_empty())
     }
 
-    fn sections(&self, leads: bool) -> Result<String, ReportError> {
+    fn sections(&self, before: bool) -> Result<String, ReportError> {
         let section = |(at, PlotSection { title, hint, plots, .. }): (usize, &PlotSection)| {
             let (title, hint, figures) = (escaped(title), escaped(hint), figures(plots)?);
             Ok(format!(
@@ -167,7 +168,7 @@ impl Page<'_> {
                  <p class=\"hint\">{hint}</p>\n  {figures}\n</section>\n"
             ))
         };
-        self.shown(leads).map(section).collect()
+        self.shown(before).map(section).collect()
     }
 
     /// Contents of the printed page.
@@ -178,8 +179,8 @@ impl Page<'_> {
             let heading: Vec<&str> = drawing.texts().take(2).collect();
             item(&format!("plot-{name}"), &heading.join(": "))
         });
-        let sections = |leads| {
-            self.shown(leads).map(|(at, section)| item(&format!("section-{at}"), &section.title)).collect::<Vec<_>>()
+        let sections = |before| {
+            self.shown(before).map(|(at, section)| item(&format!("section-{at}"), &section.title)).collect::<Vec<_>>()
         };
         let live = (!self.live.is_empty()).then(|| item("live", "Trials in pictures"));
         let items: String = sections(true)
@@ -194,10 +195,10 @@ impl Page<'_> {
     }
 
     /// Links to the sections on one side of the tables, and to the live view.
-    fn links(&self, leads: bool) -> String {
+    fn links(&self, before: bool) -> String {
         let link = |name: &str, title: &str| format!("<a href=\"#{name}\">{title}</a>\n      ");
-        let sections = self.shown(leads).map(|(at, section)| link(&format!("section-{at}"), &escaped(&section.title)));
-        sections.chain((!leads && !self.live.is_empty()).then(|| link("live", "Live view"))).collect()
+        let sections = self.shown(before).map(|(at, section)| link(&format!("section-{at}"), &escaped(&section.title)));
+        sections.chain((!before && !self.live.is_empty()).then(|| link("live", "Live view"))).collect()
     }
 }
 

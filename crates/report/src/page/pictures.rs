@@ -3,14 +3,16 @@ use std::path::Path;
 
 use atsplat_eval::runner::picture_path;
 use atsplat_eval::{TargetRow, TrialKey};
+use atsplat_metrics::{Definition, Direction};
 use atsplat_pixels::{DecodeLimits, decode};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
+use crate::figures::first_metric;
 
-/// The pictures of a page, up to a budget of bytes in base64. Trials come in turns of their protocols, the worst, the best and the
-/// median first; a trial brings its context, its truths and the renders of all methods.
+/// The pictures of a page, up to a budget of bytes in base64. Protocols take turns, each with its worst, best and median
+/// trial first; a trial adds its context, its truths and the renders of all methods.
 #[derive(Debug, Default)]
 pub(super) struct Album {
     uris: Vec<String>,
@@ -122,13 +124,12 @@ fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
             }
         }
     }
-    let mean = |rows: &[(usize, &TargetRow)]| {
-        let scores: Vec<f64> = rows.iter().filter_map(|(_, row)| row.scores.get("psnr").copied()).collect();
-        if scores.is_empty() { f64::INFINITY } else { scores.iter().sum::<f64>() / scores.len() as f64 }
-    };
+    let mut metrics = BTreeMap::<&str, Option<&Definition>>::new();
     let mut by_preset = BTreeMap::<&str, Vec<(f64, Rows<'_>)>>::new();
     for ((preset, ..), rows) in trials {
-        by_preset.entry(preset).or_default().push((mean(&rows), rows));
+        let first = || stores.iter().find_map(|store| first_metric(store.source.results, preset));
+        let metric = *metrics.entry(preset).or_insert_with(first);
+        by_preset.entry(preset).or_default().push((quality(&rows, metric), rows));
     }
     let mut turns = Vec::new();
     for trials in by_preset.values_mut() {
@@ -149,6 +150,20 @@ fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
     }
     turns.sort_by_key(|(turn, _)| *turn);
     turns.into_iter().flat_map(|(_, rows)| rows).collect()
+}
+
+/// Mean score of a trial's targets, larger for better; infinite without scores.
+fn quality(rows: &[(usize, &TargetRow)], metric: Option<&Definition>) -> f64 {
+    let Some(metric) = metric else { return f64::INFINITY };
+    let scores: Vec<f64> = rows.iter().filter_map(|(_, row)| row.scores.get(metric.id).copied()).collect();
+    if scores.is_empty() {
+        return f64::INFINITY;
+    }
+    let mean = scores.iter().sum::<f64>() / scores.len() as f64;
+    match metric.direction {
+        Direction::Higher => mean,
+        Direction::Lower => -mean,
+    }
 }
 
 /// A picture file as a data URI. The file must decode within limits, so that nothing but pictures is embedded.

@@ -10,7 +10,7 @@ pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let items: String = presets
         .filter(|preset| seen.insert(&preset.name))
         .map(|preset| {
-            let of_protocol = tables.iter().filter(|table| is_of(table, &preset.name, preset.published()));
+            let of_protocol = tables.iter().filter(|table| is_of(table, &preset.name));
             let links: String = of_protocol
                 .map(|table| format!("<a href=\"#table-{}\">{}</a>, ", escaped(&table.name), escaped(&table.title)))
                 .collect();
@@ -28,9 +28,8 @@ pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     }
 }
 
-/// Whether a table has columns of a protocol, or names it in its footer.
-fn is_of(table: &Table, name: &str, published: &str) -> bool {
-    let of_group = table.groups.iter().any(|group| group.preset.as_deref() == Some(published));
+/// Whether a table is of a protocol: its footer names all of them.
+fn is_of(table: &Table, name: &str) -> bool {
     let named = format!("{name}: ");
-    table.is_measured() && (of_group || table.footer.iter().any(|note| note.text.starts_with(&named)))
+    table.is_measured() && table.footer.iter().any(|note| note.text.starts_with(&named))
 }

@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::timing::{TimingRow, machine_of};
-use atsplat_eval::{Results, TargetRow, TrialKey, TrialRow};
-use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, definitions};
+use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, TrialKey, TrialRow};
+use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, Measure, definition, definitions};
 use atsplat_numeric::median;
 use serde_json::{Value, json};
 
@@ -29,6 +29,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     let mut runs = Vec::new();
     for (at, store) in stores.iter().enumerate() {
         let results = store.source.results;
+        let psnrs = psnrs(results);
         let mut targets: BTreeMap<&TrialKey, Vec<&TargetRow>> = BTreeMap::new();
         for row in &results.targets {
             targets.entry(&row.key).or_default().push(row);
@@ -39,6 +40,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
             let trial_json = trial_to_json(
                 trial,
                 own,
+                &psnrs,
                 encoding(results, trial),
                 &|row| album.places(at, row),
                 album.context(at, &trial.key),
@@ -71,12 +73,15 @@ fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
 fn trial_to_json(
     trial: &TrialRow,
     targets: &[&TargetRow],
+    psnrs: &[&str],
     encode: Option<f64>,
     places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
     seen: &[(u64, usize)],
 ) -> Value {
     let mut sums: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
-    for (metric, score) in targets.iter().flat_map(|row| scores(row)) {
+    // As in tables, a render that is identical to the truth is in no mean, of whichever metric.
+    let compared = targets.iter().filter(|row| row.status == TargetStatus::Scored);
+    for (metric, score) in compared.flat_map(|row| &row.scores).filter(|(_, score)| score.is_finite()) {
         let (sum, count) = sums.entry(metric).or_default();
         *sum += score;
         *count += 1;
@@ -85,7 +90,7 @@ fn trial_to_json(
         sums.into_iter().map(|(metric, (sum, count))| (metric, sum / count as f64)).collect();
     let pictures = targets.iter().filter_map(|row| {
         let [truth, render] = places(row)?;
-        let scores: BTreeMap<&str, f64> = scores(row).collect();
+        let scores: BTreeMap<&str, f64> = scores(row, psnrs).collect();
         Some(json!({ "frame": row.frame, "leaked": row.leaked, "scores": scores, "truth": truth, "render": render }))
     });
     json!({
@@ -102,11 +107,21 @@ fn trial_to_json(
     })
 }
 
-/// Scores as they enter averages: the PSNR of identical pictures is the declared cap.
-fn scores(row: &TargetRow) -> impl Iterator<Item = (&str, f64)> {
+/// The variants of PSNR among the metrics of a store.
+fn psnrs(results: &Results) -> Vec<&'static str> {
+    let own = results.provenance.metrics.iter().filter_map(|record| definition(&record.id));
+    own.filter(|metric| matches!(metric.measure, Measure::Psnr { .. })).map(|metric| metric.id).collect()
+}
+
+/// Scores of one picture: a PSNR that is infinite, because the compared pictures are identical, is the declared cap.
+fn scores<'a>(row: &'a TargetRow, psnrs: &[&'a str]) -> impl Iterator<Item = (&'a str, f64)> {
     let finite = row.scores.iter().map(|(metric, score)| (metric.as_str(), *score));
-    let identical = row.status == atsplat_eval::TargetStatus::Identical && !row.scores.contains_key("psnr");
-    finite.chain(identical.then_some(("psnr", DECIBEL_CAP)))
+    let is_infinite = |psnr: &str| match row.not_computed.get(psnr) {
+        Some(reason) => reason == IDENTICAL,
+        None => row.status == TargetStatus::Identical && !row.scores.contains_key(psnr),
+    };
+    let infinite: Vec<&str> = psnrs.iter().copied().filter(|psnr| is_infinite(psnr)).collect();
+    finite.chain(infinite.into_iter().map(|psnr| (psnr, DECIBEL_CAP)))
 }
 
 /// The list of scenes and the details of the selected one.
@@ -130,4 +145,37 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
         super::escaped(&album.summary()),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::MetricRecord;
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::sample::{floor, preset, results};
+    use crate::table::Source;
+
+    /// A target of 20 dB beside one whose render equals the truth, as tables average them: 20, not 60.
+    #[test]
+    fn identical_renders_are_in_no_mean() {
+        for psnr in ["psnr", "psnr-8bit-truncated"] {
+            let mut results = results(vec![preset("re10k-2v-256")], vec![floor()]);
+            results.provenance.metrics = vec![MetricRecord { id: psnr.to_owned(), ..MetricRecord::default() }];
+            results.trials.truncate(1);
+            results.targets.truncate(2);
+            results.targets[0].scores = [(psnr.to_owned(), 20.0), ("ssim".to_owned(), 0.5)].into();
+            let same = &mut results.targets[1];
+            (same.status, same.scores) = (TargetStatus::Identical, [("ssim".to_owned(), 1.0)].into());
+            same.not_computed = [(psnr.to_owned(), IDENTICAL.to_owned())].into();
+            let store = PageStore { source: Source { label: "run", results: &results }, folder: None };
+            let runs = runs(&[store], &Album::default());
+            let mean = |metric: &str| runs[0]["trials"][0]["scores"][metric].as_f64();
+            Tolerance::EXACT.assert([mean(psnr).unwrap(), mean("ssim").unwrap()], [20.0, 0.5], psnr);
+            // The picture itself shows the cap, under the metric of its store.
+            let shown: Vec<(&str, f64)> = scores(&results.targets[1], &psnrs(&results)).collect();
+            assert_eq!(shown.iter().map(|(metric, _)| *metric).collect::<Vec<_>>(), ["ssim", psnr]);
+            Tolerance::EXACT.assert(shown.iter().map(|(_, score)| *score), [1.0, DECIBEL_CAP], psnr);
+        }
+    }
 }

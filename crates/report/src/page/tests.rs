@@ -10,7 +10,7 @@ use super::browser::{chromium, report_in_frame, report_of};
 use super::*;
 use crate::definition::TableDefinition;
 use crate::figures::{of_store, of_table};
-use crate::sample::{HOSTILE, store};
+use crate::sample::{HOSTILE, atsplat, floor, preset, results, store};
 use crate::table::{Mixing, tables};
 
 /// Owns the contents of a page.
@@ -96,11 +96,11 @@ fn data_is_escaped() {
 #[test]
 fn a_leading_section_stands_before_the_tables_and_others_after_the_plots() {
     let sample = Sample::new();
-    let section = |title: &str, leads| PlotSection {
+    let section = |title: &str, before_tables| PlotSection {
         title: title.to_owned(),
         hint: "A hint.".to_owned(),
         plots: vec![(format!("plot of {title}"), sample.plots[0].1.clone())],
-        leads,
+        before_tables,
     };
     let page = sample.write_with_sections(usize::MAX, None, &[section("Afterwards", false), section("At first", true)]);
     let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}"));
@@ -147,7 +147,15 @@ fn the_page_is_no_larger_than_allowed_and_omitted_pictures_are_counted() {
 
 #[test]
 fn the_worst_and_the_best_trials_have_pictures_before_others() {
-    let sample = Sample::new();
+    the_worst_and_the_best_come_first(&Sample::new());
+    let mut truncated = Sample::new();
+    for row in &mut truncated.results.targets {
+        row.scores = row.scores.iter().map(|(id, score)| (id.replace("psnr", "psnr-8bit-truncated"), *score)).collect();
+    }
+    the_worst_and_the_best_come_first(&truncated);
+}
+
+fn the_worst_and_the_best_come_first(sample: &Sample) {
     let whole = sample.write(usize::MAX, None);
     let all: usize = whole.match_indices("data:image/png").map(|(at, _)| whole[at..].find('"').unwrap()).sum();
     let page = sample.write(whole.len() - all / 2, None);
@@ -162,6 +170,25 @@ fn the_worst_and_the_best_trials_have_pictures_before_others() {
     let counts: Vec<usize> = counts.collect();
     assert_eq!(counts[0], 18, "the worst: {counts:?}");
     assert!(counts[3] > counts[1] && counts[1] < 12, "the best before the second worst: {counts:?}");
+}
+
+/// Two protocols of one store stand for the same: a number cites its own, which links to the table of the number.
+#[test]
+fn numbers_and_links_are_of_their_own_protocol() {
+    let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
+    let results = results(presets, vec![atsplat("atsplat", |_| ()), floor()]);
+    let stores = [PageStore { source: Source { label: LABEL, results: &results }, folder: None }];
+    let tables = tables(&TableDefinition::named("re10k").unwrap(), &[stores[0].source], Mixing::Apart).unwrap();
+    assert_eq!(tables.len(), 2);
+    let protocols = [["rooms-2v-128", "rooms-2v-64"], ["rooms-2v-64", "rooms-2v-128"]];
+    for (table, [own, other]) in tables.iter().zip(protocols) {
+        let row = table.rows.iter().find(|row| row.method.as_deref() == Some("atsplat")).unwrap();
+        let citation = cite::citation(table, row, (0, 0), &stores).unwrap();
+        assert!(citation.contains(&format!("protocol {own}@")) && !citation.contains(other), "{citation}");
+    }
+    let links = protocols::write(&tables, &stores);
+    let of_second = links.split("<li").find(|item| item.contains("<b>rooms-2v-64</b>")).unwrap();
+    assert!(of_second.contains("#table-re10k-2\"") && !of_second.contains("#table-re10k-1\""), "{links}");
 }
 
 #[test]

@@ -3,7 +3,7 @@ use plotters::style::RGBColor;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{Estimate, Figure, level_whisker, plain};
+use super::series::{Estimate, QualityMetric, level_whisker, number_axis};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, INK};
 
@@ -16,7 +16,7 @@ pub struct Ablation {
     /// Protocol, scenes.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// The full method, to which every bar shows the difference.
     pub reference: AblationRow,
     /// The variants.
@@ -73,7 +73,7 @@ impl Ablation {
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
         let unit = if self.quality.unit.is_empty() { String::new() } else { format!(" in {}", self.quality.unit) };
         let title = format!("{}{unit}: difference to “{}”", self.quality.name, self.reference.label);
-        let below = axes.draw_x(&mut drawing, &plain(&title));
+        let below = axes.draw_x(&mut drawing, &number_axis(&title));
         drawing.text(TextLine::new("value (difference)", [right + 16.0, top - 12.0]).small().muted());
         let mut upper = top;
         for (row, height) in self.rows.iter().zip(heights) {
@@ -124,7 +124,7 @@ fn interval(drawing: &mut Drawing, axes: &Axes, gap: Estimate, y: f64) {
     level_whisker(drawing, y, ends.map(|value| axes.x_of(value)), Stroke::new(INK, 1.5));
 }
 
-fn signed(quality: Figure, gap: f64) -> String {
+fn signed(quality: QualityMetric, gap: f64) -> String {
     let sign = if gap < 0.0 { "−" } else { "+" };
     format!("{sign}{}", quality.print(gap.abs()))
 }

@@ -18,11 +18,11 @@ pub(super) struct AxisText<'a> {
 
 impl Axes {
     pub(super) fn x_of(&self, value: f64) -> f64 {
-        self.inside.left + self.x.share(value) * self.inside.width()
+        self.inside.left + self.x.position(value) * self.inside.width()
     }
 
     pub(super) fn y_of(&self, value: f64) -> f64 {
-        self.inside.bottom - self.y.share(value) * self.inside.height()
+        self.inside.bottom - self.y.position(value) * self.inside.height()
     }
 
     pub(super) fn place(&self, x: f64, y: f64) -> [f64; 2] {
@@ -34,7 +34,7 @@ impl Axes {
         self.draw_y_below(drawing, text, 8.0);
     }
 
-    /// As [`Self::draw_y`], with the title `gap` above the plot.
+    /// Like [`Self::draw_y`], with the title `gap` above the plot.
     pub(super) fn draw_y_below(&self, drawing: &mut Drawing, text: &AxisText<'_>, gap: f64) {
         let Extent { left, right, top, .. } = self.inside;
         let ticks = self.y.ticks(fitting(self.inside.height(), 55.0, 8));
@@ -68,7 +68,7 @@ impl Axes {
         self.draw_x_at(drawing, text, &self.x_ticks())
     }
 
-    /// As [`Self::draw_x`], with ticks at the given values; a label without room beside the one before is omitted.
+    /// Like [`Self::draw_x`], with ticks at the given values; a label that has no room next to the previous one is omitted.
     pub(super) fn draw_x_at(&self, drawing: &mut Drawing, text: &AxisText<'_>, ticks: &[f64]) -> f64 {
         let Extent { left, right, bottom, .. } = self.inside;
         let axis = drawing.next_axis();

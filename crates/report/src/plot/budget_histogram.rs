@@ -109,7 +109,7 @@ fn histogram(values: &[f64], scale: Scale) -> Vec<u64> {
     let mut columns = vec![0; COLUMNS];
     for value in values.iter().filter(|value| value.is_finite()) {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the columns")]
-        let column = (scale.share(*value) * COLUMNS as f64).clamp(0.0, (COLUMNS - 1) as f64) as usize;
+        let column = (scale.position(*value) * COLUMNS as f64).clamp(0.0, (COLUMNS - 1) as f64) as usize;
         columns[column] += 1;
     }
     columns

@@ -3,7 +3,7 @@ use atsplat_pixels::ImageU8;
 use super::Drawing;
 use super::picture_grid::{GridCell, GridRow, PictureGrid};
 
-/// What a network makes of some samples: a row each with the context views, then renders beside their ground truth.
+/// What a network renders for some samples: a row each with the context views, then each render next to its ground truth.
 #[derive(Clone, Debug)]
 pub struct ContactSheet {
     /// Title.

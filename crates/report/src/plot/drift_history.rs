@@ -3,7 +3,7 @@ use atsplat_numeric::Extremes as _;
 use super::axes::Axes;
 use super::labels::Labels;
 use super::scale::Scale;
-use super::series::{Estimate, Figure, plain, whisker};
+use super::series::{Estimate, QualityMetric, number_axis, whisker};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY};
 
@@ -18,7 +18,7 @@ pub struct DriftHistory {
     /// Protocol, method.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// Runs, oldest first.
     pub runs: Vec<DriftRun>,
 }
@@ -56,7 +56,7 @@ impl DriftHistory {
             x: Scale::linear(-0.5, self.runs.len() as f64 - 0.5),
             y: Scale::around(values, 0.12),
         };
-        axes.draw_y(&mut drawing, &plain(&self.quality.title()));
+        axes.draw_y(&mut drawing, &number_axis(&self.quality.title()));
         let Extent { left, right, bottom, .. } = axes.inside;
         self.draw_limits(&mut drawing, &axes);
         let places: Vec<[f64; 2]> =

@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes as _;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{level_whisker, note, plain};
+use super::series::{level_whisker, note, number_axis};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{COLOURS, INK};
 
@@ -28,13 +28,13 @@ pub struct EffectCostRow {
     pub called_for: usize,
     /// All scenes.
     pub scenes: usize,
-    /// Milliseconds a frame over the scenes where they can be measured: first quartile, median, third quartile; `None` if that is
-    /// nowhere.
+    /// Milliseconds a frame, over the scenes where the effect can be measured: first quartile, median, third quartile; `None`
+    /// if there is no such scene.
     pub millis: Option<[f64; 3]>,
 }
 
 impl EffectCosts {
-    /// Draws it: a bar to the median for each effect, a line between the quartiles, and on the right where it is called for.
+    /// Draws it: for each effect a bar to the median, a line between the quartiles, and on the right the scenes that need it.
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 36.0;
         let (mut drawing, head) = Drawing::titled(860, &self.title, &self.subtitle);
@@ -48,7 +48,7 @@ impl EffectCosts {
         };
         let Extent { left, right, .. } = axes.inside;
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
-        let below = axes.draw_x(&mut drawing, &plain("milliseconds a frame, where the effect runs"));
+        let below = axes.draw_x(&mut drawing, &number_axis("milliseconds a frame, where the effect runs"));
         drawing.text(TextLine::new("called for", [right + 20.0, top - 12.0]).small().muted());
         let mut upper = top;
         for (row, height) in self.rows.iter().zip(heights) {

@@ -3,7 +3,7 @@ use atsplat_numeric::Extremes as _;
 use super::axes::Axes;
 use super::labels::names_above;
 use super::scale::Scale;
-use super::series::plain;
+use super::series::number_axis;
 use super::shape::{Drawing, Extent, Fill, Role, Side, Stroke, TextLine};
 use super::theme::{GREY, GRID, MUTED, colour};
 
@@ -104,7 +104,7 @@ impl EstimatorScatter {
     fn draw_axes(&self, drawing: &mut Drawing, axes: Axes) -> f64 {
         let ticks: Vec<f64> = self.edges.iter().copied().chain([1.0]).collect();
         let Extent { left, top, bottom, .. } = axes.inside;
-        let below = axes.draw_x_at(drawing, &plain("true co-visibility"), &ticks);
+        let below = axes.draw_x_at(drawing, &number_axis("true co-visibility"), &ticks);
         let stroke = Stroke::new(MUTED, 1.0);
         drawing.with(Role::Frame, |drawing| drawing.line([[left, top], [left, bottom]], stroke));
         let axis = drawing.next_axis();

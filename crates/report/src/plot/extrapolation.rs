@@ -1,7 +1,9 @@
 use super::axes::{Axes, AxisText};
 use super::labels::names_above;
 use super::scale::Scale;
-use super::series::{Curve, Estimate, Figure, beyond_note, draw_curves, height_of_names, note, plain, scale_of};
+use super::series::{
+    Curve, Estimate, QualityMetric, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+};
 use super::shape::{Drawing, Extent, Fill, MARGIN};
 use super::theme::{GRID, colour};
 
@@ -13,7 +15,7 @@ pub struct ExtrapolationDecay {
     /// Protocol, scenes.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// Frames of distance that one point stands for.
     pub step: f64,
     /// A curve per method.
@@ -45,7 +47,7 @@ impl ExtrapolationDecay {
         let window = [-0.5, 0.5].map(|edge| axes.x_of(edge));
         drawing.rectangle(Extent { left: window[0], right: window[1], ..axes.inside }, Fill::solid(GRID));
         names_above(&mut drawing, top - 12.0, &[("window of the context frames".to_owned(), window)], [MARGIN, 660.0]);
-        axes.draw_y_below(&mut drawing, &plain(&self.quality.title()), 26.0);
+        axes.draw_y_below(&mut drawing, &number_axis(&self.quality.title()), 26.0);
         let label = |value: f64, _: &[f64]| {
             if value > 0.0 { format!("+{value:.0}") } else { format!("{value:.0}").replace('-', "−") }
         };

@@ -3,7 +3,7 @@ use atsplat_eval::tradeoff::Standing;
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
 use super::scale::{Scale, count_label, own_label, seconds_label, time_unit};
-use super::series::{Estimate, Figure, Origin, mark, note, plain, whisker};
+use super::series::{Estimate, Origin, QualityMetric, mark, note, number_axis, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, MUTED};
 
@@ -17,7 +17,7 @@ pub struct Frontier {
     /// The kind of cost.
     pub cost: CostAxis,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// The methods; points without a positive cost are omitted.
     pub points: Vec<FrontierPoint>,
 }
@@ -30,7 +30,7 @@ pub struct Frontiers {
     /// Protocol, scenes, machine.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// A panel per kind of cost; points without a positive cost are omitted.
     pub panels: Vec<(CostAxis, Vec<FrontierPoint>)>,
     /// Below the panels: which methods are on the frontiers, and which have no point.
@@ -141,7 +141,7 @@ impl Frontiers {
             CostAxis::Seconds => own_label(value),
             CostAxis::Gaussians => count_label(value),
         };
-        axes.draw_y(drawing, &plain(&self.quality.title()));
+        axes.draw_y(drawing, &number_axis(&self.quality.title()));
         let bottom = axes.draw_x(drawing, &AxisText { title: &title, label: &label });
         let x_of = |cost: f64| axes.x_of(cost / length).clamp(inside.left, inside.right);
         let place = |cost: f64, quality: f64| [x_of(cost), axes.y_of(quality)];
@@ -266,7 +266,7 @@ mod tests {
         let frontier = |id| Frontiers {
             title: String::new(),
             subtitle: String::new(),
-            quality: Figure::from(definition(id).unwrap()),
+            quality: QualityMetric::from(definition(id).unwrap()),
             panels: Vec::new(),
             note: String::new(),
         };

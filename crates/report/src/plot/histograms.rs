@@ -133,7 +133,7 @@ fn shares(values: &[f64], scale: Scale) -> [f64; COLUMNS] {
     let finite = finite(values);
     for value in &finite {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the columns")]
-        let column = (scale.share(*value) * COLUMNS as f64).clamp(0.0, (COLUMNS - 1) as f64) as usize;
+        let column = (scale.position(*value) * COLUMNS as f64).clamp(0.0, (COLUMNS - 1) as f64) as usize;
         shares[column] += 1.0 / finite.len() as f64;
     }
     shares

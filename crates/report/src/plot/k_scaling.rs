@@ -1,7 +1,7 @@
 use super::axes::{Axes, AxisText};
 use super::labels::Labels;
 use super::scale::{Scale, count_label};
-use super::series::{Estimate, Figure, Origin, mark, plain, whisker};
+use super::series::{Estimate, Origin, QualityMetric, mark, number_axis, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke, TextLine};
 use super::theme::{COLOURS, GREY};
 
@@ -13,7 +13,7 @@ pub struct KScaling {
     /// Protocol, scenes.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// Published and measured points, in any order.
     pub points: Vec<KPoint>,
 }
@@ -54,7 +54,7 @@ impl KScaling {
             x: Scale::logarithmic(self.points.iter().map(|point| point.k), 0.06),
             y: Scale::around(self.points.iter().flat_map(|point| point.quality.extent()), 0.15),
         };
-        axes.draw_y(&mut drawing, &plain(&self.quality.title()));
+        axes.draw_y(&mut drawing, &number_axis(&self.quality.title()));
         let mut ks: Vec<f64> = self.points.iter().map(|point| point.k).collect();
         ks.sort_by(f64::total_cmp);
         ks.dedup();

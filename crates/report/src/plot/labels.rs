@@ -49,7 +49,7 @@ impl Labels {
         self.draw(drawing, placed, mark);
     }
 
-    /// As [`Self::place`], unless it would cover something; says whether it is drawn.
+    /// Like [`Self::place`], unless the label would cover something; returns whether it is drawn.
     pub(super) fn place_if_free(&mut self, drawing: &mut Drawing, text: &TextLine, mark: [f64; 2]) -> bool {
         let (covered, placed) = self.best(text, mark);
         let is_free = covered < FREE;
@@ -126,8 +126,8 @@ fn around([x, y]: [f64; 2], gap: f64, half: f64) -> [([f64; 2], Side); 12] {
     ]
 }
 
-/// The middles of labels of these wanted middles and heights: without overlap, near the wanted places, and inside `low..high`
-/// if there is room; in the order of `wanted`.
+/// The middles of labels, given the wanted middle and the height of each: without overlap, near the wanted places, and
+/// inside `low..high` if there is room; in the order of `wanted`.
 pub(super) fn spread(wanted: &[(f64, f64)], low: f64, high: f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..wanted.len()).collect();
     order.sort_by(|a, b| wanted[*a].0.total_cmp(&wanted[*b].0));

@@ -1,6 +1,6 @@
 use super::axes::{Axes, AxisText};
 use super::scale::{Scale, bounds, count_label, own_label};
-use super::series::plain;
+use super::series::number_axis;
 use super::shape::{Drawing, Extent, Fill, MARGIN, Stroke};
 use super::theme::{GREY, colour};
 
@@ -57,7 +57,7 @@ impl LearningCurve<'_> {
         let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
         let scores =
             Axes { inside: Extent::new(72.0, top, 876.0, top + 260.0), x, y: Scale::linear(low - 1.0, high + 1.0) };
-        scores.draw_y(&mut drawing, &plain("PSNR in dB on the same samples, higher is better"));
+        scores.draw_y(&mut drawing, &number_axis("PSNR in dB on the same samples, higher is better"));
         let below = scores.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
         for (at, name) in SCORES.into_iter().enumerate() {
             let value = |(step, renders, nearest): &(u64, f64, f64)| (*step as f64, [*renders, *nearest][at]);

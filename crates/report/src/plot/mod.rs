@@ -30,6 +30,7 @@ mod shape;
 mod stage_time;
 mod stress_errors;
 pub(crate) mod svg;
+#[cfg(test)]
 mod svg_reader;
 #[cfg(test)]
 mod tests;
@@ -56,7 +57,7 @@ pub use overlap_curves::{OverlapBin, OverlapCurves, OverlapSeries};
 pub use overlap_histogram::OverlapHistogram;
 pub use render::PlotFormat;
 pub use scatter::{ScatterPanel, ScatterPoint, SceneScatter};
-pub use series::{Estimate, Figure, Origin};
+pub use series::{Estimate, Origin, QualityMetric};
 pub use shape::Drawing;
 pub use stage_time::{StageTime, StageTimeRow};
 pub use stress_errors::{StressError, StressErrors};

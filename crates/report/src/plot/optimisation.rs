@@ -4,12 +4,12 @@ use plotters::style::RGBColor;
 use super::axes::{Axes, AxisText};
 use super::labels::names_above;
 use super::scale::{Scale, own_label, time_unit};
-use super::series::{Estimate, Figure, Origin, mark, note, plain, whisker};
+use super::series::{Estimate, Origin, QualityMetric, mark, note, number_axis, whisker};
 use super::shape::{Drawing, Extent, MARGIN, Stroke};
 use super::theme::colour;
 
-/// Quality against the seconds that a trial's Gaussians were optimised for: held-out targets in the upper row, the context views
-/// that were optimised in the lower one, so that overfitting shows.
+/// Quality against the seconds that a trial's Gaussians were optimised for: held-out targets in the upper row, and in the
+/// lower row the context views that they were optimised on, so that overfitting shows.
 #[derive(Clone, Debug)]
 pub struct OptimisationCurves {
     /// Title.
@@ -17,7 +17,7 @@ pub struct OptimisationCurves {
     /// Protocol, scenes, machine.
     pub subtitle: String,
     /// The metric of the held-out targets.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// Labels in the order of their colours, so that a curve keeps its colour in a plot without the others.
     pub palette: Vec<String>,
     /// Side by side, at most four in a row.
@@ -92,7 +92,7 @@ impl OptimisationCurves {
             for (title, y, estimate) in &rows {
                 for (at, panel) in panels.iter().enumerate() {
                     let axes = Axes { inside: inside(at, top), x, y: *y };
-                    axes.draw_y(&mut drawing, &plain(title));
+                    axes.draw_y(&mut drawing, &number_axis(title));
                     below = axes.draw_x(&mut drawing, &x_text).maximum_of(below);
                     for (label, points) in &panel.curves {
                         let own = |point: &OptimisationPoint| Some((point.secs / length, estimate(point)?));

@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes as _;
 
 use super::axes::Axes;
 use super::scale::Scale;
-use super::series::{Estimate, Figure, Origin, mark, note, plain, whisker};
+use super::series::{Estimate, Origin, QualityMetric, mark, note, number_axis, whisker};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{GRID, MUTED, colour};
 
@@ -14,7 +14,7 @@ pub struct OverlapBinMeans {
     /// Protocol, scenes.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// Names of the bins, the average last.
     pub bins: Vec<String>,
     /// A mark per bin and method.
@@ -61,7 +61,7 @@ impl OverlapBinMeans {
             below = below.maximum_of(name.extent().bottom);
             drawing.text(name);
         }
-        axes.draw_y(&mut drawing, &plain(&self.quality.title()));
+        axes.draw_y(&mut drawing, &number_axis(&self.quality.title()));
         let line = [[axes.inside.left, bottom], [axes.inside.right, bottom]];
         drawing.with(Role::Frame, |drawing| drawing.line(line, Stroke::new(MUTED, 1.0)));
         for (at, series) in self.series.iter().enumerate() {

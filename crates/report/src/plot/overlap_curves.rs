@@ -1,7 +1,9 @@
 use super::axes::Axes;
 use super::labels::names_above;
 use super::scale::Scale;
-use super::series::{Curve, Estimate, Figure, beyond_note, draw_curves, height_of_names, note, plain, scale_of};
+use super::series::{
+    Curve, Estimate, QualityMetric, beyond_note, draw_curves, height_of_names, note, number_axis, scale_of,
+};
 use super::shape::{Drawing, Extent, Fill, MARGIN};
 use super::theme::{GRID, colour};
 
@@ -13,7 +15,7 @@ pub struct OverlapCurves {
     /// Protocol, scenes.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// The protocol's bins, shown behind the curves.
     pub bins: Vec<OverlapBin>,
     /// Distance between neighbouring points; across a larger one a curve has a gap.
@@ -66,9 +68,9 @@ impl OverlapCurves {
             names.push((format!("{} · {}", bin.name, bin.scenes), part));
         }
         names_above(&mut drawing, top - 12.0, &names, [MARGIN, 840.0]);
-        axes.draw_y_below(&mut drawing, &plain(&self.quality.title()), 26.0);
-        let bottom =
-            axes.draw_x(&mut drawing, &plain("overlap of the context views; above the plot: bins and their scenes"));
+        axes.draw_y_below(&mut drawing, &number_axis(&self.quality.title()), 26.0);
+        let bottom = axes
+            .draw_x(&mut drawing, &number_axis("overlap of the context views; above the plot: bins and their scenes"));
         let curves = self.series.iter().enumerate().map(|(at, series)| Curve {
             label: &series.label,
             points: series.points.clone(),

@@ -1,6 +1,6 @@
 use super::axes::{Axes, AxisText};
 use super::scale::Scale;
-use super::series::plain;
+use super::series::number_axis;
 use super::shape::{Drawing, Extent, Fill, MARGIN};
 use super::theme::{GREY, colour};
 
@@ -59,7 +59,7 @@ impl OverlapHistogram<'_> {
                 }
             });
         }
-        let below = axes.draw_x(&mut drawing, &plain("overlap of the context views, as a share of the picture"));
+        let below = axes.draw_x(&mut drawing, &number_axis("overlap of the context views, as a share of the picture"));
         drawing.end_at(below + 14.0);
         drawing
     }

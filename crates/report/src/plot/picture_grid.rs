@@ -1,4 +1,4 @@
-use atsplat_metrics::Ramp;
+use atsplat_metrics::ColourMap;
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::ImageU8;
 
@@ -23,7 +23,7 @@ pub(super) struct GridCell<'a> {
     pub(super) image: &'a ImageU8,
     pub(super) caption: String,
     /// The colours of a map, and the value of the last one; the first is zero.
-    pub(super) colours: Option<(Ramp, f64)>,
+    pub(super) colours: Option<(ColourMap, f64)>,
 }
 
 impl<'a> GridCell<'a> {
@@ -79,12 +79,12 @@ impl PictureGrid<'_> {
 /// The colour bar and the caption of a picture; returns their lower edge.
 fn draw_below(drawing: &mut Drawing, cell: &GridCell<'_>, [left, right]: [f64; 2], top: f64) -> f64 {
     let mut y = top + 6.0;
-    if let Some((ramp, most)) = cell.colours {
+    if let Some((map, most)) = cell.colours {
         let zero = TextLine::new("0", [left, y + BAR / 2.0]).small().muted();
         let most = TextLine::new(own_label((most * 100.0).round() / 100.0), [right, y + BAR / 2.0]).small().muted();
         let most = most.side(Side::Right);
         let bar = Extent::new(zero.extent().right + 5.0, y, most.extent().left - 5.0, y + BAR);
-        if let Some(colours) = colours(ramp) {
+        if let Some(colours) = colours(map) {
             drawing.picture(bar, colours);
         }
         drawing.text(zero);
@@ -101,13 +101,13 @@ fn draw_below(drawing: &mut Drawing, cell: &GridCell<'_>, [left, right]: [f64; 2
     bottom
 }
 
-/// A row of a ramp's colours.
-fn colours(ramp: Ramp) -> Option<ImageU8> {
+/// A row of a map's colours.
+fn colours(map: ColourMap) -> Option<ImageU8> {
     const STEPS: u8 = 128;
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in [0, 1]")]
     let samples = (0..STEPS).flat_map(|at| {
         let share = f64::from(at) / f64::from(STEPS - 1);
-        ramp.colour(share).map(|value| (value * 255.0).round() as u8)
+        map.colour(share).map(|value| (value * 255.0).round() as u8)
     });
     ImageU8::new(u32::from(STEPS), 1, samples.collect()).ok()
 }

@@ -29,8 +29,8 @@ impl PlotFormat {
 
 /// Pixels of a PNG per CSS pixel.
 const SCALE: u32 = 2;
-/// SVG centres a text vertically on its lower-case letters, plotters on the line: how far its text is moved down, as a fraction
-/// of its size.
+/// How far texts are moved down, as a fraction of their size: plotters centres a text vertically on its line, the SVGs
+/// centre it on its lower-case letters.
 const DROP: f64 = 0.17;
 
 impl Drawing {
@@ -48,7 +48,7 @@ impl Drawing {
     /// The drawing in pixels, two per CSS pixel.
     ///
     /// # Errors
-    /// As [`encode`](Self::encode).
+    /// Those of [`encode`](Self::encode).
     pub fn to_image(&self) -> Result<ImageU8, ReportError> {
         register_fonts()?;
         let size = (self.width * SCALE, self.height * SCALE);

@@ -22,28 +22,28 @@ impl Scale {
         Self { low: low - slack, high: high + slack, rule: Rule::Linear }
     }
 
-    /// Around all finite values, with a margin of `share` of their range on either side.
-    pub(super) fn around(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
+    /// Around all finite values, with a margin of the fraction `margin` of their range on either side.
+    pub(super) fn around(values: impl IntoIterator<Item = f64>, margin: f64) -> Self {
         let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
         let equal = if high.abs() > 0.0 { 0.05 * high.abs() } else { 1.0 };
-        let slack = if high > low { (high - low) * share } else { equal };
+        let slack = if high > low { (high - low) * margin } else { equal };
         Self::linear(low - slack, high + slack)
     }
 
     /// Around the values of `extents` within one and a half interquartile ranges of the middle half of `means` (Tukey's
-    /// fences), with a margin of `share` of their range on either side.
+    /// fences), with a margin of the fraction `margin` of their range on either side.
     pub(super) fn without_outliers(
         means: impl IntoIterator<Item = f64>,
         extents: impl IntoIterator<Item = f64>,
-        share: f64,
+        margin: f64,
     ) -> Self {
         let mut sorted: Vec<f64> = means.into_iter().filter(|mean| mean.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
         let (Some(first), Some(third)) = (quantile(&sorted, 0.25), quantile(&sorted, 0.75)) else {
-            return Self::around(extents, share);
+            return Self::around(extents, margin);
         };
         let reach = 1.5 * (third - first) + 1e-9 * third.abs();
-        Self::around(extents.into_iter().filter(|value| (first - reach..=third + reach).contains(value)), share)
+        Self::around(extents.into_iter().filter(|value| (first - reach..=third + reach).contains(value)), margin)
     }
 
     /// From zero to slightly above all values.
@@ -52,16 +52,16 @@ impl Scale {
         Self::linear(0.0, if high > 0.0 { high * 1.08 } else { 1.0 })
     }
 
-    /// Logarithmic around all positive values, with a margin of `share` of their range on either side.
-    pub(super) fn logarithmic(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
+    /// Logarithmic around all positive values, with a margin of the fraction `margin` of their range on either side.
+    pub(super) fn logarithmic(values: impl IntoIterator<Item = f64>, margin: f64) -> Self {
         let positive = values.into_iter().filter(|value| *value > 0.0).map(f64::ln);
         let (low, high) = bounds(positive).unwrap_or((0.0, 1.0));
-        let slack = ((high - low) * share).clamp(0.1, f64::INFINITY);
+        let slack = ((high - low) * margin).clamp(0.1, f64::INFINITY);
         Self { low: (low - slack).exp(), high: (high + slack).exp(), rule: Rule::Logarithmic }
     }
 
     /// The position of a value: 0 at the low end, 1 at the high end.
-    pub(super) fn share(self, value: f64) -> f64 {
+    pub(super) fn position(self, value: f64) -> f64 {
         match self.rule {
             Rule::Linear => (value - self.low) / (self.high - self.low),
             Rule::Logarithmic => (value / self.low).ln() / (self.high / self.low).ln(),
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn positions_range_from_zero_to_one() {
         let scale = Scale::logarithmic([1.0, 100.0], 0.0);
-        assert!(scale.share(10.0) > 0.49 && scale.share(10.0) < 0.51);
-        assert_eq!(Scale::linear(2.0, 4.0).share(3.0).to_bits(), 0.5f64.to_bits());
+        assert!(scale.position(10.0) > 0.49 && scale.position(10.0) < 0.51);
+        assert_eq!(Scale::linear(2.0, 4.0).position(3.0).to_bits(), 0.5f64.to_bits());
     }
 }

@@ -1,7 +1,7 @@
 use super::axes::Axes;
 use super::labels::Labels;
 use super::scale::Scale;
-use super::series::{Figure, note, plain};
+use super::series::{QualityMetric, note, number_axis};
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, INK};
 
@@ -13,7 +13,7 @@ pub struct SceneScatter {
     /// Protocol, data, scenes.
     pub subtitle: String,
     /// The metric.
-    pub quality: Figure,
+    pub quality: QualityMetric,
     /// Name of the method on the y axes.
     pub y: String,
     /// A panel for each other method.
@@ -101,8 +101,8 @@ impl SceneScatter {
     fn draw_panel(&self, drawing: &mut Drawing, panel: &ScatterPanel, inside: Extent, names: &[String]) -> f64 {
         let scale = Scale::around(panel.points.iter().flat_map(|point| [point.x, point.y]), 0.05);
         let axes = Axes { inside, x: scale, y: scale };
-        axes.draw_y(drawing, &plain(&self.title_of(&self.y)));
-        let bottom = axes.draw_x(drawing, &plain(&self.title_of(&panel.x)));
+        axes.draw_y(drawing, &number_axis(&self.title_of(&self.y)));
+        let bottom = axes.draw_x(drawing, &number_axis(&self.title_of(&panel.x)));
         let diagonal = [scale.low(), scale.high()].map(|value| axes.place(value, value));
         drawing.with(Role::Frame, |drawing| drawing.line(diagonal, Stroke::new(GREY, 1.5)));
         let mut labels = Labels::new(Extent { bottom: inside.bottom - 2.0, ..inside });

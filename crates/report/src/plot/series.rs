@@ -28,7 +28,7 @@ pub struct Estimate {
 
 /// The metric of a quality axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Figure {
+pub struct QualityMetric {
     /// Name in tables: `PSNR`.
     pub name: &'static str,
     /// Unit; empty for plain numbers.
@@ -49,13 +49,13 @@ impl Estimate {
     }
 }
 
-impl From<&Definition> for Figure {
+impl From<&Definition> for QualityMetric {
     fn from(definition: &Definition) -> Self {
         Self { name: definition.name, unit: definition.unit, direction: definition.direction }
     }
 }
 
-impl Figure {
+impl QualityMetric {
     /// `PSNR in dB, higher is better`.
     pub(super) fn title(self) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) };
@@ -81,7 +81,7 @@ impl Figure {
 }
 
 /// An axis whose ticks are plain numbers.
-pub(super) fn plain(title: &str) -> AxisText<'_> {
+pub(super) fn number_axis(title: &str) -> AxisText<'_> {
     AxisText { title, label: &super::scale::label }
 }
 
@@ -108,9 +108,10 @@ pub(super) struct Curve<'a> {
     pub(super) colour: RGBColor,
 }
 
-/// The names at the right ends of curves: their width, and the least height of a plot that has room for them.
+/// Width of the names at the right ends of curves.
 pub(super) const NAMES: f64 = 196.0;
 
+/// The least height of a plot that has room for these names at the ends of its curves.
 pub(super) fn height_of_names<'a>(names: impl Iterator<Item = &'a str>) -> f64 {
     names.map(|name| name_of(name).height() + BETWEEN).sum()
 }
@@ -210,7 +211,7 @@ pub(super) fn beyond_note(beyond: &[String]) -> String {
     if beyond.is_empty() { String::new() } else { format!("▲▼ beyond the scale: {}", beyond.join(", ")) }
 }
 
-/// A note below a plot about what its scale leaves out; returns its lower edge.
+/// A note below a plot; returns its lower edge.
 pub(super) fn note(drawing: &mut Drawing, top: f64, text: &str) -> f64 {
     if text.is_empty() {
         return top;

@@ -2,7 +2,7 @@ use atsplat_numeric::Extremes as _;
 
 use super::axes::Axes;
 use super::scale::{Scale, seconds_label, time_unit};
-use super::series::plain;
+use super::series::number_axis;
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{INK, SURFACE, colour, text_on};
 
@@ -55,7 +55,7 @@ impl StageTime {
         let axes = Axes { inside, x: Scale::from_zero(totals().map(|secs| secs / length)), y: Scale::linear(0.0, 1.0) };
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
         let title = format!("{unit} until the first picture, stages one after the other");
-        let bottom = axes.draw_x(&mut drawing, &plain(&title));
+        let bottom = axes.draw_x(&mut drawing, &number_axis(&title));
         let mut upper = top;
         for (row, height) in self.rows.iter().zip(heights) {
             let middle = upper + height / 2.0;

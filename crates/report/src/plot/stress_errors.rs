@@ -3,7 +3,7 @@ use super::scale::Scale;
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{GRID, INK, colour};
 
-/// Errors of renderers on hard cases: a row per case, a dot per renderer path beside its bound, failures crossed out.
+/// Errors of renderers on hard cases: a row per case, a dot per renderer path next to its bound, failures crossed out.
 #[derive(Debug)]
 pub struct StressErrors<'a> {
     /// The errors, in the order of cases and paths.

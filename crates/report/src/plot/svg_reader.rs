@@ -5,18 +5,15 @@ use plotters::style::RGBColor;
 use super::shape::{Drawing, Extent, Fill, Role, Shape, Side, Stroke, TextLine};
 use super::svg::BASELINE;
 use super::theme::SURFACE;
-use crate::ReportError;
 
 impl Drawing {
-    /// Reads what [`to_svg`](Self::to_svg) wrote, so that the plots of a written report can be checked. Pictures become empty
-    /// boxes of their size, and a text of several lines becomes several texts.
-    ///
-    /// # Errors
-    /// [`ReportError::Svg`] with the line for anything that it does not write.
-    pub fn of_svg(svg: &str) -> Result<Self, ReportError> {
+    /// Reads what [`to_svg`](Self::to_svg) wrote, so that tests can check the plots of a written report. Pictures become
+    /// empty boxes of their size, and a text of several lines becomes several texts. Anything else is an error, with its
+    /// line.
+    pub(crate) fn of_svg(svg: &str) -> Result<Self, String> {
         let mut drawing = None;
         for (at, line) in svg.lines().enumerate() {
-            let wrong = |expected: &'static str| ReportError::Svg { line: at + 1, expected, found: line.to_owned() };
+            let wrong = |expected: &str| format!("SVG, line {}: expected {expected}, found {line:?}", at + 1);
             let element = Element::of(line).ok_or_else(|| wrong("one element a line"))?;
             let known = match (&mut drawing, element.name) {
                 (None, "svg") => {
@@ -35,7 +32,7 @@ impl Drawing {
                 return Err(wrong("an element as plots write it"));
             }
         }
-        drawing.ok_or(ReportError::Svg { line: 1, expected: "an svg element", found: String::new() })
+        drawing.ok_or_else(|| "SVG: expected an svg element, found nothing".to_owned())
     }
 }
 

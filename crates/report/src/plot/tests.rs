@@ -32,7 +32,7 @@ fn a_written_plot_is_checked_as_the_drawing_is() {
         read.items.retain(|item| item.role != shape::Role::Title);
         assert_eq!(read.faults().len(), 1, "{name}");
     }
-    let wrong = Drawing::of_svg("<svg width=\"2\" height=\"2\">\n<path d=\"M0 0\"/>\n</svg>").unwrap_err().to_string();
+    let wrong = Drawing::of_svg("<svg width=\"2\" height=\"2\">\n<path d=\"M0 0\"/>\n</svg>").unwrap_err();
     assert!(wrong.contains("SVG, line 2") && wrong.contains("path"), "{wrong}");
 }
 

@@ -1,4 +1,4 @@
-use atsplat_metrics::Ramp;
+use atsplat_metrics::ColourMap;
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
@@ -22,13 +22,13 @@ pub struct UncertaintyRow {
     pub label: String,
     /// The render.
     pub render: ImageU8,
-    /// D-SSIM against the truth, in the colours of [`Ramp::Viridis`].
+    /// D-SSIM against the truth, in the colours of [`ColourMap::Viridis`].
     pub error: ImageU8,
     /// The error predicted by the network, in the same colours.
     pub predicted: ImageU8,
     /// The error of the brightest colour.
     pub brightest: f64,
-    /// Alpha of the Gaussians of the selected tokens, in the colours of [`Ramp::Grey`] up to 1.
+    /// Alpha of the Gaussians of the selected tokens, in the colours of [`ColourMap::Grey`] up to 1.
     pub selected_alpha: ImageU8,
     /// Captions of error, prediction and alpha: mean error, correlation, share selected.
     pub captions: [String; 3],
@@ -39,12 +39,12 @@ impl UncertaintyTriplets {
     pub fn draw(&self) -> Drawing {
         let rows = self.rows.iter().map(|row| {
             let [error, predicted, alpha] = row.captions.clone();
-            let heat = Some((Ramp::Viridis, row.brightest));
+            let heat = Some((ColourMap::Viridis, row.brightest));
             let cells = vec![
                 Some(GridCell::new(&row.render, String::new())),
                 Some(GridCell { image: &row.error, caption: error, colours: heat }),
                 Some(GridCell { image: &row.predicted, caption: predicted, colours: heat }),
-                Some(GridCell { image: &row.selected_alpha, caption: alpha, colours: Some((Ramp::Grey, 1.0)) }),
+                Some(GridCell { image: &row.selected_alpha, caption: alpha, colours: Some((ColourMap::Grey, 1.0)) }),
             ];
             GridRow { label: &row.label, cells }
         });

@@ -4,10 +4,10 @@ use atsplat_eval::statistics::Leaked;
 use super::edition::{Edition, Part, editions};
 use super::footer::footer;
 use super::measure::{cells, has_leaked};
-use super::measured_on::{MeasuredOn, Ran};
+use super::measured_on::{MeasuredOn, ProtocolRun};
 use super::orders::orders;
 use super::rank::rank;
-use super::trainings::{mean_row, trainings};
+use super::trainings::{mean_row, training_groups};
 use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials};
 use crate::ReportError;
 use crate::definition::{
@@ -68,7 +68,7 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
             rows.extend(measured(definition, edition, Some((at, row, known)), *method));
         }
         let own = rows.iter().rposition(|row| row.origin == Origin::Published).map_or(0, |at| at + 1);
-        let means: Vec<Row> = trainings(definition, edition, &rows[own..]).iter().filter_map(mean_row).collect();
+        let means: Vec<Row> = training_groups(definition, edition, &rows[own..]).iter().filter_map(mean_row).collect();
         rows.extend(means);
     }
     if let Some(edition) = edition.filter(|_| definition.others) {
@@ -80,7 +80,8 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
         for method in others {
             rows.extend(measured(definition, edition, None, Some(method)));
         }
-        let means: Vec<Row> = trainings(definition, edition, &rows[first..]).iter().filter_map(mean_row).collect();
+        let means: Vec<Row> =
+            training_groups(definition, edition, &rows[first..]).iter().filter_map(mean_row).collect();
         rows.extend(means);
         if let Some(row) = rows.get_mut(first) {
             row.rule_above = true;
@@ -151,6 +152,7 @@ fn published_row(row: &PublishedRow, at: usize, known: Option<&RowDefinition>) -
         remarks: Vec::new(),
         method: None,
         store: None,
+        protocols: Vec::new(),
         untrained: false,
         inference_only: false,
         without_leaked: false,
@@ -189,7 +191,8 @@ fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDef
     all_methods(edition).into_iter().filter(|method| rule.accepts(method.record)).map(Some).collect()
 }
 
-/// Whether an ablation that the paper trains has the weights of another network, in whichever store: it was changed after training.
+/// Whether an ablation that the paper trains has the weights of another network of any store, so that it was changed only
+/// after training.
 pub(super) fn is_inference_only(edition: &Edition<'_>, record: &MethodRecord) -> bool {
     let mut methods = edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods);
     has_own_training(record)
@@ -206,67 +209,84 @@ fn shares_weights(edition: &Edition<'_>, record: &MethodRecord) -> bool {
         && methods.any(|other| other.weights_sha256 == record.weights_sha256 && trained_so(other))
 }
 
-/// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run.
+/// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run. A
+/// method that was run under several protocols of the table has a row for each.
 fn measured(
     definition: &TableDefinition,
     edition: &Edition<'_>,
     reproduced: Option<(usize, &PublishedRow, &RowDefinition)>,
     method: Option<Candidate<'_>>,
 ) -> Vec<Row> {
-    let preset_of =
-        |group: &ColumnGroup| reproduced.and_then(|(_, _, row)| row.preset.clone()).or_else(|| group.preset.clone());
-    let chosen: Vec<Option<(&Part<'_>, &MethodRecord)>> = definition
-        .groups
-        .iter()
-        .map(|group| {
-            let preset = preset_of(group)?;
-            let own = |part: &&Part<'_>| {
-                part.preset.published() == preset && method.is_none_or(|method| method.store == part.source.label)
-            };
-            edition.parts.iter().filter(own).find_map(|part| {
-                let records = &part.source.results.provenance.methods;
-                let record = match method {
-                    Some(method) => records.iter().find(|record| record.name == method.record.name),
-                    None => {
-                        records.iter().find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record)))
-                    }
-                };
-                let ran = |record: &&MethodRecord| has_trials(part.source.results, &part.preset.name, &record.name);
-                Some((part, record.filter(ran)?))
-            })
-        })
-        .collect();
-    if chosen.iter().all(Option::is_none) {
-        return Vec::new();
-    }
+    let runs = runs(definition, edition, reproduced.map(|(_, _, row)| row), method);
+    runs.iter().flat_map(|chosen| measured_once(definition, edition, reproduced, method, chosen)).collect()
+}
+
+/// The results that fill each group of columns, once for each row of the method.
+fn runs<'a>(
+    definition: &TableDefinition,
+    edition: &'a Edition<'a>,
+    row: Option<&RowDefinition>,
+    method: Option<Candidate<'_>>,
+) -> Vec<Vec<Option<(&'a Part<'a>, &'a MethodRecord)>>> {
+    let of_group = |group: &ColumnGroup| -> Vec<(&'a Part<'a>, &'a MethodRecord)> {
+        let preset = row.and_then(|row| row.preset.as_deref()).or(group.preset.as_deref());
+        let is_own = |part: &&Part<'_>| {
+            Some(part.preset.published()) == preset && method.is_none_or(|method| method.store == part.source.label)
+        };
+        let run = |part: &'a Part<'a>| {
+            let mut records = part.source.results.provenance.methods.iter();
+            let record = match method {
+                Some(method) => records.find(|record| record.name == method.record.name),
+                None => records.find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record))),
+            }?;
+            has_trials(part.source.results, &part.preset.name, &record.name).then_some((part, record))
+        };
+        edition.parts.iter().filter(is_own).filter_map(run).collect()
+    };
+    let found: Vec<_> = definition.groups.iter().map(of_group).collect();
+    // Where each group has its own method, the first that was run fills it.
+    let most = if method.is_some() { usize::MAX } else { 1 };
+    let count = found.iter().map(Vec::len).max().unwrap_or_default().min(most);
+    (0..count).map(|at| found.iter().map(|own| own.get(at).copied()).collect()).collect()
+}
+
+/// A measured row, followed by the same without leaked targets if there are any.
+fn measured_once(
+    definition: &TableDefinition,
+    edition: &Edition<'_>,
+    reproduced: Option<(usize, &PublishedRow, &RowDefinition)>,
+    method: Option<Candidate<'_>>,
+    chosen: &[Option<(&Part<'_>, &MethodRecord)>],
+) -> Vec<Row> {
     let cells_of = |leaked| -> Vec<Vec<Cell>> {
-        let groups = definition.groups.iter().zip(&chosen).map(|(group, chosen)| match chosen {
+        let groups = definition.groups.iter().zip(chosen).map(|(group, chosen)| match chosen {
             Some((part, record)) => cells(part, &record.name, group, leaked, edition.forced),
             None => vec![Cell::default(); group.columns.len()],
         });
         groups.collect()
     };
-    let ran: Vec<Ran<'_>> = definition
+    let ran: Vec<ProtocolRun<'_>> = definition
         .groups
         .iter()
-        .zip(&chosen)
+        .zip(chosen)
         .filter_map(|(group, chosen)| {
             let (part, record) = chosen.as_ref()?;
-            Some(Ran { heading: &group.title, part, method: &record.name })
+            Some(ProtocolRun { heading: &group.title, part, method: &record.name })
         })
         .collect();
     let titles = distinct(chosen.iter().flatten().map(|(_, record)| record.title.as_str()));
-    // A row with the labels of a published one does not name its method otherwise.
+    // A row with the labels of a published row would not name its method otherwise.
     let by_setting = definition.measured_label == MeasuredLabel::Published && reproduced.is_some();
     let measured_on = MeasuredOn::of(&ran, by_setting.then(|| titles.join(" and ")));
     let row = |leaked: Leaked| Row {
         labels: settings(definition, &ran, labels(definition, edition, reproduced.map(|(_, row, _)| row), method)),
         measured_on: Some(measured_on.clone()),
-        remarks: remarks(edition, &chosen, leaked, &measured_on),
+        remarks: remarks(edition, chosen, leaked, &measured_on),
         origin: Origin::Measured,
         answers: reproduced.map(|(at, _, _)| at),
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
+        protocols: chosen.iter().map(|own| own.map(|(part, _)| part.store_protocol())).collect(),
         untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
         inference_only: chosen.iter().flatten().any(|(_, record)| is_inference_only(edition, record)),
         without_leaked: leaked == Leaked::Excluded,
@@ -313,7 +333,7 @@ fn remarks(
 const INFERENCE_ONLY: &str = "changed at inference only";
 
 /// Labels that print the published data or size say what was measured instead.
-fn settings(definition: &TableDefinition, ran: &[Ran<'_>], labels: Vec<String>) -> Vec<String> {
+fn settings(definition: &TableDefinition, ran: &[ProtocolRun<'_>], labels: Vec<String>) -> Vec<String> {
     let Some(first) = ran.first().filter(|_| definition.measured_label == MeasuredLabel::Published) else {
         return labels;
     };

@@ -3,14 +3,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_eval::{MethodRecord, PresetRecord};
 use atsplat_protocol::{OverlapBins, Preset};
 
-use super::{Row, Source};
+use super::{Row, Source, StoreProtocol};
 use crate::ReportError;
 use crate::definition::TableDefinition;
 
 /// Results that may share a table: one protocol and one index for each preset.
 #[derive(Debug, Default)]
 pub(super) struct Edition<'a> {
-    identities: BTreeMap<&'a str, Identity<'a>>,
     suffix: Option<&'a str>,
     pub(super) parts: Vec<Part<'a>>,
     /// Whether protocols differ nevertheless.
@@ -28,12 +27,6 @@ pub(super) struct Part<'a> {
     pub(super) protocol: Preset,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Identity<'a> {
-    hash: &'a str,
-    index: &'a str,
-}
-
 /// The editions of a definition: results join the first edition that they are consistent with. `mix` puts all into one.
 ///
 /// # Errors
@@ -47,12 +40,9 @@ pub(super) fn editions<'a>(
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
         let own = source.results.provenance.presets.iter().filter(|record| needed.contains(&record.published()));
-        let mut by_suffix: BTreeMap<&str, Vec<&PresetRecord>> = BTreeMap::new();
-        for record in own {
-            by_suffix.entry(suffix_of(record)).or_default().push(record);
-        }
-        for (suffix, records) in by_suffix {
-            let fits = editions.iter().position(|edition| edition.fits(suffix, *source, &records));
+        let parts = own.map(|preset| Ok(Part { source: *source, preset, protocol: preset.protocol()? }));
+        for (suffix, parts) in consistent_groups(parts.collect::<Result<_, ReportError>>()?) {
+            let fits = editions.iter().position(|edition| edition.fits(suffix, &parts));
             let at = match fits {
                 Some(at) => at,
                 None if mix && !editions.is_empty() => 0,
@@ -63,13 +53,27 @@ pub(super) fn editions<'a>(
             };
             let edition = &mut editions[at];
             edition.mixed |= fits.is_none() && !edition.parts.is_empty();
-            for preset in records {
-                edition.identities.entry(preset.published()).or_insert_with(|| Identity::of(preset));
-                edition.parts.push(Part { source: *source, preset, protocol: preset.protocol()? });
-            }
+            edition.parts.extend(parts);
         }
     }
     Ok(editions)
+}
+
+/// The parts of a store by suffix; parts of one suffix that may not share an edition are in groups of their own.
+fn consistent_groups<'a>(parts: Vec<Part<'a>>) -> Vec<(&'a str, Vec<Part<'a>>)> {
+    let mut groups: Vec<(&'a str, Vec<Part<'a>>)> = Vec::new();
+    for part in parts {
+        let suffix = suffix_of(part.preset);
+        let fits = groups
+            .iter()
+            .position(|(own, others)| *own == suffix && others.iter().all(|other| other.is_consistent_with(&part)));
+        match fits {
+            Some(at) => groups[at].1.push(part),
+            None => groups.push((suffix, vec![part])),
+        }
+    }
+    groups.sort_by_key(|(suffix, _)| *suffix);
+    groups
 }
 
 /// What distinguishes results of one preset that do not share a table: the dataset appended to its name, or that it only
@@ -80,19 +84,15 @@ fn suffix_of(record: &PresetRecord) -> &str {
 }
 
 impl Edition<'_> {
-    fn fits(&self, suffix: &str, source: Source<'_>, records: &[&PresetRecord]) -> bool {
-        let same = |record: &&PresetRecord| {
-            self.identities.get(record.published()).is_none_or(|known| *known == Identity::of(record))
-                && self.parts.iter().all(|part| part.has_same_data(source, record))
-        };
-        self.suffix == Some(suffix) && records.iter().all(same)
+    fn fits(&self, suffix: &str, parts: &[Part<'_>]) -> bool {
+        let is_consistent = |part: &Part<'_>| self.parts.iter().all(|own| own.is_consistent_with(part));
+        self.suffix == Some(suffix) && parts.iter().all(is_consistent)
     }
 
-    /// The method of a measured row under a preset.
+    /// The method of a measured row under a preset; `None` if the row has no results of it.
     pub(super) fn method(&self, preset: &str, row: &Row) -> Option<(&Part<'_>, &MethodRecord)> {
-        let own =
-            |part: &&Part<'_>| part.preset.published() == preset && Some(part.source.label) == row.store.as_deref();
-        let part = self.parts.iter().find(own)?;
+        let mut measured = self.parts.iter().filter(|part| row.protocols.iter().flatten().any(|own| part.is(own)));
+        let part = measured.find(|part| part.preset.published() == preset)?;
         let records = &part.source.results.provenance.methods;
         Some((part, records.iter().find(|record| Some(&record.name) == row.method.as_ref())?))
     }
@@ -106,38 +106,46 @@ impl Edition<'_> {
     }
 }
 
-/// The data hashes of the trials that have one, by scene and entry.
-fn data_hashes<'a>(source: Source<'a>, record: &PresetRecord) -> BTreeMap<(&'a str, u32), &'a str> {
-    let trials = source.results.trials.iter().filter(|trial| trial.key.preset == record.name);
-    trials
-        .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
-        .collect()
-}
-
-impl<'a> Identity<'a> {
-    fn of(record: &'a PresetRecord) -> Self {
-        Self { hash: &record.hash, index: &record.index_sha256 }
-    }
-}
-
 impl Part<'_> {
-    /// Whether the trials that this and another store have in common read the same pictures and cameras.
-    fn has_same_data(&self, source: Source<'_>, record: &PresetRecord) -> bool {
-        if record.published() != self.preset.published() {
-            return true;
-        }
-        let own = data_hashes(self.source, self.preset);
-        data_hashes(source, record).iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+    /// Whether its results may share a table with those of another: both are of different published presets, or of one
+    /// protocol, index, and set of pictures and cameras.
+    pub(super) fn is_consistent_with(&self, other: &Part<'_>) -> bool {
+        let (own, others) = (self.preset, other.preset);
+        let is_same_protocol = own.hash == others.hash && own.index_sha256 == others.index_sha256;
+        own.published() != others.published() || (is_same_protocol && self.has_same_data(other))
     }
 
-    /// [`Self::foreign_overlaps`] for the preset's own bins.
+    /// Whether the trials that both have in common read the same pictures and cameras.
+    fn has_same_data(&self, other: &Part<'_>) -> bool {
+        let own = self.data_hashes();
+        other.data_hashes().iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+    }
+
+    /// The data hashes of the trials that have one, by scene and entry.
+    fn data_hashes(&self) -> BTreeMap<(&str, u32), &str> {
+        let trials = self.source.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
+        trials
+            .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
+            .collect()
+    }
+
+    fn is(&self, protocol: &StoreProtocol) -> bool {
+        protocol.store == self.source.label && protocol.preset == self.preset.name
+    }
+
+    /// Its names in rows of tables.
+    pub(super) fn store_protocol(&self) -> StoreProtocol {
+        StoreProtocol { store: self.source.label.to_owned(), preset: self.preset.name.clone() }
+    }
+
+    /// [`Self::mismatched_overlaps`] for the preset's own bins.
     pub(super) fn forced_overlaps(&self) -> Option<String> {
-        self.foreign_overlaps(self.protocol.overlap_bins.as_ref()?)
+        self.mismatched_overlaps(self.protocol.overlap_bins.as_ref()?)
     }
 
     /// Why its overlaps do not belong in `bins`; `None` if they do.
-    pub(super) fn foreign_overlaps(&self, bins: &OverlapBins) -> Option<String> {
-        let found = bins.foreign(&self.preset.overlap_estimators)?;
+    pub(super) fn mismatched_overlaps(&self, bins: &OverlapBins) -> Option<String> {
+        let found = bins.mismatched_estimator(&self.preset.overlap_estimators)?;
         let published = bins.estimator().unwrap_or("one estimator");
         Some(format!("{}: overlaps are measured by {found}, the bins were published for {published}", self.preset.name))
     }

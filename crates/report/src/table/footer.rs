@@ -1,10 +1,11 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::statistics::{CONFIDENCE, FEWEST_SCENES, Trend, along_setting, cost};
+use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES, Trend, along_setting, cost};
+use atsplat_metrics::{Definition, Measure};
 
 use super::edition::{Edition, Part};
 use super::orders::means;
-use super::{BUSY, Cell, CellTiming, Column, Counts, Note, NoteKind, Row, Table, Trainings, Value};
+use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, Table, Trainings, Value};
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::Origin;
 
@@ -66,8 +67,8 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
 fn few_scenes(notes: &mut Notes, table: &Table) {
     let cells = table.rows.iter().flat_map(|row| row.cells.iter().flatten());
     let counts = cells.filter(|cell| cell.value.number().is_some()).filter_map(|cell| cell.counts);
-    if counts.map(|counts| counts.scenes).any(|scenes| scenes < FEWEST_SCENES) {
-        notes.add(NoteKind::LeftOut, format!("no interval with fewer than {FEWEST_SCENES} scenes"));
+    if counts.map(|counts| counts.scenes).any(|scenes| scenes < MIN_SCENES) {
+        notes.add(NoteKind::LeftOut, format!("no interval with fewer than {MIN_SCENES} scenes"));
     }
 }
 
@@ -117,7 +118,7 @@ fn trend_over_gaussians(table: &Table, definition: &TableDefinition, edition: &E
     let Trend { slope, interval, scenes } = along_setting(&settings)?;
     let interval = match interval {
         Some([low, high]) => format!("[{low:+.3}, {high:+.3}]"),
-        None => format!("without an interval: fewer than {FEWEST_SCENES} scenes"),
+        None => format!("without an interval: fewer than {MIN_SCENES} scenes"),
     };
     Some(format!(
         "trend: {} changes by {slope:+.3} {interval} per doubling of Gaussians, over {} settings and {scenes} scenes",
@@ -210,17 +211,53 @@ fn reasons(part: &Part<'_>) -> String {
 fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     for (_, column) in table.columns() {
         if let Quantity::Metric(metric) = column.quantity {
-            let records = edition.parts.iter().flat_map(|part| &part.source.results.provenance.metrics);
-            let weights =
-                records.filter(|record| record.id == metric.id).find_map(|record| record.weights_sha256.as_deref());
-            let weights = weights.map_or_else(String::new, |hash| format!("; weights {}", short(hash)));
-            notes.add(NoteKind::Convention, format!("{}: {}{weights}", metric.name, metric.convention));
+            let weights = weights_of(metric, edition);
+            let hashes: Vec<String> = weights.keys().map(|hash| short(hash)).collect();
+            let text = if hashes.is_empty() { String::new() } else { format!("; weights {}", hashes.join(", ")) };
+            notes.add(NoteKind::Convention, format!("{}: {}{text}", metric.name, metric.convention));
+            differing_weights(notes, metric, &weights);
         }
     }
     for (place, column) in table.columns() {
         for reason in table.rows.iter().filter_map(|row| row.cell(place).not_computed.as_ref()) {
             notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
         }
+    }
+}
+
+/// The stores behind each hash of a learned metric's weights.
+type WeightsOfStores<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
+
+fn weights_of<'a>(metric: &Definition, edition: &'a Edition<'a>) -> WeightsOfStores<'a> {
+    let mut weights = WeightsOfStores::new();
+    for Part { source, .. } in &edition.parts {
+        let own = source.results.provenance.metrics.iter().filter(|record| record.id == metric.id);
+        for hash in own.filter_map(|record| record.weights_sha256.as_deref()) {
+            weights.entry(hash).or_default().insert(source.label);
+        }
+    }
+    weights
+}
+
+/// Weights that are not the published ones, or not the same in all stores: a file of the published name may hold any.
+fn differing_weights(notes: &mut Notes, metric: &Definition, weights: &WeightsOfStores<'_>) {
+    let Measure::Perceptual { network, .. } = metric.measure else { return };
+    for hash in weights.keys().filter(|hash| network.is_published(hash) == Some(false)) {
+        let text = format!(
+            "{}: the weights {} are not those of the published {}: not comparable with published numbers",
+            metric.name,
+            short(hash),
+            network.file()
+        );
+        notes.add(NoteKind::Setting, text);
+    }
+    if weights.len() > 1 {
+        let stores = |(hash, stores): (&&str, &BTreeSet<&str>)| {
+            format!("{} in {}", short(hash), stores.iter().copied().collect::<Vec<_>>().join(", "))
+        };
+        let all = weights.iter().map(stores).collect::<Vec<_>>().join("; ");
+        let text = format!("{}: the weights differ between stores, whose rows are not comparable: {all}", metric.name);
+        notes.add(NoteKind::Setting, text);
     }
 }
 
@@ -274,7 +311,7 @@ fn times(notes: &mut Notes, table: &Table) {
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-        let Some(text) = counts_of(&own.columns, &row.cells[group]) else { continue };
+        let Some(text) = counts_of(&row.cells[group]) else { continue };
         let title = if own.title.is_empty() { "all" } else { own.title.as_str() };
         match by_text.iter_mut().find(|(_, known)| *known == text) {
             Some((groups, _)) => groups.push(title),
@@ -291,12 +328,14 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
 }
 
 /// Columns of a group have the same targets: the counts of the first computed metric stand for all.
-fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
-    let counted: Vec<(&Column, Counts)> =
-        columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
-    let (_, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
+fn counts_of(cells: &[Cell]) -> Option<String> {
+    let counted: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
+    let (cell, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
     let plural = |count: u64, what: &str| if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") };
     let mut text = format!("{}, {}", plural(counts.scenes, "scene"), plural(counts.targets, "target"));
+    if let Some(Trainings { count, .. }) = cell.trainings {
+        text.push_str(&format!(" of {count} trainings"));
+    }
     for (count, what) in [(counts.failed, "failed"), (counts.non_finite, "not finite")] {
         if count > 0 {
             text.push_str(&format!(", {count} {what} and not in the mean"));

@@ -6,12 +6,12 @@ use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
 
 use super::edition::Part;
 use super::{Cell, CellTiming, Counts, Value};
-use crate::definition::{Along, ColumnDefinition, ColumnGroup, Quantity};
+use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, SlopeOver};
 
 /// The cells of a method under a preset for a group of columns.
 pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
     let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
-    if let Some(why) = bins.and_then(|bins| part.foreign_overlaps(bins)).filter(|_| !forced) {
+    if let Some(why) = bins.and_then(|bins| part.mismatched_overlaps(bins)).filter(|_| !forced) {
         let cell = Cell { not_computed: Some(format!("{why}; --force bins them nevertheless")), ..Cell::default() };
         return vec![cell; group.columns.len()];
     }
@@ -25,25 +25,25 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
         Quantity::Slope(metric, along) => {
             let query = MetricQuery { preset, method, metric: metric.id, leaked, identical };
             match along {
-                Along::Overlap => slope_cell(along_overlap(results, &query), 0.1),
-                Along::Distance => slope_cell(along_distance(results, &query), 1.0),
+                SlopeOver::Overlap => slope_cell(along_overlap(results, &query), 0.1),
+                SlopeOver::Distance => slope_cell(along_distance(results, &query), 1.0),
             }
         }
-        Quantity::Seconds => of_times(times(results, preset, method)),
-        quantity => of_cost(quantity, &cost),
+        Quantity::Seconds => time_cell(times(results, preset, method)),
+        quantity => cost_cell(quantity, &cost),
     };
     group.columns.iter().map(cell).collect()
 }
 
-fn metric_cell(part: &Part<'_>, question: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
+fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
     let results = part.source.results;
     let found = match (&group.bin, &part.protocol.overlap_bins) {
         (None, _) => match group.distances {
-            Some([low, high]) => within_distances(results, question, low..=high),
-            None => summary(results, question, part.protocol.aggregation),
+            Some([low, high]) => within_distances(results, query, low..=high),
+            None => summary(results, query, part.protocol.aggregation),
         },
         (Some(bin), Some(bins)) => {
-            let binned = by_overlap(results, question, bins);
+            let binned = by_overlap(results, query, bins);
             let own = binned.bins.into_iter().find(|(name, _)| *name == *bin).map(|(_, summary)| summary);
             own.or_else(|| (*bin == "average").then_some(binned.average)).unwrap_or_default()
         }
@@ -71,7 +71,7 @@ fn slope_cell(trend: Option<Trend>, unit: f64) -> Cell {
     Cell { value: Value::Number(slope * unit), interval, ..Cell::default() }
 }
 
-fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
+fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
     let value = match quantity {
         Quantity::Gaussians => cost.gaussians,
         Quantity::GaussiansMin => cost.gaussians_min.map(|count| count as f64),
@@ -84,7 +84,7 @@ fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
 }
 
 /// Seconds from context pictures to Gaussians, measured by the timing pass, or why there are none.
-fn of_times(times: Result<Times, String>) -> Cell {
+fn time_cell(times: Result<Times, String>) -> Cell {
     let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
     match found {
         Err(reason) => Cell { not_computed: Some(reason), ..Cell::default() },

@@ -24,7 +24,7 @@ pub struct MeasuredOn {
 }
 
 /// A protocol that was run, for the columns with a heading.
-pub(super) struct Ran<'a> {
+pub(super) struct ProtocolRun<'a> {
     pub(super) heading: &'a str,
     pub(super) part: &'a Part<'a>,
     pub(super) method: &'a str,
@@ -33,10 +33,10 @@ pub(super) struct Ran<'a> {
 impl MeasuredOn {
     /// Of all protocols behind a row; headings appear only where numbers of scenes differ. `method` is named first.
     #[expect(clippy::type_complexity, reason = "a list of lists, for a moment")]
-    pub(super) fn of(ran: &[Ran<'_>], method: Option<String>) -> Self {
+    pub(super) fn of(ran: &[ProtocolRun<'_>], method: Option<String>) -> Self {
         // Data and size, with each number of scenes and the headings that have it.
         let mut places: Vec<(String, Vec<(String, Vec<&str>)>)> = Vec::new();
-        for Ran { heading, part, method } in ran {
+        for ProtocolRun { heading, part, method } in ran {
             let place = [Some(part.data()), part.size(method)].into_iter().flatten().collect::<Vec<_>>().join(", ");
             let at = places.iter().position(|(known, _)| *known == place).unwrap_or_else(|| {
                 places.push((place, Vec::new()));

@@ -39,6 +39,15 @@ pub struct Source<'a> {
     pub results: &'a Results,
 }
 
+/// A protocol of a store.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoreProtocol {
+    /// Label of the store.
+    pub store: String,
+    /// Name of the protocol in the store's rows.
+    pub preset: String,
+}
+
 /// A table, ready to be written in any format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -91,7 +100,7 @@ pub struct Column {
     pub direction: Option<Direction>,
     /// Whether counts are printed exactly.
     pub exact: bool,
-    /// Whether intervals are printed beside the numbers.
+    /// Whether intervals are printed next to the numbers.
     pub intervals: bool,
 }
 
@@ -108,12 +117,15 @@ pub struct Row {
     pub answers: Option<usize>,
     /// What was measured; `None` for published rows.
     pub measured_on: Option<MeasuredOn>,
-    /// What the label has to add: changed at inference only, never saw such data, without context frames.
+    /// What the label has to add: changed at inference only, never saw such data, without context frames, and the like.
     pub remarks: Vec<String>,
     /// Name of the method in its store; `None` for published rows and for rows of several methods.
     pub method: Option<String>,
     /// Label of its store.
     pub store: Option<String>,
+    /// For each group of columns, the protocol that was measured; empty for published rows.
+    #[serde(skip)]
+    pub protocols: Vec<Option<StoreProtocol>>,
     /// Whether its weights are random; such rows are never ranked.
     pub untrained: bool,
     /// Whether its weights are those of another row whose network differs: an ablation that was not retrained.
@@ -140,7 +152,7 @@ pub struct Cell {
     pub counts: Option<Counts>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
-    /// The spread of several trainings beside that of scenes, if it is a mean over them.
+    /// The spread over trainings and over scenes, if it is a mean over several trainings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trainings: Option<Trainings>,
     /// How it was timed, if it is a time.
@@ -179,13 +191,13 @@ pub struct CellTiming {
     /// What ran on a graphics adapter, and on which; `None` if everything ran on the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
-    /// Fraction of the machine's processors used by other processes meanwhile.
+    /// Fraction of the machine's processors that other processes used at the same time.
     pub others: Option<f64>,
     /// Whether that fraction was too large for the time to be reliable.
     pub busy: bool,
 }
 
-/// The numbers of scenes and targets behind a mean.
+/// The numbers of scenes and targets behind a mean; behind a mean over several trainings, the targets of all of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Counts {
@@ -351,6 +363,11 @@ impl Row {
     /// The cell of a column; rows have a cell for every column of their table.
     pub(crate) fn cell(&self, (group, column): Place) -> &Cell {
         &self.cells[group][column]
+    }
+
+    /// The protocol that was measured for a group of columns.
+    pub(crate) fn protocol(&self, group: usize) -> Option<&StoreProtocol> {
+        self.protocols.get(group)?.as_ref()
     }
 
     /// The labels that are not empty.

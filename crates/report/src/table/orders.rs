@@ -64,8 +64,8 @@ impl Outcome {
     }
 }
 
-/// The orders of all pairs of published rows that are reproduced under one protocol, by their first metric in the last group
-/// of columns that has it for both: the average over bins, the largest number of views.
+/// The orders of all pairs of published rows that are reproduced under one protocol. They are compared by their first metric
+/// in the last group of columns that has it for both: the average over bins, the largest number of views.
 pub(super) fn orders(table: &Table, definition: &TableDefinition, edition: &Edition<'_>) -> Vec<Order> {
     let published: Vec<&Row> = table.rows.iter().filter(|row| row.origin == Origin::Published).collect();
     let mut orders = Vec::new();
@@ -78,7 +78,7 @@ pub(super) fn orders(table: &Table, definition: &TableDefinition, edition: &Edit
                 let difference = number(first)? - number(second)?;
                 let bin = definition.groups[group].bin.as_deref().is_some_and(|bin| bin != "average");
                 let rows = [*first, *second];
-                let [one, other] = rows.map(|row| trained(table, definition, edition, row, group));
+                let [one, other] = rows.map(|row| reproducing_methods(table, definition, edition, row, group));
                 (difference != 0.0 && !bin).then(|| compared(edition, &one, &other, metric, difference, rows)).flatten()
             });
             orders.extend(found);
@@ -94,27 +94,31 @@ const fn metric_of(quantity: Quantity) -> Option<&'static Definition> {
     }
 }
 
-type Trained<'a> = Vec<(&'a Part<'a>, &'a MethodRecord)>;
+/// Methods, each with the results of its store under one preset.
+type TrainedMethods<'a> = Vec<(&'a Part<'a>, &'a MethodRecord)>;
 
 /// The first method that reproduces a published row, and its other trainings.
-fn trained<'a>(
+fn reproducing_methods<'a>(
     table: &Table,
     definition: &TableDefinition,
     edition: &'a Edition<'a>,
     row: &Row,
     group: usize,
-) -> Trained<'a> {
+) -> TrainedMethods<'a> {
     let own = definition.row(&row.labels).and_then(|own| own.preset.as_ref());
     let Some(preset) = own.or(definition.groups[group].preset.as_ref()) else { return Vec::new() };
     let measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
     let answers = measured.filter(|other| other.answers.is_some() && other.answers == row.answers);
-    let found: Trained<'a> = answers.filter_map(|row| edition.method(preset, row)).collect();
-    let Some((_, first)) = found.first().copied() else { return found };
-    found.into_iter().enumerate().filter(|(at, (_, own))| *at == 0 || is_twin(first, own)).map(|(_, own)| own).collect()
+    let found: TrainedMethods<'a> = answers.filter_map(|row| edition.method(preset, row)).collect();
+    let Some((part, first)) = found.first().copied() else { return found };
+    let is_training = |(own, record): &(&Part<'_>, &MethodRecord)| {
+        differs_only_in_seed(first, record) && own.is_consistent_with(part)
+    };
+    found.into_iter().enumerate().filter(|(at, own)| *at == 0 || is_training(own)).map(|(_, own)| own).collect()
 }
 
 /// Whether two methods are one network, trained on the same data from different seeds.
-pub(super) fn is_twin(a: &MethodRecord, b: &MethodRecord) -> bool {
+pub(super) fn differs_only_in_seed(a: &MethodRecord, b: &MethodRecord) -> bool {
     let (Some(first), Some(second)) = (&a.training, &b.training) else { return false };
     let differ = a.weights_sha256 != b.weights_sha256 && first.seed != second.seed;
     differ && first.data == second.data && a.kind == b.kind && a.parameters == b.parameters
@@ -122,8 +126,8 @@ pub(super) fn is_twin(a: &MethodRecord, b: &MethodRecord) -> bool {
 
 fn compared(
     edition: &Edition<'_>,
-    one: &Trained<'_>,
-    other: &Trained<'_>,
+    one: &TrainedMethods<'_>,
+    other: &TrainedMethods<'_>,
     metric: &'static Definition,
     published: f64,
     rows: [&Row; 2],

@@ -1,4 +1,5 @@
-//! A table for every protocol that was run: methods × metrics with intervals, by overlap or distance, with time and Gaussians.
+//! A table for every protocol that was run: methods × metrics with intervals, by overlap or distance, with time and
+//! Gaussians.
 
 use std::collections::BTreeSet;
 
@@ -10,8 +11,9 @@ use super::edition::{Edition, editions};
 use super::{Mixing, Source, Table, distinct};
 use crate::ReportError;
 use crate::definition::{
-    Along, ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, TableDefinition,
+    ColumnDefinition, ColumnGroup, LabelColumn, Marks, MeasuredLabel, Quantity, SlopeOver, TableDefinition,
 };
+use crate::file_names::{plain, unused};
 
 /// The tables of all protocols with results, in the order of the stores: one for each protocol and dataset.
 ///
@@ -31,7 +33,8 @@ pub fn protocol_tables(sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Tab
                 first.preset.name
             );
             let mut found = table(&own, &[], Some(&edition));
-            found.name = unused(&tables, &format!("protocol-{}", plain(&first.preset.name)));
+            let is_taken = |name: &str| tables.iter().any(|table| table.name == name);
+            found.name = unused(&format!("protocol-{}", plain(&first.preset.name)), is_taken);
             if found.is_measured() {
                 tables.push(found);
             }
@@ -99,7 +102,7 @@ fn groups(protocol: &str, edition: &Edition<'_>) -> Vec<ColumnGroup> {
         groups.push(breakdown(format!("{name} overlap"), format!("_{name}"), &set));
     }
     if bins.is_some() {
-        groups.push(slope(Along::Overlap));
+        groups.push(slope(SlopeOver::Overlap));
     }
     let ranges = distances(edition);
     for [low, high] in &ranges {
@@ -112,7 +115,7 @@ fn groups(protocol: &str, edition: &Edition<'_>) -> Vec<ColumnGroup> {
         groups.push(breakdown(title, format!("_{low}_to_{high}"), &set));
     }
     if !ranges.is_empty() {
-        groups.push(slope(Along::Distance));
+        groups.push(slope(SlopeOver::Distance));
     }
     groups
 }
@@ -143,22 +146,4 @@ fn distances(edition: &Edition<'_>) -> Vec<[u64; 2]> {
     let outside = (0..RANGES).map(|at| [at * width + 1, ((at + 1) * width).min(farthest)]);
     let has_targets = |range: &[u64; 2]| found.range(range[0]..=range[1].max(range[0])).next().is_some();
     std::iter::once([0, 0]).chain(outside).filter(has_targets).collect()
-}
-
-/// A name that is valid on every file system.
-fn plain(text: &str) -> String {
-    text.chars()
-        .map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' })
-        .collect()
-}
-
-fn unused(tables: &[Table], name: &str) -> String {
-    let taken = |name: &str| tables.iter().any(|table| table.name == name);
-    let mut number = 2;
-    let mut own = name.to_owned();
-    while taken(&own) {
-        own = format!("{name}-{number}");
-        number += 1;
-    }
-    own
 }

@@ -195,6 +195,12 @@ fn several_trainings_share_a_row() {
         measured(&table).filter(|row| row.method.as_deref().is_some_and(|own| own.starts_with("seed"))).collect();
     assert_eq!(single.iter().filter(|row| !row.without_leaked).count(), 3);
     let trainings = mean.cells[0][0].trainings.unwrap();
+    let counts = Counts { scenes: 6, targets: 54, identical: 0, failed: 3, non_finite: 0 };
+    assert_eq!(mean.cells[0][0].counts, Some(counts), "of all trainings: the first has no failure");
+    assert!(mean.measured_on.as_ref().unwrap().text.contains("3 of 21 targets failed"), "{:?}", mean.measured_on);
+    let said = notes(&table, NoteKind::Counts);
+    let expected = "mean of 3 trainings: 6 scenes, 54 targets of 3 trainings, 3 failed and not in the mean";
+    assert!(said.contains(expected), "{said}");
     // The second method of the sample fails in the third scene: six are common. 27.25 − 2 · at, without at = 2.
     let scenes = [27.25, 25.25, 21.25, 19.25, 17.25, 15.25].map(|psnr| psnr - 3.0);
     let expected = scenes.iter().sum::<f64>() / 6.0;

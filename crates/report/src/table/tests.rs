@@ -1,8 +1,9 @@
-use atsplat_eval::{MethodRecord, Results, TargetRow, TargetStatus, TrialStatus};
+use atsplat_eval::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialStatus};
 use atsplat_numeric::Tolerance;
 
 use super::*;
 use crate::definition::TableDefinition;
+use crate::figures::of_table;
 use crate::sample::{atsplat, floor, preset, random, results, store};
 
 fn built(name: &str, stores: &[(&str, &Results)], mixing: Mixing) -> Vec<Table> {
@@ -156,6 +157,115 @@ fn a_different_index_is_a_different_protocol() {
     let mut second = store();
     second.provenance.presets[0].index_sha256 = "another".to_owned();
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
+}
+
+/// Two presets that stand for one published protocol, each with a number for the same method.
+fn two_stand_ins() -> Results {
+    let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
+    let mut results = results(presets, vec![atsplat("atsplat", |_| ()), floor()]);
+    for row in results.targets.iter_mut().filter(|row| row.key.preset == "rooms-2v-64") {
+        row.scores.values_mut().for_each(|score| *score -= 5.0);
+    }
+    results
+}
+
+#[test]
+fn two_protocols_of_one_store_get_tables_of_their_own() {
+    let results = two_stand_ins();
+    let psnrs = |table: &Table| {
+        let own = |row: &&Row| row.method.as_deref() == Some("atsplat") && !row.without_leaked;
+        table.rows.iter().filter(own).map(|row| row.cells[0][0].value.number().unwrap()).collect::<Vec<_>>()
+    };
+    let apart = built("re10k", &[("run", &results)], Mixing::Apart);
+    assert_eq!(apart.iter().map(|table| table.name.as_str()).collect::<Vec<_>>(), ["re10k-1", "re10k-2"]);
+    Tolerance::F64.assert(apart.iter().flat_map(psnrs), [24.25, 19.25], "a table for each");
+    assert!(apart.iter().all(|table| !table.forced));
+    let source = [Source { label: "run", results: &results }];
+    let protocols = protocol_tables(&source, Mixing::Apart).unwrap();
+    let names: Vec<&str> = protocols.iter().map(|table| table.name.as_str()).collect();
+    assert_eq!(names, ["protocol-rooms-2v-128", "protocol-rooms-2v-64"]);
+    Tolerance::F64.assert(protocols.iter().flat_map(psnrs), [24.25, 19.25], "a table for each");
+    let mixed = built("re10k", &[("run", &results)], Mixing::Forced);
+    assert_eq!((mixed.len(), mixed[0].forced), (1, true));
+    Tolerance::F64.assert(psnrs(&mixed[0]), [24.25, 19.25], "a row for each");
+}
+
+/// Each setting of a sweep over resolutions runs under a preset of its own; one of them is the protocol's resolution.
+#[test]
+fn settings_of_a_sweep_share_a_table_only_under_one_protocol() {
+    let at = |size: &str, hash: Option<&str>| {
+        let own = preset("rooms-2v-128");
+        let name = format!("rooms-2v-128-{size}");
+        PresetRecord { preset: name.clone(), name, hash: hash.map_or(own.hash.clone(), str::to_owned), ..own }
+    };
+    let presets = vec![preset("rooms-2v-128"), at("128x128", None), at("64x64", Some("another"))];
+    let methods = ["of the protocol", "128×128", "64×64"];
+    let mut results = results(presets.clone(), methods.map(|name| atsplat(name, |_| ())).to_vec());
+    let was_run = |key: &TrialKey| {
+        presets.iter().zip(methods).any(|(preset, name)| preset.name == key.preset && key.method == name)
+    };
+    results.trials.retain(|row| was_run(&row.key));
+    results.targets.retain(|row| was_run(&row.key));
+    let rows = |table: &Table| {
+        let own = table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked);
+        own.filter_map(|row| row.method.clone()).collect::<Vec<_>>()
+    };
+    let apart = built("re10k", &[("run", &results)], Mixing::Apart);
+    assert_eq!(apart.iter().map(rows).collect::<Vec<_>>(), [vec![methods[0], methods[1]], vec![methods[2]]]);
+}
+
+/// The plots of the second protocol's table show its own numbers.
+#[test]
+fn plots_show_the_protocol_of_their_table() {
+    let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
+    let mut results = results(presets, vec![atsplat("atsplat", |_| ()), random()]);
+    // In the first protocol the second method is 3 dB worse; in the second, another 5 dB.
+    for row in results.targets.iter_mut().filter(|row| row.key.preset == "rooms-2v-64") {
+        if row.key.method == "atsplat-random" {
+            row.scores.entry("psnr".to_owned()).and_modify(|psnr| *psnr -= 5.0);
+        }
+    }
+    for (at, trial) in results.trials.iter_mut().enumerate() {
+        let gaussians = if trial.key.preset == "rooms-2v-64" { 1_000_000 } else { 50_000 };
+        trial.gaussians = Some(gaussians + at as u64);
+    }
+    let texts = |name: &str| -> Vec<String> {
+        let definition = TableDefinition::named(name).unwrap();
+        let source = [Source { label: "run", results: &results }];
+        let tables = tables(&definition, &source, Mixing::Apart).unwrap();
+        let plots = tables.iter().map(|table| of_table(&definition, table, &source).swap_remove(0).1);
+        plots.map(|plot| plot.texts().collect::<Vec<_>>().join("\n")).collect()
+    };
+    let ablations = texts("ablation_ate");
+    assert!(ablations[0].contains("(−3.00)") && !ablations[0].contains("(−8.00)"), "{}", ablations[0]);
+    assert!(ablations[1].contains("(−8.00)") && !ablations[1].contains("(−3.00)"), "{}", ablations[1]);
+    let budgets = texts("dynamic_budget");
+    assert!(budgets[0].contains("K of 4") && !budgets[0].contains("M of 4"), "{}", budgets[0]);
+    assert!(budgets[1].contains("M of 4") && !budgets[1].contains("K of 4"), "{}", budgets[1]);
+}
+
+/// A file of the published name may hold other weights.
+#[test]
+fn weights_of_a_metric_that_are_not_the_published_ones_are_named() {
+    let with = |hash: &str| {
+        let mut results = store();
+        let lpips = results.provenance.metrics.iter_mut().find(|metric| metric.id == "lpips").unwrap();
+        (lpips.weights_sha256, lpips.absent) = (Some(hash.to_owned()), None);
+        results
+    };
+    let [published, other] = ["397923af8e79cdbb", "0123456789abcdef"].map(with);
+    let settings = |stores: &[(&str, &Results)]| {
+        let table = built("re10k", stores, Mixing::Apart).swap_remove(0);
+        let conventions = notes(&table, NoteKind::Convention).join("\n");
+        let all = notes(&table, NoteKind::Setting).into_iter().filter(|text| text.contains("weights"));
+        (conventions, all.collect::<Vec<_>>().join("\n"))
+    };
+    let (conventions, said) = settings(&[("a", &published), ("b", &published)]);
+    assert!(conventions.contains("; weights 397923af8e79") && said.is_empty(), "{conventions}\n{said}");
+    let (conventions, said) = settings(&[("a", &published), ("b", &other)]);
+    assert!(conventions.contains("; weights 0123456789ab, 397923af8e79"), "{conventions}");
+    assert!(said.contains("the weights 0123456789ab are not those of the published vgg16-397923af.pth"), "{said}");
+    assert!(said.contains("differ between stores") && said.contains("0123456789ab in b; 397923af8e79 in a"), "{said}");
 }
 
 /// Rows of the same protocol do not share a table if the pictures have changed.

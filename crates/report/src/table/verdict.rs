@@ -134,12 +134,12 @@ impl std::fmt::Display for Verdict {
             let Self { kept, reversed, undecided, .. } = self;
             write!(f, "; orders: {kept} kept, {reversed} reversed, {undecided} undecided")?;
         }
-        for (so, what) in [
+        for (applies, what) in [
             (self.few_scenes, "fewer than 6 scenes in common give no interval"),
             (self.inference_only, "changed at inference only, where the paper trains"),
             (self.untrained, "untrained"),
         ] {
-            if so {
+            if applies {
                 write!(f, "; {what}")?;
             }
         }

@@ -1,5 +1,6 @@
-//! The check of every plot: nothing is cut off, outside or overprinted; each series has its own colour and an entry in the
-//! legend; ticks agree with their axis; intervals are shown only where there are points; the heading says how much data it is.
+//! Checks every plot: nothing is cut off, outside or overprinted; each series has its own colour and an entry in the
+//! legend; ticks agree with their axis; intervals are shown only where there are points; the heading says how much data
+//! there is.
 
 mod axis;
 mod heading;
