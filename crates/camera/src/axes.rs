@@ -43,7 +43,7 @@ mod tests {
         }
         assert_eq!(rotation_from_forward_and_down(DVec3::Z, DVec3::Z, 1e-12), None);
         assert_eq!(rotation_from_forward_and_down(DVec3::ZERO, DVec3::Y, 1e-12), None);
-        // The part of `down` across has a length of exactly ½, which the threshold excludes.
+        // The part of `down` orthogonal to forward has a length of exactly ½, which the threshold excludes.
         let down = DVec3::new(0.0, 0.5, 1.0);
         assert_eq!(rotation_from_forward_and_down(DVec3::Z, down, 0.5), None);
         assert_eq!(rotation_from_forward_and_down(DVec3::Z, down, 0.49), Some(DMat3::IDENTITY));

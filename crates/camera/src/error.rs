@@ -48,7 +48,7 @@ pub enum CameraError {
         angle_limit: f64,
     },
     /// There are fewer views or poses than the operation needs.
-    #[error("{what}: expected at least {expected} poses, found {found}")]
+    #[error("{what}: expected at least {expected}, found {found}")]
     TooFewPoses { what: &'static str, expected: usize, found: usize },
     /// The distance that a pose normalisation divides by is outside the accepted range. The papers' loaders skip such
     /// scenes.

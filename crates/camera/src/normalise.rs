@@ -181,7 +181,7 @@ pub fn normalise(
         });
     }
     let Some((first, last)) = context.first().zip(context.last()) else {
-        return Err(CameraError::TooFewPoses { what: "pose normalisation", expected: 1, found: 0 });
+        return Err(CameraError::TooFewPoses { what: "context poses of a pose normalisation", expected: 1, found: 0 });
     };
     let step = match rule {
         PoseNormalisation::None | PoseNormalisation::Sequence { .. } => {
@@ -198,7 +198,8 @@ pub fn normalise(
             Step::divided_by(accepted(BASELINE_ONE, baseline, *minimum, *maximum)?)
         }
         PoseNormalisation::FirstViewRelative => {
-            // The inverse rather than the transpose, as `torch.inverse`: the rounding of the first view cancels.
+            // The inverse rather than the transpose, like `torch.inverse` in the papers: the rounding of the first view
+            // cancels.
             let rotation = first.rotation().inverse();
             Step { new_from_old: Similarity { rotation, origin: first.centre(), scale: 1.0 }, ..Step::UNCHANGED }
         }

@@ -97,7 +97,7 @@ impl CameraPath {
     pub fn poses(&self, views: &[WorldFromCamera], frames: usize) -> Result<Vec<WorldFromCamera>, CameraError> {
         at_least(1, frames, "frames of a camera path")?;
         let Some((first, last)) = views.first().zip(views.last()) else {
-            return Err(CameraError::TooFewPoses { what: "camera path", expected: 1, found: 0 });
+            return Err(CameraError::TooFewPoses { what: "views of a camera path", expected: 1, found: 0 });
         };
         let baseline = first.centre().distance(last.centre());
         let unit = if baseline > 0.0 { baseline } else { 1.0 };

@@ -76,13 +76,13 @@ mod tests {
 
     const SLACK: Tolerance = Tolerance::absolute(1e-12);
 
-    fn table(up: DVec3) -> Turntable {
+    fn turntable(up: DVec3) -> Turntable {
         Turntable { target: DVec3::ZERO, up, distance: 2.0, elevation: 0.0, azimuth: 0.0, sweep: TAU }
     }
 
     #[test]
     fn opencv_scenes_are_seen_from_the_front_and_the_camera_moves_right() {
-        let poses = table(-DVec3::Y).poses(4).unwrap();
+        let poses = turntable(-DVec3::Y).poses(4).unwrap();
         SLACK.assert(poses[0].rotation().to_cols_array(), DMat3::IDENTITY.to_cols_array(), "level, ahead");
         let centres = [[0.0, 0.0, -2.0], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0], [-2.0, 0.0, 0.0]];
         for (pose, centre) in poses.iter().zip(centres) {
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn blender_scenes_are_seen_from_minus_y() {
-        let poses = table(DVec3::Z * 7.0).poses(1).unwrap();
+        let poses = turntable(DVec3::Z * 7.0).poses(1).unwrap();
         SLACK.assert(poses[0].centre().to_array(), [0.0, -2.0, 0.0], "in front");
         SLACK.assert(poses[0].down().to_array(), [0.0, 0.0, -1.0], "upright");
         SLACK.assert(poses[0].right().to_array(), [1.0, 0.0, 0.0], "not mirrored");
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn looks_straight_down_from_above() {
-        let above = Turntable { elevation: FRAC_PI_2, ..table(-DVec3::Y) };
+        let above = Turntable { elevation: FRAC_PI_2, ..turntable(-DVec3::Y) };
         let pose = above.poses(1).unwrap()[0];
         SLACK.assert(pose.centre().to_array(), [0.0, -2.0, 0.0], "above");
         SLACK.assert(pose.down().to_array(), [0.0, 0.0, -1.0], "the forward direction is at the top");
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn an_arc_ends_at_its_sweep() {
-        let half = Turntable { sweep: -PI, ..table(-DVec3::Y) };
+        let half = Turntable { sweep: -PI, ..turntable(-DVec3::Y) };
         let poses = half.poses(3).unwrap();
         SLACK.assert(poses[1].centre().to_array(), [-2.0, 0.0, 0.0], "to its left");
         SLACK.assert(poses[2].centre().to_array(), [0.0, 0.0, 2.0], "opposite");
@@ -125,8 +125,8 @@ mod tests {
         ) {
             let (target, up) = (DVec3::from_array(target), DVec3::from_array(up));
             prop_assume!(up.length() > 0.05);
-            let table = Turntable { target, up, distance: 3.0, elevation, azimuth, sweep };
-            for pose in table.poses(5).unwrap() {
+            let turntable = Turntable { target, up, distance: 3.0, elevation, azimuth, sweep };
+            for pose in turntable.poses(5).unwrap() {
                 let seen = pose.inverse().transform_point(target);
                 prop_assert!(SLACK.check(seen.to_array(), [0.0, 0.0, 3.0]).is_ok(), "{seen}");
                 prop_assert!(pose.orthonormality_residual() < 1e-14 && pose.determinant() > 0.0);
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn numbers_are_checked() {
-        let good = table(-DVec3::Y);
+        let good = turntable(-DVec3::Y);
         for invalid in [
             Turntable { up: DVec3::ZERO, ..good },
             Turntable { up: DVec3::NAN, ..good },

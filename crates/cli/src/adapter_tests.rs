@@ -4,7 +4,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use atsplat_splat::gpu::{AdapterDescription, ProbeStage, Verdict, VerdictCache, VerdictKey, Watcher};
+use atsplat_splat::gpu::{AdapterDescription, ProbeStage, SelfTestObserver, Verdict, VerdictCache, VerdictKey};
 use indicatif::ProgressBar;
 
 use crate::output::warn;
@@ -43,7 +43,7 @@ impl AdapterTests {
     }
 }
 
-impl Watcher for AdapterTests {
+impl SelfTestObserver for AdapterTests {
     fn begins(&self, adapter: &AdapterDescription, stage: ProbeStage) {
         let activity = match stage {
             ProbeStage::Opening => "opening the device",

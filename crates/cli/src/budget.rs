@@ -1,4 +1,5 @@
-//! `atsplat budget`: tokens, Gaussians and memory of a configuration by formula, and whether the network keeps to them.
+//! `atsplat budget`: tokens, Gaussians and memory of a configuration by formula, and whether the network has these
+//! counts.
 
 use anyhow::Context as _;
 use atsplat_camera::ImageSize as CameraSize;
@@ -29,12 +30,12 @@ pub(crate) struct Args {
     changes: ChangeArgs,
 
     /// Run each row through a network with random weights, compare its counts with the formula, and print seconds and
-    /// memory. The paper's high resolution takes minutes and 16 GiB.
+    /// memory. The paper's high resolution takes minutes and 4 GiB.
     #[arg(long)]
     run: bool,
 
-    /// Device of --run: cpu, wgpu or wgpu:N, a graphics adapter, N as `atsplat adapters` numbers them, in builds with `--features
-    /// gpu-network`. The peak is that of host memory.
+    /// Device of --run: cpu, wgpu (the best graphics adapter) or wgpu:N (number N of `atsplat adapters`); an adapter
+    /// needs a build with `--features gpu-network`. The printed peak is always that of host memory.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu", requires = "run")]
     processor: Processor,
 
@@ -66,7 +67,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     drop(progress);
     let report = BudgetReport { rows, changed: !args.changes.is_empty() };
     print_report(&report, args.json)?;
-    Ok(report.is_right())
+    Ok(report.is_consistent())
 }
 
 impl Args {

@@ -8,8 +8,9 @@ use crate::adapter_tests::AdapterTests;
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct DeviceArgs {
-    /// Where networks run and Gaussians are rendered: cpu, wgpu or wgpu:N, the best graphics adapter or number N of `atsplat
-    /// adapters`, which must pass its test and is recorded. Networks need a build with `--features gpu-network` for it.
+    /// Where networks run and Gaussians are rendered: cpu, wgpu (the best graphics adapter) or wgpu:N (number N of
+    /// `atsplat adapters`). The adapter must pass its test and is recorded. Networks run on one only in builds with
+    /// `--features gpu-network`.
     #[arg(long = "device", value_name = "cpu|wgpu[:N]", default_value = "cpu")]
     pub(crate) processor: Processor,
 }
@@ -37,7 +38,7 @@ impl DeviceArgs {
         device.with_context(|| self.name())
     }
 
-    /// As [`Self::open`], for networks: a build without them is reported first.
+    /// Like [`Self::open`], for networks: a build that cannot run them on an adapter is rejected first.
     pub(crate) fn open_for_networks(self) -> anyhow::Result<ComputeDevice> {
         self.processor.check_build().with_context(|| self.name())?;
         self.open()

@@ -18,7 +18,7 @@ pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
     Some(TensorFile::parse(PathBuf::from(name), SharedBytes::new(bytes.to_vec())))
 }
 
-/// The weights in a file, by default the embedded ones, as network of a reproduction.
+/// The network of a reproduction, with the weights in a file or, by default, the embedded ones.
 pub(crate) fn trained(path: Option<&Path>) -> Result<TrainedNetwork, EvalError> {
     let Some(path) = path else {
         #[expect(clippy::expect_used, reason = "the weights are among FILES")]
@@ -29,12 +29,12 @@ pub(crate) fn trained(path: Option<&Path>) -> Result<TrainedNetwork, EvalError> 
     TrainedNetwork::new(&find(path, expected)?, path.display().to_string())
 }
 
-/// As [`trained`], of a file or the name of the embedded weights.
+/// Like [`trained`]; `path` may also be the name of the embedded weights.
 pub(crate) fn named_or_read(path: &Path) -> Result<TrainedNetwork, EvalError> {
     trained(Some(path).filter(|path| *path != Path::new(MICRO_ROOMS) || path.exists()))
 }
 
-/// As [`TensorFile::find`], but the name of embedded weights stands for them unless a file has that name.
+/// Like [`TensorFile::find`]; `path` may also be the name of embedded weights, unless a file has that name.
 pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<TensorFile, TensorError> {
     let named = if path.exists() { None } else { path.to_str().and_then(embedded) };
     named.unwrap_or_else(|| TensorFile::find(path, expected))

@@ -33,7 +33,7 @@ pub(crate) struct WithStrict<A: clap::Args> {
     #[command(flatten)]
     args: A,
 
-    /// Exit with code 4 if scenes or frames had to be skipped, a trial failed, or none of its Gaussians is drawn.
+    /// Exit with code 4 if scenes or frames were skipped, a trial failed, or none of a trial's Gaussians is drawn.
     #[arg(long)]
     strict: bool,
 }

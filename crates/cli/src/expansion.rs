@@ -43,7 +43,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let trained = embedded::trained(args.weights.as_deref())?;
     let config = args.changes.applied(&trained.config)?;
-    let network = trained.bare(&config)?;
+    let network = trained.network_for(&config)?;
     let mut warnings = Warnings::new();
     let mut complete = true;
     let remote = args.protocols.remote()?;

@@ -1,4 +1,4 @@
-//! What the libraries report of their work, on standard error.
+//! The log of the libraries, on standard error.
 
 use std::io::stderr;
 
@@ -8,16 +8,16 @@ use tracing_subscriber::fmt::time::uptime;
 use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-/// Events have these crates and their modules as targets.
-const OWN: &str = "atsplat";
+/// The targets of our events are crates with this prefix and their modules.
+const CRATE_PREFIX: &str = "atsplat";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct LogArgs {
-    /// Report on standard error what is read, chosen and resumed; twice for every scene and trial, three times for all.
+    /// Log to standard error what is read, chosen and resumed; -vv also logs every scene and trial, -vvv everything.
     #[arg(long, short, global = true, action = clap::ArgAction::Count, conflicts_with = "log")]
     verbose: u8,
 
-    /// Report these parts, as PART=LEVEL,…, e.g. `atsplat_splat=debug,atsplat_eval=info`.
+    /// Log only these parts: PART=LEVEL,…, for example `atsplat_splat=debug,atsplat_eval=info`.
     #[arg(long, global = true, value_name = "FILTER", value_parser = filter)]
     log: Option<Targets>,
 }
@@ -34,7 +34,7 @@ impl LogArgs {
         let filter = match &self.log {
             Some(filter) => filter.clone(),
             None if level == LevelFilter::OFF => return Ok(()),
-            None => Targets::new().with_target(OWN, level),
+            None => Targets::new().with_target(CRATE_PREFIX, level),
         };
         let printer = tracing_subscriber::fmt::layer().with_writer(stderr).with_ansi(false).with_timer(uptime());
         tracing_subscriber::registry().with(printer.with_filter(filter)).try_init().context("starting the log")
@@ -43,8 +43,8 @@ impl LogArgs {
 
 fn filter(text: &str) -> anyhow::Result<Targets> {
     let filter: Targets = text.parse()?;
-    match filter.iter().find(|(target, _)| !target.starts_with(OWN)) {
-        Some((target, _)) => anyhow::bail!("expected parts that begin with {OWN}, found {target:?}"),
+    match filter.iter().find(|(target, _)| !target.starts_with(CRATE_PREFIX)) {
+        Some((target, _)) => anyhow::bail!("expected parts that begin with {CRATE_PREFIX}, found {target:?}"),
         None => Ok(filter),
     }
 }

@@ -1,6 +1,6 @@
 //! The `atsplat` command line: parses arguments and calls the library crates.
 //!
-//! Exit codes: 0 done, 1 failed, 2 usage error, 3 drift found, 4 done with scenes or frames skipped (`--strict` only).
+//! Exit codes: 0 done, 1 failed, 2 usage error, 3 drift found, 4 done, but not complete: something was skipped, failed or faulty (`--strict` only).
 
 mod adapter_tests;
 mod adapters;
@@ -61,7 +61,8 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Run everything that can run here and write the full report: every table and plot, measured next to published.
+    /// Run everything that can run here and write the full report: every table and plot, measured next to published
+    /// numbers.
     Reproduce(WithStrict<reproduce::Args>),
     /// Inspect, convert, simulate and undistort datasets.
     #[command(subcommand)]
@@ -79,7 +80,7 @@ enum Command {
     Report(WithStrict<report::Args>),
     /// Reconstruct Gaussians from posed photos.
     Reconstruct(Box<reconstruct::Args>),
-    /// Optimise Gaussians for one scene: 3DGS, Mip-Splatting, MCMC, or the refinement of what a network made.
+    /// Optimise Gaussians for one scene: 3DGS, Mip-Splatting, MCMC, or the refinement of a network's Gaussians.
     Fit(Box<fit::Args>),
     /// Render Gaussians along a camera path into PNG, EXR and an animation.
     Render(Box<WithStrict<render::Args>>),
@@ -167,7 +168,7 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
     }
 }
 
-/// Provenance of a run of this process. The folder of the binary is dropped: results are published.
+/// Provenance of a run of this process. The folder of the binary is left out, because results are published.
 fn provenance() -> Provenance {
     let mut command: Vec<String> = std::env::args().collect();
     if let Some(binary) = command.first_mut() {

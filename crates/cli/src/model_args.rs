@@ -6,15 +6,15 @@ use atsplat_model::{ModelConfig, ModelError};
 
 use crate::parse::{first_given, name_or_path, not_negative};
 
-/// Changes of a configuration for one call; weights stay as they are.
+/// Changes to a configuration for one call; weights stay as they are.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct ChangeArgs {
     /// Expand every token whose uncertainty exceeds its block's threshold, so that the scene determines the number of
-    /// Gaussians; one number for each expanding block, as `0.05,0.05,0.2`.
+    /// Gaussians; one number for each expanding block, such as `0.05,0.05,0.2`.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = not_negative, conflicts_with = "ratios")]
     thresholds: Vec<f64>,
 
-    /// Expand these shares of the tokens, one for each expanding block, as `0.5,0.5,0.25`.
+    /// Expand these shares of the tokens, one for each expanding block, such as `0.5,0.5,0.25`.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = ratio)]
     ratios: Vec<SelectionRatio>,
 

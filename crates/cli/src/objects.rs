@@ -1,4 +1,4 @@
-//! `s3://`, `gs://` and `az://` in place of folders, through copies on this disk.
+//! `s3://`, `gs://` and `az://` URLs instead of folders: objects are copied to this disk.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,14 +14,14 @@ use crate::output::warn;
 /// Where copies of objects are kept.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(crate) struct CacheArgs {
-    /// Folder for copies of what is read from object storage (s3://, gs://, az://), which later runs use again; by default
-    /// `atsplat/objects` in the user's folder for caches.
+    /// Folder for copies of what is read from object storage (s3://, gs://, az://), which later runs reuse; by default
+    /// `atsplat/objects` in the user's cache folder.
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
 }
 
 impl CacheArgs {
-    /// The dataset of which `path` is the URL; `None` for a path of this machine. Contents are not fetched yet.
+    /// The dataset at a URL; `None` if `path` is a path on this machine. No object is fetched yet.
     pub(crate) fn dataset(&self, path: &Path) -> anyhow::Result<Option<Arc<RemoteData>>> {
         let open = |url| Mirror::open(url, self.cache.as_deref()).map(|mirror| Arc::new(RemoteData(mirror)));
         Ok(atsplat_objects::url(path).map(open).transpose()?)
@@ -35,8 +35,8 @@ impl CacheArgs {
         Ok(mirror.path().to_owned())
     }
 
-    /// The store that `path` names, to be written, and what `open` makes of its folder. If another process writes to it at this
-    /// moment, the store is opened again: the other one stops.
+    /// The store at `path`, to be written, and what `open` returns for its folder. If another process claims the store
+    /// at the same moment, it is opened again, and the other process stops.
     pub(crate) fn output<T>(
         &self,
         path: &Path,
@@ -51,7 +51,7 @@ impl CacheArgs {
             match copy.claim() {
                 Ok(()) => {
                     if let Some(by) = copy.unfinished_writer() {
-                        warn(&format!("note: {url}: {by}, did not finish; if it still runs, it stops"));
+                        warn(&format!("note: {url}: {by}, did not finish; if it is still running, it stops"));
                     }
                     return Ok((Output::Remote(url.to_owned(), Box::new(copy)), opened));
                 }
@@ -66,12 +66,12 @@ fn report(url: &str, traffic: Traffic) {
     warn(&format!("object storage: {traffic} ({url})"));
 }
 
-/// A dataset in object storage. Says at its end what was exchanged.
+/// A dataset in object storage. Prints the traffic when it is dropped.
 #[derive(Debug)]
 pub(crate) struct RemoteData(Mirror);
 
 impl RemoteData {
-    /// The local file or folder that stands for the dataset.
+    /// The local copy of the dataset, a file or folder.
     pub(crate) fn path(&self) -> &Path {
         self.0.path()
     }
@@ -81,12 +81,12 @@ impl RemoteData {
         self.0.with_url(text)
     }
 
-    /// An error if a picture or scene could not be fetched, which commands would otherwise report as unreadable data.
+    /// Fails if a picture or scene could not be fetched, which commands would otherwise report as unreadable data.
     pub(crate) fn check(remote: Option<&Arc<Self>>) -> anyhow::Result<()> {
         remote.and_then(|remote| remote.failure()).map_or(Ok(()), |error| Err(error.into()))
     }
 
-    /// Why a picture or scene could not be fetched, if that has happened: the storage failed then, not the data.
+    /// Why a picture or scene could not be fetched, if one could not: the storage failed, the data may be fine.
     pub(crate) fn failure(&self) -> Option<ObjectError> {
         self.0.failure()
     }
@@ -112,14 +112,14 @@ pub(crate) enum Output {
 }
 
 impl Output {
-    /// To be called when a trial is finished.
+    /// Call this when a trial is finished.
     pub(crate) fn step(&self) {
         if let Self::Remote(_, copy) = self {
             copy.send_soon();
         }
     }
 
-    /// Why results could not be sent, if that has happened.
+    /// Why results could not be sent, if sending failed.
     pub(crate) fn failure(&self) -> Option<ObjectError> {
         match self {
             Self::Folder => None,
@@ -127,7 +127,7 @@ impl Output {
         }
     }
 
-    /// Sends what is left, and says what was exchanged.
+    /// Sends the remaining results and prints the traffic.
     pub(crate) fn finish(self) -> anyhow::Result<()> {
         let Self::Remote(url, copy) = self else { return Ok(()) };
         copy.finish().context("sending results")?;

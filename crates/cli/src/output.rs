@@ -64,7 +64,7 @@ impl PendingFile {
     }
 }
 
-/// Prints the counted warnings of a run, about its data and about its trials, by protocol and kind with the first of each.
+/// Prints the warnings of a run, about its data and its trials, counted by protocol and kind, with the first of each.
 /// Kinds in `printed` were already printed when the data were opened and sampled.
 pub(crate) fn print_findings(results: &Results, printed: &Warnings) {
     let printed: Vec<String> = printed.counts().map(|(kind, _)| kind.to_string()).collect();

@@ -1,4 +1,4 @@
-//! Args of the command line into values.
+//! Parsers of command-line arguments.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -13,7 +13,7 @@ use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
-/// Most frames that one call renders.
+/// Maximum number of frames that one call renders.
 const MAX_FRAMES: usize = 1_000_000;
 
 /// A direction along one of the world's axes.
@@ -156,7 +156,7 @@ pub(crate) fn rule(sampler: &str) -> Result<IndexBuilder, ProtocolError> {
     Ok(IndexBuilder::resolve(sampler)?.with_features(FEATURES))
 }
 
-/// How this build measures overlap by features.
+/// The measurement of overlap by features, in builds that have it.
 #[cfg(feature = "opencv")]
 const FEATURES: Option<FeatureOverlap> = Some(atsplat_opencv::feature_overlap);
 #[cfg(not(feature = "opencv"))]
@@ -191,7 +191,7 @@ pub(crate) fn named<T: Copy + Send + Sync + 'static, const N: usize>(
     })
 }
 
-/// The names of enum values as on the command line.
+/// The command-line names of enum values.
 pub(crate) fn names<T: ValueEnum>(values: &[T]) -> Vec<String> {
     values.iter().filter_map(T::to_possible_value).map(|value| value.get_name().to_owned()).collect()
 }

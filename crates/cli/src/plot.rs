@@ -40,7 +40,7 @@ impl PlotFile {
     }
 }
 
-/// A plot file that appears when it is complete.
+/// A plot file, which replaces its target when it is complete.
 #[derive(Debug)]
 pub(crate) struct PendingPlot {
     file: PendingFile,

@@ -45,7 +45,7 @@ impl Progress {
         let (Some(reported), Some(total)) = (&self.plain_tenths, self.bar.length()) else { return };
         let done = self.bar.position();
         let tenths = done * 10 / total.max(1);
-        // Short work needs no log.
+        // Work on few items is not logged.
         if total >= 100 && reported.fetch_max(tenths, Ordering::Relaxed) < tenths {
             warn(&format!("{}: {done}/{total}", self.what));
         }

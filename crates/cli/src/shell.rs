@@ -19,7 +19,7 @@ pub(crate) struct CompletionsArgs {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ManArgs {
-    /// Folder for one page per command, as `atsplat-run.1`; without it the main page is printed.
+    /// Folder for one page per command, such as `atsplat-run.1`; without it the main page is printed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -34,7 +34,7 @@ pub(crate) fn completions(args: &CompletionsArgs) -> anyhow::Result<()> {
 /// Prints or writes manual pages.
 pub(crate) fn man(args: &ManArgs) -> anyhow::Result<()> {
     if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
+        std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))?;
         return clap_mangen::generate_to(Cli::command(), folder)
             .with_context(|| format!("writing manual pages into {}", folder.display()));
     }

@@ -3,7 +3,7 @@
 use atsplat_report::plot::{StressError, StressErrors};
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
-use atsplat_splat::stress::{self, Path, StressReport, StressRow};
+use atsplat_splat::stress::{self, RendererUnderTest, StressReport, StressRow};
 
 use crate::adapter_tests::AdapterTests;
 use crate::output::{print_report, print_text, warn};
@@ -17,8 +17,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME", value_parser = case_name)]
     case: Vec<String>,
 
-    /// Renderer path by its name or a part of it, as `reference`, `cpu` or `avx2`; may be given several times; by default all
-    /// that this machine supports.
+    /// Renderer by its name or a part of it, such as `reference`, `cpu` or `avx2`; may be given several times; by
+    /// default all that this machine supports.
     #[arg(long, value_name = "NAME")]
     path: Vec<String>,
 
@@ -77,29 +77,31 @@ fn case_name(name: &str) -> Result<String, String> {
     }
 }
 
-/// Runs the selected cases and paths, or all if none is selected.
+/// Runs the selected cases and renderers, or all if none is selected.
 fn run_cases(cases: &[String], names: &[String]) -> anyhow::Result<Vec<StressRow>> {
-    let mut paths = stress::paths();
-    let exists = |paths: &[Path], name: &str| paths.iter().any(|path| path.renderer.name().contains(name));
-    if names.is_empty() || names.iter().any(|name| !exists(&paths, name)) {
+    let mut renderers = stress::cpu_under_test();
+    let exists = |renderers: &[RendererUnderTest], name: &str| {
+        renderers.iter().any(|tested| tested.renderer.name().contains(name))
+    };
+    if names.is_empty() || names.iter().any(|name| !exists(&renderers, name)) {
         let tests = AdapterTests::new(false);
-        let path = stress::gpu_path(&AdapterChoice::Automatic, &tests);
+        let gpu = stress::gpu_under_test(&AdapterChoice::Automatic, &tests);
         tests.finish();
-        match path {
-            Ok(path) => paths.push(path),
+        match gpu {
+            Ok(gpu) => renderers.push(gpu),
             Err(error) => warn(&format!("warning: no rows for a GPU: {error}")),
         }
     }
-    if let Some(name) = names.iter().find(|name| !exists(&paths, name)) {
-        let known: Vec<String> = paths.iter().map(|path| path.renderer.name()).collect();
+    if let Some(name) = names.iter().find(|name| !exists(&renderers, name)) {
+        let known: Vec<String> = renderers.iter().map(|tested| tested.renderer.name()).collect();
         return Err(usage_error(format!("--path {name}: this machine has {}", known.join("; "))).into());
     }
-    paths.retain(|path| names.is_empty() || names.iter().any(|name| path.renderer.name().contains(name)));
+    renderers.retain(|tested| names.is_empty() || names.iter().any(|name| tested.renderer.name().contains(name)));
     let selected = selected(cases);
     let progress = Progress::new("hard cases", selected.len());
-    let mut rows = Vec::with_capacity(selected.len() * paths.len());
+    let mut rows = Vec::with_capacity(selected.len() * renderers.len());
     for case in &selected {
-        rows.extend(stress::rows(case, &mut paths)?);
+        rows.extend(stress::rows(case, &mut renderers)?);
         progress.step();
     }
     Ok(rows)

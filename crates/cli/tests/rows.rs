@@ -121,7 +121,7 @@ fn rejects_a_store_given_twice_and_counts_repeated_results() {
     let copied = Command::new("cp").args(["-r", "part-1", "copy"]).current_dir(here).status().unwrap();
     assert!(copied.success());
     let merged = atsplat(here, &["merge", "part-1", "copy", "part-2", "--out", "merged"]);
-    assert!(merged.code == 0 && merged.stderr.contains("4 results stood in several stores"), "{}", merged.stderr);
+    assert!(merged.code == 0 && merged.stderr.contains("4 results are in several stores"), "{}", merged.stderr);
     let merged = atsplat(here, &["merge", "part-1", "part-2", "--out", "again"]);
     assert!(merged.code == 0 && merged.stderr.is_empty(), "{}", merged.stderr);
 }

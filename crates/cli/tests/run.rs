@@ -13,7 +13,7 @@ use atsplat_eval::{Results, TargetStatus, TrialKey};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode, encode_png, exr};
 use atsplat_rooms::{
-    EffectChoice, Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
+    EffectChoice, Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::Warnings;
 use atsplat_tests::shared_data;
@@ -35,7 +35,7 @@ fn simulated_at(here: &Path, scenes: u32, kind: SceneKind, side: u32) {
         effects: EffectChoice::None,
         ..Request::new(kind, SceneSeed { split: Split::Test, number })
     };
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
     let requests: Vec<Request> = (0..scenes).map(request).collect();
     let written = write_dataset(&here.join("data"), requests, &options, &mut Warnings::default(), |_, _| {}).unwrap();
     write_preset(here, side);
@@ -270,7 +270,7 @@ fn errors_are_reported_before_the_work_starts() {
     std::fs::remove_file(here.join("data/test/evaluation_index.json")).unwrap();
     let unindexed = run(&[&["--out", "store"], &FLOORS[..]].concat());
     assert!(unindexed.code == 1 && unindexed.stderr.contains("--sampler"), "{}", unindexed.stderr);
-    assert!(!here.join("store").exists(), "nothing was begun");
+    assert!(!here.join("store").exists(), "nothing was started");
 }
 
 #[test]

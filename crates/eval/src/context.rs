@@ -26,8 +26,9 @@ pub fn network_views<'a>(
     Views::new(size.unwrap_or(ImageSize::new(0, 0)), samples, cameras)
 }
 
-/// The seed of a network's forward pass for one trial: a hash of the configured seed, the scene's key and the entry's number.
-/// Random token expansion therefore draws differently in every trial, whatever the order of trials and number of threads.
+/// The seed of a network's forward pass for one trial: a hash of the configured seed, the scene's key and the entry's
+/// number. Random token expansion therefore selects other tokens in every trial, independent of the order of trials and
+/// the number of threads.
 pub(crate) fn trial_seed(seed: u64, trial: &Trial) -> u64 {
     SplitMix64::for_scene(seed, &format!("{} {}", trial.scene(), trial.entry_number())).next_u64()
 }

@@ -180,7 +180,7 @@ pub enum EvalError {
 }
 
 impl EvalError {
-    /// The same error with the label of the setting of a sweep that it is about.
+    /// Adds the label of the sweep's setting that the error is about.
     pub(crate) fn in_setting(self, label: &str) -> Self {
         match self {
             Self::Settings { what, expected, found } => {

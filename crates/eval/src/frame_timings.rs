@@ -17,7 +17,7 @@ pub struct FrameTiming {
     pub render_secs: f64,
     /// Seconds of encoding and writing.
     pub write_secs: f64,
-    /// What passed between the host and a graphics processor, if one rendered.
+    /// Submissions to the graphics processor, waits for it and transfers, if one rendered.
     pub device: Option<GpuCounts>,
 }
 
@@ -30,7 +30,7 @@ pub struct FrameTimings {
     frames: usize,
     /// Inverse of the median of `render`; `None` for a single frame.
     frames_per_second: Option<f64>,
-    /// What passed between the host and a graphics processor, if one rendered; all frames together.
+    /// Submissions to the graphics processor, waits for it and transfers, if one rendered; sums over all frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     device: Option<GpuCounts>,
     rows: Vec<Row>,

@@ -10,9 +10,9 @@ use atsplat_protocol::{BinRule, OverlapBins, ProtocolError};
 use atsplat_rooms::{Geometry, Request, RoomsError, SceneKind, SceneSeed, Simulation, Split};
 use serde::Serialize;
 
-/// Evaluated separately: what holds indoors need not hold outdoors.
+/// The kinds are evaluated separately: results for indoor scenes need not hold outdoors.
 pub const KINDS: [SceneKind; 2] = [SceneKind::Rooms, SceneKind::Yards];
-/// Minimum distance of the two frames: neighbours see the same.
+/// Minimum distance of the two frames: neighbouring frames show nearly the same.
 const MIN_GAP: usize = 5;
 
 /// Scenes and pairs of views to measure on.

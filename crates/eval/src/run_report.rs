@@ -27,8 +27,8 @@ pub struct RunReport {
     times: Vec<MethodTimes>,
     /// Metrics that were not computed, and why.
     not_computed: BTreeMap<String, String>,
-    /// Index entries and targets without numbers, by reason.
-    without: Vec<Without>,
+    /// Index entries and targets without scores, by reason.
+    without: Vec<Unscored>,
     /// Warnings about indices and data.
     warnings: Vec<WarningCount>,
     /// A suggestion.
@@ -50,7 +50,7 @@ struct MethodTimes {
 
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-struct Without {
+struct Unscored {
     preset: String,
     what: String,
     count: usize,
@@ -98,7 +98,7 @@ impl RunReport {
         }
         let absent = |metric: &MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
         let not_computed = provenance.metrics.iter().filter_map(absent).collect();
-        let (without, warnings) = (without(results), provenance.warnings.clone());
+        let (without, warnings) = (unscored(results), provenance.warnings.clone());
         Self {
             store: store.to_owned(),
             summary,
@@ -111,17 +111,17 @@ impl RunReport {
         }
     }
 
-    /// Suggests `--any-size` if images were rejected for their size without it.
+    /// Suggests `--any-size` if images were rejected for their size and the run did not use it.
     #[must_use]
-    pub fn advising(self, takes_any_size: bool) -> Self {
+    pub fn with_advice(self, takes_any_size: bool) -> Self {
         const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
-        let refused = self.without.iter().any(|without| without.what.ends_with(DropReason::PictureSize.name()));
+        let refused = self.without.iter().any(|unscored| unscored.what.ends_with(DropReason::PictureSize.name()));
         Self { advice: (refused && !takes_any_size).then_some(ADVICE), ..self }
     }
 }
 
-/// Entries and targets without numbers, with the first of each kind.
-fn without(results: &Results) -> Vec<Without> {
+/// Entries and targets without scores, with the first of each kind.
+fn unscored(results: &Results) -> Vec<Unscored> {
     let skipped = results.provenance.skipped.iter();
     let skipped = skipped.map(|entry| {
         let example = format!("scene {}: {}", entry.scene, entry.detail);
@@ -138,16 +138,17 @@ fn without(results: &Results) -> Vec<Without> {
     for (preset, what, kind, example) in skipped.chain(failed) {
         kinds.entry((preset, what, kind)).or_insert((0, example)).0 += 1;
     }
-    let without = |((preset, what, _), (count, example)): ((&String, String, _), (usize, String))| Without {
+    let row = |((preset, what, _), (count, example)): ((&String, String, _), (usize, String))| Unscored {
         preset: preset.clone(),
         what,
         count,
         example,
     };
-    kinds.into_iter().map(without).collect()
+    kinds.into_iter().map(row).collect()
 }
 
-/// What groups failures of one kind, and is not shown: the text without paths, numbers and the scene's name.
+/// The kind of a failure, by which failures are grouped; not shown. It is the text without paths, numbers and the
+/// scene's name.
 fn kind_of(detail: &str, scene: &str) -> String {
     const LONGEST: usize = 60;
     let words = detail.split_whitespace().take_while(|word| !word.starts_with('('));
@@ -192,7 +193,7 @@ impl Row {
     }
 }
 
-/// The protocol's mean, without renders that are identical to the truth: the number of tables and frontiers.
+/// The protocol's mean, without renders that are identical to the truth, as in tables and frontiers.
 fn mean(results: &Results, preset: &PresetRecord, method: &str, metric: &str) -> Option<f64> {
     #[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]
     let aggregation = preset.protocol().expect("a preset that was parsed before").aggregation;
@@ -239,7 +240,7 @@ impl fmt::Display for RunReport {
             )?;
         }
         self.write_times(f)?;
-        for Without { preset, what, count, example } in &self.without {
+        for Unscored { preset, what, count, example } in &self.without {
             writeln!(f, "{preset}: {count} {what}: {example}")?;
         }
         self.advice.iter().try_for_each(|advice| writeln!(f, "{advice}"))?;

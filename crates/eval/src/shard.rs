@@ -1,4 +1,5 @@
-//! Which part of the scenes a process evaluates: as `K/N`, or as schedulers and launchers of parallel programs say.
+//! Which part of the scenes a process evaluates: given as `K/N`, or read from the environment variables of schedulers and
+//! launchers of parallel programs.
 
 use std::str::FromStr;
 
@@ -15,25 +16,25 @@ pub struct Shard {
     pub of: u32,
 }
 
-/// Text or an environment that does not state one part: what was expected, and what was found.
+/// Text or environment variables that do not specify one part: what was expected, and what was found.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{0}")]
 pub struct InvalidShard(String);
 
-/// Number of parts, for schedulers that number their jobs without saying how many there are.
+/// Number of parts, for schedulers that number their jobs but do not tell them how many there are.
 const COUNT: &str = "ATSPLAT_SHARDS";
 
-/// Rank and size as launchers of parallel programs set them.
+/// Rank and world size, as launchers of parallel programs set them.
 const RANKS: [(&str, &str); 3] =
     [("RANK", "WORLD_SIZE"), ("OMPI_COMM_WORLD_RANK", "OMPI_COMM_WORLD_SIZE"), ("PMI_RANK", "PMI_SIZE")];
 
 impl FromStr for Shard {
     type Err = InvalidShard;
 
-    /// `K/N`, or `env` for [`Shard::of_environment`].
+    /// `K/N`, or `env` for [`Shard::from_environment`].
     fn from_str(text: &str) -> Result<Self, InvalidShard> {
         if text == "env" {
-            return Self::of_environment();
+            return Self::from_environment();
         }
         let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
         let shard =
@@ -43,33 +44,33 @@ impl FromStr for Shard {
 }
 
 impl Shard {
-    /// The part that the environment of this process states: of a Slurm array, of an indexed Kubernetes job with `ATSPLAT_SHARDS`,
-    /// or by the rank of torchrun or MPI.
+    /// The part that this process's environment variables specify: of a Slurm array, of an indexed Kubernetes job with
+    /// `ATSPLAT_SHARDS`, or by the rank of torchrun or MPI.
     ///
     /// # Errors
-    /// [`InvalidShard`] with the variables, if none or several state a part, or one is not a number.
-    pub fn of_environment() -> Result<Self, InvalidShard> {
-        of_environment(&|name| std::env::var(name).ok()).map_err(InvalidShard)
+    /// [`InvalidShard`] with the variables, if none specifies a part, some contradict each other, or one is not a number.
+    pub fn from_environment() -> Result<Self, InvalidShard> {
+        from_environment(&|name| std::env::var(name).ok()).map_err(InvalidShard)
     }
 }
 
-/// A part, and the variables that say so.
+/// A part, and the variables that specify it.
 #[derive(Clone, Debug)]
-struct Stated {
+struct EnvironmentShard {
     shard: Shard,
     by: String,
 }
 
-/// A launcher of a single process says nothing if another one divides the work.
-fn of_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, String> {
+/// A launcher of a single process is ignored if another one divides the work.
+fn from_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, String> {
     let environment = Environment(variable);
-    let mut stated: Vec<Stated> = Vec::new();
+    let mut stated: Vec<EnvironmentShard> = Vec::new();
     stated.extend(environment.slurm()?);
     stated.extend(environment.kubernetes()?);
     for (rank, size) in RANKS {
         stated.extend(environment.rank(rank, size)?);
     }
-    let divided: Vec<Stated> = stated.iter().filter(|stated| stated.shard.of > 1).cloned().collect();
+    let divided: Vec<EnvironmentShard> = stated.iter().filter(|stated| stated.shard.of > 1).cloned().collect();
     let stated = if divided.is_empty() { stated } else { divided };
     let Some((first, others)) = stated.split_first() else {
         return Err(format!(
@@ -80,7 +81,8 @@ fn of_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, St
     match others.iter().find(|other| other.shard != first.shard) {
         None => Ok(first.shard),
         Some(other) => {
-            let text = |Stated { shard, by }: &Stated| format!("{}/{} by {by}", shard.number, shard.of);
+            let text =
+                |EnvironmentShard { shard, by }: &EnvironmentShard| format!("{}/{} by {by}", shard.number, shard.of);
             Err(format!("expected one part, found {} and {}: give --shard K/N", text(first), text(other)))
         }
     }
@@ -99,8 +101,8 @@ impl Environment<'_> {
         self.number(name)?.ok_or_else(|| format!("{because} is set: expected {name} too, found none"))
     }
 
-    /// `sbatch --array`: identifiers from a minimum, in steps. An array with gaps does not say which part is which.
-    fn slurm(&self) -> Result<Option<Stated>, String> {
+    /// `sbatch --array`: identifiers from a minimum, in steps. In an array with gaps the parts cannot be numbered.
+    fn slurm(&self) -> Result<Option<EnvironmentShard>, String> {
         const ID: &str = "SLURM_ARRAY_TASK_ID";
         let Some(id) = self.number(ID)? else { return Ok(None) };
         let of_array = |name| self.required(name, ID);
@@ -110,31 +112,32 @@ impl Environment<'_> {
         let is_even =
             step > 0 && (min..=max).contains(&id) && (id - min) % step == 0 && (max - min) / step + 1 == count;
         if !is_even {
-            return Err(format!("expected an array without gaps, as --array=0-7, found {text}: give --shard K/N"));
+            return Err(format!("expected an array without gaps, such as --array=0-7, found {text}: give --shard K/N"));
         }
-        self.agreeing(Stated { shard: Shard { number: (id - min) / step + 1, of: count }, by: text }).map(Some)
+        let shard = Shard { number: (id - min) / step + 1, of: count };
+        self.check_count(EnvironmentShard { shard, by: text }).map(Some)
     }
 
-    /// `completionMode: Indexed`, whose pods do not know how many there are.
-    fn kubernetes(&self) -> Result<Option<Stated>, String> {
+    /// `completionMode: Indexed`; pods do not know how many there are.
+    fn kubernetes(&self) -> Result<Option<EnvironmentShard>, String> {
         const INDEX: &str = "JOB_COMPLETION_INDEX";
         let Some(index) = self.number(INDEX)? else { return Ok(None) };
         let of = self.required(COUNT, INDEX)?;
-        stated(index, of, format!("{INDEX}={index}, {COUNT}={of}")).map(Some)
+        shard_at(index, of, format!("{INDEX}={index}, {COUNT}={of}")).map(Some)
     }
 
-    fn rank(&self, rank: &str, size: &str) -> Result<Option<Stated>, String> {
+    fn rank(&self, rank: &str, size: &str) -> Result<Option<EnvironmentShard>, String> {
         let (number, of) = match (self.number(rank)?, self.number(size)?) {
             (None, None) => return Ok(None),
             (Some(number), Some(of)) => (number, of),
             (Some(_), None) => return Err(format!("{rank} is set: expected {size} too, found none")),
             (None, Some(_)) => return Err(format!("{size} is set: expected {rank} too, found none")),
         };
-        self.agreeing(stated(number, of, format!("{rank}={number}, {size}={of}"))?).map(Some)
+        self.check_count(shard_at(number, of, format!("{rank}={number}, {size}={of}"))?).map(Some)
     }
 
-    /// Rejects a part of another number than `$ATSPLAT_SHARDS`, where it is set.
-    fn agreeing(&self, stated: Stated) -> Result<Stated, String> {
+    /// Rejects a part if `$ATSPLAT_SHARDS` is set to another number of parts.
+    fn check_count(&self, stated: EnvironmentShard) -> Result<EnvironmentShard, String> {
         match self.number(COUNT)?.filter(|count| *count != stated.shard.of) {
             None => Ok(stated),
             Some(count) => Err(format!("expected {COUNT}={count} parts, found {} by {}", stated.shard.of, stated.by)),
@@ -143,9 +146,9 @@ impl Environment<'_> {
 }
 
 /// The part with this position, from 0.
-fn stated(position: u32, of: u32, by: String) -> Result<Stated, String> {
+fn shard_at(position: u32, of: u32, by: String) -> Result<EnvironmentShard, String> {
     if position < of {
-        return Ok(Stated { shard: Shard { number: position + 1, of }, by });
+        return Ok(EnvironmentShard { shard: Shard { number: position + 1, of }, by });
     }
     Err(format!("expected a position below the number of parts, found {by}"))
 }
@@ -156,7 +159,7 @@ mod tests {
 
     fn of(variables: &[(&str, &str)]) -> Result<(u32, u32), String> {
         let find = |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned());
-        of_environment(&find).map(|shard| (shard.number, shard.of))
+        from_environment(&find).map(|shard| (shard.number, shard.of))
     }
 
     fn slurm<'a>(id: &'a str, min: &'a str, max: &'a str, count: &'a str, step: &'a str) -> [(&'a str, &'a str); 5] {

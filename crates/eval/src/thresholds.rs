@@ -1,7 +1,7 @@
 //! Thresholds of token expansion by quantile of a network's own scores.
 //!
 //! The paper's thresholds are values of its own networks' uncertainty. A network at another scale has other scores, and all of
-//! the paper's thresholds may expand the same tokens; the same quantiles of its own scores give budgets that differ.
+//! the paper's thresholds may expand the same tokens; the same quantiles of its own scores give different budgets.
 
 use atsplat_model::network::Network;
 use atsplat_numeric::quantile;
@@ -23,7 +23,7 @@ const TRIALS: usize = 4;
 /// The scores of each block that expands by score, in order, over the tokens of a dataset's first trials.
 ///
 /// # Errors
-/// [`EvalError::Settings`] if no trial can be read; the errors of the network.
+/// [`EvalError::Settings`] if one of them cannot be read, or there is none; the errors of the network.
 pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, EvalError> {
     let first = dataset.index.index.scenes.iter().filter_map(|(key, entries)| {
         let present = dataset.source.keys().contains(key);
@@ -31,7 +31,12 @@ pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, Eva
     });
     let index = EvaluationIndex { scenes: first.take(TRIALS).collect() };
     let mut blocks: Vec<Vec<f64>> = Vec::new();
-    for (trial, _) in dataset.trials(&index).flatten() {
+    for prepared in dataset.trials(&index) {
+        let (trial, _) = prepared.map_err(|skipped| EvalError::Settings {
+            what: "thresholds by quantile",
+            expected: format!("the first {TRIALS} trials of {}", dataset.name),
+            found: skipped.to_string(),
+        })?;
         let settings = |error: crate::expansion::ExpansionError| EvalError::Settings {
             what: "thresholds by quantile",
             expected: format!("context pictures of {}", trial.scene()),

@@ -18,10 +18,10 @@ pub struct WeightsList {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Entry {
     file: PathBuf,
-    /// The protocols that it is for; all without it.
+    /// The protocols that it is for; `None` for all.
     presets: Option<BTreeSet<String>>,
     variant: Option<String>,
-    /// Number of conditions: the entry with the most counts.
+    /// How specific the entry is: of several that fit, the one with the highest number is used.
     conditions: u8,
 }
 
@@ -52,7 +52,7 @@ impl WeightsList {
     ///
     /// # Errors
     /// [`EvalError::Io`]; [`EvalError::Malformed`] with the entry and the field, for text that is not a list, unknown presets
-    /// and tables, conditions that no protocol meets, and two entries for the same.
+    /// and tables, conditions that no protocol meets, and two entries for the same protocols and variant.
     pub fn read(path: &Path, tables: &BTreeMap<String, Vec<String>>, embedded: &[&str]) -> Result<Self, EvalError> {
         let text = std::fs::read_to_string(path).map_err(EvalError::io("reading a list of weights", path))?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -116,7 +116,8 @@ impl WeightsList {
             let file = if is_embedded { own.file } else { folder.join(own.file) };
             let conditions = u8::from(own.preset.is_some()) * 2 + u8::from(own.table.is_some());
             let entry = Entry { file, presets, variant: own.variant, conditions };
-            let same = |other: &Entry| (&other.presets, &other.variant) == (&entry.presets, &entry.variant);
+            let key = |of: &Entry| (of.presets.clone(), of.variant.clone(), of.conditions);
+            let same = |other: &Entry| key(other) == key(&entry);
             if let Some(first) = entries.iter().position(same) {
                 let expected = "one entry for each protocol and variant".to_owned();
                 return Err(wrong("file", expected, format!("the same as entry {}", first + 1)));
@@ -129,8 +130,8 @@ impl WeightsList {
         Ok(Self { entries })
     }
 
-    /// The weights of ATSplat under a protocol: of the entry with the most conditions, the first of several. `None` if the list
-    /// has none.
+    /// The weights of ATSplat under a protocol: those of the most specific entry, of several the first. `None` if no
+    /// entry fits.
     pub fn network(&self, preset: &Preset) -> Option<&Path> {
         self.best(preset, None)
     }
@@ -195,6 +196,10 @@ mod tests {
         assert_eq!(variants("rooms-2v-128"), ["random runs/other", "unified runs/joint"]);
         assert_eq!(variants("re10k-2v-256"), ["unified runs/joint"], "an entry of a stand-in is not for its protocol");
         assert_eq!(variants("acid-2v-256"), [""; 0]);
+        let same_protocols =
+            "[[weights]]\nfile = 'table'\ntable = 're10k'\n[[weights]]\nfile = 'preset'\npreset = 're10k-2v-256'\n";
+        let named = parse(same_protocols).unwrap();
+        assert_eq!(named.network(&Preset::named("re10k-2v-256").unwrap()), Some(Path::new("runs/preset")));
         let only = parse("[[weights]]\nfile = 'a'\npreset = 'acid-2v-256'").unwrap();
         assert_eq!(only.network(&Preset::named("re10k-2v-256").unwrap()), None);
     }

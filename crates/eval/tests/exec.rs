@@ -285,7 +285,7 @@ read -r line; exit 1
     fs::write(here.join("method.sh"), format!("cd '{}'\n{text}", here.display())).unwrap();
     let found = results_of(2, exec(&format!("sh '{}'", here.join("method.sh").display())));
     let details: Vec<&str> = found.trials.iter().filter_map(|trial| trial.detail.as_deref()).collect();
-    let again = details.iter().find(|detail| detail.contains("started again")).unwrap();
+    let again = details.iter().find(|detail| detail.contains("after a restart")).unwrap();
     assert!(again.contains("version: ") && again.contains("v1 and v2") && !again.contains('{'), "{details:?}");
 }
 

@@ -455,7 +455,7 @@ fn an_untrained_network_is_marked_and_counts_its_tokens() {
     let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
     let splatting = Splatting {
         effects: EffectSelection::Auto,
-        passed_over: Some("cpu renders: no adapter".to_owned()),
+        skipped_adapter: Some("cpu renders: no adapter".to_owned()),
         ..Splatting::default()
     };
     let method = AtSplat::new("atsplat", nano(), &weights, 0, splatting).unwrap();

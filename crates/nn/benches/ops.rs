@@ -2,7 +2,7 @@
 
 use std::hint::black_box;
 
-use atsplat_nn::{Products, ops};
+use atsplat_nn::{MatmulPrecision, ops};
 use burn::Tensor;
 use burn::tensor::{Device, Distribution, Int};
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -23,7 +23,8 @@ fn forward(criterion: &mut Criterion) {
     });
     group.bench_function("GELU, 514×3072", |bencher| bencher.iter(|| ops::gelu(black_box(hidden.clone()))));
     group.bench_function("linear, 514×768 to 3072, in bfloat16", |bencher| {
-        Products::Bf16.scope(|| bencher.iter(|| ops::linear(black_box(x.clone()), weight.clone(), Some(bias.clone()))));
+        MatmulPrecision::Bf16
+            .scope(|| bencher.iter(|| ops::linear(black_box(x.clone()), weight.clone(), Some(bias.clone()))));
     });
     let gamma = random::<1>([768], &device);
     group.bench_function("layer norm, 514×768", |bencher| {
@@ -34,7 +35,7 @@ fn forward(criterion: &mut Criterion) {
         bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12, None));
     });
     group.bench_function("self-attention, 514 tokens, 12 heads of 64, in bfloat16", |bencher| {
-        Products::Bf16.scope(|| bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12, None)));
+        MatmulPrecision::Bf16.scope(|| bencher.iter(|| ops::self_attention(black_box(packed.clone()), 12, None)));
     });
     let (queries, keys_values) = (random::<3>([1, 2048, 768], &device), random::<3>([1, 8192, 1536], &device));
     group.bench_function("cross-attention, 2048 queries, 8192 keys", |bencher| {

@@ -12,7 +12,7 @@ use crate::kernels::attention_backward::{self, HeadGradients};
 use crate::kernels::gather::Sizes as GatherSizes;
 use crate::kernels::norm::Segments;
 use crate::kernels::{attention, gather, gelu, linear, norm};
-use crate::{Products, generic};
+use crate::{MatmulPrecision, generic};
 
 impl Kernels for Flex {
     fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
@@ -241,7 +241,7 @@ impl Packed {
             values: of_keys(1),
             ignored,
             sizes,
-            products: Products::current(),
+            products: MatmulPrecision::current(),
         })
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! On burn's CPU backend, f32 uses kernels with a hand-written backward pass: matrix products by the `gemm` crate, everything
 //! else vectorised with `pulp`. Other devices and element types use one generic implementation of the same forward and
-//! backward passes. Within [`Products::scope`], matrix products on the CPU round their inputs to bfloat16, which processors with AMX
+//! backward passes. Within [`MatmulPrecision::scope`], matrix products on the CPU round their inputs to bfloat16, which processors with AMX
 //! or AVX-512's instructions for it multiply faster.
 //!
 //! # Determinism
@@ -27,13 +27,13 @@ mod flex;
 mod generic;
 mod kernels;
 pub mod layers;
+mod matmul_precision;
 pub mod ops;
-mod products;
 #[cfg(test)]
 mod tests;
 
 use burn::Tensor;
-pub use products::Products;
+pub use matmul_precision::MatmulPrecision;
 
 /// The values of a tensor in f32, row-major.
 #[expect(clippy::expect_used, reason = "a tensor's data has the element type that it was converted to")]

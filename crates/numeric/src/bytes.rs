@@ -1,4 +1,4 @@
-/// A number of bytes with a readable unit, as `1.5 KiB`: no decimals from 100 up.
+/// A number of bytes with a readable unit, such as `1.5 KiB`: no decimals from 100 up.
 pub fn format_bytes(bytes: u64) -> String {
     const UNITS: [&str; 4] = ["B", "KiB", "MiB", "GiB"];
     let (mut value, mut unit) = (bytes as f64, 0);

@@ -22,10 +22,10 @@ pub enum ObjectError {
     #[error("{url}: access denied: {detail}")]
     Denied { url: String, detail: String },
     /// An object is not the one that was listed.
-    #[error("{url}: changed while it was read: expected {expected}, found {found}; begin again")]
+    #[error("{url}: changed while it was being read: expected {expected}, found {found}; start again")]
     Changed { url: String, expected: String, found: String },
     /// An object's name cannot be that of a file.
-    #[error("{url}: expected names that can be those of files, found {name:?}")]
+    #[error("{url}: expected a name that a file can have, found {name:?}")]
     Name { url: String, name: String },
     /// Another process writes to a results store.
     #[error("{url}: also written by {by}: what was finished before that is kept, and a later run resumes it")]

@@ -203,7 +203,7 @@ impl StoreCopy {
             return match self.storage.get(WRITER)? {
                 Some((claim, _)) if claim == self.claim => Ok(()),
                 Some((claim, _)) => Err(taken_over(writer_of(&claim))),
-                None => Err(taken_over("a process that is done".to_owned())),
+                None => Err(taken_over("a process that has finished".to_owned())),
             };
         }
         let file = self.folder().join(WRITER);

@@ -195,7 +195,7 @@ fn of_two_writers_the_earlier_one_stops() {
     taken_over_by(first.finish(), "process 3 on c");
     fs::write(third.folder().join("trials.parquet"), "rows").unwrap();
     third.finish().unwrap();
-    taken_over_by(third.finish(), "a process that is done");
+    taken_over_by(third.finish(), "a process that has finished");
     assert_eq!(fixture.names(), ["store/provenance.json", "store/trials.parquet"]);
     // A change that no process announced.
     let fourth = fixture.copy("four").unwrap();

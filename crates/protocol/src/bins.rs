@@ -148,8 +148,8 @@ impl OverlapBins {
         Self { estimator: None, ..self }
     }
 
-    /// The first of an index's recorded estimators for which these bins were not published.
-    pub fn foreign<'a>(&self, estimators: &'a [String]) -> Option<&'a str> {
+    /// The first of an index's recorded `estimators` that these bins were not published for; `None` if they fit all.
+    pub fn mismatched_estimator<'a>(&self, estimators: &'a [String]) -> Option<&'a str> {
         let own = self.estimator.as_deref().or(estimators.first().map(String::as_str));
         estimators.iter().map(String::as_str).find(|name| Some(*name) != own)
     }
@@ -174,16 +174,18 @@ impl OverlapBins {
     pub fn for_index(index: &EvaluationIndex, rule: BinRule, force: bool) -> (Self, Option<String>) {
         let published = Self::noposplat(rule);
         let estimators = index.overlap_estimators();
-        let Some(foreign) = published.foreign(&estimators) else { return (published, None) };
-        let of = published.estimator().unwrap_or("another estimator");
+        let Some(actual) = published.mismatched_estimator(&estimators) else { return (published, None) };
+        let published_for = published.estimator().unwrap_or("another estimator");
         if force {
-            let footer =
-                format!("the bins were published for {of}, and these overlaps are {foreign}'s: they do not compare");
+            let footer = format!(
+                "the bins were published for {published_for}, and these overlaps are {actual}'s: they do not compare"
+            );
             return (published, Some(footer));
         }
         let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
         let footer = format!(
-            "bins of {foreign}'s own, a third of the values in each: small, medium and large were published for {of} (--force)"
+            "bins of {actual}'s own, a third of the values in each: small, medium and large were published for \
+             {published_for} (--force)"
         );
         (Self::thirds(&values, &estimators.join(" and ")), Some(footer))
     }
@@ -326,12 +328,12 @@ mod tests {
     fn finds_estimators_the_bins_were_not_published_for() {
         let published = OverlapBins::noposplat(BinRule::Published);
         let recorded = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
-        assert_eq!(published.foreign(&recorded(&[])), None, "an index that records no estimator");
-        assert_eq!(published.foreign(&recorded(&["roma"])), None);
-        assert_eq!(published.foreign(&recorded(&["epipolar-ray", "roma"])), Some("epipolar-ray"));
+        assert_eq!(published.mismatched_estimator(&recorded(&[])), None, "an index that records no estimator");
+        assert_eq!(published.mismatched_estimator(&recorded(&["roma"])), None);
+        assert_eq!(published.mismatched_estimator(&recorded(&["epipolar-ray", "roma"])), Some("epipolar-ray"));
         let any = OverlapBins::new(BinRule::Strict, recorded(&["a"]), vec![0.0, 1.0]).unwrap();
-        assert_eq!(any.foreign(&recorded(&["epipolar-ray"])), None);
-        assert_eq!(any.foreign(&recorded(&["a", "b"])), Some("b"), "two estimators share no bins");
+        assert_eq!(any.mismatched_estimator(&recorded(&["epipolar-ray"])), None);
+        assert_eq!(any.mismatched_estimator(&recorded(&["a", "b"])), Some("b"), "two estimators share no bins");
     }
 
     #[test]

@@ -26,10 +26,10 @@ pub struct IndexBuilder {
 pub struct OverlapRule {
     /// Estimator for neighbouring context frames (see [`crate::overlap::chain_overlap`]).
     pub estimator: OverlapEstimator,
-    /// Smallest overlap kept.
+    /// Smallest overlap kept, in [0, 1].
     #[serde(default)]
     pub minimum: f64,
-    /// Largest overlap kept.
+    /// Largest overlap kept, at least the smallest.
     #[serde(default = "full_overlap")]
     pub maximum: f64,
 }

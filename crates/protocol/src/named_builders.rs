@@ -3,6 +3,7 @@ use std::path::Path;
 use atsplat_files::{FileError, Malformed};
 
 use crate::overlap::OverlapEstimator;
+use crate::samplers::{Bounded, EvenlySpaced, Sampler};
 use crate::{IndexBuilder, ProtocolError};
 
 macro_rules! built_in {
@@ -67,8 +68,59 @@ impl IndexBuilder {
                 estimator.name().to_owned(),
             )
             .into()),
-            None => Ok(rule),
+            None => match rule.fault() {
+                Some((field, expected, found)) => Err(malformed(&format!("{field}: {expected}"), found).into()),
+                None => Ok(rule),
+            },
         }
+    }
+
+    /// A number that its field cannot have, with the field and what it can have.
+    fn fault(&self) -> Option<(&'static str, &'static str, String)> {
+        let bounds = |field, minimum: f64, maximum: f64| {
+            let in_order = 0.0 <= minimum && minimum <= maximum && maximum <= 1.0;
+            (in_order, field, "bounds in order, from 0 to 1", format!("{minimum} and {maximum}"))
+        };
+        let gaps = |field, least: usize, most: usize| {
+            (least <= most, field, "the smallest gap, then the largest", format!("{least} and {most}"))
+        };
+        let mut checks = Vec::new();
+        match &self.sampler {
+            Sampler::EvenlySpaced(EvenlySpaced { ratio, .. }) => {
+                checks.push((
+                    *ratio > 0.0 && *ratio <= 1.0,
+                    "ratio",
+                    "a part of the scene, above 0 up to 1",
+                    ratio.to_string(),
+                ));
+            }
+            Sampler::OverlapPairs(pairs) => {
+                checks.push(bounds("min-overlap and max-overlap", pairs.min_overlap, pairs.max_overlap));
+                let (least, most) = (pairs.min_distance.get(), pairs.max_distance);
+                checks.push(gaps("min-distance and max-distance", least, most));
+            }
+            Sampler::Bounded(Bounded { context_views, gaps: schedule, .. }) => {
+                let views = context_views.get();
+                checks.push((views >= 2, "context-views", "at least the two ends of the window", views.to_string()));
+                checks.push(gaps("gaps, min and max", schedule.min, schedule.max));
+                let (least, most) = (schedule.initial_min, schedule.initial_max);
+                checks.push(gaps("gaps, initial-min and initial-max", least, most));
+                let rises = [
+                    ("gaps, initial-min and min", schedule.initial_min, schedule.min),
+                    ("gaps, initial-max and max", schedule.initial_max, schedule.max),
+                ];
+                for (field, initial, last) in rises.into_iter().filter(|_| schedule.warm_up_steps > 0) {
+                    let found = format!("{initial} and {last}");
+                    checks.push((initial <= last, field, "a bound that does not fall during the warm-up", found));
+                }
+            }
+            Sampler::FarthestPoint(_) | Sampler::AllFrames => {}
+        }
+        if let Some(rule) = &self.overlap {
+            checks.push(bounds("overlap, minimum and maximum", rule.minimum, rule.maximum));
+        }
+        let broken = checks.into_iter().find(|(holds, ..)| !holds);
+        broken.map(|(_, field, expected, found)| (field, expected, found))
     }
 }
 
@@ -97,6 +149,37 @@ mod tests {
         std::fs::write(&path, depth).unwrap();
         let depth = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
         assert!(depth.contains("no depth maps"), "{depth}");
+        let bounded = "[sampler]\nsampler = \"bounded\"\ncontext-views = 2\ntarget-views = 3\nseed = 1\ngaps = { min = 4, max = 9 }\n";
+        let pairs = "[sampler]\nsampler = \"overlap-pairs\"\nseed = 1\ntargets = { side = \"inside\", count = 3 }\n";
+        let with_overlap =
+            |bounds: &str| format!("{bounded}[overlap]\nestimator.estimator = \"epipolar-ray\"\n{bounds}");
+        for valid in [bounded.to_owned(), pairs.to_owned(), with_overlap("minimum = 0.2\nmaximum = 0.2")] {
+            std::fs::write(&path, &valid).unwrap();
+            let rule = IndexBuilder::resolve(path.to_str().unwrap());
+            assert!(rule.is_ok(), "{valid}: {}", rule.unwrap_err());
+        }
+        for (text, expected) in [
+            (bounded.replace("views = 2", "views = 1"), "context-views"),
+            (bounded.replace("max = 9", "max = 3"), "4 and 3"),
+            (bounded.replace("max = 9", "max = 9, initial-min = 8, initial-max = 7"), "8 and 7"),
+            (
+                bounded.replace("max = 9", "max = 9, initial-min = 6, initial-max = 7, warm-up-steps = 100"),
+                "initial-min and min: a bound that does not fall during the warm-up, found 6 and 4",
+            ),
+            (
+                bounded.replace("max = 9", "max = 9, initial-min = 4, initial-max = 12, warm-up-steps = 100"),
+                "found 12 and 9",
+            ),
+            (format!("{pairs}min-overlap = 0.9\nmax-overlap = 0.1\n"), "0.9 and 0.1"),
+            (format!("{pairs}max-distance = 10\n"), "45 and 10"),
+            (with_overlap("minimum = 0.6\nmaximum = 0.5"), "0.6 and 0.5"),
+            (with_overlap("maximum = nan"), "0 and NaN"),
+            (with_overlap("maximum = 60"), "0 and 60"),
+        ] {
+            std::fs::write(&path, &text).unwrap();
+            let broken = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
+            assert!(broken.contains(expected), "{text}: {broken}");
+        }
         let unknown = IndexBuilder::resolve("re10k").unwrap_err().to_string();
         assert!(unknown.contains("re10k-2v"), "the names are listed: {unknown}");
     }

@@ -33,7 +33,7 @@ impl Extent {
 /// All rays `origin + t · direction` with an origin in one box, a direction in another, and `t` from 0 to `farthest`.
 ///
 /// At each `t` the rays' points fill a box, whose sides move linearly: whether it ever touches another box is a slab test.
-pub(crate) struct Bundle {
+pub(crate) struct RayPacket {
     /// Per axis, where the lower and the upper side start, and the inverse of their change with `t`.
     sides: [[(Vec4, Vec4); 2]; 3],
     /// Whether each side moves upwards.
@@ -41,7 +41,7 @@ pub(crate) struct Bundle {
     farthest: f32,
 }
 
-impl Bundle {
+impl RayPacket {
     pub(crate) fn new(origins: Extent, directions: Extent, farthest: f64) -> Self {
         let (o, d) = ([origins.low, origins.high], [directions.low, directions.high]);
         // Zero would give 0 · ∞ on a box's own plane.
@@ -94,7 +94,7 @@ type Entered = (f32, u32, [(f32, f32); 3]);
 
 impl Candidates {
     /// Finds the objects; those that `keep` refuses are known not to be hit.
-    pub(crate) fn new(bvh: &Bvh, bundle: &Bundle, keep: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn new(bvh: &Bvh, bundle: &RayPacket, keep: impl Fn(usize) -> bool) -> Self {
         let mut found: Vec<Entered> = Vec::new();
         let mut open = vec![0u32];
         while let Some(node) = open.pop().and_then(|link| bvh.nodes.get(link as usize)) {

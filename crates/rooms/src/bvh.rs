@@ -243,7 +243,7 @@ mod tests {
     use glam::DMat3;
 
     use super::*;
-    use crate::bundle::{Bundle, Candidates, Extent};
+    use crate::bundle::{Candidates, Extent, RayPacket};
     use crate::form::Form;
     use crate::rng::Rng;
 
@@ -277,7 +277,7 @@ mod tests {
                     RaySegment::new(origin, direction, 1e-6, farthest)
                 })
                 .collect();
-            let candidates = Candidates::new(&bvh, &Bundle::new(origins, directions, farthest), |_| true);
+            let candidates = Candidates::new(&bvh, &RayPacket::new(origins, directions, farthest), |_| true);
             short += usize::from(candidates.is_listed());
             for ray in &rays {
                 let expected = bvh.closest(&objects, ray);
@@ -285,7 +285,7 @@ mod tests {
                 assert_eq!(candidates.blocked(&bvh, &objects, ray), expected.is_some(), "bundle {at}");
                 hits += usize::from(expected.is_some());
             }
-            let refused = Candidates::new(&bvh, &Bundle::new(origins, directions, farthest), |_| false);
+            let refused = Candidates::new(&bvh, &RayPacket::new(origins, directions, farthest), |_| false);
             assert!(refused.is_empty(), "objects that are known not to be hit are left out");
         }
         assert!((1000..11_000).contains(&hits) && short > 200, "{hits} hits, {short} lists");

@@ -5,7 +5,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
 use atsplat_scene::Scene;
 
-use crate::effects::{CalledEffect, Conditions, EffectChoice, Effects, SceneContext};
+use crate::effects::{ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
 use crate::render::{self, Frame, Geometry, LensTable, View};
 use crate::rng::Rng;
@@ -150,7 +150,7 @@ impl Simulation {
     }
 
     /// The effects that run, with reasons.
-    pub fn called_effects(&self) -> &[CalledEffect] {
+    pub fn called_effects(&self) -> &[ActiveEffect] {
         &self.effects.called
     }
 

@@ -9,7 +9,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::RoomsError;
-use crate::bundle::{Bundle, Candidates, Extent};
+use crate::bundle::{Candidates, Extent, RayPacket};
 use crate::effects::place_on_lamp;
 use crate::lamp::{Lamp, LampExtent};
 use crate::render::{CameraRay, Frame, Incidence};
@@ -98,7 +98,7 @@ impl TiledLight<'_> {
                 rays.push(ray);
             }
         }
-        let ahead = frame.world.candidates(&Bundle::new(origins, directions, f64::INFINITY), |_| true);
+        let ahead = frame.world.candidates(&RayPacket::new(origins, directions, f64::INFINITY), |_| true);
         let mut faces: Vec<Face> = Vec::new();
         let lamps = frame.world.lamps.len();
         let unknown = || {
@@ -128,7 +128,7 @@ impl TiledLight<'_> {
                 }
             }
             if face.flat && self.reflects(face.object) {
-                let bundle = Bundle::new(face.leaving, face.bounced, f64::INFINITY);
+                let bundle = RayPacket::new(face.leaving, face.bounced, f64::INFINITY);
                 face.mirrors = Some(world.candidates(&bundle, |_| true));
             }
         }
@@ -227,7 +227,7 @@ impl TiledLight<'_> {
             let object = &world.objects[at];
             !above || Extent::around(object.centre, object.half_extent()).along(face.normal)[1] > ground
         };
-        let found = world.candidates(&Bundle::new(from, directions, 1.0), keep);
+        let found = world.candidates(&RayPacket::new(from, directions, 1.0), keep);
         if found.is_empty() {
             Shades::Nothing
         } else if found.objects().any(|at| world.objects[at].separates(&from, &to)) {

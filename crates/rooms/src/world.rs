@@ -1,6 +1,6 @@
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use crate::bundle::{Bundle, Candidates};
+use crate::bundle::{Candidates, RayPacket};
 use crate::bvh::Bvh;
 use crate::form::{Form, Object, RaySegment};
 use crate::lamp::Lamp;
@@ -87,7 +87,7 @@ impl World {
     }
 
     /// What the rays of a bundle can hit; objects that `keep` refuses are known not to be hit.
-    pub(crate) fn candidates(&self, bundle: &Bundle, keep: impl Fn(usize) -> bool) -> Candidates {
+    pub(crate) fn candidates(&self, bundle: &RayPacket, keep: impl Fn(usize) -> bool) -> Candidates {
         Candidates::new(&self.bvh, bundle, keep)
     }
 

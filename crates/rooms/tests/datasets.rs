@@ -8,7 +8,8 @@ use atsplat_camera::{ImageSize, PixelIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Rounding, exr};
 use atsplat_rooms::{
-    EffectChoice, Layout, PictureCoding, Request, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
+    EffectChoice, Layout, PictureEncoding, Request, SceneKind, SceneSeed, Simulation, Split, WriteOptions,
+    write_dataset,
 };
 use atsplat_scene::{SceneSource, Warnings, open};
 
@@ -23,7 +24,7 @@ fn requests() -> Vec<Request> {
 }
 
 fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
-    let options = WriteOptions { layout, coding: PictureCoding::Png, depth: true };
+    let options = WriteOptions { layout, coding: PictureEncoding::Png, depth: true };
     let mut warnings = Warnings::default();
     let mut reported = Vec::new();
     let entries =
@@ -82,7 +83,7 @@ fn chunks_round_trip_and_are_not_mixed() {
     let depth = folder.path().join("depth");
     check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000", false);
     check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
-    let options = WriteOptions { layout: Layout::Chunks, coding: PictureCoding::Jpeg(90), depth: false };
+    let options = WriteOptions { layout: Layout::Chunks, coding: PictureEncoding::Jpeg(90), depth: false };
     let again = write_dataset(folder.path(), requests(), &options, &mut Warnings::default(), |_, _| {});
     assert!(again.is_err(), "old chunks must not be mixed with new ones");
 }

@@ -126,27 +126,27 @@ pub fn read(
     warnings: &mut Warnings,
 ) -> Result<Vec<FileCamera>, CameraFileError> {
     let malformed = |problem| CameraFileError::Malformed { path: path.to_owned(), problem };
-    let json = if path.is_file() { json_of(path)? } else { None };
+    let json = if path.is_file() { parse_if_json(path)? } else { None };
     if let Some(list @ Value::Array(entries)) = &json
         && poses::is_list_of_poses(list)
     {
-        return posed(entries, path, lens);
+        return cameras_from_poses(entries, path, lens);
     }
     if lens.fov.is_some() {
         return Err(CameraFileError::HasLens { path: path.to_owned() });
     }
     let cameras = match json {
-        Some(list @ Value::Array(_)) => trained_cameras(list).map_err(malformed)?,
-        // OpenMVG has a field of this name, too.
+        Some(list @ Value::Array(_)) => cameras_from_3dgs(list).map_err(malformed)?,
+        // Files of OpenMVG also have a field `views`.
         Some(Value::Object(mut object)) if object.contains_key("views") && !object.contains_key("sfm_data_version") => {
             let views = object.remove("views").unwrap_or(Value::Null);
             let views: Vec<Value> =
                 serde_json::from_value(views).map_err(|error| malformed(format!("views: {error}")))?;
-            each(views, recorded).map_err(malformed)?
+            parse_each(views, camera_from_record).map_err(malformed)?
         }
         _ => {
             let mut found = Warnings::new();
-            let cameras = of_dataset(path, key, &mut found);
+            let cameras = cameras_of_dataset(path, key, &mut found);
             warnings.merge(found.about_cameras());
             cameras?
         }
@@ -158,7 +158,7 @@ pub fn read(
 }
 
 /// Parses the file if it looks like JSON.
-fn json_of(path: &Path) -> Result<Option<Value>, CameraFileError> {
+fn parse_if_json(path: &Path) -> Result<Option<Value>, CameraFileError> {
     let bytes = std::fs::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
     let start = bytes.trim_ascii_start();
     if !start.starts_with(b"[") && !start.starts_with(b"{") {
@@ -172,10 +172,10 @@ fn json_of(path: &Path) -> Result<Option<Value>, CameraFileError> {
 }
 
 /// Reads 3DGS' list of cameras.
-fn trained_cameras(list: Value) -> Result<Vec<FileCamera>, String> {
+fn cameras_from_3dgs(list: Value) -> Result<Vec<FileCamera>, String> {
     let is_trained = |camera: &Value| camera.get("position").is_some() && camera.get("rotation").is_some();
     match list {
-        Value::Array(entries) if entries.first().is_some_and(is_trained) => each(entries, trained),
+        Value::Array(entries) if entries.first().is_some_and(is_trained) => parse_each(entries, camera_from_3dgs),
         other => Err(format!(
             "expected a dataset's cameras, a render.json, 3DGS' cameras.json or a list of camera matrices, found {}",
             json::describe(&other)
@@ -184,7 +184,7 @@ fn trained_cameras(list: Value) -> Result<Vec<FileCamera>, String> {
 }
 
 /// Cameras from poses that share one lens.
-fn posed(
+fn cameras_from_poses(
     entries: &[Value],
     path: &Path,
     LensOfPoses { fov, size }: LensOfPoses,
@@ -203,7 +203,7 @@ fn posed(
     Ok(poses::poses(entries, path)?.into_iter().enumerate().map(camera).collect())
 }
 
-fn each<T: for<'de> Deserialize<'de>>(
+fn parse_each<T: for<'de> Deserialize<'de>>(
     entries: Vec<Value>,
     camera: impl Fn(usize, T) -> Result<FileCamera, CameraError>,
 ) -> Result<Vec<FileCamera>, String> {
@@ -214,7 +214,7 @@ fn each<T: for<'de> Deserialize<'de>>(
     entries.into_iter().enumerate().map(one).collect()
 }
 
-fn trained(at: usize, entry: TrainedCamera) -> Result<FileCamera, CameraError> {
+fn camera_from_3dgs(at: usize, entry: TrainedCamera) -> Result<FileCamera, CameraError> {
     let size = ImageSize { width: entry.width, height: entry.height };
     let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
     let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
@@ -230,7 +230,7 @@ fn trained(at: usize, entry: TrainedCamera) -> Result<FileCamera, CameraError> {
     })
 }
 
-fn recorded(_: usize, entry: CameraRecord) -> Result<FileCamera, CameraError> {
+fn camera_from_record(_: usize, entry: CameraRecord) -> Result<FileCamera, CameraError> {
     let NormalizedIntrinsics { fx, fy, cx, cy } = entry.intrinsics;
     let camera = Camera {
         camera_from_world: CameraFromWorld::from_rows(&entry.camera_from_world)?,
@@ -257,12 +257,17 @@ impl CameraRecord {
     }
 }
 
-fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> Result<Vec<FileCamera>, CameraFileError> {
+fn cameras_of_dataset(
+    path: &Path,
+    key: Option<&str>,
+    warnings: &mut Warnings,
+) -> Result<Vec<FileCamera>, CameraFileError> {
     let dataset = crate::open(path, warnings)?;
     let key = scene_key(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
-        // That of the image, which may be a downscaled copy; if it cannot be read or does not fit, the stated one.
+        // The image's own size, because it may be a downscaled copy; if it cannot be read or does not fit, the stated
+        // size.
         let of_picture = if frame.picture.is_available() { frame.size(key, number).ok() } else { None };
         let size = of_picture.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_picture);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }

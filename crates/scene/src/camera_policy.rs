@@ -4,7 +4,7 @@ use std::path::Path;
 use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
-use crate::fit::stretched_pixels;
+use crate::picture_mismatch::stretched_pixels;
 use crate::plausible::wrong_unit;
 use crate::{Frame, Picture, Scene, WarningKind, Warnings};
 
@@ -52,7 +52,7 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
     report(WarningKind::ImplausibleIntrinsics, &|frame| {
         wrong_unit(frame).or_else(|| stretched_pixels(&frame.camera.intrinsics, frame.stated_size?))
     });
-    // Of numbers in another unit these would name a consequence instead of the cause.
+    // For intrinsics in another unit, the next two warnings would name a consequence instead of the cause.
     let has_unit = |frame: &Frame| wrong_unit(frame).is_none();
     report(WarningKind::WideFieldOfView, &|frame| {
         let angles = frame.camera.intrinsics.field_of_view();
@@ -71,7 +71,7 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
     });
 }
 
-/// Frames with one timestamp are reported as such, not here.
+/// Frames that also share a timestamp are skipped: [`report_timestamps`] reports them.
 fn report_repeated_pictures(scene: &Scene, warnings: &mut Warnings) {
     let mut first_with: BTreeMap<&Path, usize> = BTreeMap::new();
     let mut repeated = Vec::new();
@@ -87,7 +87,7 @@ fn report_repeated_pictures(scene: &Scene, warnings: &mut Warnings) {
     if let Some((earlier, at, path)) = repeated.first() {
         let (count, frames) = (repeated.len(), scene.frames.len());
         let detail = format!(
-            "{count} of {frames} frames have the picture of an earlier one, first {at} that of {earlier}: {}",
+            "{count} of {frames} frames repeat an earlier picture, first frame {at} that of frame {earlier}: {}",
             path.display()
         );
         warnings.push(WarningKind::DuplicatePicture, &scene.key, detail);

@@ -20,8 +20,8 @@ pub trait SceneSource: Send + Sync {
     /// files are unusable. Problems that leave the scene usable go to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 
-    /// Files and folders that [`SceneSource::load`] reads for a scene, but for the pictures of its frames; none if scenes are not
-    /// read from files.
+    /// Files and folders that [`SceneSource::load`] reads for a scene, except the pictures of its frames; none if scenes
+    /// are not read from files.
     ///
     /// # Errors
     /// [`SceneError::UnknownScene`], [`SceneError::Io`].

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use crate::{Picture, Scene};
 
-/// Brings the contents of files here before they are read, for datasets of which only the names of files are on this disk.
+/// Brings the contents of files to this disk before they are read, for datasets whose files are empty here until then.
 pub trait Fetch: fmt::Debug + Send + Sync {
-    /// Fetches files, and everything in folders. Called from many threads, also for what is here already; other paths are
-    /// ignored.
+    /// Fetches files, and everything in folders. Called from many threads, also for files that are already here. Paths
+    /// that are not in the dataset are ignored.
     ///
     /// # Errors
     /// Why contents cannot be fetched.

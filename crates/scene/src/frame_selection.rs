@@ -24,11 +24,11 @@ pub enum InvalidSelection {
     Twice(usize),
 }
 
-/// Every `step`-th position from `first`, up to but not including `past`, or to the end.
+/// Every `step`-th position from `first`, up to but not including `end`; `None` is the end of the scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Part {
     first: usize,
-    past: Option<usize>,
+    end: Option<usize>,
     step: usize,
 }
 
@@ -43,22 +43,22 @@ impl FromStr for FrameSelection {
 impl Part {
     fn parse(text: &str) -> Result<Self, InvalidText> {
         let number = |text: &str| -> Result<usize, InvalidText> {
-            text.parse().map_err(|_not_whole| InvalidText::new("a position as 7, 3..9 or 3..9:2", text))
+            text.parse().map_err(|_not_whole| InvalidText::new("a position such as 7, 3..9 or 3..9:2", text))
         };
         let Some((first, rest)) = text.split_once("..") else {
             let first = number(text)?;
-            return Ok(Self { first, past: Some(first.saturating_add(1)), step: 1 });
+            return Ok(Self { first, end: Some(first.saturating_add(1)), step: 1 });
         };
-        let (past, step) = rest.split_once(':').map_or((rest, 1), |(past, step)| (past, number(step).unwrap_or(0)));
+        let (end, step) = rest.split_once(':').map_or((rest, 1), |(end, step)| (end, number(step).unwrap_or(0)));
         if step == 0 {
             return Err(InvalidText::new("a step of at least 1 after the colon", text));
         }
         let first = if first.is_empty() { 0 } else { number(first)? };
-        let past = if past.is_empty() { None } else { Some(number(past)?) };
-        if past.is_some_and(|past| past <= first) {
+        let end = if end.is_empty() { None } else { Some(number(end)?) };
+        if end.is_some_and(|end| end <= first) {
             return Err(InvalidText::new("a range whose end is after its start", text));
         }
-        Ok(Self { first, past, step })
+        Ok(Self { first, end, step })
     }
 }
 
@@ -71,12 +71,12 @@ impl FrameSelection {
         let mut picked = Vec::new();
         let mut seen = BTreeSet::new();
         for part in &self.0 {
-            let past = part.past.unwrap_or(count);
-            if part.first >= count || past > count {
-                let position = if part.first >= count { part.first } else { past - 1 };
+            let end = part.end.unwrap_or(count);
+            if part.first >= count || end > count {
+                let position = if part.first >= count { part.first } else { end - 1 };
                 return Err(InvalidSelection::Outside { position, count });
             }
-            for position in (part.first..past).step_by(part.step) {
+            for position in (part.first..end).step_by(part.step) {
                 if !seen.insert(position) {
                     return Err(InvalidSelection::Twice(position));
                 }

@@ -1,5 +1,5 @@
 //! Scenes next to those of an opened dataset that it leaves out: a folder has one format, and the files of another, or
-//! of a misspelt name, would be dropped without a word.
+//! of a misspelt name, would be dropped silently.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -15,12 +15,12 @@ const TRAJECTORY: &str = "an RE10K trajectory";
 /// Bytes that contain the first rows of a trajectory.
 const FIRST_ROWS: u64 = 1 << 12;
 
-/// Folders of scenes, each with the names in it that belong to the dataset. A capture that is opened by itself is in
-/// none: what else lies in its folder is its own, such as the COLMAP model that a `transforms.json` was made from.
+/// Folders of scenes, each with the names in it that belong to the dataset. Empty for a capture that is opened by itself:
+/// everything in its folder is its own, such as the COLMAP model that a `transforms.json` was made from.
 pub(crate) type Collections = BTreeMap<PathBuf, BTreeSet<String>>;
 
 /// What an entry of a folder holds that the dataset leaves out.
-enum Left {
+enum LeftOut {
     /// A scene, by what describes it.
     Scene(&'static str),
     /// Pictures, or a file with a name like `transforms.json`.
@@ -44,23 +44,23 @@ pub(crate) fn report_ignored(
             let Some(key) = key.filter(|key| !own.contains(*key)) else { continue };
             let path = folder.join(name);
             let left = if *is_folder {
-                // Pictures next to a trajectory that is itself left out, and chunks hold their own.
+                // Pictures next to a trajectory are reported with it, and chunks hold their own pictures.
                 let is_of_trajectory = entries.binary_search(&(format!("{name}.txt"), false)).is_ok();
                 let may_be_part = format != Format::TorchChunks && !is_of_trajectory;
-                let part = || if may_be_part { part_in(&path, format).map(Left::Part) } else { None };
-                scene_in(&path, name, names_only).map(Left::Scene).or_else(part)
+                let part = || if may_be_part { part_in(&path, format).map(LeftOut::Part) } else { None };
+                scene_in(&path, name, names_only).map(LeftOut::Scene).or_else(part)
             } else {
-                (!names_only && is_trajectory(&path)).then_some(Left::Scene(TRAJECTORY))
+                (!names_only && is_trajectory(&path)).then_some(LeftOut::Scene(TRAJECTORY))
             };
             let (kind, detail) = match left {
                 None => continue,
-                Some(Left::Scene(what)) if keys.iter().any(|held| held == key) => {
+                Some(LeftOut::Scene(what)) if keys.iter().any(|held| held == key) => {
                     (WarningKind::DuplicateScene, format!("the scene of the format {format} is used, not {what}"))
                 }
-                Some(Left::Scene(what)) => {
+                Some(LeftOut::Scene(what)) => {
                     (WarningKind::IgnoredScene, format!("{what} is not read, because the dataset is read as {format}"))
                 }
-                Some(Left::Part(what)) => {
+                Some(LeftOut::Part(what)) => {
                     (WarningKind::IgnoredScene, format!("holds {what}, but no {}", required(format, key)))
                 }
             };
@@ -98,19 +98,27 @@ fn is_trajectory(file: &Path) -> bool {
 /// What a folder without cameras holds that a capture does. Captures have their pictures in `images/` or a scaled copy
 /// of it, clips of trajectories also directly in their folder.
 fn part_in(folder: &Path, format: Format) -> Option<String> {
-    VARIANTS.iter().find_map(|variant| {
-        let folder = folder.join(variant);
-        let entries = list(&folder).ok()?;
-        let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
-        let misspelt = files.clone().find(|name| is_like_transforms(name)).map(str::to_owned);
-        misspelt.or_else(|| {
-            let of_pictures = |(name, is_folder): &&(String, bool)| *is_folder && without_factor(name) == "images";
-            let mut folders = entries.iter().filter(of_pictures).map(|(name, _)| folder.join(name));
-            let is_clip = format == Format::Re10k && files.clone().any(is_picture);
-            let pictures = is_clip || folders.any(|folder| holds_pictures(&folder));
-            pictures.then(|| "pictures".to_owned())
+    VARIANTS
+        .iter()
+        .find_map(|variant| {
+            let folder = folder.join(variant);
+            let entries = list(&folder).ok()?;
+            let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
+            let misspelt = files.clone().find(|name| is_like_transforms(name)).map(str::to_owned);
+            misspelt.or_else(|| {
+                let of_pictures = |(name, is_folder): &&(String, bool)| *is_folder && without_factor(name) == "images";
+                let mut folders = entries.iter().filter(of_pictures).map(|(name, _)| folder.join(name));
+                let is_clip = format == Format::Re10k && files.clone().any(is_picture);
+                let pictures = is_clip || folders.any(|folder| holds_pictures(&folder));
+                pictures.then(|| "pictures".to_owned())
+            })
         })
-    })
+        .or_else(|| {
+            let holds_scene =
+                |(name, is_folder): &(String, bool)| *is_folder && transforms_in(&folder.join(name), false).is_some();
+            let scenes = list(folder).ok()?.iter().filter(|entry| holds_scene(entry)).count();
+            (scenes > 0).then(|| format!("{scenes} folders with a transforms.json"))
+        })
 }
 
 fn is_like_transforms(name: &str) -> bool {

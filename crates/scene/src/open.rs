@@ -65,7 +65,7 @@ pub struct OpenOptions {
     pub nerfstudio: NerfstudioOptions,
     /// For [`Format::Colmap`].
     pub colmap: ColmapOptions,
-    /// For a dataset of which only the names of files are on this disk.
+    /// For a dataset whose files are empty on this disk until they are fetched.
     pub fetch: Option<Arc<dyn Fetch>>,
 }
 
@@ -75,8 +75,13 @@ impl OpenOptions {
     }
 }
 
-fn fetch(by: Option<&dyn Fetch>, action: &'static str, dataset: &Path, paths: &[PathBuf]) -> Result<(), SceneError> {
-    by.map_or(Ok(()), |by| by.fetch(paths)).map_err(SceneError::io(action, dataset))
+fn fetch(
+    fetcher: Option<&dyn Fetch>,
+    action: &'static str,
+    dataset: &Path,
+    paths: &[PathBuf],
+) -> Result<(), SceneError> {
+    fetcher.map_or(Ok(()), |fetcher| fetcher.fetch(paths)).map_err(SceneError::io(action, dataset))
 }
 
 /// An open dataset of a detected format.

@@ -86,8 +86,8 @@ pub struct Frame {
     pub timestamp_micros: Option<i64>,
     /// Pose, intrinsics and lens.
     pub camera: Camera,
-    /// Picture size for which the metadata state the intrinsics. The picture may be a scaled copy of it, as in `images_4`; of
-    /// another shape it does not fit ([`Self::mismatch`]).
+    /// Picture size for which the metadata state the intrinsics. The picture may be a scaled copy, for example in
+    /// `images_4`; one of another shape does not fit ([`Self::mismatch`]).
     pub stated_size: Option<ImageSize>,
     /// Where the picture is.
     pub picture: Picture,
@@ -136,7 +136,8 @@ impl Frame {
     ///
     /// # Errors
     /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Pixels`] for bytes that
-    /// are not a picture or exceed `limits`, and [`SceneError::PictureMismatch`] for a picture that does not fit the frame's camera.
+    /// are not a picture or exceed `limits`, and [`SceneError::PictureMismatch`] for a picture that does not fit the
+    /// frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         let picture = self.decode_any_shape(scene, position, limits)?;
         match self.mismatch(ImageSize { width: picture.width(), height: picture.height() }) {

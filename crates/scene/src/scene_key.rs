@@ -1,10 +1,10 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::{Dataset, SceneSource as _};
 
-/// A dataset of several scenes, none of which was requested.
+/// A dataset without scenes, or with several of which none was requested.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{} holds {count} scenes ({} …): choose one with --key", path.display(), examples.join(", "))]
+#[error("{}", describe(path, *count, examples))]
 pub struct AmbiguousScene {
     /// The dataset.
     pub path: PathBuf,
@@ -12,6 +12,14 @@ pub struct AmbiguousScene {
     pub count: usize,
     /// Some of their keys.
     pub examples: Vec<String>,
+}
+
+fn describe(path: &Path, count: usize, examples: &[String]) -> String {
+    let path = path.display();
+    match count {
+        0 => format!("{path} holds no scene"),
+        _ => format!("{path} holds {count} scenes ({} …): choose one with --key", examples.join(", ")),
+    }
 }
 
 /// The key of the requested scene, which may be omitted for a dataset of one scene.

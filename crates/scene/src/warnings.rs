@@ -6,7 +6,7 @@ use serde::Serialize;
 /// A kind of problem with part of a dataset that leaves the rest usable.
 ///
 /// The order is that of reports; the kebab-case names are stable and used in JSON and the results store. Kinds about
-/// pictures count frames, all others count scenes.
+/// one frame count frames; all others count scenes, or the chunks or files that hold them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -154,6 +154,7 @@ impl WarningKind {
             Self::MissingPicture
                 | Self::PictureElsewhere
                 | Self::UnlistedPicture
+                | Self::DuplicatePicture
                 | Self::UnexpectedSize
                 | Self::TurnedPicture
                 | Self::DroppedAlpha

@@ -49,7 +49,7 @@ fn renders(path: &Path) -> bool {
         depth: Some(ones.clone()),
         scalar: Some(ones),
     };
-    for stress::Path { mut renderer, .. } in stress::paths() {
+    for stress::RendererUnderTest { mut renderer, .. } in stress::cpu_under_test() {
         let what = format!("{} by {}", path.display(), renderer.name());
         let Ok(rendering) = renderer.render(&gaussians, &view, &options) else { return false };
         assert_eq!(rendering.non_finite(), 0, "{what}");

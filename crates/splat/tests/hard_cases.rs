@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::catalogue;
-use atsplat_splat::stress::{Path, gpu_path, paths, rows};
+use atsplat_splat::stress::{RendererUnderTest, cpu_under_test, gpu_under_test, rows};
 use atsplat_splat::{
     Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
@@ -12,16 +12,16 @@ use atsplat_tests::skip_without_graphics;
 
 #[test]
 fn every_renderer_passes_every_case() {
-    let mut paths = paths();
-    match gpu_path(&AdapterChoice::Automatic, &()) {
-        Ok(path) => paths.push(path),
+    let mut renderers = cpu_under_test();
+    match gpu_under_test(&AdapterChoice::Automatic, &()) {
+        Ok(gpu) => renderers.push(gpu),
         Err(error) => {
             skip_without_graphics("every_renderer_passes_every_case", error);
         }
     }
     let (mut failed, mut compared) = (String::new(), 0);
     for case in catalogue() {
-        for row in rows(&case, &mut paths).unwrap() {
+        for row in rows(&case, &mut renderers).unwrap() {
             compared += row.error("differences").unwrap().compared;
             if !row.passes() {
                 writeln!(failed, "{row:?}").unwrap();
@@ -82,7 +82,7 @@ impl Renderer for Faulty {
 fn detects_errors() {
     let case = catalogue().into_iter().find(|case| case.name == "needle-end-on").unwrap();
     let fails = |image: fn(&mut Rendering<f32>), gradient: fn(&mut Gradients<f32>)| {
-        let faulty = Path { renderer: Box::new(Faulty(image, gradient)), slack: 1.0 };
+        let faulty = RendererUnderTest { renderer: Box::new(Faulty(image, gradient)), slack: 1.0 };
         !rows(&case, &mut [faulty]).unwrap().pop().unwrap().passes()
     };
     assert!(!fails(|_| {}, |_| {}), "no error");

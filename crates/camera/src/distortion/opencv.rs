@@ -119,7 +119,7 @@ impl OpenCv {
         (r * evaluate(&[1.0, k1, k2, k3], s), evaluate(&[1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3], s))
     }
 
-    /// The reference of rounding errors: terms may cancel, their errors do not.
+    /// What rounding errors are relative to: terms may cancel, but their errors do not.
     fn largest_term(&self, r: f64) -> f64 {
         let [k1, k2, k3] = self.radial.map(f64::abs);
         r * evaluate(&[1.0, k1, k2, k3], r * r) + 3.0 * r * r * self.tangential.length()

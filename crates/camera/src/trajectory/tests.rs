@@ -17,7 +17,7 @@ fn any_pose() -> impl Strategy<Value = WorldFromCamera> {
         .prop_map(|([y, x, z], centre)| pose(DMat3::from_euler(EulerRot::YXZ, y, x, z), centre))
 }
 
-/// Successive rotations by less than 90°, as of a real camera.
+/// Successive rotations by less than 90°, like those of a real camera.
 fn any_trajectory() -> impl Strategy<Value = Trajectory> {
     let step = (0.1..2.0f64, prop::array::uniform3(-0.8..0.8), prop::array::uniform3(-1.0..1.0));
     (any_pose(), prop::collection::vec(step, 1..6)).prop_map(|(start, steps)| {

@@ -37,7 +37,7 @@ pub(crate) fn run(_: &Args) -> anyhow::Result<bool> {
 #[cfg(feature = "opencv")]
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     use anyhow::Context as _;
-    use atsplat_opencv::{CutOptions, FrameFormat, cut_frames};
+    use atsplat_opencv::{ExtractionOptions, FrameFormat, extract_frames};
     use atsplat_scene::re10k::read_trajectory;
 
     use crate::output::print_report;
@@ -49,10 +49,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let key =
         args.key.clone().or_else(file_stem).context("the trajectory's file name is not a scene key: give --key")?;
     let format = if args.png { FrameFormat::Png } else { FrameFormat::Jpeg(args.quality) };
-    let options = CutOptions { folder: args.out.clone(), format };
+    let options = ExtractionOptions { folder: args.out.clone(), format };
     let progress = Progress::new("frames", timestamps.len());
-    let cut = cut_frames(&args.video, &key, &timestamps, &options, |decided| progress.reach(decided))?;
+    let extracted = extract_frames(&args.video, &key, &timestamps, &options, |decided| progress.reach(decided))?;
     drop(progress);
-    print_report(&cut, args.json)?;
-    Ok(cut.written() == timestamps.len())
+    print_report(&extracted, args.json)?;
+    Ok(extracted.written() == timestamps.len())
 }

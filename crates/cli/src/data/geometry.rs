@@ -5,11 +5,11 @@ use atsplat_scene::{Dataset, Warnings};
 #[cfg(feature = "opencv")]
 pub(super) use atsplat_opencv::GeometryCheck as GeometryReport;
 
-/// Checks at most `most` scenes, evenly spread over the dataset, one after the other: OpenCV has its own threads.
+/// Checks at most `max_scenes` scenes, evenly spread over the dataset, one after the other: OpenCV has its own threads.
 #[cfg(feature = "opencv")]
 pub(super) fn check(
     dataset: &Dataset,
-    most: usize,
+    max_scenes: usize,
     pairs: &[(usize, usize)],
     warnings: &mut Warnings,
 ) -> anyhow::Result<Vec<GeometryReport>> {
@@ -18,7 +18,7 @@ pub(super) fn check(
     use atsplat_scene::{SceneSource as _, WarningKind};
 
     let keys = dataset.keys();
-    let step = keys.len().div_ceil(most.max(1)).max(1);
+    let step = keys.len().div_ceil(max_scenes.max(1)).max(1);
     let limits = DecodeLimits::default();
     let mut options = GeometryCheckOptions::default();
     if !pairs.is_empty() {
@@ -38,7 +38,7 @@ pub(super) fn check(
     Ok(reports)
 }
 
-/// The report of a build without OpenCV, of which there is none.
+/// Builds without OpenCV have no such report.
 #[cfg(not(feature = "opencv"))]
 #[derive(Debug, serde::Serialize)]
 pub(super) enum GeometryReport {}

@@ -32,7 +32,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 4, requires = "check_geometry")]
     check_scenes: usize,
 
-    /// Frame pairs compared in each of them, as `9:126,0:40`; a spread of the scene by default.
+    /// Frame pairs to compare in each of them, for example `9:126,0:40`; by default pairs spread over the scene.
     #[arg(long, value_name = "A:B,…", value_delimiter = ',', value_parser = frame_pair, requires = "check_geometry")]
     pairs: Vec<(usize, usize)>,
 
@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
 fn frame_pair(text: &str) -> Result<(usize, usize), String> {
     let pair = text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
-    pair.ok_or_else(|| "expected two frame numbers, as 9:126".to_owned())
+    pair.ok_or_else(|| "expected two frame numbers, such as 9:126".to_owned())
 }
 
 impl fmt::Display for Report {

@@ -16,7 +16,7 @@ use crate::exit::{Exit, WithStrict, done};
 pub(crate) enum Command {
     /// Print the contents of a dataset: format, counts, sizes, intrinsics, baselines, problems.
     Inspect(WithStrict<inspect::Args>),
-    /// Measure camera motion: speed, turn rate, straightness, baselines, focal length; simulated next to real.
+    /// Measure camera motion: speed, turn rate, straightness, baselines, focal length; of simulated and real clips.
     Motion(WithStrict<motion::Args>),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
     Export(WithStrict<export::Args>),

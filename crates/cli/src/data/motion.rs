@@ -1,4 +1,4 @@
-//! `atsplat data motion`: camera motion of clips, simulated next to real.
+//! `atsplat data motion`: compares the camera motion of simulated and real clips.
 
 use std::path::PathBuf;
 

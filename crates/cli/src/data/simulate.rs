@@ -8,7 +8,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
-    CostSummary, EffectChoice, EffectMillis, FrameCosts, Layout, ManifestScene, PictureCoding, Request, Route,
+    CostSummary, EffectChoice, EffectMillis, FrameCosts, Layout, ManifestScene, PictureEncoding, Request, Route,
     SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, Warnings, scene_key};
@@ -37,7 +37,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SPLIT", default_value = "test", value_parser = parse::named(SPLITS))]
     split: Split,
 
-    /// Number or range of scenes, as 8 or 16..24.
+    /// Number or range of scenes, such as 8 or 16..24.
     #[arg(long, value_name = "N|A..B", default_value = "8", value_parser = numbers)]
     scenes: Range<u32>,
 
@@ -54,7 +54,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=256))]
     samples: u32,
 
-    /// auto (the effects that can change a scene's images), all, none, or a list, as soft-shadows,motion-blur.
+    /// auto (the effects that can change a scene's images), all, none, or a list such as soft-shadows,motion-blur.
     #[arg(long, value_name = "auto|all|none|LIST", default_value = "auto")]
     effects: EffectChoice,
 
@@ -70,15 +70,16 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LAYOUT", default_value = "re10k", value_parser = parse::named(LAYOUTS))]
     layout: Layout,
 
-    /// Image format: png, or jpeg with its quality, as jpeg:90.
+    /// Image format: png, or jpeg with its quality, such as jpeg:90.
     #[arg(long, value_name = "CODING", default_value = "png")]
-    pictures: PictureCoding,
+    pictures: PictureEncoding,
 
     /// Also write depth: `depth/<scene>/<frame>.exr`, channel Z, in scene units along the camera's z axis.
     #[arg(long)]
     depth: bool,
 
-    /// Measure in the middle frame of each scene what each effect costs, and what auto saves against all and changes.
+    /// Measure in each scene's middle frame what each effect costs, and how much auto saves and changes compared with
+    /// all.
     #[arg(long)]
     costs: bool,
 
@@ -238,7 +239,7 @@ fn numbers(text: &str) -> Result<Range<u32>, String> {
         Some((first, past)) => number(first).zip(number(past)).map(|(first, past)| first..past),
         None => number(text).map(|count| 0..count),
     };
-    let message = || format!("expected a number of scenes, or a range as 16..24, found {text:?}");
+    let message = || format!("expected a number of scenes, or a range such as 16..24, found {text:?}");
     range.filter(|range| !range.is_empty()).ok_or_else(message)
 }
 

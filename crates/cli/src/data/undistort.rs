@@ -57,7 +57,7 @@ mod with_opencv {
     struct Report {
         /// Images.
         written: u64,
-        /// Scenes, and frames of other scenes.
+        /// Scenes, and single frames of other scenes.
         skipped: u64,
     }
 

@@ -52,7 +52,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let progress = Progress::new("scenes", dataset.keys().len());
     let built = builder.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
-    out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
+    if built.entries > 0 {
+        out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
+    }
     let BuiltIndex { scenes, entries, nulls, refused_entries, missing_pictures, index: _ } = &built;
     let report = Report {
         rule: &builder,
@@ -64,7 +66,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    ensure!(*entries > 0, "no scene of {} has an entry: {} is empty", args.data.display(), args.out.display());
+    ensure!(*entries > 0, "no scene of {} has an entry: {} is not written", args.data.display(), args.out.display());
     Ok(nulls.is_empty())
 }
 

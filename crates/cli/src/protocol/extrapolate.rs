@@ -73,9 +73,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         bail!("no window has room for {} targets on each side: nothing was written", args.margin);
     }
     out.finish(report.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
-    // With data, a scene of unknown length is missing.
+    // With --data, a scene of unknown length is missing from it.
     let all_found = args.data.is_none() || report.length_unknown == 0;
-    let complete = all_found && report.left_out() == 0;
+    let complete = all_found && report.dropped() == 0;
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     Ok(complete)

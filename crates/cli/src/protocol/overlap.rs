@@ -98,13 +98,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let histogram = OverlapHistogram { title, subtitle: &subtitle, overlaps: &overlaps, bins: bins.names() };
         plot.finish(|format| histogram.draw().encode(format))?;
     }
-    if let Some(out) = out {
+    let complete = report.unmeasured.is_empty();
+    let nothing = report.measured == Some(0) && !complete;
+    if let Some(out) = out.filter(|_| !nothing) {
         out.finish(index.to_json(&layout).as_bytes())?;
     }
-    let complete = report.unmeasured.is_empty();
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    let nothing = report.measured == Some(0) && !report.unmeasured.is_empty();
     ensure!(!nothing, "no overlap of {} could be measured", args.index.display());
     Ok(complete)
 }

@@ -1,4 +1,4 @@
-//! `atsplat reconstruct`: posed photos through the network into Gaussians.
+//! `atsplat reconstruct`: reconstructs Gaussians from posed photos with a network.
 
 pub(crate) mod input;
 pub(crate) mod network;
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut clock = Clock::default();
     let format = SceneFormat::of_path(&args.out).map_err(anyhow::Error::msg)?;
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
-    // The scene file is tried before long work, too.
+    // Fails before long work if the scene file cannot be written.
     drop(PendingFile::open(&args.out)?);
     args.renders.open()?;
     args.plots.open()?;

@@ -46,9 +46,10 @@ pub(crate) struct NetworkArgs {
     #[command(flatten)]
     changes: ChangeArgs,
 
-    /// Size at which the network sees the photos: the one that its weights were trained at (the shorter side; the longer one
-    /// in proportion, in whole patches; the default), or the photos' own after cropping and scaling. Renders have the photos' size in
-    /// either case. Random weights were not trained at any size: they see photos as given.
+    /// Size of the photos that the network sees. `trained`, the default, resizes the shorter side to the one that the
+    /// weights were trained at, and the longer side in proportion, to whole patches; `given` keeps the size after
+    /// cropping and scaling. Renders have the photos' size in either case. Random weights were not trained at any size
+    /// and see the photos as given.
     #[arg(long, value_name = "SIZE")]
     context_size: Option<ContextSize>,
 
@@ -77,15 +78,14 @@ impl FromStr for WeightsArg {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match text.strip_prefix("random") {
-            Some("") => Err("expected random:SEED, as random:1".to_owned()),
-            Some(rest) if rest.starts_with(':') => {
-                let seed = rest.trim_start_matches(':').parse();
-                seed.map(Self::Untrained).map_err(|_not_whole: std::num::ParseIntError| {
-                    format!("expected a whole number after random:, found {rest:?}")
-                })
-            }
-            _ => Ok(Self::File(PathBuf::from(text))),
+        if text == "random" {
+            return Err("expected random:SEED, such as random:1".to_owned());
+        }
+        match text.strip_prefix("random:") {
+            Some(seed) => seed.parse().map(Self::Untrained).map_err(|_not_whole: std::num::ParseIntError| {
+                format!("expected a whole number after random:, found {seed:?}")
+            }),
+            None => Ok(Self::File(PathBuf::from(text))),
         }
     }
 }
@@ -109,7 +109,7 @@ impl NetworkArgs {
         self.weights.is_some()
     }
 
-    /// The first argument that says something of a network.
+    /// The first argument about a network that is given.
     pub(crate) fn given(&self) -> Option<&'static str> {
         self.changes.given().or(first_given([
             ("--weights", self.weights.is_some()),
@@ -181,7 +181,8 @@ impl NetworkArgs {
     }
 }
 
-/// Refuses another network than that of given weights, which would compute something else with them.
+/// Rejects another configuration than the one that the weights were written for: the network would compute something
+/// else.
 pub(crate) fn same_network(requested: &ModelConfig, written_for: &ModelConfig) -> anyhow::Result<()> {
     let ModelConfig { name, title, notes, inferred, .. } = written_for.clone();
     let computed = ModelConfig { name, title, notes, inferred, ..requested.clone() };
@@ -191,7 +192,7 @@ pub(crate) fn same_network(requested: &ModelConfig, written_for: &ModelConfig) -
     }
     bail!(
         "expected the configuration that the weights were written for, {}, found {}, which differs in {differences}; weights files \
-         hold their configuration, so that none need be given",
+         contain their configuration: --model is not needed",
         written_for.name,
         requested.name
     )

@@ -25,7 +25,7 @@ pub(super) fn path(text: &str) -> Result<PathBuf, String> {
     Ok(path)
 }
 
-/// `scene.ply.json`: listed next to its scene, and not the name of any dataset's file.
+/// `scene.ply.json`: sorted next to its scene, and not a file name that a dataset may have.
 pub(super) fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".json");
@@ -81,14 +81,14 @@ impl RenderArgs {
     }
 }
 
-/// Targets that are shown next to their ground truth.
+/// Maximum number of targets that are shown next to their ground truth.
 const MAX_TARGETS: usize = 4;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct PlotArgs {
-    /// Folder for plots of the token expansion, each as .svg and .png: children around their parents; and with --targets
-    /// renders with expansion in ever more blocks, and predicted uncertainty next to the error. The network runs once more
-    /// for each expanding block.
+    /// Folder for plots of the token expansion, each as .svg and .png: children around their parents; and with
+    /// --targets renders with expansion in more and more blocks, and predicted uncertainty next to the error. The
+    /// network runs once more for each expanding block.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
 }

@@ -1,7 +1,7 @@
 use anyhow::Context;
 use atsplat_eval::AdapterRecord;
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
-use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, Fallback, GpuOptions, adapters, with_fallback};
+use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, ChosenRenderer, GpuOptions, adapters, with_fallback};
 use atsplat_splat::{ReferenceRenderer, Renderer};
 use clap::ValueEnum;
 
@@ -10,11 +10,11 @@ use crate::adapter_tests::AdapterTests;
 /// The renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum BackendArg {
-    /// CPU, all cores, vector instructions, f32 pixels.
+    /// CPU, with all cores, vector instructions and f32 pixels.
     Cpu,
     /// GPU.
     Gpu,
-    /// CPU, the slow and simple f64 reference.
+    /// CPU, the slow and simple reference in f64.
     Reference,
 }
 
@@ -38,13 +38,13 @@ pub(crate) fn backend(arg: BackendArg, adapter: Option<&AdapterChoice>) -> anyho
         BackendArg::Gpu => {
             let choice = adapter.cloned().unwrap_or_default();
             let tests = AdapterTests::new(false);
-            let Fallback { renderer, passed_over } =
+            let ChosenRenderer { renderer, skipped } =
                 with_fallback(&choice, GpuOptions::default(), CpuOptions::default(), &tests).context("--adapter")?;
             tests.finish();
-            let reasons: Vec<String> = passed_over.iter().map(ToString::to_string).collect();
+            let reasons: Vec<String> = skipped.iter().map(ToString::to_string).collect();
             let note = (!reasons.is_empty()).then(|| format!("{} renders: {}", renderer.name(), reasons.join("; ")));
-            let is_it = |adapter: &AdapterDescription| renderer.name() == format!("gpu, {adapter}");
-            let adapter = adapters().iter().find(|adapter| is_it(adapter)).map(AdapterRecord::from);
+            let is_used = |adapter: &AdapterDescription| renderer.name() == format!("gpu, {adapter}");
+            let adapter = adapters().iter().find(|adapter| is_used(adapter)).map(AdapterRecord::from);
             Backend { renderer, adapter, note }
         }
     })

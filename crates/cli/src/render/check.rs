@@ -18,7 +18,7 @@ impl Args {
         if !planes.is_empty() && !self.writes(FormatArg::Exr) {
             return Err("--channels selects planes of EXR files: add --formats exr".to_owned());
         }
-        // An effect has the name of its plane.
+        // An effect that writes a plane has the same name as the plane.
         let effects = &self.effects.effects;
         if let Some(plane) = planes.iter().find(|plane| !effects.allows(plane)) {
             return Err(format!("--channels {plane}: excluded by --effects {effects}"));

@@ -17,7 +17,7 @@ pub(crate) struct EffectArgs {
     #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
     tolerance: f64,
 
-    /// Print for each effect the pixels that call for it, its bound, what it takes and saves, and why it runs or not,
+    /// Print for each effect the pixels that call for it, its bound, the time it takes and saves, and why it runs or not,
     /// measured on the first frame.
     #[arg(long)]
     pub(crate) explain: bool,

@@ -34,7 +34,7 @@ use preview::PreviewArgs;
 use scene_file::SceneArgs;
 use views::ViewArgs;
 
-/// Pairs of renders over which the cost of an effect is the median.
+/// The cost of an effect is the median over this many pairs of renders.
 const EXPLANATION_PAIRS: usize = 5;
 
 // The scene comes first: `--orbit` and `--spline` take a number where one follows.
@@ -181,7 +181,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let timings = args.timings.then(|| FrameTimings::of(scene.reading_secs, rendered));
     let explanation = match first_complete(&shots, &frames).filter(|_| args.effects.explain) {
         Some(shot) => {
-            // Another one, so that what is decided once is timed.
+            // A new scene, so that what is computed once per scene is timed too.
             let scene = Scene::new(&gaussians, shots.len());
             Some(look.plan(&scene, shot)?.explain(renderer.as_mut(), &scene, EXPLANATION_PAIRS)?)
         }

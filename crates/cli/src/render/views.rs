@@ -55,7 +55,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, conflicts_with_all = ["cameras", "orbit"])]
     closed: bool,
 
-    /// Even spacing along the path: of the distance between views, or of the time between cameras.
+    /// What is spaced evenly along the path: way (the distance between views) or time (between the cameras of FILE).
     #[arg(long, value_name = "WHAT", conflicts_with_all = ["cameras", "orbit"], default_value = "way", value_parser = parse::named(SPACINGS))]
     spacing: Spacing,
 
@@ -127,12 +127,12 @@ impl ViewArgs {
         Ok(Some(cameras))
     }
 
-    /// Plans the images of these Gaussians.
+    /// Plans the views from which the Gaussians are rendered.
     pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, gaussians: &Gaussians) -> anyhow::Result<Plan> {
         let mut notes = Vec::new();
         let Some(cameras) = cameras else { return self.orbit(gaussians) };
         if let Some(file) = &self.cameras {
-            let shots = self.along(cameras, &mut notes)?;
+            let shots = self.shots_of(cameras, &mut notes)?;
             return Ok(Plan { shots, path: PathRecord::Cameras { file: file.clone() }, notes });
         }
         let size = self.size_of(cameras.first(), &mut notes)?;
@@ -148,7 +148,7 @@ impl ViewArgs {
         Ok(Plan { shots: Shot::numbered(views, size), path, notes })
     }
 
-    fn along(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<Shot>> {
+    fn shots_of(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<Shot>> {
         let mut shots: Vec<Shot> = Vec::with_capacity(cameras.len());
         for camera in cameras {
             let size = self.size_of(Some(&camera), notes)?;

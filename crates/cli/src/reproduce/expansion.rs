@@ -17,22 +17,22 @@ const SCENES: usize = 2;
 /// Number of scenes tried if images of the first are missing.
 const CANDIDATES: usize = 8;
 
-/// Plots, and trials of the live view.
+/// The section with plots, and the trials of the live view.
 #[derive(Debug)]
-pub(super) struct Shown {
+pub(super) struct ReportParts {
     pub(super) section: PlotSection,
     pub(super) live: Vec<LiveTrial>,
     /// Films that could not be made.
     pub(super) not_run: Vec<NotRun>,
 }
 
-/// Shows the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
-pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<Shown> {
+/// The parts for the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
+pub(super) fn report_parts(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<ReportParts> {
     let published = |dataset: &&Dataset| dataset.preset.published() == PROTOCOL;
     let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
     let found = datasets.iter().find(published).or_else(|| datasets.iter().find(similar)).or_else(|| datasets.first());
     let Some(dataset) = found else { anyhow::bail!("there is no dataset") };
-    let network = trained.bare(&trained.config)?;
+    let network = trained.network_for(&trained.config)?;
     let mut first_skipped = None;
     let mut scenes: Vec<ExpansionScene> = Vec::new();
     let (mut live, mut not_run) = (Vec::new(), Vec::new());
@@ -72,9 +72,9 @@ pub(super) fn shown(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::R
             dataset.name, dataset.description
         ),
         plots: of_expansion(&subject, &scenes)?,
-        leads: false,
+        before_tables: false,
     };
-    Ok(Shown { section, live, not_run })
+    Ok(ReportParts { section, live, not_run })
 }
 
 /// The first trial of each of the first scenes.
@@ -93,7 +93,7 @@ mod tests {
     fn shows_the_stand_in_of_the_papers_protocol() {
         let datasets = simulated_datasets(|_, _| 8).unwrap();
         let trained = crate::embedded::trained(None).unwrap();
-        let Shown { section, live, not_run } = shown(&datasets, &trained).unwrap();
+        let ReportParts { section, live, not_run } = report_parts(&datasets, &trained).unwrap();
         assert!(not_run.is_empty(), "{}", not_run.iter().map(|own| own.why.as_str()).collect::<Vec<_>>().join("; "));
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);
@@ -102,7 +102,7 @@ mod tests {
             let subtitle = drawing.texts().nth(1).unwrap();
             assert!(subtitle.contains(&stand_in.name), "{name}: {subtitle}");
         }
-        assert!(shown(&[], &trained).is_err());
+        assert!(report_parts(&[], &trained).is_err());
         assert_eq!(live.len(), 2);
         for trial in &live {
             let titles: Vec<&str> = trial.pictures.iter().map(|picture| picture.title.as_str()).collect();

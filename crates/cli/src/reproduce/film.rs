@@ -12,7 +12,7 @@ use atsplat_protocol::trial::Trial;
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use atsplat_report::page::Film;
 
-/// The most frames of a film.
+/// Maximum number of frames of a film.
 const FRAMES: usize = 16;
 
 /// Ground truth, then the methods and the same weights without expansion, on frames from the first context view to the last.

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::discovery::{Found, NotRun, find_datasets, simulated_datasets};
+use atsplat_eval::discovery::{DiscoveredDatasets, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary};
 use atsplat_eval::timing::TimingPlan;
@@ -47,8 +47,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SUITE", default_value = "quick")]
     suite: SuiteArg,
 
-    /// Also optimise every trial on its context views for so many steps (3000) or seconds (10s): 3DGS, Mip-Splatting and MCMC
-    /// from random points, and refinement of what the network made.
+    /// Also optimise every trial on its context views for a number of steps (3000) or seconds (10s): 3DGS,
+    /// Mip-Splatting and MCMC from random points, and refinement of the network's Gaussians.
     #[arg(long, value_name = "BUDGET")]
     fit: Option<Budget>,
 
@@ -59,7 +59,8 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
     out: PathBuf,
 
-    /// Maximum size of the page in megabytes; pictures of trials, the worst, typical and best first, fill what the rest leaves.
+    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with pictures of trials, the
+    /// worst, typical and best first.
     #[arg(long, value_name = "MB", default_value_t = 8)]
     page_size: u16,
 
@@ -112,7 +113,7 @@ struct Evaluated {
     results: Results,
     summary: Summary,
     /// Why no target was evaluated, if none was.
-    nothing: Option<String>,
+    why_empty: Option<String>,
 }
 
 /// Reproduces; `true` if nothing was skipped and nothing failed.
@@ -120,7 +121,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let curves = args.curves()?;
     let mut warnings = Warnings::new();
-    let Found { datasets, mut not_run } = args.found(&mut warnings)?;
+    let DiscoveredDatasets { datasets, mut not_run } = args.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
     let device = args.device.open_for_networks()?;
     let mut networks = networks(args.weights.as_deref(), device)?;
@@ -133,7 +134,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         methods.extend(args.fit.map(|budget| trained.optimised(budget)).transpose()?.unwrap_or_default());
         let evaluated = args.evaluate(&name, datasets, &methods, Some(TimingPlan::default()))?;
         complete &= evaluated.summary.is_complete();
-        empty.extend(evaluated.nothing);
+        empty.extend(evaluated.why_empty);
         stores.push((name, evaluated.results));
     }
     if empty.len() == groups.len() {
@@ -141,11 +142,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let (mut sections, mut live) = (curves, Vec::new());
     for TrainedGroup { trained, datasets } in groups.iter().take(1) {
-        match expansion::shown(datasets, trained) {
-            Ok(shown) => {
-                not_run.extend(shown.not_run);
-                sections.push(shown.section);
-                live = shown.live;
+        match expansion::report_parts(datasets, trained) {
+            Ok(parts) => {
+                not_run.extend(parts.not_run);
+                sections.push(parts.section);
+                live = parts.live;
             }
             Err(error) => {
                 not_run.push(NotRun { what: "plots of expansion".to_owned(), why: format!("{error:#}") });
@@ -169,7 +170,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     Ok(complete && not_run.is_empty())
 }
 
-/// Those of `--weights`: a weights file, a list (`.toml`), or by default the embedded weights.
+/// The networks of `--weights`: a weights file, a list (`.toml`), or by default the embedded weights.
 fn networks(weights: Option<&Path>, device: ComputeDevice) -> anyhow::Result<TrainedNetworks> {
     let list = match weights {
         None => WeightsList::one(PathBuf::from(embedded::MICRO_ROOMS)),
@@ -191,7 +192,7 @@ fn reasons(not_run: &[NotRun]) -> String {
 }
 
 impl Args {
-    /// The section of the results that the report starts with.
+    /// The section with the results of `--curve`, with which the report starts.
     fn curves(&self) -> anyhow::Result<Vec<PlotSection>> {
         let reading = |path: &PathBuf| Results::read(path).with_context(|| format!("--curve {}", path.display()));
         let results = self.curve.iter().map(reading).collect::<anyhow::Result<Vec<_>>>()?;
@@ -205,12 +206,12 @@ impl Args {
         Ok(section.into_iter().collect())
     }
 
-    fn found(&self, warnings: &mut Warnings) -> anyhow::Result<Found> {
+    fn found(&self, warnings: &mut Warnings) -> anyhow::Result<DiscoveredDatasets> {
         if let Some(folder) = &self.data {
             Ok(find_datasets(folder, warnings)?)
         } else {
             let limit = |context_views, targets| self.suite.simulated_scenes(context_views, targets);
-            Ok(Found { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
+            Ok(DiscoveredDatasets { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
         }
     }
 
@@ -238,7 +239,7 @@ impl Args {
         }
         let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
         let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
-        let nothing = plan.nothing_evaluated(&results);
-        Ok(Evaluated { results, summary, nothing })
+        let why_empty = plan.nothing_evaluated(&results);
+        Ok(Evaluated { results, summary, why_empty })
     }
 }

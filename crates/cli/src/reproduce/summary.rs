@@ -15,7 +15,7 @@ use indexmap::IndexSet;
 use crate::output::print_text;
 use crate::report::warn_of_size;
 
-/// Writes tables, plots and a page of all stores, of at most `megabytes`.
+/// Writes tables, plots and a page of at most `megabytes` for all stores.
 pub(super) fn write(
     folder: &Path,
     stores: &[(String, Results)],

@@ -1,4 +1,4 @@
-//! `atsplat merge`: the shards of a run into one store.
+//! `atsplat merge`: merges the shards of a run into one store.
 
 use std::path::{Path, PathBuf};
 
@@ -35,18 +35,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     reject_duplicates(&args.stores)?;
     let merged =
         Results::merge(args.stores.iter().map(|store| read(store, &args.cache)).collect::<anyhow::Result<_>>()?)?;
-    let lacking = merged.lacking();
-    if !lacking.is_empty() && !args.partial {
-        bail!("{}: --partial merges the other results", lacking.join("; "));
+    let reasons = merged.why_incomplete();
+    if !reasons.is_empty() && !args.partial {
+        bail!("{}: --partial merges the other results", reasons.join("; "));
     }
     let Merged { results, repeated, .. } = merged;
     let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write(folder)?))?;
     out.finish()?;
     print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {
-        warn(&format!("warning: {repeated} results stood in several stores with equal values, and were taken once"));
+        warn(&format!("warning: {repeated} results are in several stores with equal values; each is merged once"));
     }
-    Ok(lacking.is_empty())
+    Ok(reasons.is_empty())
 }
 
 fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<Results> {

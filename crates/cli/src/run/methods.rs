@@ -24,16 +24,17 @@ pub(super) struct MethodArgs {
     #[command(flatten)]
     network: NetworkArgs,
 
-    /// Most Gaussians of 3dgs, mip-splatting and mcmc; MCMC uses them all. By default 100000.
+    /// Maximum number of Gaussians of 3dgs, mip-splatting and mcmc; MCMC grows up to it. By default 100000.
     #[arg(long, value_name = "N")]
     max_gaussians: Option<usize>,
 
-    /// Seconds that a process of exec may take to start, and for each trial; then it is killed and started again. By default 600.
+    /// Seconds that a process of exec may take to start, and for each trial; after them it is killed, and a new one is
+    /// started. By default 600.
     #[arg(long, value_name = "SECONDS", value_parser = parse::positive)]
     method_timeout: Option<f64>,
 
-    /// Most processes of each exec at once. Each answers one trial at a time, and no more trials than --threads run at once. By
-    /// default 1.
+    /// Maximum number of processes of each exec. Each answers one trial at a time, and no more trials than --threads
+    /// run at once. By default 1.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
     method_processes: Option<u16>,
 
@@ -63,8 +64,8 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "CHANGE", value_parser = parse::not_negative)]
     tolerance: Option<f64>,
 
-    /// Renderer, of optimisations too, if not that of --device. gpu takes the best adapter that passes its test, or else the
-    /// CPU, and records why.
+    /// Renderer, also of optimisations, instead of the one of --device. gpu takes the best adapter that passes its test,
+    /// otherwise the CPU, and records why.
     #[arg(long, value_name = "WHO")]
     backend: Option<BackendArg>,
 
@@ -134,7 +135,7 @@ impl MethodArgs {
                 let (network, record) = source.load(&device.network()?)?;
                 let splatting = self.gaussians.splatting(device)?;
                 let method = AtSplat::new(name.unwrap_or("atsplat"), network, &record.weights(), seed, splatting)?;
-                Ok(Arc::new(method.trained(record.training())))
+                Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
             }
             MethodKind::Refined(budget) => {
                 let source = self.network.source().context("--method atsplat+refine")?;
@@ -168,7 +169,7 @@ impl MethodArgs {
 const EXEC_SECONDS: f64 = 600.0;
 
 impl GaussianArgs {
-    /// The first argument that says how Gaussians are rendered.
+    /// The first argument about rendering Gaussians that is given.
     pub(super) fn given(&self) -> Option<&'static str> {
         parse::first_given([
             ("--constants", self.constants.is_some()),
@@ -179,7 +180,7 @@ impl GaussianArgs {
         ])
     }
 
-    /// Refuses all arguments, where there are no Gaussians.
+    /// Rejects these arguments if there are no Gaussians.
     pub(super) fn check_unused(&self) -> Result<(), String> {
         let of_files = [("--ply-frame", self.ply_frame.is_some()), ("--opacities-as-stored", self.opacities_as_stored)];
         let given = self.given().or(parse::first_given(of_files));
@@ -199,10 +200,10 @@ impl GaussianArgs {
 
     fn splatting(&self, device: &ComputeDevice) -> anyhow::Result<Splatting> {
         let constants = match &self.constants {
-            Some(name) => ConstantsChoice::These(parse::constants(name)?),
+            Some(name) => ConstantsChoice::Fixed(parse::constants(name)?),
             None => ConstantsChoice::FromPreset,
         };
-        let (backend, passed_over) = match self.backend {
+        let (backend, skipped_adapter) = match self.backend {
             None => (device.backend(), None),
             Some(BackendArg::Cpu) => (Backend::default(), None),
             Some(BackendArg::Gpu) if device.is_adapter() => (device.backend(), None),
@@ -216,6 +217,6 @@ impl GaussianArgs {
         };
         let effects = self.effects.clone().unwrap_or_default();
         let tolerance = self.tolerance.unwrap_or(EffectPlan::TOLERANCE);
-        Ok(Splatting { constants, background: self.background, effects, tolerance, backend, passed_over })
+        Ok(Splatting { constants, background: self.background, effects, tolerance, backend, skipped_adapter })
     }
 }

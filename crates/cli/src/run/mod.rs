@@ -1,4 +1,4 @@
-//! `atsplat run`, `atsplat score` and `atsplat merge`: methods on protocols into a results store.
+//! `atsplat run`, `atsplat score` and `atsplat merge`: evaluate methods under protocols into a results store.
 
 pub(crate) mod merge;
 mod methods;
@@ -33,10 +33,10 @@ pub(crate) struct Args {
     #[command(flatten)]
     protocols: ProtocolArgs,
 
-    /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its Gaussians);
-    /// optimised for each trial, with a budget as 3000 (steps) or 10s: 3dgs:BUDGET, mip-splatting:BUDGET, mcmc:BUDGET,
-    /// atsplat+refine:BUDGET (what the network made); exec:COMMAND, a process that answers trials (docs/methods.md), which
-    /// takes the rest of the argument. NAME=METHOD sets the name in the results.
+    /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its
+    /// Gaussians); optimised for each trial, with a budget such as 3000 (steps) or 10s: 3dgs:BUDGET,
+    /// mip-splatting:BUDGET, mcmc:BUDGET, atsplat+refine:BUDGET (the network's Gaussians); exec:COMMAND, a process that
+    /// answers trials (docs/methods.md); COMMAND is the rest of the argument. NAME=METHOD sets the name in the results.
     #[arg(long = "method", value_name = "METHOD", required = true, value_parser = MethodSpec::list)]
     methods: Vec<Methods>,
 
@@ -81,7 +81,7 @@ fn evaluate(
         pictures: settings.keep_pictures,
         prefetch: SettingArgs::prefetch(),
     };
-    // A folder without any scene of the index is a typing error: `surveys` fails before the run starts.
+    // A folder without any scene of the index is probably a typing error: `surveys` fails before the run starts.
     for survey in plan.surveys()? {
         warn(&survey.to_string());
     }
@@ -93,7 +93,7 @@ fn evaluate(
         progress.step();
         out.step();
     };
-    // Object storage that fails is no property of the data: the run stops, where an unreadable scene is skipped.
+    // A failure of object storage says nothing about the data: the run stops, whereas an unreadable scene is skipped.
     let failure = || remote.as_ref().and_then(|remote| remote.failure()).or_else(|| out.failure());
     let outcome = runner::run_until(&plan, store, &step, &|| failure().is_some());
     drop(progress);
@@ -108,7 +108,7 @@ fn evaluate(
     let (results, summary) = outcome?;
     out.finish()?;
     let takes_any_size = protocols.takes_any_size();
-    print_report(&RunReport::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
+    print_report(&RunReport::of(&results, Some(summary), settings.out()).with_advice(takes_any_size), settings.json)?;
     print_warnings(&warnings);
     print_findings(&results, &warnings);
     if let Some(why) = plan.nothing_evaluated(&results) {

@@ -17,8 +17,8 @@ pub(crate) struct SettingArgs {
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
-    /// Only the K-th of N parts of the scenes, as 2/8, or env: as the environment of a Slurm array, an indexed Kubernetes job
-    /// (with `ATSPLAT_SHARDS`), torchrun or MPI says. `atsplat merge` merges the parts.
+    /// Only the K-th of N parts of the scenes, such as 2/8; env takes it from the environment variables of a Slurm
+    /// array, an indexed Kubernetes job (with `ATSPLAT_SHARDS`), torchrun or MPI. `atsplat merge` merges the parts.
     #[arg(long, value_name = "K/N|env")]
     shard: Option<Shard>,
 

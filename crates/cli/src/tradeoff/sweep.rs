@@ -42,7 +42,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let reading = || format!("reading {}", args.sweep.display());
     let text = std::fs::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
-    let swept = swept(&args.network)?;
+    let base = sweep_base(&args.network)?;
     let mut warnings = Warnings::new();
     if let Some(url) = atsplat_objects::url(args.settings.out()) {
         bail!("--out: expected a folder of this machine, found {url}");
@@ -50,7 +50,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let remote = args.protocols.remote()?;
     let datasets = args.protocols.open(remote.as_ref(), &mut warnings)?;
     let suite = args.settings.suite(&datasets)?;
-    let parts = parts(&sweep, &swept, &datasets)?;
+    let parts = parts(&sweep, &base, &datasets)?;
     let steps = parts.iter().map(|part| plan(args, &suite, part).steps()).sum::<u64>();
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
     let mut complete = true;
@@ -89,7 +89,7 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
     }
 }
 
-fn swept(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
+fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
     let device = args.device.open_for_networks()?;
     let (network, record) = args.source()?.load(&device.network()?)?;
     Ok(SweepBase {

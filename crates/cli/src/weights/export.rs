@@ -16,7 +16,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME|FILE", value_parser = key_map)]
     key_map: String,
 
-    /// Only tensors whose names in FILE start with this prefix, as `backbone.`.
+    /// Only tensors whose names in FILE start with this prefix, such as `backbone.`.
     #[arg(long, value_name = "PREFIX", default_value = "")]
     only: String,
 

@@ -46,11 +46,11 @@ pub(crate) struct Args {
 
     /// Stored number type: f32 as trained; f16, half the size, numbers up to 65504; bf16, half the size, f32's range with
     /// three digits. The network computes with f32.
-    #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = named(PRECISIONS))]
+    #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = named(PRECISIONS), requires = "out")]
     precision: Precision,
 
-    /// Provenance note on the weights, as `data=re10k`; kept in the file and with every result.
-    #[arg(long, value_name = "KEY=VALUE", value_parser = note)]
+    /// Provenance note on the weights, such as `data=re10k`; kept in the file and with every result.
+    #[arg(long, value_name = "KEY=VALUE", value_parser = note, requires = "out")]
     note: Vec<(String, String)>,
 
     /// Print JSON.
@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         bail!("{} does not hold the model {}: nothing was written", args.file.display(), config.name);
     }
     if let Some(out) = out {
-        // What a weights file says of its training stays true of a copy.
+        // What a weights file says about its training is also true for a copy.
         let mut provenance = own.map(|own| own.provenance).unwrap_or_default();
         provenance.extend(report.provenance(&args.note));
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));

@@ -15,13 +15,13 @@ pub struct MeasuredBudget {
     pub budget: Budget,
     /// Seconds of each stage.
     pub seconds: StageSeconds,
-    /// Seconds of building the network, which are not part of `seconds`.
+    /// Seconds of building the network and the input views, which are not part of `seconds`.
     pub making_secs: f64,
     /// Peak memory of the process in bytes, if known.
     pub peak_bytes: Option<u64>,
 }
 
-/// Keeps the last network: many rows of a table differ only in their views.
+/// Runs networks, and keeps the last one: many rows of a table differ only in their views.
 #[derive(Debug)]
 pub struct BudgetMeasurer {
     network: Option<Network>,
@@ -41,7 +41,7 @@ impl BudgetMeasurer {
     pub fn run(&mut self, config: &ModelConfig, views: usize, size: ImageSize) -> Result<MeasuredBudget, ModelError> {
         let start = Instant::now();
         let kept = self.network.take().filter(|network| network.config() == config);
-        memory::forget_peak();
+        memory::reset_peak();
         let network = match kept {
             Some(network) => network,
             None => Network::new(config, &self.device)?,
@@ -63,7 +63,7 @@ fn synthetic(count: usize, size: ImageSize) -> Result<Views, ModelError> {
     Views::new(size, pictures, (0..count).map(camera_on_a_line).collect())
 }
 
-#[expect(clippy::expect_used, reason = "a rotation by nothing and intrinsics of 58 degrees are valid")]
+#[expect(clippy::expect_used, reason = "the identity rotation and intrinsics of 58 degrees are valid")]
 fn camera_on_a_line(view: usize) -> Camera {
     let centre = DVec3::new(0.2 * view as f64, 0.0, 0.0);
     let pose = WorldFromCamera::new(DMat3::IDENTITY, centre).expect("an identity rotation");

@@ -14,7 +14,7 @@ use super::{MeasuredBudget, PublishedBudget};
 pub struct BudgetReport {
     /// A row per configuration and input size.
     pub rows: Vec<BudgetRow>,
-    /// Whether the configurations are changed from those of their names.
+    /// Whether the configurations differ from the named ones, by command-line arguments.
     pub changed: bool,
 }
 
@@ -138,7 +138,7 @@ impl Tokens {
 
 impl BudgetReport {
     /// Whether the formula agrees with the paper and every network with the formula.
-    pub fn is_right(&self) -> bool {
+    pub fn is_consistent(&self) -> bool {
         let right = |row: &BudgetRow| {
             row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula)
         };
@@ -208,7 +208,7 @@ impl BudgetRow {
     fn write_run(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(run) = &self.run else { return Ok(()) };
         let tokens = format!("{} > {}", run.tokens.initial, run.tokens.r#final);
-        let formula = if run.keeps_to_formula { "kept" } else { "NOT KEPT" };
+        let formula = if run.keeps_to_formula { "within" } else { "OUTSIDE" };
         let peak = run.peak_bytes.map_or_else(|| "-".to_owned(), format_bytes);
         let stages: Vec<String> =
             run.seconds.stages().iter().map(|(stage, seconds)| format!("{stage} {seconds:.2}")).collect();

@@ -9,7 +9,9 @@ use atsplat_files::{Sha256Digest, name_of};
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexLayout};
-use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
+use atsplat_scene::{
+    Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneError, SceneSource, Warnings, open_with,
+};
 use serde::Serialize;
 
 use crate::EvalError;
@@ -24,11 +26,29 @@ const DOWNSCALES: [u32; 3] = [8, 4, 2];
 /// The datasets found, and what cannot run and why.
 #[derive(Default)]
 #[expect(missing_debug_implementations, reason = "datasets have none")]
-pub struct Found {
+pub struct DiscoveredDatasets {
     /// Datasets with their protocol and index, ready to run.
     pub datasets: Vec<Dataset>,
     /// What cannot run.
     pub not_run: Vec<NotRun>,
+}
+
+impl DiscoveredDatasets {
+    fn is_free(&self, name: &str) -> bool {
+        self.datasets.iter().all(|dataset| dataset.name != name)
+    }
+}
+
+/// A name that no other dataset has, for a protocol on the dataset at a path: with the path's last component, with as many as
+/// distinguish it from equally named folders, or with a number.
+fn name_at(preset: &str, path: &Path, is_free: impl Fn(&str) -> bool) -> String {
+    let components: Vec<_> = path.iter().map(|part| part.to_string_lossy()).filter(|part| part != "/").collect();
+    let endings = (0..components.len()).rev().map(|first| components[first..].join("-"));
+    let last = name_of(path);
+    let numbered = (2_u64..).map(|number| format!("{last}-{number}"));
+    let mut names = endings.chain(numbered).map(|place| format!("{preset}@{place}"));
+    #[expect(clippy::expect_used, reason = "there are more numbers than datasets")]
+    names.find(|name| is_free(name)).expect("a number that no other dataset has")
 }
 
 /// A protocol that does not run on a dataset.
@@ -41,7 +61,7 @@ pub struct NotRun {
 }
 
 /// A dataset on disk.
-struct OnDisk {
+struct DatasetOnDisk {
     path: PathBuf,
     format: Format,
     source: Arc<dyn SceneSource>,
@@ -51,31 +71,42 @@ struct OnDisk {
 ///
 /// # Errors
 /// [`EvalError::Settings`] if `folder` is not a folder, [`EvalError::Protocol`] for a broken preset.
-pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Found, EvalError> {
+pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<DiscoveredDatasets, EvalError> {
     if !folder.is_dir() {
         let found = folder.display().to_string();
         return Err(EvalError::Settings { what: "data", expected: "a folder".to_owned(), found });
     }
-    let mut found = Found::default();
+    let mut found = DiscoveredDatasets::default();
     let mut on_disk = Vec::new();
-    search(folder, 0, &mut on_disk);
-    if on_disk.is_empty() {
+    search(folder, 0, &mut on_disk, &mut found.not_run);
+    if on_disk.is_empty() && found.not_run.is_empty() {
         let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
     }
     for dataset in &on_disk {
-        fit(folder, dataset, &mut found, warnings)?;
+        add_protocols(folder, dataset, &mut found, warnings)?;
     }
     Ok(found)
 }
 
-/// Collects the dataset in a folder and those below it. Scene folders of a collection are not searched, since they would be
-/// found twice; other folders next to them are.
-fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
-    let entries = folder.read_dir().into_iter().flatten().flatten();
-    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+/// Collects the dataset in a folder and those below it. The scene folders of a dataset are not searched, since its
+/// scenes would be found twice; other folders next to them are.
+fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: &mut Vec<NotRun>) {
+    let mut broken = |why: String| not_run.push(NotRun { what: folder.display().to_string(), why });
+    let mut folders: Vec<PathBuf> = match folder.read_dir() {
+        Ok(entries) => entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()).collect(),
+        Err(error) => return broken(format!("cannot be read: {error}")),
+    };
     folders.sort();
-    if let Ok(dataset) = open_with(folder, &OpenOptions::default(), &mut Warnings::new()) {
+    let dataset = match open_with(folder, &OpenOptions::default(), &mut Warnings::new()) {
+        Ok(dataset) => Some(dataset),
+        Err(SceneError::Unrecognized { .. }) => None,
+        Err(error) => {
+            broken(error.to_string());
+            None
+        }
+    };
+    if let Some(dataset) = dataset {
         let (path, format) = (folder.to_owned(), dataset.format);
         let source: Arc<dyn SceneSource> = Arc::new(dataset);
         if source.keys().iter().any(|key| first_picture(source.as_ref(), key).is_some()) {
@@ -85,18 +116,23 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
             };
             let is_collection = folders.iter().any(is_scene);
             folders.retain(|path| is_collection && !is_scene(path));
-            found.push(OnDisk { path, format, source: Arc::clone(&source) });
+            found.push(DatasetOnDisk { path, format, source: Arc::clone(&source) });
         }
     }
     if depth < MAX_DEPTH {
         for folder in &folders {
-            search(folder, depth + 1, found);
+            search(folder, depth + 1, found, not_run);
         }
     }
 }
 
 /// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampler.
-fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnings) -> Result<(), EvalError> {
+fn add_protocols(
+    folder: &Path,
+    dataset: &DatasetOnDisk,
+    found: &mut DiscoveredDatasets,
+    warnings: &mut Warnings,
+) -> Result<(), EvalError> {
     let before = found.datasets.len();
     for name in Preset::names() {
         let preset = Preset::named(name)?;
@@ -111,15 +147,14 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         };
         match index(folder, dataset.format, &source, &preset, warnings) {
             Ok((index, source)) => {
-                let taken = found.datasets.iter().any(|other| other.name == name);
-                let place = name_of(&dataset.path);
-                let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
+                let is_free = |name: &str| found.is_free(name);
+                let name = if is_free(name) { name.to_owned() } else { name_at(name, &dataset.path, is_free) };
                 found.datasets.push(Dataset { name, preset, source, description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
     }
-    // A dataset that fits no protocol is still a capture.
+    // A dataset that fits no published protocol is evaluated as any capture is.
     if found.datasets.len() == before {
         let preset = Preset::named("photos-3v-256")?;
         let source: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(&dataset.source)));
@@ -127,7 +162,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         match sampled(&source, &preset, warnings) {
             Ok(index) => {
                 let description = dataset.path.display().to_string();
-                let name = format!("{}@{}", preset.name, name_of(&dataset.path));
+                let name = name_at(&preset.name, &dataset.path, |name| found.is_free(name));
                 found.datasets.push(Dataset { name, preset, source, description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
@@ -136,7 +171,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
     Ok(())
 }
 
-/// Whether a dataset of this format can be the preset's.
+/// Whether the dataset of a preset may have this format.
 fn is_compatible(format: Format, preset: &Preset) -> bool {
     match preset.dataset.as_str() {
         "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
@@ -146,7 +181,7 @@ fn is_compatible(format: Format, preset: &Preset) -> bool {
 }
 
 /// The dataset with images in the preset's size: as they are, already cropped, or a downscaled copy.
-fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
+fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
     let description = dataset.path.display().to_string();
     let Some(expected) = preset.preprocessing.expected_size else {
         return Some((Arc::clone(&dataset.source), preset.clone(), description));
@@ -245,10 +280,35 @@ mod tests {
         for scene in ["a", "captures/b", "captures/c", "captures/more/d"] {
             capture(&root.path().join(scene));
         }
-        let mut found = Vec::new();
-        search(root.path(), 0, &mut found);
+        let (mut found, mut not_run) = (Vec::new(), Vec::new());
+        search(root.path(), 0, &mut found, &mut not_run);
         let mut keys: Vec<String> = found.iter().flat_map(|dataset| dataset.source.keys().to_vec()).collect();
         keys.sort();
         assert_eq!(keys, ["a", "b", "c", "d"]);
+        assert!(not_run.is_empty(), "{not_run:?}");
+    }
+
+    #[test]
+    fn a_broken_dataset_is_named_with_its_fault() {
+        let root = tempfile::tempdir().unwrap();
+        capture(&root.path().join("captures/a"));
+        let chunks = root.path().join("re10k");
+        std::fs::create_dir(&chunks).unwrap();
+        for name in ["index.json", "000000.torch"] {
+            std::fs::write(chunks.join(name), "{").unwrap();
+        }
+        let found = find_datasets(root.path(), &mut Warnings::new()).unwrap();
+        let broken = found.not_run.iter().find(|not_run| not_run.what == chunks.display().to_string());
+        assert!(broken.is_some_and(|broken| broken.why.contains("index.json")), "{:?}", found.not_run);
+    }
+
+    #[test]
+    fn equally_named_folders_give_different_names() {
+        let mut names: Vec<String> = Vec::new();
+        for path in ["/data/one/room", "/data/two/room", "/data/three/room", "/data/two/room", "/data/two/room"] {
+            names.push(name_at("photos-3v-256", Path::new(path), |name| !names.iter().any(|other| other == name)));
+        }
+        let places = ["room", "two-room", "three-room", "data-two-room", "room-2"];
+        assert_eq!(names, places.map(|place| format!("photos-3v-256@{place}")));
     }
 }

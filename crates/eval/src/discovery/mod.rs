@@ -1,7 +1,7 @@
-//! Datasets to evaluate on: in a folder with anything in it, or simulated.
+//! Finds datasets to evaluate on in any folder, or simulates them.
 
 mod folder;
 mod simulated;
 
-pub use folder::{Found, NotRun, find_datasets};
+pub use folder::{DiscoveredDatasets, NotRun, find_datasets};
 pub use simulated::simulated_datasets;

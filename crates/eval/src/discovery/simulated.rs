@@ -7,8 +7,8 @@ use crate::EvalError;
 use crate::runner::{Dataset, PlannedIndex};
 use crate::sources::simulated;
 
-/// The first simulated stand-in of each published protocol. `max_scenes` limits the scenes of a preset by its numbers of context views and of
-/// targets.
+/// The first simulated stand-in of each published protocol. `max_scenes` limits the scenes of a preset, given its
+/// numbers of context views and of targets.
 ///
 /// # Errors
 /// [`EvalError::Protocol`] for a broken preset or index, [`EvalError::Settings`] if a preset with an embedded index is not

@@ -23,7 +23,7 @@ pub struct Family {
 /// A [`Family`] in a picture, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProjectedFamily {
-    /// As [`Family::block`].
+    /// Same as [`Family::block`].
     pub block: usize,
     /// Inside the picture.
     pub parent: [f64; 2],

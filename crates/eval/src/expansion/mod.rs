@@ -25,7 +25,7 @@ use atsplat_splat::{Channels, Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
 pub use families::{Family, ProjectedFamily, seen_by};
-pub use report::{BlockRow, ExpansionReport, OverScenes, ThresholdRow};
+pub use report::{BlockRow, ExpansionReport, MeanOverScenes, ThresholdRow};
 pub use scene::{ExpansionScene, ExpansionTarget, study_trial};
 pub use stages::Stage;
 pub(crate) use subject::views as context_views;
@@ -51,7 +51,7 @@ pub struct TargetStudy {
     pub stages: Vec<Stage>,
     /// Depth of the final Gaussians, composited and divided by their opacity; row-major, 0 where nothing is drawn.
     pub depth: Vec<f64>,
-    /// Of the last block that scores its tokens; `None` if no block does.
+    /// That of the last block that scores its tokens; `None` if no block does.
     pub uncertainty: Option<Uncertainty>,
 }
 

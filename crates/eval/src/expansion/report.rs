@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use serde::Serialize;
 
 use super::{BlockSurvey, TrialSurvey};
-use crate::statistics::{FEWEST_SCENES, interval_of_mean};
+use crate::statistics::{MIN_SCENES, interval_of_mean};
 use crate::thresholds::{PUBLISHED, at_quantiles};
 
 /// Token expansion of a network over the trials of a protocol. [`Display`](fmt::Display) prints Markdown.
@@ -35,27 +35,27 @@ pub struct BlockRow {
     pub tokens: f64,
     /// Tokens that it expands.
     pub expanded: f64,
-    /// As [`BlockSurvey::correlation`].
-    pub correlation: Option<OverScenes>,
-    /// As [`BlockSurvey::contrast`].
-    pub contrast: Option<OverScenes>,
-    /// As [`Spread::of_children`](super::Spread::of_children).
-    pub of_children: Option<OverScenes>,
-    /// As [`Spread::from_parent`](super::Spread::from_parent).
-    pub from_parent: Option<OverScenes>,
+    /// Same as [`BlockSurvey::correlation`].
+    pub correlation: Option<MeanOverScenes>,
+    /// Same as [`BlockSurvey::contrast`].
+    pub contrast: Option<MeanOverScenes>,
+    /// Same as [`Spread::of_children`](super::Spread::of_children).
+    pub of_children: Option<MeanOverScenes>,
+    /// Same as [`Spread::from_parent`](super::Spread::from_parent).
+    pub from_parent: Option<MeanOverScenes>,
 }
 
-/// A mean over trials.
+/// A mean over trials, with an interval over scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct OverScenes {
+pub struct MeanOverScenes {
     /// Over the trials that have the number.
     pub mean: f64,
-    /// 95 % interval over scenes; `None` with fewer than [`FEWEST_SCENES`].
+    /// 95 % interval over scenes; `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
 }
 
-/// Thresholds that select the share of a network's own scores that the paper's thresholds select of its scores.
+/// Thresholds that select the same share of a network's scores as the paper's thresholds do of its networks' scores.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ThresholdRow {
@@ -115,7 +115,10 @@ fn row(block: usize, trials: &[(&str, &BlockSurvey)]) -> BlockRow {
 }
 
 /// `None` if no trial has the number.
-fn over_scenes(trials: &[(&str, &BlockSurvey)], number: impl Fn(&BlockSurvey) -> Option<f64>) -> Option<OverScenes> {
+fn over_scenes(
+    trials: &[(&str, &BlockSurvey)],
+    number: impl Fn(&BlockSurvey) -> Option<f64>,
+) -> Option<MeanOverScenes> {
     let mut scenes: IndexMap<&str, [f64; 2]> = IndexMap::new();
     for (scene, own) in trials {
         if let Some(number) = number(own) {
@@ -126,9 +129,9 @@ fn over_scenes(trials: &[(&str, &BlockSurvey)], number: impl Fn(&BlockSurvey) ->
     }
     let clusters: Vec<[f64; 2]> = scenes.into_values().collect();
     let [sum, count] = clusters.iter().fold([0.0; 2], |all, own| [all[0] + own[0], all[1] + own[1]]);
-    let enough = clusters.len() as u64 >= FEWEST_SCENES;
+    let enough = clusters.len() as u64 >= MIN_SCENES;
     (count > 0.0)
-        .then(|| OverScenes { mean: sum / count, interval: enough.then(|| interval_of_mean(&clusters)).flatten() })
+        .then(|| MeanOverScenes { mean: sum / count, interval: enough.then(|| interval_of_mean(&clusters)).flatten() })
 }
 
 impl fmt::Display for ExpansionReport {
@@ -171,7 +174,7 @@ impl fmt::Display for ExpansionReport {
     }
 }
 
-impl fmt::Display for OverScenes {
+impl fmt::Display for MeanOverScenes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.3}", self.mean)?;
         match self.interval {

@@ -36,11 +36,11 @@ pub struct ExpansionTarget {
     pub study: TargetStudy,
 }
 
-/// Studies a trial under a network: the token families seen in the first context view, and at most `max_targets` targets; and its
-/// Gaussians for a live view.
+/// Studies a trial under a network: the token families seen in the first context view, and at most `max_targets`
+/// targets. Also returns its Gaussians for a live view.
 ///
 /// # Errors
-/// [`ExpansionError`] as [`Subject::of`] and [`study`].
+/// Those of [`Subject::of`] and [`study`].
 pub fn study_trial(
     network: &Network,
     (trial, truths): (&Trial, &TargetPictures),

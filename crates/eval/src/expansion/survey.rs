@@ -48,7 +48,7 @@ pub struct Spread {
 /// Runs a network on a trial and measures each block on all targets.
 ///
 /// # Errors
-/// As [`Subject::of`] and [`study`](super::study).
+/// Those of [`Subject::of`] and [`study`](super::study).
 pub fn survey(
     network: &Network,
     (trial, truths): (&Trial, &TargetPictures),
@@ -81,7 +81,7 @@ pub fn survey(
     Ok(TrialSurvey { scene: trial.scene().to_owned(), blocks })
 }
 
-/// Of each target; none if the block does not score its tokens.
+/// The uncertainty in each target; empty if the block does not score its tokens.
 fn predictions(trace: &Trace, at: usize, subject: &Subject) -> Result<Vec<Uncertainty>, ExpansionError> {
     let of_target = |target| of_block(trace, at, target, &subject.options).transpose();
     subject.targets.iter().filter_map(of_target).collect()
@@ -117,7 +117,7 @@ fn spread(families: &[Family], view: &View) -> Result<Option<Spread>, ExpansionE
     Ok(median(spreads).zip(median(shifts)).map(|(of_children, from_parent)| Spread { of_children, from_parent }))
 }
 
-/// Of the values that exist.
+/// The mean of the values that exist; `None` if there are none.
 fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let values: Vec<f64> = values.flatten().collect();
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)

@@ -23,8 +23,9 @@ pub fn training_view(name: String, camera: Camera, size: ImageSize, picture: &Im
     TrainingView { name, view: View { camera, size }, rgb }
 }
 
-/// The recipe of photos to optimise for: scaled and cropped to `size`, by default in their own, with the scene's poses. Photos that
-/// a network sees first are prepared as for its reconstructions, by default in its resolution.
+/// The recipe of photos to optimise for: scaled and cropped to `size`, by default in their own size, with the scene's
+/// poses. If a network reconstructs them first, they are prepared as for its reconstructions, by default at its
+/// resolution.
 pub fn fit_recipe(size: Option<ImageSize>, network: Option<&ModelConfig>) -> TrialRecipe {
     if let Some(config) = network {
         return photo_recipe(size.map_or(config.resolution, Into::into));

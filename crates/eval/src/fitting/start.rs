@@ -30,7 +30,7 @@ pub enum StartError {
     /// A file of Gaussians cannot be read.
     #[error(transparent)]
     Gaussians(#[from] SplatError),
-    /// Gaussians cannot be made.
+    /// Gaussians cannot be created.
     #[error(transparent)]
     Fit(#[from] FitError),
 }

@@ -19,7 +19,7 @@ pub struct LiveScene {
     pub cameras: Vec<LiveCamera>,
     /// The point about which the view turns: on the first camera's optical axis, at the Gaussians' median depth.
     pub focus: [f64; 3],
-    /// How the Gaussians are rendered, without its spherical harmonics.
+    /// How the Gaussians are rendered, except for spherical harmonics, which the live view lacks.
     pub options: RenderOptions,
     /// Gaussians of the tokens that enter each block, and of the final ones.
     pub stages: Vec<LiveStage>,
@@ -47,13 +47,13 @@ pub struct LiveCamera {
 /// Gaussians of the tokens between two blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LiveStage {
-    /// How many blocks the tokens have left.
+    /// Number of blocks that the tokens have passed.
     pub blocks: usize,
-    /// Number of Gaussians, with those that are dropped because no pixel shows them.
+    /// Number of Gaussians, including those that are dropped because no pixel shows them.
     pub all: usize,
-    /// The others.
+    /// The Gaussians that are kept.
     pub gaussians: Packed,
-    /// In the order of their Gaussians; tokens without any are left out.
+    /// Tokens in the order of their Gaussians; tokens without any are left out.
     pub tokens: Vec<LiveToken>,
 }
 
@@ -149,8 +149,8 @@ fn labels(origins: &[u8], scores: &[f32], range: [f32; 2]) -> Vec<(u8, u8)> {
 }
 
 impl LiveStage {
-    /// Gaussians of tokens that have left `blocks` blocks, `per_token` each, with the block that made each token and its
-    /// uncertainty. Finite and without a 3D filter, as a network predicts them.
+    /// Gaussians of tokens that have passed `blocks` blocks, `per_token` each, with the block that made each token and
+    /// its uncertainty. Finite and without a 3D filter, as a network predicts them.
     pub fn of(blocks: usize, gaussians: &Gaussians, per_token: usize, labels: &[(u8, u8)], min_alpha: f64) -> Self {
         let (packed, kept) = pack::pack(gaussians, min_alpha);
         let mut counts = vec![0u16; labels.len()];

@@ -3,7 +3,8 @@ use atsplat_splat::{GaussianParts, Gaussians, sh};
 
 /// Bytes of a packed Gaussian.
 pub const BYTES: usize = 16;
-/// Scales smaller than the largest by this factor, as a logarithm, are stored as its lower end: they are far below a pixel.
+/// Log-scales that are smaller than the largest by more than this are stored as the lower end of the range: such scales
+/// are far below a pixel.
 const LARGEST_RATIO: f32 = 12.0;
 /// Largest imaginary part of a unit quaternion whose real part is its largest.
 const LARGEST_IMAGINARY: f32 = std::f32::consts::FRAC_1_SQRT_2;

@@ -1,4 +1,4 @@
-use atsplat_model::network::{Network, Products, Reconstruction};
+use atsplat_model::network::{MatmulPrecision, Network, Reconstruction};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use super::splatting::{Splatting, parameters};
@@ -17,10 +17,12 @@ pub struct AtSplat {
     /// Used instead of `network` for large pictures.
     high_resolution: Option<Network>,
     splatting: Splatting,
-    products: Products,
+    products: MatmulPrecision,
     /// Combined with the trial's identity into the seed of each forward pass.
     call_seed: u64,
     record: MethodRecord,
+    /// Name of the pose normalisation of the training, if it is known.
+    trained_poses: Option<String>,
 }
 
 /// Where a network's weights came from.
@@ -45,7 +47,7 @@ impl AtSplat {
     /// and the trial's identity.
     ///
     /// # Errors
-    /// [`EvalError::Model`] for a configuration that JSON cannot represent.
+    /// [`EvalError::Model`] and [`EvalError::Settings`] for a configuration that JSON cannot represent.
     pub fn new(
         name: &str,
         network: Network,
@@ -82,8 +84,8 @@ impl AtSplat {
         }
         splatting.describe(&mut record);
         record.record_network(&network);
-        let products = Products::default();
-        Ok(Self { network, high_resolution: None, splatting, products, call_seed, record })
+        let products = MatmulPrecision::default();
+        Ok(Self { network, high_resolution: None, splatting, products, call_seed, record, trained_poses: None })
     }
 
     /// Adds a network for pictures of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
@@ -99,29 +101,29 @@ impl AtSplat {
 
     /// Computes matrix products on the CPU in this precision, which the record states unless it is f32.
     #[must_use]
-    pub fn with_products(mut self, products: Products) -> Self {
-        if products != Products::default() {
+    pub fn with_matmul_precision(mut self, products: MatmulPrecision) -> Self {
+        if products != MatmulPrecision::default() {
             self.record.parameters.insert("products".to_owned(), "bf16".into());
         }
         self.products = products;
         self
     }
 
-    /// Records how the weights were trained.
+    /// Records how the weights were trained; `poses` names the pose normalisation, if it is known. Trials under another one get a note.
     #[must_use]
-    pub fn trained(mut self, training: Option<TrainingRecord>) -> Self {
-        self.record.training = training;
+    pub fn with_training(mut self, training: Option<TrainingRecord>, poses: Option<String>) -> Self {
+        (self.record.training, self.trained_poses) = (training, poses);
         self
     }
 
-    /// States its variant in the record, for what its configuration does not say.
+    /// Adds the variant to the record, for differences that the configuration does not show.
     #[must_use]
-    pub fn stating_variant(mut self, variant: &str) -> Self {
+    pub fn with_recorded_variant(mut self, variant: &str) -> Self {
         self.record.parameters.insert("variant".to_owned(), variant.into());
         self
     }
 
-    /// Records that its thresholds are these quantiles of its own scores, in place of the published ones.
+    /// Records that its thresholds are these quantiles of its own scores, instead of the published thresholds.
     #[must_use]
     pub fn with_thresholds_at(mut self, quantiles: &[f64], published: &[f64]) -> Self {
         self.record.parameters.insert("threshold-quantiles".to_owned(), quantiles.into());
@@ -131,12 +133,12 @@ impl AtSplat {
 
     /// Sets the variant's name in tables and plots: what differs from the configuration stored with the weights.
     #[must_use]
-    pub fn variant(mut self, name: &str) -> Self {
+    pub fn with_variant_title(mut self, name: &str) -> Self {
         self.record.title = title(&self.network.config().name, Some(name), self.record.untrained);
         self
     }
 
-    fn reconstruct(&self, input: &TrialInput<'_>) -> Result<(Reconstruction, Option<String>), MethodError> {
+    fn reconstruct(&self, input: &TrialInput<'_>) -> Result<(Reconstruction, Vec<String>), MethodError> {
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let views =
             network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
@@ -145,9 +147,13 @@ impl AtSplat {
         let reconstruction = self.products.scope(|| network.reconstruct(&views, seed));
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let seen_at = reconstruction.seen_at;
-        let note = (seen_at != views.size())
+        let resized = (seen_at != views.size())
             .then(|| format!("the network saw context pictures of {} at {seen_at}", views.size()));
-        Ok((reconstruction, note))
+        let poses = input.preset.setting_for(self.setting()).pose_normalisation.name();
+        let other = self.trained_poses.as_ref().filter(|trained| **trained != poses);
+        let other =
+            other.map(|trained| format!("trained with the pose normalisation {trained}, evaluated with {poses}"));
+        Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }
 
     /// Large pictures use the high-resolution configuration, whose coarse branch sees them at half size, provided that the
@@ -185,14 +191,14 @@ impl Method for AtSplat {
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        let (reconstruction, note) = self.reconstruct(&input)?;
+        let (reconstruction, notes) = self.reconstruct(&input)?;
         let stages = reconstruction.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
         let cost = Cost {
             initial_tokens: Some(reconstruction.budget.initial_tokens as u64),
             final_tokens: Some(reconstruction.budget.final_tokens as u64),
             stages: stages.into_iter().collect(),
             peak_bytes: Some(reconstruction.memory.peak_bytes()),
-            notes: note.into_iter().collect(),
+            notes,
             ..Cost::default()
         };
         Ok(self.splatting.predict(input, reconstruction.gaussians, cost))
@@ -246,6 +252,20 @@ pub(super) mod tests {
         let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
         let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
         AtSplat::new("atsplat", network, &weights, call_seed, Splatting::default()).unwrap()
+    }
+
+    #[test]
+    fn trials_under_another_pose_normalisation_get_a_note() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = &trials(&preset)[0];
+        let own = preset.setting_for("ATSplat").pose_normalisation.name();
+        let notes = |poses: Option<String>| {
+            let method = method(None, 0).with_training(None, poses);
+            method.reconstruct(&TrialInput { preset: &preset, trial, pictures }).unwrap().1
+        };
+        assert_eq!((notes(None), notes(Some(own.clone()))), (Vec::new(), Vec::new()));
+        let expected = format!("trained with the pose normalisation baseline-one, evaluated with {own}");
+        assert_eq!(notes(Some("baseline-one".to_owned())), [expected]);
     }
 
     #[test]

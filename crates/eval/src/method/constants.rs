@@ -7,11 +7,11 @@ use crate::tradeoff::RendererKnobs;
 /// Which renderer constants a method uses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ConstantsChoice {
-    /// Those behind the protocol's published numbers (see [`constants_of`]).
+    /// The protocol's, with which its published numbers were computed (see [`constants_of`]).
     #[default]
     FromPreset,
     /// Fixed constants for every protocol; near and far planes are in the trial's scene units.
-    These(RendererConstants),
+    Fixed(RendererConstants),
     /// The protocol's constants, or those of a named preset, with overrides.
     Changed(ChangedConstants),
 }
@@ -46,7 +46,7 @@ impl ConstantsChoice {
     pub fn of(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
         match self {
             Self::FromPreset => constants_of(convention, planes),
-            Self::These(constants) => constants.clone(),
+            Self::Fixed(constants) => constants.clone(),
             Self::Changed(changed) => changed.knobs.applied_unchecked(&constants_of(convention, planes)),
         }
     }
@@ -55,7 +55,7 @@ impl ConstantsChoice {
     pub fn name(&self) -> &str {
         match self {
             Self::FromPreset => "of the preset",
-            Self::These(constants) => &constants.name,
+            Self::Fixed(constants) => &constants.name,
             Self::Changed(changed) => &changed.name,
         }
     }
@@ -130,7 +130,7 @@ mod tests {
         let constants = constants_of(&convention, planes);
         assert_eq!((constants.extent, constants.principal_point), (Extent::Exact, PrincipalPoint::Full));
         constants.check().unwrap();
-        let fixed = ConstantsChoice::These(RendererConstants::default());
+        let fixed = ConstantsChoice::Fixed(RendererConstants::default());
         assert_eq!(fixed.of(&convention, planes), RendererConstants::default());
     }
 }

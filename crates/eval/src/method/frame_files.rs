@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The picture files in the folders in which those of one scene may be. Each folder is listed once.
+/// The picture files of one scene, in all folders that may hold them. Each folder is listed once.
 #[derive(Debug)]
 pub(super) struct FrameFiles {
     folders: Vec<Listed>,
@@ -32,8 +32,8 @@ impl FrameFiles {
     /// The file of a frame; `None` if there is none.
     ///
     /// # Errors
-    /// Two files of which either may be meant: with other numbers of digits, in two folders, or an `.exr` and a `.png` where
-    /// another frame has no `.exr`.
+    /// Two files, either of which may be the right one: with different numbers of digits, in two folders, or an `.exr`
+    /// and a `.png` where another frame has no `.exr`.
     pub(super) fn file_of(&self, frame: usize) -> Result<Option<PathBuf>, String> {
         let found = self.all_of(frame);
         let Some((first, others)) = found.split_first() else { return Ok(None) };

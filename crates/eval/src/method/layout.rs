@@ -25,7 +25,7 @@ pub struct Layout(pub String);
 
 /// Number of scenes found below a folder in each layout.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Found(BTreeMap<Layout, usize>);
+struct LayoutCounts(BTreeMap<Layout, usize>);
 
 /// How many of the requested scenes a folder of imported results holds, and in which layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,9 +35,9 @@ pub struct Survey {
     expected: &'static str,
     requested: usize,
     first: String,
-    here: Found,
+    here: LayoutCounts,
     /// A parent or subfolder that holds scenes if this one holds none.
-    elsewhere: Option<(PathBuf, Found)>,
+    elsewhere: Option<(PathBuf, LayoutCounts)>,
 }
 
 impl Survey {
@@ -50,7 +50,7 @@ impl Survey {
         layout: impl Fn(&Path, &RequestedScene<'_>) -> Option<Layout>,
     ) -> Self {
         let found = |folder: &Path| {
-            let mut found = Found::default();
+            let mut found = LayoutCounts::default();
             for layout in requested.iter().filter_map(|requested| layout(folder, requested)) {
                 *found.0.entry(layout).or_default() += 1;
             }
@@ -80,13 +80,13 @@ impl Survey {
         let (folder, requested) = (self.folder.display(), self.requested);
         let found = match &self.elsewhere {
             Some((other, found)) => format!(
-                "none of {requested} scenes there, but {} of them below {}, as {found}: use that folder",
+                "none of {requested} scenes there, but {} of them below {}, in the layout {found}: use that folder",
                 found.scenes(),
                 other.display()
             ),
             None => format!("none of {requested} scenes there; the folder holds {}", content(&self.folder)),
         };
-        let expected = format!("{} below {folder}, SCENE as {}", self.expected, self.first);
+        let expected = format!("{} below {folder}, where SCENE is, for example, {}", self.expected, self.first);
         Err(EvalError::Settings { what: self.what, expected, found })
     }
 }
@@ -103,13 +103,13 @@ impl fmt::Display for Survey {
     }
 }
 
-impl Found {
+impl LayoutCounts {
     fn scenes(&self) -> usize {
         self.0.values().sum()
     }
 }
 
-impl fmt::Display for Found {
+impl fmt::Display for LayoutCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let layouts: Vec<String> = self.0.iter().map(|(Layout(name), count)| format!("{name} ({count})")).collect();
         f.write_str(&layouts.join(", "))
@@ -120,8 +120,8 @@ impl fmt::Display for Found {
 fn neighbours(folder: &Path) -> Vec<PathBuf> {
     let mut below = folders(folder);
     below.truncate(MAX_SUBFOLDERS);
-    let whole = folder.canonicalize().unwrap_or_else(|_unreadable| folder.to_owned());
-    below.extend(whole.ancestors().skip(1).take(2).map(Path::to_owned));
+    let absolute = folder.canonicalize().unwrap_or_else(|_unreadable| folder.to_owned());
+    below.extend(absolute.ancestors().skip(1).take(2).map(Path::to_owned));
     below
 }
 

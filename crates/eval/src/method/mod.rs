@@ -142,7 +142,7 @@ pub struct Cost {
     /// Measured peak of the resident memory of the method's own processes since they were started, in bytes; `None` for a
     /// method that runs in this process, and where the system does not report it.
     pub own_peak_bytes: Option<u64>,
-    /// Remarks for the reader of the results.
+    /// Notes for readers of the results.
     pub notes: Vec<String>,
 }
 
@@ -205,7 +205,7 @@ pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 /// The last component of a path, the default name of an imported method.
-pub(crate) fn last_of(folder: &Path) -> String {
+pub(crate) fn folder_name(folder: &Path) -> String {
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     name.unwrap_or_else(|| folder.display().to_string())
 }

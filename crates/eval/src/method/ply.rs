@@ -7,8 +7,8 @@ use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
 use super::{
-    Cost, Layout, Method, MethodError, Prediction, RequestedScene, Survey, Timed, TrialInput, below, last_of, names_of,
-    names_of_entry,
+    Cost, Layout, Method, MethodError, Prediction, RequestedScene, Survey, Timed, TrialInput, below, folder_name,
+    names_of, names_of_entry,
 };
 use crate::{EvalError, MethodRecord};
 
@@ -58,7 +58,7 @@ impl Ply {
         splatting: Splatting,
     ) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of Gaussians", folder))?;
-        let name = name.map_or_else(|| last_of(folder), str::to_owned);
+        let name = name.map_or_else(|| folder_name(folder), str::to_owned);
         Ok(Self { folder: folder.to_owned(), name, frame, opacities_as_stored, splatting })
     }
 

@@ -5,7 +5,7 @@ use atsplat_pixels::Image;
 
 /// Samples below the first or above the second are far outside [0, 1]: renderers that do not clamp overshoot by less.
 const FAR: [f32; 2] = [-0.5, 2.0];
-/// One sample in so many may be far outside: a highlight of a renderer that does not clamp is legitimate.
+/// One sample in this many may be far outside: a highlight of a renderer that does not clamp is legitimate.
 const ONE_IN: usize = 100;
 /// The largest sample of a picture in 0…255, with some overshoot.
 const BYTES: f32 = 256.0;

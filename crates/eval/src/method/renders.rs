@@ -8,7 +8,7 @@ use super::frame_files::FrameFiles;
 use super::range::check_range;
 use super::splatting::parameters;
 use super::{
-    Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Survey, Timed, TrialInput, below, last_of,
+    Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Survey, Timed, TrialInput, below, folder_name,
     names_of, names_of_entry, render_each,
 };
 use crate::{EvalError, MethodRecord};
@@ -30,7 +30,7 @@ use crate::{EvalError, MethodRecord};
 /// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
-/// over a background or skipped. So is a frame with two files of which either may be meant.
+/// over a background or skipped. So is a frame with two files, either of which may be the right one.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -44,7 +44,7 @@ impl Renders {
     /// [`EvalError::Io`] if the folder cannot be read.
     pub fn new(folder: &Path, name: Option<&str>) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
-        let name = name.map_or_else(|| last_of(folder), str::to_owned);
+        let name = name.map_or_else(|| folder_name(folder), str::to_owned);
         Ok(Self { folder: folder.to_owned(), name })
     }
 

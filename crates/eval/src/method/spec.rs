@@ -7,6 +7,8 @@ use atsplat_files::InvalidText;
 use atsplat_fit::{Budget, Strategy};
 use thiserror::Error;
 
+use crate::runner::{CONTEXT, TRUTH};
+
 /// A method that is not loaded yet: `KIND` or `NAME=KIND`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MethodSpec {
@@ -37,13 +39,13 @@ pub enum MethodKind {
     Exec(String),
 }
 
-/// Text that names no method.
+/// Text that is not a method.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum InvalidMethod {
-    /// An unknown method, a name that results cannot have, or a budget that is none.
+    /// An unknown method, a name that results cannot have, or an invalid budget.
     #[error(transparent)]
     Text(#[from] InvalidText),
-    /// A name for a baseline.
+    /// A name was given to a baseline.
     #[error("{method} has no variants and takes no name, found {found:?}")]
     Named {
         /// The baseline.
@@ -91,7 +93,7 @@ impl MethodSpec {
     /// Methods separated by commas. A command is the last one: it may hold commas itself.
     ///
     /// # Errors
-    /// [`InvalidMethod`] for the first that is none.
+    /// [`InvalidMethod`] for the first one that is invalid.
     pub fn list(text: &str) -> Result<Vec<Self>, InvalidMethod> {
         let (mut methods, mut rest) = (Vec::new(), Some(text));
         while let Some(text) = rest {
@@ -110,8 +112,9 @@ impl MethodSpec {
     /// [`InvalidText`] for another text.
     pub fn name_of(text: &str) -> Result<String, InvalidText> {
         let plain = |c: char| c.is_alphanumeric() || "-_.+ ".contains(c);
-        if !text.trim().is_empty() && text.chars().all(plain) && !["truth", "context"].contains(&text) {
-            return Ok(text.trim().to_owned());
+        let name = text.trim();
+        if !name.is_empty() && name.chars().all(plain) && ![TRUTH, CONTEXT].contains(&name) {
+            return Ok(name.to_owned());
         }
         let expected = "a name of letters, digits, spaces, - _ . and +, other than truth and context";
         Err(InvalidText::new(expected, text))
@@ -134,7 +137,7 @@ impl FromStr for MethodSpec {
         let name = name.map(Self::name_of).transpose()?;
         let kind = MethodKind::parse(method)?.ok_or_else(|| {
             let expected = "atsplat, nearest-view, warp, renders:DIR, ply:DIR, exec:COMMAND, or 3dgs, mip-splatting, mcmc or \
-                            atsplat+refine with a budget, as 3dgs:3000 (steps) or mcmc:10s, optionally after NAME=";
+                            atsplat+refine with a budget such as 3dgs:3000 (steps) or mcmc:10s, optionally after NAME=";
             InvalidText::new(expected, text)
         })?;
         let is_baseline = matches!(kind, MethodKind::NearestView | MethodKind::Warp);
@@ -168,7 +171,9 @@ mod tests {
         for broken in ["3dgs", "3dgs:", "3dgs:0", "mcmc:-1s", "mip-splatting:ten", "3dgs:1.5", "fixed:3"] {
             assert!(broken.parse::<MethodSpec>().is_err(), "{broken:?}");
         }
-        for broken in ["", "splat", "renders", "renders:", "=warp", "x=warp", "truth=renders:a", "a/b=renders:c"] {
+        for broken in
+            ["", "splat", "renders", "renders:", "=warp", "x=warp", "truth=renders:a", " truth =warp", "a/b=renders:c"]
+        {
             assert!(broken.parse::<MethodSpec>().is_err(), "{broken:?}");
         }
     }

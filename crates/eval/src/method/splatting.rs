@@ -25,7 +25,7 @@ pub struct Splatting {
     /// The rendering backend.
     pub backend: Backend,
     /// Why this is not the requested backend; `None` if it is.
-    pub passed_over: Option<String>,
+    pub skipped_adapter: Option<String>,
 }
 
 /// A rendering backend; its clones share the renderers.
@@ -34,7 +34,7 @@ pub enum Backend {
     /// The CPU: a pool of renderers, one per concurrent caller.
     Cpu(Arc<Mutex<Vec<CpuRenderer>>>),
     /// One renderer that all threads share, and its graphics adapter if it has one.
-    One(Arc<Mutex<Box<dyn Renderer>>>, Option<AdapterRecord>),
+    Shared(Arc<Mutex<Box<dyn Renderer>>>, Option<AdapterRecord>),
 }
 
 impl std::fmt::Debug for Backend {
@@ -50,16 +50,16 @@ impl Default for Backend {
 }
 
 impl Backend {
-    /// One renderer for all threads, on this graphics adapter if it is one of a GPU.
+    /// One renderer for all threads; `adapter` is its graphics adapter if it runs on a GPU.
     pub fn shared(renderer: Box<dyn Renderer>, adapter: Option<AdapterRecord>) -> Self {
-        Self::One(Arc::new(Mutex::new(renderer)), adapter)
+        Self::Shared(Arc::new(Mutex::new(renderer)), adapter)
     }
 
     /// Human-readable name.
     pub fn name(&self) -> String {
         match self {
             Self::Cpu(_) => Renderer::name(&CpuRenderer::default()),
-            Self::One(renderer, _) => renderer.lock().unwrap_or_else(PoisonError::into_inner).name(),
+            Self::Shared(renderer, _) => renderer.lock().unwrap_or_else(PoisonError::into_inner).name(),
         }
     }
 
@@ -67,7 +67,7 @@ impl Backend {
     pub const fn adapter(&self) -> Option<&AdapterRecord> {
         match self {
             Self::Cpu(_) => None,
-            Self::One(_, adapter) => adapter.as_ref(),
+            Self::Shared(_, adapter) => adapter.as_ref(),
         }
     }
 
@@ -75,7 +75,7 @@ impl Backend {
     pub fn fit_device(&self) -> FitDevice {
         match self {
             Self::Cpu(_) => FitDevice::default(),
-            Self::One(renderer, adapter) => {
+            Self::Shared(renderer, adapter) => {
                 let name = adapter.as_ref().map_or_else(|| self.name(), ToString::to_string);
                 FitDevice::adapter(Arc::clone(renderer), name).unwrap_or_default()
             }
@@ -90,7 +90,7 @@ impl Backend {
     fn with<T>(&self, work: impl FnOnce(&mut dyn Renderer) -> T) -> T {
         match self {
             Self::Cpu(spare) => with_spare(spare, |renderer| work(renderer)),
-            Self::One(renderer, _) => work(renderer.lock().unwrap_or_else(PoisonError::into_inner).as_mut()),
+            Self::Shared(renderer, _) => work(renderer.lock().unwrap_or_else(PoisonError::into_inner).as_mut()),
         }
     }
 }
@@ -113,7 +113,7 @@ impl Default for Splatting {
             effects: EffectSelection::Auto,
             tolerance: EffectPlan::TOLERANCE,
             backend: Backend::default(),
-            passed_over: None,
+            skipped_adapter: None,
         }
     }
 }
@@ -124,7 +124,7 @@ impl Splatting {
         Box::new(Splatted::new(self, input, gaussians, cost))
     }
 
-    /// As [`Self::predict`], for Gaussians that were optimised for a renderer: with its constants, mode and degree.
+    /// Like [`Self::predict`], for Gaussians that were optimised for a renderer: with its constants, mode and degree.
     pub(super) fn predict_as_optimised<'a>(
         &'a self,
         input: TrialInput<'a>,
@@ -156,7 +156,7 @@ impl Splatting {
     fn explicit_constants(&self) -> serde_json::Value {
         match &self.constants {
             ConstantsChoice::FromPreset => "of the preset".into(),
-            ConstantsChoice::These(constants) => {
+            ConstantsChoice::Fixed(constants) => {
                 let mut fields = as_json(constants);
                 // JSON has no infinity.
                 for (name, plane) in [("near", constants.near), ("far", constants.far)] {
@@ -194,8 +194,8 @@ impl<'a> Splatted<'a> {
             ..RenderOptions::default()
         };
         cost.gaussians = Some(gaussians.len() as u64);
-        cost.notes.extend(splatting.passed_over.clone());
-        // Of the trial's targets, however many of them are rendered together: their number must not change a bit.
+        cost.notes.extend(splatting.skipped_adapter.clone());
+        // The number of the trial's targets, not of those that are rendered together, which must not change a single bit.
         let scene = Scene::owning(gaussians, input.trial.targets().len());
         Self { splatting, input, scene, options, cost }
     }

@@ -1,4 +1,5 @@
-//! Posed photos into Gaussians: any frames of any scene through a network, and a record of everything the result depends on.
+//! Reconstructs Gaussians from posed photos, any frames of any scene, with a network, and records everything the result
+//! depends on.
 //!
 //! [`reconstruct`] is a single call. [`Photos`] and [`NetworkSource`] are its parts, for callers that also render targets,
 //! check sizes before they load weights, or record where everything came from.

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::TrainingRecord;
 use crate::method::WeightsSource;
+use crate::rows::TRAINED_POSES;
 
 /// A network configuration and the location of its weights, which are not loaded yet.
 #[derive(Debug)]
@@ -95,7 +96,7 @@ pub struct BackboneRecord {
 }
 
 impl WeightsRecord {
-    /// As recorded in a results store.
+    /// The form that is recorded in a results store.
     pub fn weights(&self) -> WeightsSource {
         match self {
             Self::File { sha256, .. } => WeightsSource::File { sha256: sha256.clone() },
@@ -103,6 +104,14 @@ impl WeightsRecord {
                 let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
                 WeightsSource::Random { seed: *seed, backbone_sha256 }
             }
+        }
+    }
+
+    /// Name of the pose normalisation under which the weights were trained, if their file says so.
+    pub fn trained_poses(&self) -> Option<String> {
+        match self {
+            Self::File { provenance, .. } => provenance.get(TRAINED_POSES).cloned(),
+            Self::Untrained { .. } => None,
         }
     }
 

@@ -57,7 +57,7 @@ impl SceneFormat {
 /// Writes Gaussians that are given in this frame.
 ///
 /// # Errors
-/// As [`files::write`].
+/// Those of [`files::write`].
 pub fn write_gaussians(
     path: &Path,
     gaussians: &Gaussians,

@@ -71,7 +71,7 @@ impl Exposures {
     /// The exposures of a source; those of the cameras without one.
     ///
     /// # Errors
-    /// As [`Self::read`].
+    /// Those of [`Self::read`].
     pub fn of(source: Option<&ExposureSource>) -> Result<Self, ExposuresError> {
         match source {
             None => Ok(Self::OfCameras),

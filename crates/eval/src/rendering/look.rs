@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::{Frame, Shot};
 
-/// Render options, and which effects may be skipped.
+/// How views are rendered: the options, and which effects may be skipped.
 #[derive(Debug)]
 pub struct Look {
     /// The options; the exposure is that of each shot.
@@ -22,7 +22,7 @@ impl Look {
     /// Plans the effects of a view.
     ///
     /// # Errors
-    /// As [`EffectPlan::for_scene`].
+    /// Those of [`EffectPlan::for_scene`].
     pub fn plan(&self, scene: &Scene<'_>, shot: &Shot) -> Result<EffectPlan, SplatError> {
         let options = shot.exposed(&self.options);
         EffectPlan::for_scene(scene, &shot.view, &options, &self.effects, self.tolerance)
@@ -31,7 +31,7 @@ impl Look {
     /// Plans and renders a view.
     ///
     /// # Errors
-    /// As [`Self::plan`], and those of the renderer.
+    /// Those of [`Self::plan`], and those of the renderer.
     pub fn render(
         &self,
         renderer: &mut dyn Renderer,

@@ -42,21 +42,21 @@ impl Shot {
     }
 }
 
-/// The images to render, and how their cameras were found.
+/// The images to render, and where their cameras come from.
 #[derive(Debug)]
 pub struct Plan {
     /// The images.
     pub shots: Vec<Shot>,
-    /// How the cameras were found.
+    /// Where the cameras come from.
     pub path: PathRecord,
     /// Warnings.
     pub notes: Vec<String>,
 }
 
-/// How the cameras were found. Angles are in degrees, lengths in scene units.
+/// Where the cameras come from. Angles are in degrees, lengths in scene units.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
-#[expect(missing_docs, reason = "the names of `render.json`, as the options are called")]
+#[expect(missing_docs, reason = "fields of `render.json` with the names of the options")]
 pub enum PathRecord {
     /// Those of a file.
     Cameras { file: PathBuf },

@@ -1,5 +1,7 @@
 //! Merges the provenance of two runs.
 
+use std::collections::BTreeSet;
+
 use serde::Serialize;
 
 use super::difference::differences;
@@ -7,27 +9,30 @@ use super::{PresetRecord, Provenance, WarningCount};
 use crate::EvalError;
 
 impl Provenance {
-    /// Adds another shard of the same run.
+    /// Adds another store of the same run: of a shard that is not part of it yet, or of one that is (`is_repeated`), which counts
+    /// once.
     ///
     /// # Errors
     /// [`EvalError::Differences`] naming what differs.
-    pub(crate) fn merge_shard(&mut self, other: Self) -> Result<(), EvalError> {
+    pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), EvalError> {
+        let together = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_run(&other, "; only shards of one run can be merged")?;
         same("presets", &names(&self.presets), &names(&other.presets), "")?;
         same("methods", &self.methods, &other.methods, "")?;
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
-                let entries = known.entries + preset.entries;
+                let entries = together(known.entries, preset.entries);
                 let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
                 same(&of("presets", &preset.name), &without_entries(known), &without_entries(&preset), "")?;
                 known.entries = entries;
             }
         }
         self.started = self.started.min(other.started);
+        self.add_processors(&other.processor);
         for warning in other.warnings {
             let WarningCount { preset, kind, count, .. } = &warning;
             match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
-                Some(known) => known.count += count,
+                Some(known) => known.count = together(known.count, *count),
                 None => self.warnings.push(warning),
             }
         }
@@ -61,7 +66,20 @@ impl Provenance {
             }
         }
         self.adapter = Self::adapters(&self.methods).or(self.adapter.take());
+        self.add_processors(&other.processor);
         Ok(())
+    }
+
+    /// Adds the processors of other rows; each is listed once.
+    fn add_processors(&mut self, other: &str) {
+        let known = self.processors().chain(processors(other)).map(str::to_owned);
+        let all: BTreeSet<String> = known.collect();
+        self.processor = all.into_iter().collect::<Vec<_>>().join(BETWEEN_PROCESSORS);
+    }
+
+    /// The processors on which rows were made.
+    pub(crate) fn processors(&self) -> impl Iterator<Item = &str> {
+        processors(&self.processor)
     }
 
     fn same_run(&self, other: &Self, advice: &'static str) -> Result<(), EvalError> {
@@ -71,6 +89,12 @@ impl Provenance {
         same("metrics", &self.metrics, &other.metrics, advice)?;
         same("limits", &self.limit, &other.limit, advice)
     }
+}
+
+const BETWEEN_PROCESSORS: &str = "; ";
+
+fn processors(text: &str) -> impl Iterator<Item = &str> {
+    text.split(BETWEEN_PROCESSORS).filter(|processor| !processor.is_empty())
 }
 
 fn of(what: &str, name: &str) -> String {
@@ -91,7 +115,20 @@ fn same<T: Serialize + PartialEq>(what: &str, first: &T, second: &T, advice: &'s
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::drift::same_machine;
     use crate::{AdapterRecord, MethodRecord};
+
+    #[test]
+    fn rows_of_several_processors_name_them_all() {
+        let on = |processor: &str| Provenance { processor: processor.to_owned(), ..Provenance::default() };
+        let mut all = on("b, avx2");
+        for other in ["a, avx512", "b, avx2", "a, avx512; c"] {
+            all.merge_shard(on(other), false).unwrap();
+        }
+        assert_eq!(all.processor, "a, avx512; b, avx2; c");
+        assert!(same_machine(&on("a"), &on("a")) && !same_machine(&on("a"), &on("b")));
+        assert!(!same_machine(&all, &all), "nobody knows which row was made where");
+    }
 
     /// A method of a store has one device; another one needs another name. The provenance lists every adapter once.
     #[test]
@@ -116,7 +153,7 @@ mod tests {
         for other in [None, Some("driver 2")] {
             let refused = known.clone().resume_with(of(&[on("m", other)])).unwrap_err().to_string();
             assert!(refused.contains("methods m") && refused.contains("network-adapter"), "{refused}");
-            assert!(known.clone().merge_shard(of(&[on("m", other)])).is_err());
+            assert!(known.clone().merge_shard(of(&[on("m", other)]), false).is_err());
         }
         known.resume_with(of(&[on("cpu", None), on("other", Some("driver 2"))])).unwrap();
         assert_eq!(known.adapter.as_deref(), Some("card (Vulkan), driver 1; card (Vulkan), driver 2"));

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 pub use adapter::AdapterRecord;
 pub(crate) use adapter::placement;
+pub(crate) use provenance::TRAINED_POSES;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
 };

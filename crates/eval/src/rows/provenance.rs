@@ -21,7 +21,7 @@ pub struct Provenance {
     pub commit: Option<String>,
     /// Operating system and architecture.
     pub platform: String,
-    /// The processor's name and its vector instructions.
+    /// The processor's name and its vector instructions; of rows made on several processors, all of them, separated by `; `.
     pub processor: String,
     /// The graphics adapters that ran networks or rendered, if any.
     pub adapter: Option<String>,
@@ -160,6 +160,9 @@ pub struct TrainingRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<String>,
 }
+
+/// The key of a weights file's provenance that names the pose normalisation of the training.
+pub(crate) const TRAINED_POSES: &str = "pose-normalisation";
 
 impl TrainingRecord {
     /// From a weights file's provenance; `None` if it does not name its data.

@@ -13,9 +13,10 @@ use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
 use rayon::prelude::*;
 use thiserror::Error;
 
-use super::oddities::{self, Oddity};
+use super::metric_ids;
 use super::pictures::{self, CONTEXT, PictureSink, TRUTH};
 use super::scored::{compare, hash_of_bytes, unscored_row};
+use super::suspicious::{self, SuspiciousRender};
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
 use crate::{EvalError, MethodRecord, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
@@ -108,22 +109,23 @@ impl Evaluation<'_> {
         let batches: Vec<Result<Vec<ScoredTarget>, Failure>> = positions.par_chunks(BATCH).map(batch).collect();
         let batches = batches.into_iter().collect::<Result<Vec<_>, _>>()?;
         result.rows.clear();
-        for ScoredTarget { row, drawn, effects, oddity } in batches.into_iter().flatten() {
+        for ScoredTarget { row, drawn, effects, suspicion } in batches.into_iter().flatten() {
             result.rows.push(row);
             result.drawn.extend(drawn);
-            if let Some(oddity) = oddity {
-                *result.odd.entry(oddity).or_default() += 1;
+            if let Some(suspicion) = suspicion {
+                *result.suspicious.entry(suspicion).or_default() += 1;
             }
             result.effects.extend(effects);
         }
-        if let Some(store) = self.pictures.worst(key, &result.rows) {
+        let [psnr, ..] = metric_ids(&self.preset.metrics);
+        if let Some(store) = self.pictures.worst(key, &result.rows, psnr) {
             write_inputs(store, key, decoded)?;
             write_renders(store, key, decoded, prediction)?;
         }
         Ok(())
     }
 
-    /// Renders and scores some targets; the renders are dropped before it returns.
+    /// Renders and scores some targets; only the rows are kept, so that few renders are in memory at once.
     #[expect(clippy::expect_used, reason = "positions are those of the rows, and every target has a row and a truth")]
     fn score_batch(
         &self,
@@ -151,7 +153,7 @@ impl Evaluation<'_> {
             Ok(rendered) => rendered,
             Err(detail) => {
                 row.detail = Some(detail);
-                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), oddity: None });
+                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new(), suspicion: None });
             }
         };
         match truth {
@@ -159,11 +161,11 @@ impl Evaluation<'_> {
             Err(detail) => row.detail = Some(detail.clone()),
         }
         let scored = truth.as_ref().ok().filter(|_| row.status == TargetStatus::Scored);
-        let oddity = scored.and_then(|truth| Oddity::of(&image, drawn, truth));
+        let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
         if let Some(store) = self.pictures.all() {
             pictures::write_render(store, &row.key, row.frame, &image)?;
         }
-        Ok(ScoredTarget { row, drawn, effects, oddity })
+        Ok(ScoredTarget { row, drawn, effects, suspicion })
     }
 }
 
@@ -229,10 +231,10 @@ struct ScoredTarget {
     row: TargetRow,
     drawn: Option<u64>,
     effects: Vec<&'static str>,
-    oddity: Option<Oddity>,
+    suspicion: Option<SuspiciousRender>,
 }
 
-/// What is known of a trial so far.
+/// Results of a trial so far.
 #[derive(Default)]
 struct TrialResult {
     input_hash: Option<String>,
@@ -240,8 +242,8 @@ struct TrialResult {
     cost: Cost,
     drawn: Vec<u64>,
     effects: BTreeSet<&'static str>,
-    /// Number of odd renders.
-    odd: BTreeMap<Oddity, usize>,
+    /// Number of suspicious renders of each kind.
+    suspicious: BTreeMap<SuspiciousRender, usize>,
 }
 
 impl TrialResult {
@@ -252,7 +254,7 @@ impl TrialResult {
         record: &MethodRecord,
         error: Option<MethodError>,
     ) -> (TrialRow, Vec<TargetRow>) {
-        let Self { input_hash, rows, cost, drawn, effects, odd } = self;
+        let Self { input_hash, rows, cost, drawn, effects, suspicious } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
@@ -270,7 +272,7 @@ impl TrialResult {
         let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback}"));
-        let odd = oddities::notes(&odd, rows.len(), cost.gaussians);
+        let suspicious = suspicious::notes(&suspicious, rows.len(), cost.gaussians);
         let row = TrialRow {
             key,
             trial_hash: trial.hash().to_string(),
@@ -294,7 +296,7 @@ impl TrialResult {
             network_adapter: record.network_adapter.as_ref().map(ToString::to_string),
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             effects: effects.into_iter().map(str::to_owned).collect(),
-            notes: cost.notes.into_iter().chain(odd).chain(fallbacks).collect(),
+            notes: cost.notes.into_iter().chain(suspicious).chain(fallbacks).collect(),
         };
         (row, rows)
     }

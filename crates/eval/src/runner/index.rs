@@ -25,7 +25,8 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
-    /// Fields of the file that no index has, and how often; a published file's are its own matter.
+    /// Unknown fields of the file, and how often each occurs; empty for a published index, whose fields are not
+    /// questioned.
     pub unknown_fields: BTreeMap<String, u64>,
 }
 

@@ -9,7 +9,6 @@ mod evaluate;
 mod findings;
 mod index;
 mod metrics;
-mod oddities;
 mod outcome;
 mod outdated;
 mod pictures;
@@ -18,6 +17,7 @@ mod run;
 mod scored;
 mod selection;
 mod single;
+mod suspicious;
 mod walk;
 mod worst;
 

@@ -20,7 +20,7 @@ pub enum KeepPictures {
     #[default]
     Nothing,
     /// Those of each method's six trials with the lowest and two with the highest mean PSNR, and of the two nearest to the median
-    /// among eight at random; the other methods' pictures of these trials too, where they were rendered.
+    /// among eight random ones; also the other methods' pictures of these trials, where they were rendered.
     Worst,
     /// All.
     All,
@@ -58,8 +58,8 @@ impl<'a> PictureSink<'a> {
     }
 
     /// The store, if it keeps the worst trials' pictures and a trial with these rows is among them so far.
-    pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow]) -> Option<&'a Path> {
-        (self.keep == KeepPictures::Worst && self.worst.admits(key, rows)).then_some(self.store)
+    pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> Option<&'a Path> {
+        (self.keep == KeepPictures::Worst && self.worst.admits(key, rows, psnr)).then_some(self.store)
     }
 }
 

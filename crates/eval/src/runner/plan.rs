@@ -8,7 +8,7 @@ use atsplat_scene::SceneSource;
 use serde::Serialize;
 
 use super::selection::Selected;
-use super::{KeepPictures, PlannedIndex, Selection, metric_records};
+use super::{CONTEXT, KeepPictures, PlannedIndex, Selection, TRUTH, metric_records};
 use crate::method::Method;
 use crate::timing::{Machine, TimingPlan, unix_seconds};
 use crate::{EvalError, PresetRecord, Provenance};
@@ -98,7 +98,7 @@ impl Plan<'_> {
         self.results() + timed as u64
     }
 
-    /// The provenance record of this run; `here` is the machine's part of it, see [`current_provenance`].
+    /// The provenance record of this run; `here` is the part about this machine, see [`current_provenance`].
     ///
     /// # Errors
     /// [`EvalError::Protocol`] for a preset that cannot be serialised, [`EvalError::Settings`] for duplicate names of methods
@@ -106,6 +106,18 @@ impl Plan<'_> {
     pub fn provenance(&self, here: Provenance) -> Result<Provenance, EvalError> {
         let methods: Vec<_> = self.methods.iter().map(|method| method.record()).collect();
         unique("methods", methods.iter().map(|method| method.name.as_str()))?;
+        // A name may be a folder's, which nobody chose for a method.
+        if let Some(reserved) =
+            methods.iter().map(|method| method.name.trim()).find(|name| [TRUTH, CONTEXT].contains(name))
+        {
+            let expected =
+                "other names than truth and context, which pictures of a store have (NAME=METHOD names a method)";
+            return Err(EvalError::Settings {
+                what: "methods",
+                expected: expected.to_owned(),
+                found: reserved.to_owned(),
+            });
+        }
         unique("presets", self.datasets.iter().map(|dataset| dataset.name.as_str()))?;
         if let Some(shard) = self.selection.shard.filter(|shard| shard.number == 0 || shard.number > shard.of) {
             let found = format!("{} of {}", shard.number, shard.of);

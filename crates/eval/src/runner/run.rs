@@ -18,11 +18,11 @@ pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(R
     run_until(plan, store, step, &|| false)
 }
 
-/// As [`run`], until `stop` is true: the trials in progress are dropped, and what was finished stays in the store, which another
-/// run resumes.
+/// Like [`run`], but stops when `stop` returns true: the trials in progress are dropped, and finished ones stay in the
+/// store, which another run resumes.
 ///
 /// # Errors
-/// As [`run`], and [`EvalError::Stopped`].
+/// Those of [`run`], and [`EvalError::Stopped`].
 pub fn run_until(
     plan: &Plan<'_>,
     mut store: Store,
@@ -77,7 +77,7 @@ pub fn run_until(
     summary.undrawn = results.trials.iter().filter(undrawn).count() as u64;
     if plan.pictures == KeepPictures::Worst {
         for dataset in plan.datasets {
-            prune(&folder, &dataset.name, &results)?;
+            prune(&folder, dataset, &results)?;
         }
     }
     Ok((results, summary))

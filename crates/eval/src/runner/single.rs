@@ -14,7 +14,7 @@ use crate::{EvalError, TargetRow, TrialRow};
 /// The rows of one trial under one method, as [`super::run()`] stores them; a method that fails gives failed rows.
 ///
 /// # Errors
-/// None today: only a store that cannot be written is one.
+/// Currently none: the only error is a store that cannot be written, and this writes none.
 pub fn evaluate_trial(
     dataset: &Dataset,
     suite: &Suite,

@@ -99,7 +99,7 @@ impl Walk<'_> {
         let mut scenes: IndexMap<String, SceneState> = IndexMap::new();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         while let Some(outcome) = trials.next() {
-            self.go_on()?;
+            self.check_stop()?;
             let scene = outcome.as_ref().map_or_else(|skipped| skipped.scene.as_str(), |(trial, _)| trial.scene());
             let state = scenes.entry(scene.to_owned()).or_default();
             state.warnings.merge(trials.take_warnings());
@@ -116,7 +116,7 @@ impl Walk<'_> {
                 }
             }
         }
-        self.store.digests().keep()?;
+        self.store.digests().save()?;
         outdated.into_result()?;
         findings.add_skipped(&self.dataset.name, trials.report());
         for state in scenes.values().filter(|state| !state.is_incomplete) {
@@ -155,7 +155,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    fn go_on(&self) -> Result<(), EvalError> {
+    fn check_stop(&self) -> Result<(), EvalError> {
         if (self.stop)() { Err(EvalError::Stopped) } else { Ok(()) }
     }
 
@@ -198,7 +198,7 @@ impl Walk<'_> {
     /// Evaluates a trial under each method without a result; returns how many were evaluated and how many had one.
     fn evaluate(&self, trial: Trial, targets: &TargetPictures) -> Result<(u64, u64), EvalError> {
         let decoded = DecodedTrial::new(trial, targets, self.store.digests());
-        self.store.digests().keep()?;
+        self.store.digests().save()?;
         // The data may have changed since the first check.
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
@@ -209,12 +209,12 @@ impl Walk<'_> {
         (0..before).for_each(|_| (self.step)());
         let evaluated = missing.len() as u64;
         for (method, input_hash) in missing {
-            self.go_on()?;
+            self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
-            self.go_on()?;
+            self.check_stop()?;
             self.store.append(&row, &targets)?;
             (self.step)();
         }

@@ -6,6 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use atsplat_numeric::{SplitMix64, median};
 
 use super::pictures::{self, CONTEXT, TRUTH};
+use super::{Dataset, metric_ids};
 use crate::store::disk;
 use crate::{EvalError, Results, TargetRow, TrialKey};
 
@@ -26,8 +27,8 @@ pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), [Vec<f64>; 3]>>);
 
 impl WorstSoFar {
     /// Whether a trial is among them so far; if so, it is recorded.
-    pub(super) fn admits(&self, key: &TrialKey, rows: &[TargetRow]) -> bool {
-        let Some(mean) = mean_psnr(rows) else { return false };
+    pub(super) fn admits(&self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> bool {
+        let Some(mean) = mean_psnr(rows, psnr) else { return false };
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let [worst, best, sample] = all.entry((key.preset.clone(), key.method.clone())).or_default();
         let among = [(worst, mean, WORST), (best, -mean, BEST), (sample, draw(key), SAMPLE)];
@@ -51,14 +52,15 @@ fn draw(key: &TrialKey) -> f64 {
 }
 
 /// Removes pictures of trials that are kept for no method at the end of a run.
-pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(), EvalError> {
+pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Result<(), EvalError> {
+    let (preset, [psnr, ..]) = (dataset.name.as_str(), metric_ids(&dataset.preset.metrics));
     let methods: BTreeSet<&str> = results
         .trials
         .iter()
         .filter(|trial| trial.key.preset == preset)
         .map(|trial| trial.key.method.as_str())
         .collect();
-    let kept: Vec<TrialKey> = methods.iter().flat_map(|method| kept(results, preset, method)).collect();
+    let kept: Vec<TrialKey> = methods.iter().flat_map(|method| kept(results, (preset, method), psnr)).collect();
     for name in methods.into_iter().chain([TRUTH, CONTEXT]) {
         let folders = kept.iter().map(|key| pictures::folder(store, &key.of_method(name))).collect();
         retain(&pictures::folder_of_method(store, preset, name), &folders)?;
@@ -74,13 +76,13 @@ fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
 }
 
 /// Keys of a method's worst, best and typical trials.
-fn kept(results: &Results, preset: &str, method: &str) -> BTreeSet<TrialKey> {
+fn kept(results: &Results, (preset, method): (&str, &str), psnr: &str) -> BTreeSet<TrialKey> {
     let mut rows: BTreeMap<&TrialKey, Vec<TargetRow>> = BTreeMap::new();
     for row in results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method) {
         rows.entry(&row.key).or_default().push(row.clone());
     }
     let mut means: Vec<(f64, &TrialKey)> =
-        rows.into_iter().filter_map(|(key, rows)| Some((mean_psnr(&rows)?, key))).collect();
+        rows.into_iter().filter_map(|(key, rows)| Some((mean_psnr(&rows, psnr)?, key))).collect();
     means.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let middle = median(means.iter().map(|(mean, _)| *mean)).unwrap_or(0.0);
     let mut sample = means.clone();
@@ -91,9 +93,12 @@ fn kept(results: &Results, preset: &str, method: &str) -> BTreeSet<TrialKey> {
     extremes.chain(sample.iter().take(TYPICAL)).map(|(_, key)| (*key).clone()).collect()
 }
 
-/// Mean of the protocol's PSNR variant over the targets that have one.
-fn mean_psnr(rows: &[TargetRow]) -> Option<f64> {
-    let score = |row: &TargetRow| row.scores.iter().find(|(id, _)| id.starts_with("psnr")).map(|(_, score)| *score);
+/// Mean of the protocol's PSNR variant over the targets that have one; where it was not asked for, of the first variant.
+fn mean_psnr(rows: &[TargetRow], psnr: &str) -> Option<f64> {
+    let score = |row: &TargetRow| {
+        let any = || row.scores.iter().find(|(id, _)| id.starts_with("psnr"));
+        row.scores.iter().find(|(id, _)| *id == psnr).or_else(any).map(|(_, score)| *score)
+    };
     let scores: Vec<f64> = rows.iter().filter_map(score).collect();
     (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / scores.len() as f64)
 }

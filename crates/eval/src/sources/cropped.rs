@@ -16,7 +16,7 @@ pub struct AlreadyCropped {
 
 impl AlreadyCropped {
     /// The dataset with cameras that match its pictures, and the preset without its preprocessing. `None` if the pictures have
-    /// the expected size, or neither size; one frame of the first scene with a picture decides.
+    /// the expected size, or neither that nor the cropped size; one frame of the first scene with a picture decides.
     pub fn of(source: &Arc<dyn SceneSource>, preset: &Preset) -> Option<(Self, Preset)> {
         let expected = preset.preprocessing.expected_size?;
         let plan = preset.preprocessing.plan(expected).ok()?;

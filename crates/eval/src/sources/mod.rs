@@ -1,4 +1,4 @@
-//! Scene sources other than plain files: simulated, cropped in advance, or without frames whose pictures are missing.
+//! Scene sources other than plain files: simulated, already cropped, or without the frames whose pictures are missing.
 
 mod cropped;
 mod simulated;

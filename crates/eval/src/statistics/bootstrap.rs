@@ -6,16 +6,17 @@ use super::significance::{normal_tail, student_quantile};
 /// Nominal coverage of the intervals.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// With fewer scenes an interval is not published: it cannot leave the range of the scenes' values and is too short.
-pub const FEWEST_SCENES: u64 = 6;
+/// With fewer scenes no interval is published: it would be too short, since it cannot leave the range of the scenes'
+/// values.
+pub const MIN_SCENES: u64 = 6;
 
 /// Seed of the resampling, fixed so that equal rows give equal intervals.
 const SEED: u64 = 0x6174_7370_6c61_7421;
 /// Number of resamples for few scenes, and the minimum.
-const MOST: usize = 10_000;
-const LEAST: usize = 2_000;
-/// Maximum number of draws per interval; more scenes reduce the number of resamples.
-const DRAWS: usize = 10_000_000;
+const MAX_RESAMPLES: usize = 10_000;
+const MIN_RESAMPLES: usize = 2_000;
+/// Maximum number of draws of a scene per interval: with many scenes, there are fewer resamples.
+const MAX_DRAWS: usize = 10_000_000;
 
 /// The 95 % interval of `Σ sum / Σ weight` over clusters given as `[sum, weight]`: the expanded percentile interval of a
 /// bootstrap that draws whole clusters (Hesterberg: "What Teachers Should Know About the Bootstrap", The American
@@ -31,7 +32,7 @@ pub fn interval_of_mean(clusters: &[[f64; 2]]) -> Option<[f64; 2]> {
     interval_of_resamples(clusters, resamples(clusters.len()))
 }
 
-/// As [`interval_of_mean`] with this many resamples.
+/// Like [`interval_of_mean`] with this many resamples.
 pub(super) fn interval_of_resamples(clusters: &[[f64; 2]], resamples: usize) -> Option<[f64; 2]> {
     if clusters.iter().any(|[sum, weight]| !sum.is_finite() || !weight.is_finite() || *weight <= 0.0) {
         return None;
@@ -41,10 +42,10 @@ pub(super) fn interval_of_resamples(clusters: &[[f64; 2]], resamples: usize) -> 
 
 /// The number of resamples for this many clusters.
 pub(super) fn resamples(clusters: usize) -> usize {
-    DRAWS.checked_div(clusters).unwrap_or(MOST).clamp(LEAST, MOST)
+    MAX_DRAWS.checked_div(clusters).unwrap_or(MAX_RESAMPLES).clamp(MIN_RESAMPLES, MAX_RESAMPLES)
 }
 
-/// As [`interval_of_mean`], of any statistic of the sums over clusters.
+/// Like [`interval_of_mean`], of any statistic of the sums over clusters.
 pub(super) fn interval_of<const N: usize>(
     clusters: &[[f64; N]],
     resamples: usize,

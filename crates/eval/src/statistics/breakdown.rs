@@ -46,8 +46,8 @@ pub fn by_distance(results: &Results, query: &MetricQuery) -> Vec<(i64, Summary)
     grouped(results, query, |distance| distance)
 }
 
-/// As [`by_distance`], with `step` distances together: 1 to `step`, `step` + 1 to 2 `step`, and so on on either side, each
-/// with the middle of its distances; 0 stays alone.
+/// Like [`by_distance`], with `step` distances together: 1 to `step`, `step` + 1 to 2 `step`, and so on on either side,
+/// each with the middle of its distances; 0 stays alone.
 pub fn by_distance_steps(results: &Results, query: &MetricQuery, step: u32) -> Vec<(f64, Summary)> {
     let step = i64::from(step.max(1));
     let group = |distance: i64| distance.signum() * ((distance.abs() + step - 1) / step);

@@ -13,7 +13,7 @@ pub struct Contrast {
     pub value: f64,
     /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with one scene.
     pub interval: Option<[f64; 2]>,
-    /// Scenes with at least one target that all have a score for.
+    /// Scenes with at least one target for which all results have a score.
     pub scenes: u64,
 }
 
@@ -35,8 +35,8 @@ impl Contrast {
     }
 }
 
-/// The weighted sum over the targets that all results have a score for. Targets are matched by scene, entry and position,
-/// whatever their preset. `None` if there are none.
+/// The weighted sum over the targets for which all results have a score. Targets are matched by scene, entry and
+/// position, whatever their preset. `None` if there are none.
 pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggregation) -> Option<Contrast> {
     let ((first, weight), others) = terms.split_first()?;
     let mut sums = Vec::new();

@@ -1,8 +1,9 @@
 //! Statistics of a store's rows: means as protocols publish them, intervals, paired differences, cost.
 //!
-//! Everything starts from a [`MetricQuery`]: one metric of one method under one preset, with or without targets that are also
-//! context frames. Targets that were not compared are counted but never averaged; a non-finite value always counts as a broken
-//! render. Intervals resample scenes, because targets of one scene fail together; with fewer than [`FEWEST_SCENES`] there is none.
+//! Everything starts from a [`MetricQuery`]: one metric of one method under one preset, with or without targets that
+//! are also context frames. Targets that were not compared are counted but never averaged; a non-finite value always
+//! counts as a broken render. Intervals resample scenes, because targets of one scene fail together; with fewer than
+//! [`MIN_SCENES`] there is no interval.
 
 mod bootstrap;
 mod breakdown;
@@ -18,7 +19,7 @@ mod trend;
 
 use serde::{Deserialize, Serialize};
 
-pub use bootstrap::{CONFIDENCE, FEWEST_SCENES, interval_of_mean};
+pub use bootstrap::{CONFIDENCE, MIN_SCENES, interval_of_mean};
 pub use breakdown::{Binned, by_distance, by_distance_steps, by_overlap, within_distances};
 pub use contrast::Contrast;
 pub use cost::{Cost, cost};

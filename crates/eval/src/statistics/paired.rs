@@ -4,7 +4,7 @@ use atsplat_metrics::Direction;
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::bootstrap::{FEWEST_SCENES, interval_of_mean};
+use super::bootstrap::{MIN_SCENES, interval_of_mean};
 use super::scene_means::{clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget, select};
 use super::{MetricQuery, direction, sign_test};
@@ -16,7 +16,7 @@ use crate::Results;
 pub struct Paired {
     /// The mean over scenes of `a − b`.
     pub difference: f64,
-    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`FEWEST_SCENES`].
+    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
     /// Scenes in which `a` is better, by the direction of its metric.
     pub wins: u64,
@@ -40,13 +40,13 @@ pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Pai
     paired_between((results, a), (results, b))
 }
 
-/// As [`paired`], across two stores.
+/// Like [`paired`], across two stores.
 pub fn paired_between(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Paired> {
     let found = of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric))?;
-    Some(Paired { interval: found.interval.filter(|_| found.scenes >= FEWEST_SCENES), ..found })
+    Some(Paired { interval: found.interval.filter(|_| found.scenes >= MIN_SCENES), ..found })
 }
 
-/// As [`paired`], of targets that are already selected and ordered, with an interval from two scenes on.
+/// Like [`paired`], of targets that are already selected and ordered, with an interval from two scenes on.
 pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direction) -> Option<Paired> {
     let (differences, unpaired) = differences(a, b);
     let clusters = clusters(&differences, Aggregation::SceneMeans);

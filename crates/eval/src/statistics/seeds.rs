@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 
 use super::SceneMean;
-use super::bootstrap::{CONFIDENCE, FEWEST_SCENES};
+use super::bootstrap::{CONFIDENCE, MIN_SCENES};
 use super::significance::student_quantile;
 
 /// A mean over trainings and scenes.
@@ -14,7 +14,7 @@ use super::significance::student_quantile;
 pub struct Seeds {
     /// The mean over the scenes that every training has a score for.
     pub mean: f64,
-    /// Its 95 % interval for other scenes and other trainings; `None` with fewer than [`FEWEST_SCENES`] scenes.
+    /// Its 95 % interval for other scenes and other trainings; `None` with fewer than [`MIN_SCENES`] scenes.
     pub interval: Option<[f64; 2]>,
     /// Number of trainings.
     pub seeds: u64,
@@ -80,7 +80,7 @@ fn combined(scenes: Spread, trainings: &[Spread], seeds: u64) -> Seeds {
     let most: usize = parts.iter().map(|(_, freedom)| freedom).sum();
     let freedom = (least..=most).rev().find(|freedom| *freedom as f64 * squares <= variance.powi(2)).unwrap_or(least);
     let half = student_quantile(f64::midpoint(1.0, CONFIDENCE), freedom) * variance.sqrt();
-    let enough = scenes.count as u64 >= FEWEST_SCENES;
+    let enough = scenes.count as u64 >= MIN_SCENES;
     let mean_variance = trainings.iter().map(|own| own.variance).sum::<f64>();
     Seeds {
         mean: scenes.mean,

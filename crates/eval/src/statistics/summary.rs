@@ -2,7 +2,7 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::MetricQuery;
-use super::bootstrap::{FEWEST_SCENES, interval_of_mean};
+use super::bootstrap::{MIN_SCENES, interval_of_mean};
 use super::scene_means::{clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
@@ -13,7 +13,7 @@ use crate::Results;
 pub struct Summary {
     /// The protocol's mean, with or without identical pictures as [`MetricQuery::identical`] says; `None` without scores.
     pub mean: Option<f64>,
-    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`FEWEST_SCENES`].
+    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
     /// Scenes in the mean.
     pub scenes: u64,
@@ -36,13 +36,13 @@ pub fn summary(results: &Results, query: &MetricQuery, aggregation: Aggregation)
     to_publish(&select(results, query), aggregation)
 }
 
-/// As [`summary`], of targets that are already selected and ordered.
+/// Like [`summary`], of targets that are already selected and ordered.
 pub(super) fn to_publish(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
     let found = of_selected(selected, aggregation);
-    Summary { interval: found.interval.filter(|_| found.scenes >= FEWEST_SCENES), ..found }
+    Summary { interval: found.interval.filter(|_| found.scenes >= MIN_SCENES), ..found }
 }
 
-/// As [`summary`], of targets that are already selected and ordered, with an interval from two scenes on.
+/// Like [`summary`], of targets that are already selected and ordered, with an interval from two scenes on.
 pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
     let clusters = clusters(selected, aggregation);
     let (mean, parts) = mean_of_clusters(&clusters);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::bootstrap::{FEWEST_SCENES, interval_of, resamples};
+use super::bootstrap::{MIN_SCENES, interval_of, resamples};
 use super::selection::select;
 use super::{MetricQuery, SceneMean};
 use crate::Results;
@@ -16,7 +16,7 @@ pub struct Trend {
     /// Change of the metric per unit.
     pub slope: f64,
     /// Its 95 % interval, by resampling scenes as [`super::interval_of_mean`] does; `None` with fewer than
-    /// [`FEWEST_SCENES`].
+    /// [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
     /// Scenes with scores.
     pub scenes: u64,
@@ -98,7 +98,7 @@ fn of_sums(scenes: &[Sums]) -> Option<Trend> {
     let all = scenes.iter().fold([0.0; 5], |all: Sums, own| std::array::from_fn(|at| all[at] + own[at]));
     let spread = all[3] - all[1] * all[1] / all[0];
     let found = Some(slope(all)).filter(|slope| slope.is_finite() && spread > LEAST_SPREAD)?;
-    let enough = scenes.len() as u64 >= FEWEST_SCENES;
+    let enough = scenes.len() as u64 >= MIN_SCENES;
     let interval = enough.then(|| interval_of(scenes, resamples(scenes.len()), slope)).flatten();
     Some(Trend { slope: found, interval, scenes: scenes.len() as u64 })
 }

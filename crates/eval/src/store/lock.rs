@@ -79,17 +79,17 @@ impl fmt::Display for Holder {
     }
 }
 
-/// This process, as messages about stores name it: its number, its machine and the time.
+/// A description of this process for messages about stores: its number, its machine and the time.
 pub fn this_process() -> String {
     Holder::current().to_string()
 }
 
 /// The error for a locked store. Waits briefly for the holder's description: the lock may be a moment old.
 fn in_use(folder: &Path, holder: &Path) -> EvalError {
-    const PATIENCE: Duration = Duration::from_millis(20);
+    const INTERVAL: Duration = Duration::from_millis(20);
     let read = || serde_json::from_slice::<Holder>(&disk::read(holder).ok()??).ok();
     let found = (0..10).find_map(|_| {
-        std::thread::sleep(PATIENCE);
+        std::thread::sleep(INTERVAL);
         read()
     });
     let by = found.map_or_else(|| "an unidentified process".to_owned(), |holder| holder.to_string());

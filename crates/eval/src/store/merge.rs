@@ -14,7 +14,7 @@ pub struct Merged {
     pub missing_shards: Vec<u32>,
     /// Stores whose run has not ended.
     pub unfinished: Vec<Unfinished>,
-    /// Number of trials that an earlier store already had.
+    /// Number of results that an earlier store already had, with equal values.
     pub repeated: u64,
 }
 
@@ -46,8 +46,8 @@ impl fmt::Display for Unfinished {
 }
 
 impl Merged {
-    /// What keeps the results from being those of the whole run: missing shards, and stores that are not done.
-    pub fn lacking(&self) -> Vec<String> {
+    /// Why the results are not those of the whole run: missing shards, and stores that are not done. Empty if they are.
+    pub fn why_incomplete(&self) -> Vec<String> {
         let missing: Vec<String> = self.missing_shards.iter().map(ToString::to_string).collect();
         let missing = (!missing.is_empty()).then(|| format!("shards {} are missing", missing.join(", ")));
         missing.into_iter().chain(self.unfinished.iter().map(ToString::to_string)).collect()
@@ -103,8 +103,8 @@ impl Results {
                     advice: "",
                 });
             }
-            shards.extend(shard.map(|shard| shard.number));
-            provenance.merge_shard(part.provenance)?;
+            let is_repeated = shard.is_none_or(|shard| !shards.insert(shard.number));
+            provenance.merge_shard(part.provenance, is_repeated)?;
             rows.add(part.trials, part.targets, part.timings)?;
         }
         let all = of.into_iter().flat_map(|of| 1..=of);

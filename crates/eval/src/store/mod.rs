@@ -39,7 +39,7 @@ pub use lock::this_process;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
-use crate::{EvalError, Provenance, Results, TargetRow, TrialRow, TrialStatus};
+use crate::{EvalError, Provenance, Results, TargetRow, TrialRow};
 use data::KnownResults;
 use lock::Lock;
 use read::Content;
@@ -96,7 +96,7 @@ impl Store {
     /// Opens an existing store for writing.
     ///
     /// # Errors
-    /// As [`Results::read`], except that rows of different data are accepted, since they can be replaced;
+    /// Those of [`Results::read`], except that rows of different data are accepted, since they can be replaced;
     /// [`EvalError::InUse`].
     pub fn open(folder: &Path) -> Result<Self, EvalError> {
         if !folder.join(PROVENANCE).exists() {
@@ -110,8 +110,7 @@ impl Store {
         let Content { provenance, rows, .. } = Content::read(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(EvalError::io("opening a results store", &parts))?;
-        let is_scored = |trial: &TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
-        let scored = rows.values().filter(|(trial, _)| is_scored(trial));
+        let scored = rows.values().filter(|(_, targets)| targets.iter().any(|target| !target.scores.is_empty()));
         let scored_methods = scored.map(|(trial, _)| trial.key.method.clone()).collect();
         let known = KnownResults::of(rows.into_values().map(|(trial, _)| trial));
         let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
@@ -122,8 +121,8 @@ impl Store {
     /// that failed in every trial may be replaced by another of its name, and a store without any scored target is restarted.
     ///
     /// # Errors
-    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] if the existing results were made in another way or
-    /// with an older schema.
+    /// Those of [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] if the existing results were made in
+    /// another way or with an older schema.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         let lock = Lock::of(folder)?;
         if !folder.join(PROVENANCE).exists() {
@@ -209,9 +208,9 @@ impl Store {
     /// Moves all trials into the two tables. If interrupted at any moment, it can be repeated.
     ///
     /// # Errors
-    /// As [`Results::read`], and [`EvalError::Io`].
+    /// Those of [`Results::read`], and [`EvalError::Io`].
     pub fn finish(self) -> Result<Results, EvalError> {
-        self.digests.keep()?;
+        self.digests.save()?;
         self.write_provenance()?;
         let content = Content::read(&self.folder)?;
         let parts = content.parts.clone();
@@ -255,7 +254,7 @@ impl Results {
     /// Writes these rows to a new store.
     ///
     /// # Errors
-    /// As [`Store::create`], [`Store::append`] and [`Store::finish`].
+    /// Those of [`Store::create`], [`Store::append`] and [`Store::finish`].
     pub fn write(&self, folder: &Path) -> Result<(), EvalError> {
         let store = Store::create(folder, self.provenance.clone())?;
         self.trials.iter().try_for_each(TrialRow::check)?;

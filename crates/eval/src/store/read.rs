@@ -69,8 +69,8 @@ impl Content {
 }
 
 /// Size and modification time of the files, which change if one is replaced.
-fn stamps(folder: &Path) -> [Option<(u64, SystemTime)>; 3] {
-    [PROVENANCE, TRIALS, TARGETS].map(|name| {
+fn stamps(folder: &Path) -> [Option<(u64, SystemTime)>; 4] {
+    [PROVENANCE, TRIALS, TARGETS, timings::TIMINGS].map(|name| {
         let metadata = fs::metadata(folder.join(name)).ok()?;
         Some((metadata.len(), metadata.modified().ok()?))
     })

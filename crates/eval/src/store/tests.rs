@@ -4,7 +4,7 @@ use super::schema::{self, Column, Kind, Schema};
 use super::table::PolarsOutcome;
 use super::*;
 use crate::timing::{Load, TimingRow};
-use crate::{Shard, TargetStatus, TrialKey, TrialStatus, sample_rows};
+use crate::{PresetRecord, Shard, TargetStatus, TrialKey, TrialStatus, WarningCount, sample_rows};
 
 fn key(scene: &str) -> TrialKey {
     TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: scene.to_owned(), entry: 0 }
@@ -293,6 +293,22 @@ fn shards_merge_into_one_run_and_missing_ones_are_listed() {
     assert!(Results::merge(Vec::new()).is_err());
 }
 
+/// A store that is given twice, under whatever path, is one part of the run.
+#[test]
+fn a_repeated_shard_counts_once() {
+    let of_part = |number: u32, scenes: &[&str]| {
+        let mut part = shard(number, scenes);
+        let preset = PresetRecord { name: "preset".to_owned(), entries: 2, ..PresetRecord::default() };
+        let warning = WarningCount { preset: "preset".to_owned(), count: 5, ..WarningCount::default() };
+        (part.provenance.presets, part.provenance.warnings) = (vec![preset], vec![warning]);
+        part
+    };
+    let (first, second) = (of_part(1, &["a", "b"]), of_part(2, &["c", "d"]));
+    let merged = Results::merge(vec![first.clone(), first.clone(), second, first]).unwrap();
+    let Provenance { presets, warnings, .. } = &merged.results.provenance;
+    assert_eq!((presets[0].entries, warnings[0].count, merged.repeated), (4, 10, 4));
+}
+
 #[test]
 fn rejects_merging_different_runs() {
     let mut other = shard(2, &["a"]);
@@ -455,7 +471,7 @@ fn concurrent_readers_miss_no_finished_trial() {
 fn an_invalid_protocol_is_reported_with_its_field() {
     let folder = tempfile::tempdir().unwrap();
     let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
-    let preset = crate::PresetRecord { name: "walls".to_owned(), toml, ..crate::PresetRecord::default() };
+    let preset = PresetRecord { name: "walls".to_owned(), toml, ..PresetRecord::default() };
     let provenance = Provenance { presets: vec![preset], ..Provenance::default() };
     drop(Store::create(folder.path(), provenance).unwrap());
     assert_eq!(Results::read(folder.path()).unwrap().provenance.presets.len(), 1);

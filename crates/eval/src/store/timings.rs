@@ -13,13 +13,13 @@ use super::{SCHEMA_VERSION, Store};
 use crate::EvalError;
 use crate::timing::{Load, Machine, TimingRow, merged};
 
-const TIMINGS: &str = "timings.parquet";
+pub(super) const TIMINGS: &str = "timings.parquet";
 
 impl Store {
     /// The store's timing rows.
     ///
     /// # Errors
-    /// As [`crate::Results::read`].
+    /// Those of [`crate::Results::read`].
     ///
     /// # Panics
     /// Never: the newest version has a schema.

@@ -22,8 +22,8 @@ pub struct Load {
 }
 
 impl Load {
-    /// Times are marked from this share of others on. Below it, a pool with as many threads as the machine is slowed by no
-    /// more than the repetitions' own spread.
+    /// From this share of others on, times are marked as unreliable. Below it, a pool with as many threads as the
+    /// machine has processors is slowed by no more than the repetitions' own spread.
     pub const BUSY: f64 = 0.05;
 
     /// Whether others used so much that times cannot be trusted; `false` if the system does not report it.
@@ -64,7 +64,7 @@ impl<'a> LoadMonitor<'a> {
         Self { pool, own, start: Instant::now(), average, mhz, cpu: cpu_time(), own_secs: own_secs(pool, own) }
     }
 
-    /// `outside` are processor seconds of the pass that other processes of its own have used.
+    /// `outside` is the processor time in seconds that the methods' own processes have used during the pass.
     pub(super) fn finish(self, outside: f64) -> Load {
         let wall = self.start.elapsed().as_secs_f64();
         let (busy, own) = (cpu_time(), own_secs(self.pool, self.own));

@@ -2,7 +2,8 @@
 
 use std::fs;
 
-/// Peak resident memory in bytes since [`forget_peak`] or the start of the process; `None` if the system does not report it.
+/// Peak resident memory in bytes since [`reset_peak`] or the start of the process; `None` if the system does not report
+/// it.
 pub fn peak_bytes() -> Option<u64> {
     status_bytes(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
@@ -13,7 +14,7 @@ pub fn held_bytes() -> Option<u64> {
 }
 
 /// Resets the peak to the current value; `false` if the system does not allow it.
-pub fn forget_peak() -> bool {
+pub fn reset_peak() -> bool {
     // 5 resets the high-water mark of the resident set (Linux, proc_pid_clear_refs(5)).
     fs::write("/proc/self/clear_refs", "5").is_ok()
 }
@@ -31,7 +32,7 @@ mod tests {
 
     #[test]
     fn the_peak_includes_an_allocation_after_a_reset() {
-        if peak_bytes().is_none() || !forget_peak() {
+        if peak_bytes().is_none() || !reset_peak() {
             return;
         }
         let before = peak_bytes().unwrap();

@@ -15,14 +15,15 @@ use crate::method::Method;
 use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
 use crate::{EvalError, Store};
 
-/// How much is timed.
+/// How many trials are timed, and how often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimingPlan {
     /// Trials per method and protocol, spread over the index; all if there are fewer.
     pub trials: u32,
     /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
-    /// Duration from which the first run counts instead: cold caches cost long work less than a thousandth.
+    /// A warm-up run that takes at least this long counts as a repetition, and no more follow: cold caches cost long
+    /// work less than a thousandth.
     pub warm_up_until: Duration,
     /// Minimum number of repetitions of each trial; two are enough if each takes five seconds.
     pub repetitions: u32,
@@ -92,7 +93,7 @@ impl Pass<'_> {
         methods: &[Arc<dyn Method>],
     ) -> Result<(), EvalError> {
         let known = self.store.timings()?;
-        let mut trials = Timeable::new(dataset, index, methods, self.timing.trials as usize);
+        let mut trials = TimingTrials::new(dataset, index, methods, self.timing.trials as usize);
         let (new, done): (Vec<_>, Vec<_>) =
             methods.iter().partition(|method| !self.is_timed(&known, dataset, method.as_ref(), trials.len()));
         for _ in &done {
@@ -142,7 +143,7 @@ impl Pass<'_> {
     }
 
     /// The rows of one method: the requested number of timed trials, or the first that could not be timed, with the reason.
-    fn method(&self, dataset: &Dataset, trials: &mut Timeable, method: &dyn Method) -> Vec<TimingRow> {
+    fn method(&self, dataset: &Dataset, trials: &mut TimingTrials, method: &dyn Method) -> Vec<TimingRow> {
         let (requested, available) = (self.timing.trials as usize, trials.len());
         let (mut rows, mut rejected) = (Vec::new(), None);
         let timed = method.timed();
@@ -181,7 +182,7 @@ impl Pass<'_> {
             renderer_adapter: record.renderer_adapter.as_ref().map(ToString::to_string),
             started: self.started,
             trials_there: available as u64,
-            warm_up: self.timing.warm_up,
+            warm_up: 0,
             encode: Vec::new(),
             render: Vec::new(),
             stages: [].into(),
@@ -195,13 +196,13 @@ impl Pass<'_> {
 
 /// Trials of a protocol, prepared lazily: first one entry of each scene spread over the index, then one of each other scene,
 /// then further entries.
-struct Timeable {
+struct TimingTrials {
     scenes: VecDeque<Trials>,
     prepared: Vec<PreparedTrial>,
     available: usize,
 }
 
-impl Timeable {
+impl TimingTrials {
     fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], requested: usize) -> Self {
         let scenes: Vec<_> = index.scenes.iter().collect();
         let first = spread(scenes.len(), requested);

@@ -18,7 +18,7 @@ const MIN_DURATION: Duration = Duration::from_millis(50);
 /// Maximum number of repetitions for that purpose.
 const MAX_REPETITIONS: usize = 200;
 
-/// Seconds from which work is long: two repetitions then suffice, so that a pass does not last for hours.
+/// Work of at least this many seconds is long: two repetitions then suffice, so that a pass does not last for hours.
 const LONG: f64 = 5.0;
 
 /// A trial with decoded context pictures.
@@ -28,7 +28,7 @@ pub(super) struct PreparedTrial {
     pub(super) pictures: Vec<Arc<ImageU8>>,
 }
 
-/// Whether so many repetitions with this total time suffice because each is long.
+/// Whether this many repetitions with this total time suffice because each is long.
 pub(super) fn is_long(repetitions: usize, secs: f64) -> bool {
     repetitions >= 2 && secs >= LONG * repetitions as f64
 }
@@ -43,7 +43,7 @@ pub(super) struct Samples {
     pub(super) stages: BTreeMap<String, Vec<f64>>,
     pub(super) held_bytes: Option<u64>,
     pub(super) peak_bytes: Option<u64>,
-    /// That of the method's own processes.
+    /// Peak memory of the method's own processes.
     pub(super) own_peak_bytes: Option<u64>,
 }
 
@@ -64,7 +64,7 @@ impl Samples {
     fn measured(plan: TimingPlan, input: TrialInput<'_>, method: &dyn Method) -> Result<Self, String> {
         let targets = spread(input.trial.targets().len(), PICTURES);
         let (mut samples, mut start) = (Self::default(), Instant::now());
-        let is_peak_reset = memory::forget_peak();
+        let is_peak_reset = memory::reset_peak();
         samples.held_bytes = memory::held_bytes();
         let mut repetitions = 0;
         for _ in 0..plan.warm_up {

@@ -16,7 +16,8 @@ pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
 pub struct Times {
     /// The machine type.
     pub machine: Machine,
-    /// What ran on a graphics adapter, and on which, as `network and renderer on …`; `None` if everything ran on the CPU.
+    /// What ran on a graphics adapter, and on which, such as `network and renderer on …`; `None` if everything ran on
+    /// the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
     /// Trials that were timed.

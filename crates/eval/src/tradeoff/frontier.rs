@@ -39,39 +39,39 @@ pub enum Axis {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Point {
-    /// As [`Sample::label`].
+    /// Same as [`Sample::label`].
     pub label: String,
-    /// As [`Sample::quality`]; finite.
+    /// Same as [`Sample::quality`]; finite.
     pub quality: f64,
     /// Cost on the axis; finite and positive.
     pub cost: f64,
     /// Half-width of the cost's 95 % interval; 0 for counts.
     pub cost_error: f64,
-    /// As [`Sample::secs`].
+    /// Same as [`Sample::secs`].
     pub secs: Option<f64>,
-    /// As [`Sample::secs_error`].
+    /// Same as [`Sample::secs_error`].
     pub secs_error: f64,
-    /// As [`Sample::busy`].
+    /// Same as [`Sample::busy`].
     pub busy: bool,
-    /// As [`Sample::gaussians`].
+    /// Same as [`Sample::gaussians`].
     pub gaussians: Option<f64>,
     /// Its relation to the frontier.
     pub standing: Standing,
     /// Difference in quality over the same targets from the previous point of the frontier; for the cheapest point, from the
     /// next one. `None` if there is no other point or no common target.
-    pub against: Option<Against>,
+    pub against: Option<PointDifference>,
     /// Position among the samples.
     #[serde(skip)]
     sample: usize,
 }
 
-/// A paired difference.
+/// The difference in quality between two points over the same targets.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Against {
+pub struct PointDifference {
     /// Label of the other point.
     pub label: String,
-    /// Own quality minus the other's, scene by scene, with its 95 % interval.
+    /// The point's quality minus the other's, scene by scene, with its 95 % interval.
     #[serde(flatten)]
     pub difference: Contrast,
 }
@@ -240,8 +240,8 @@ impl Ranking<'_> {
         (self.contrasts)(&[(own.sample, 1.0), (other.sample, -1.0)])
     }
 
-    fn compared(&self, own: &Point, other: &Point) -> Option<Against> {
-        Some(Against { label: other.label.clone(), difference: self.difference(own, other)? })
+    fn compared(&self, own: &Point, other: &Point) -> Option<PointDifference> {
+        Some(PointDifference { label: other.label.clone(), difference: self.difference(own, other)? })
     }
 
     fn is_better(&self, difference: &Contrast) -> bool {

@@ -1,7 +1,7 @@
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::{BlockExpansion, SelectionRatio};
-use atsplat_model::network::Products;
+use atsplat_model::network::MatmulPrecision;
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_scene::preprocess::{RescaleAndCrop, Step};
 use atsplat_splat::RendererConstants;
@@ -22,7 +22,7 @@ pub struct Knobs {
     /// Uncertainty thresholds above which tokens are expanded, at least 0, one for each block that expands.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thresholds: Option<Vec<f64>>,
-    /// Expand only in the first so many of the blocks that expand.
+    /// Expand only in this many of the blocks that expand, the first ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expand_first: Option<usize>,
     /// Number of context views: evenly spaced among those of the index, including both ends; at least 1.
@@ -40,14 +40,15 @@ pub struct Knobs {
     pub tolerance: Option<f64>,
     /// Precision of the network's matrix products on the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub products: Option<Products>,
-    /// Optimise each trial's Gaussians on its context views for so many steps: the network's, or random ones with `strategy`.
+    pub products: Option<MatmulPrecision>,
+    /// Optimise each trial's Gaussians on its context views for this many steps: the network's, or random ones with
+    /// `strategy`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<u64>,
-    /// As `steps`, for about so many seconds.
+    /// Like `steps`, but for about this many seconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Optimise random points with this strategy instead of refining what the network made.
+    /// Optimise random points with this strategy instead of refining the network's Gaussians.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
     /// Overrides of the renderer's constants.
@@ -106,7 +107,7 @@ impl RendererKnobs {
         }
     }
 
-    /// As [`Self::applied`] without checks: a renderer rejects invalid constants.
+    /// Like [`Self::applied`] without checks: a renderer rejects invalid constants.
     pub(crate) fn applied_unchecked(&self, constants: &RendererConstants) -> RendererConstants {
         let named = self.constants.as_deref().and_then(RendererConstants::named);
         let mut changed = named.unwrap_or_else(|| constants.clone());
@@ -209,15 +210,15 @@ impl Knobs {
         }
     }
 
-    /// The precision of the network's products, if set.
+    /// The precision of the network's matrix products; f32 by default.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] where another precision would change nothing or more than the network: on a graphics adapter
-    /// (`on_adapter`), and with an optimisation.
-    pub(crate) fn network_products(&self, on_adapter: bool) -> Result<Products, EvalError> {
+    /// [`EvalError::Settings`] for another precision than f32 on a graphics adapter (`on_adapter`), where it would
+    /// change nothing, and with an optimisation, where it would change more than the network.
+    pub(crate) fn matmul_precision(&self, on_adapter: bool) -> Result<MatmulPrecision, EvalError> {
         let products = self.products.unwrap_or_default();
         let optimised = self.steps.is_some() || self.seconds.is_some();
-        if products != Products::F32 && (on_adapter || optimised) {
+        if products != MatmulPrecision::F32 && (on_adapter || optimised) {
             return invalid("products", "f32 on a graphics adapter, and with steps or seconds", "bf16");
         }
         Ok(products)
@@ -231,6 +232,22 @@ impl Knobs {
     pub fn budget(&self) -> Result<Option<Budget>, EvalError> {
         if self.strategy == Some(Strategy::Fixed) {
             return invalid("strategy", "3dgs, mip-splatting or mcmc; without it, the network is refined", "fixed");
+        }
+        let of_network = [
+            ("gaussians-per-token", self.gaussians_per_token.is_some()),
+            ("ratios", self.ratios.is_some()),
+            ("thresholds", self.thresholds.is_some()),
+            ("expand-first", self.expand_first.is_some()),
+            ("weights", self.weights.is_some()),
+            ("products", self.products.is_some()),
+        ];
+        if let (Some(strategy), Some((knob, _))) = (self.strategy, of_network.into_iter().find(|(_, is_set)| *is_set)) {
+            let found = format!("both {knob} and {}", strategy.name());
+            return invalid(
+                "strategy",
+                "no knob of the network, which an optimisation of random points has not",
+                found,
+            );
         }
         match (self.steps, self.seconds) {
             (Some(0), None) => invalid("steps", "at least 1", 0),

@@ -12,7 +12,7 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Price, Sample, Standing, frontier};
+pub use frontier::{Axis, Contrasts, Frontier, Point, PointDifference, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, SweepBase, parts};
 pub use report::TradeoffReport;

@@ -24,7 +24,8 @@ pub struct SweepBase {
     pub tensors: StoredTensors,
     /// Where they came from.
     pub weights: WeightsSource,
-    /// Picture size that the weights were trained at and that the network therefore sees; `None` uses pictures as they are.
+    /// Picture size that the weights were trained at, to which the network resizes pictures; `None` uses pictures as
+    /// they are.
     pub trained_at: Option<ImageSize>,
     /// Seed of random token selection.
     pub call_seed: u64,
@@ -49,10 +50,10 @@ pub struct Part {
 ///
 /// # Errors
 /// [`EvalError::Settings`] for an invalid knob; [`EvalError::Model`] for weights that do not match the network.
-pub fn parts(sweep: &Sweep, swept: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
+pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
     let mut parts: Vec<(&Knobs, Part)> = Vec::new();
     for setting in &sweep.settings {
-        let method = swept.method(setting)?;
+        let method = base.method(setting)?;
         let same_trials =
             |knobs: &Knobs| (knobs.views, knobs.resolution) == (setting.knobs.views, setting.knobs.resolution);
         if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| same_trials(knobs)) {
@@ -71,7 +72,7 @@ impl SweepBase {
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
         let (splatting, budget) = (self.splatting(knobs)?, knobs.budget()?);
-        let products = knobs.network_products(self.device.is_adapter())?;
+        let products = knobs.matmul_precision(self.device.is_adapter())?;
         if let (Some(strategy), Some(budget)) = (knobs.strategy, budget) {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
@@ -88,7 +89,7 @@ impl SweepBase {
         };
         let tensors = adapted(&config, tensors, &weights)?;
         let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
-        // A swept resolution is seen by the network unchanged.
+        // Pictures in a resolution of the sweep are not resized for the network.
         let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
             Some(size) => network.trained_at(size),
             None => network,
@@ -96,7 +97,7 @@ impl SweepBase {
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         Ok(match budget {
             Some(budget) => Arc::new(Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?),
-            None => Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?.with_products(products)),
+            None => Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?.with_matmul_precision(products)),
         })
     }
 
@@ -112,8 +113,8 @@ impl SweepBase {
     }
 }
 
-/// Adapts weights to another K. Random tensors of another shape are drawn again. Trained weights keep the first K Gaussians of
-/// each token, which are rows of the head's last layer; there cannot be more than they have.
+/// Adapts weights to another K. Random tensors of another shape are generated again. Trained weights keep the first K
+/// Gaussians of each token, which are rows of the head's last layer; there cannot be more than they have.
 fn adapted(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsSource) -> Result<StoredTensors, EvalError> {
     let WeightsSource::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
     let mut drawn = generated(&parameters(config), *seed);

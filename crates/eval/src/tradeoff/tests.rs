@@ -333,6 +333,8 @@ fn rejects_invalid_sweeps() {
         ("steps = 0", "\"b\", steps: at least 1, found 0"),
         ("seconds = -1.0", "\"b\", seconds: a positive number, found -1"),
         ("strategy = '3dgs'", "\"b\", strategy: steps or seconds with it, found neither"),
+        ("strategy = '3dgs', steps = 9, ratios = [0.5]", "\"b\", strategy: no knob of the network"),
+        ("strategy = '3dgs', steps = 9, weights = 'w'", "found both weights and 3dgs"),
         ("thresholds = [0.1, -1.0, 0.2]", "\"b\", thresholds: numbers of at least 0, found -1"),
         ("ratios = [0.5, 1.5]", "\"b\", ratios: ratios from 0 to 1 with at most six decimals, found 1.5"),
         ("ratios = [0.5], thresholds = [0.5]", "ratios or thresholds, not both"),

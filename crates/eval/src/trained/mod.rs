@@ -15,6 +15,7 @@ use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
 use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, Warp, WeightsSource};
+use crate::rows::TRAINED_POSES;
 use crate::runner::Dataset;
 use crate::{ComputeDevice, EvalError, TrainingRecord, thresholds};
 
@@ -26,6 +27,7 @@ pub struct TrainedNetwork {
     tensors: StoredTensors,
     weights: WeightsSource,
     training: Option<TrainingRecord>,
+    trained_poses: Option<String>,
     /// Description of the weights' origin.
     pub description: String,
     device: ComputeDevice,
@@ -40,7 +42,9 @@ impl TrainedNetwork {
         let ModelWeights { config, tensors, provenance, .. } = ModelWeights::of_file(file)?;
         let (weights, training) =
             (WeightsSource::File { sha256: file.sha256.clone() }, TrainingRecord::of(&provenance));
-        Ok(Self { config, tensors, weights, training, description, device: ComputeDevice::default() })
+        let trained_poses = provenance.get(TRAINED_POSES).cloned();
+        let device = ComputeDevice::default();
+        Ok(Self { config, tensors, weights, training, trained_poses, description, device })
     }
 
     /// The same network on another device.
@@ -54,18 +58,18 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn methods(&self) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let large = self.bare(&self.config.for_high_resolution()?)?.without_resizing();
-        let atsplat = self.network("atsplat", &self.config)?.with_high_resolution(large)?;
+        let large = self.network_for(&self.config.for_high_resolution()?)?.without_resizing();
+        let atsplat = self.method("atsplat", &self.config)?.with_high_resolution(large)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 
-    /// Optimisation of each trial within a budget: 3DGS, Mip-Splatting and MCMC from random points, and refinement of what
-    /// this network makes.
+    /// Optimisation of each trial within a budget: 3DGS, Mip-Splatting and MCMC from random points, and refinement of
+    /// this network's Gaussians.
     ///
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn optimised(&self, budget: Budget) -> Result<Vec<Arc<dyn Method>>, EvalError> {
-        let network = self.bare(&self.config)?;
+        let network = self.network_for(&self.config)?;
         let refined = Optimised::refined(None, network, &self.weights, budget, 0, self.device.splatting())?;
         let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(refined)];
         for strategy in [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc] {
@@ -80,9 +84,9 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn as_variant(&self, variant: &str) -> Result<Arc<dyn Method>, EvalError> {
-        let method = self.network(&format!("atsplat {variant}"), &self.config)?.variant(variant);
+        let method = self.method(&format!("atsplat {variant}"), &self.config)?.with_variant_title(variant);
         // All other variants can be read from the configuration.
-        Ok(Arc::new(if variant == "unified" { method.stating_variant(variant) } else { method }))
+        Ok(Arc::new(if variant == "unified" { method.with_recorded_variant(variant) } else { method }))
     }
 
     /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need
@@ -106,11 +110,12 @@ impl TrainedNetwork {
             }
             return Ok(variants);
         }
-        let scores = thresholds::scores(&self.bare(&self.config)?, dataset)?;
+        let scores = thresholds::scores(&self.network_for(&self.config)?, dataset)?;
         for (published, quantiles) in thresholds::PUBLISHED {
             let Some(own) = thresholds::at_quantiles(&scores, &quantiles) else { continue };
             let name = format!("quantiles {}", spaced(&quantiles));
-            let method = self.network(&format!("atsplat {name}"), &self.config.with_thresholds(&own)?)?.variant(&name);
+            let method = self.method(&format!("atsplat {name}"), &self.config.with_thresholds(&own)?)?;
+            let method = method.with_variant_title(&name);
             variants.push(Arc::new(method.with_thresholds_at(&quantiles, &published)));
         }
         Ok(variants)
@@ -131,19 +136,19 @@ impl TrainedNetwork {
     }
 
     fn variant(&self, name: &str, config: &ModelConfig) -> Result<Arc<dyn Method>, EvalError> {
-        Ok(Arc::new(self.network(&format!("atsplat {name}"), config)?.variant(name)))
+        Ok(Arc::new(self.method(&format!("atsplat {name}"), config)?.with_variant_title(name)))
     }
 
-    fn network(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
-        let method = AtSplat::new(name, self.bare(config)?, &self.weights, 0, self.device.splatting())?;
-        Ok(method.trained(self.training.clone()))
+    fn method(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
+        let method = AtSplat::new(name, self.network_for(config)?, &self.weights, 0, self.device.splatting())?;
+        Ok(method.with_training(self.training.clone(), self.trained_poses.clone()))
     }
 
     /// The network of a configuration with these weights.
     ///
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
-    pub fn bare(&self, config: &ModelConfig) -> Result<Network, EvalError> {
+    pub fn network_for(&self, config: &ModelConfig) -> Result<Network, EvalError> {
         // Selections without scores have no scorer weights.
         let expected: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
         let mut tensors = self.tensors.clone();

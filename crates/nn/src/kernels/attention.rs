@@ -3,7 +3,7 @@ use rayon::prelude::*;
 
 use super::matrix::{Factor, Matrix, Output, Write, multiply_factors};
 use super::simd::{self, Exp};
-use crate::Products;
+use crate::MatmulPrecision;
 
 /// Queries of a tile, which are the lanes of vectors.
 pub(super) const QUERIES: usize = 64;
@@ -105,7 +105,7 @@ pub(crate) struct Inputs<'a> {
     /// `batch × keys`, not 0 for ignored keys.
     pub(crate) ignored: Option<&'a [u8]>,
     pub(crate) sizes: Sizes,
-    pub(crate) products: Products,
+    pub(crate) products: MatmulPrecision,
 }
 
 impl<'a> Inputs<'a> {

@@ -1,7 +1,7 @@
 use rayon::prelude::*;
 
 use super::columns;
-use crate::Products;
+use crate::MatmulPrecision;
 
 use super::matrix::{Matrix, Output, Threads, Write, multiply};
 
@@ -26,7 +26,7 @@ pub(crate) fn forward(x: &[f32], weight: &[f32], bias: Option<&[f32]>, inputs: u
         Matrix::new(x, rows, inputs, inputs),
         Matrix::new(weight, inputs, outputs, outputs),
         write,
-        (Threads::All, Products::current()),
+        (Threads::All, MatmulPrecision::current()),
     );
     out
 }
@@ -40,7 +40,7 @@ pub(crate) fn input_gradient(grad: &[f32], weight: &[f32], inputs: usize, output
         Matrix::new(grad, rows, outputs, outputs),
         Matrix::new(weight, inputs, outputs, outputs).transposed(),
         Write::Set,
-        (Threads::All, Products::current()),
+        (Threads::All, MatmulPrecision::current()),
     );
     out
 }
@@ -54,7 +54,7 @@ pub(crate) fn weight_gradient(x: &[f32], grad: &[f32], inputs: usize, outputs: u
         Matrix::new(x, rows, inputs, inputs).transposed(),
         Matrix::new(grad, rows, outputs, outputs),
         Write::Set,
-        (Threads::All, Products::current()),
+        (Threads::All, MatmulPrecision::current()),
     );
     out
 }

@@ -2,7 +2,7 @@ use gemm::Parallelism;
 use pulp::{Simd, WithSimd};
 
 use super::{bf16, simd};
-use crate::Products;
+use crate::MatmulPrecision;
 
 /// Longer sums of products are split into equal parts of at most this many terms.
 ///
@@ -100,11 +100,11 @@ pub(crate) fn multiply(
     left: Matrix<'_>,
     right: Matrix<'_>,
     write: Write,
-    (threads, products): (Threads, Products),
+    (threads, products): (Threads, MatmulPrecision),
 ) {
     match products {
-        Products::F32 => multiply_f32(out, left, right, write, threads),
-        Products::Bf16 => bf16::multiply(out, left, right, write, threads),
+        MatmulPrecision::F32 => multiply_f32(out, left, right, write, threads),
+        MatmulPrecision::Bf16 => bf16::multiply(out, left, right, write, threads),
     }
 }
 
@@ -119,18 +119,18 @@ pub(crate) enum Factor<'a> {
 
 impl<'a> Factor<'a> {
     /// A factor on the left.
-    pub(super) fn left(matrix: Matrix<'a>, products: Products) -> Self {
+    pub(super) fn left(matrix: Matrix<'a>, products: MatmulPrecision) -> Self {
         match products {
-            Products::F32 => Self::F32(matrix),
-            Products::Bf16 => Self::Bf16(bf16::Factor::left(matrix)),
+            MatmulPrecision::F32 => Self::F32(matrix),
+            MatmulPrecision::Bf16 => Self::Bf16(bf16::Factor::left(matrix)),
         }
     }
 
     /// A factor on the right.
-    pub(super) fn right(matrix: Matrix<'a>, products: Products) -> Self {
+    pub(super) fn right(matrix: Matrix<'a>, products: MatmulPrecision) -> Self {
         match products {
-            Products::F32 => Self::F32(matrix),
-            Products::Bf16 => Self::Bf16(bf16::Factor::right(matrix)),
+            MatmulPrecision::F32 => Self::F32(matrix),
+            MatmulPrecision::Bf16 => Self::Bf16(bf16::Factor::right(matrix)),
         }
     }
 }

@@ -5,7 +5,7 @@ use rayon::ThreadPoolBuilder;
 
 use super::{bits, random};
 use crate::layers::{AttentionConfig, Block, BlockConfig};
-use crate::{NormKind, Products, ops};
+use crate::{MatmulPrecision, NormKind, ops};
 
 fn in_pool<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
@@ -42,7 +42,7 @@ fn threads_do_not_change_bits() {
     let device = Device::flex().autodiff();
     let block = block(48, 3, &device);
     let x = Tensor::from_inner(random([3, 130, 48], 5));
-    for products in [Products::F32, Products::Bf16] {
+    for products in [MatmulPrecision::F32, MatmulPrecision::Bf16] {
         let run = || products.scope(|| trained(&block, &x));
         let alone = in_pool(1, run);
         for threads in [2, 3, 7] {
@@ -58,7 +58,7 @@ fn products_of_bfloat16_are_used_in_both_passes_until_their_scope_ends() {
     let block = block(48, 3, &device);
     let x = Tensor::from_inner(random([2, 130, 48], 5));
     let exact = trained(&block, &x);
-    let rounded = Products::Bf16.scope(|| trained(&block, &x));
+    let rounded = MatmulPrecision::Bf16.scope(|| trained(&block, &x));
     for (part, (exact, rounded)) in exact.iter().zip(&rounded).enumerate() {
         let [exact, rounded] = [exact, rounded].map(|bits| bits.iter().map(|&bits| f64::from(f32::from_bits(bits))));
         let squares: f64 = exact.clone().map(|value| value * value).sum();
@@ -66,7 +66,7 @@ fn products_of_bfloat16_are_used_in_both_passes_until_their_scope_ends() {
         let relative = (moved / squares).sqrt();
         assert!((1e-5..2e-2).contains(&relative), "part {part} moved by {relative}");
     }
-    let panicked = std::panic::catch_unwind(|| Products::Bf16.scope(|| panic!("inside a scope")));
+    let panicked = std::panic::catch_unwind(|| MatmulPrecision::Bf16.scope(|| panic!("inside a scope")));
     assert!(panicked.is_err());
     assert_eq!(exact, trained(&block, &x), "outside of the scope");
 }

@@ -19,7 +19,7 @@ pub use error::OpenCvError;
 pub use matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual, match_pair};
 pub use undistort::{UndistortMode, Undistorter};
 pub use undistort_scene::{UndistortedFrames, undistort_scene};
-pub use video::{CutFrame, CutOptions, CutOutcome, FrameFormat, VideoCut, cut_frames};
+pub use video::{ExtractedFrame, ExtractedFrames, ExtractionOptions, ExtractionOutcome, FrameFormat, extract_frames};
 
 /// Adds what was being done to OpenCV's error.
 fn called<T>(action: &'static str, result: ::opencv::Result<T>) -> Result<T, OpenCvError> {

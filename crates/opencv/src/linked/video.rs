@@ -26,7 +26,7 @@ pub enum FrameFormat {
 /// Outcome for one timestamp.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
-pub enum CutOutcome {
+pub enum ExtractionOutcome {
     /// The frame was written.
     Written {
         /// The file.
@@ -40,7 +40,7 @@ pub enum CutOutcome {
 
 /// One timestamp of a trajectory and the video's nearest frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct CutFrame {
+pub struct ExtractedFrame {
     /// The requested timestamp, in microseconds.
     pub timestamp_micros: i64,
     /// Presentation time of the nearest frame, in microseconds; `None` if the video has no frames.
@@ -49,10 +49,10 @@ pub struct CutFrame {
     pub estimated: bool,
     /// Whether the frame was written.
     #[serde(flatten)]
-    pub outcome: CutOutcome,
+    pub outcome: ExtractionOutcome,
 }
 
-impl CutFrame {
+impl ExtractedFrame {
     /// Presentation time minus timestamp, in microseconds.
     pub fn residual_micros(&self) -> Option<f64> {
         Some(self.presented_micros? - self.timestamp_micros as f64)
@@ -61,23 +61,23 @@ impl CutFrame {
 
 /// The frames extracted from a video.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct VideoCut {
+pub struct ExtractedFrames {
     /// Median interval between frames, in microseconds.
     pub interval_micros: f64,
     /// One entry per timestamp, in the requested order.
-    pub frames: Vec<CutFrame>,
+    pub frames: Vec<ExtractedFrame>,
 }
 
-impl VideoCut {
+impl ExtractedFrames {
     /// Number of frames written.
     pub fn written(&self) -> usize {
-        self.frames.iter().filter(|frame| matches!(frame.outcome, CutOutcome::Written { .. })).count()
+        self.frames.iter().filter(|frame| matches!(frame.outcome, ExtractionOutcome::Written { .. })).count()
     }
 }
 
-/// Options of [`cut_frames`].
+/// Options of [`extract_frames`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct CutOptions {
+pub struct ExtractionOptions {
     /// Frames are written to `<folder>/<key>/<timestamp>.<extension>`, the layout of RE10K
     /// (`real_estate_10k_tools` `src/convert.py:69-73`).
     pub folder: PathBuf,
@@ -96,18 +96,18 @@ pub struct CutOptions {
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
 /// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in
 /// AVI files with B-frames, and missing for the frames that a decoder still holds at the end of the file. Missing times
-/// are extrapolated by the median interval and marked ([`CutFrame::estimated`]).
+/// are extrapolated by the median interval and marked ([`ExtractedFrame::estimated`]).
 ///
 /// # Errors
 /// [`OpenCvError::Video`] for a video that cannot be opened, has no frame rate or runs backwards, or a `key` that is
 /// not a plain folder name; [`OpenCvError::Io`] if a file cannot be written; [`OpenCvError::Call`].
-pub fn cut_frames(
+pub fn extract_frames(
     video: &Path,
     key: &str,
     timestamps_micros: &[i64],
-    options: &CutOptions,
+    options: &ExtractionOptions,
     mut progress: impl FnMut(usize),
-) -> Result<VideoCut, OpenCvError> {
+) -> Result<ExtractedFrames, OpenCvError> {
     if !is_plain_name(key) {
         return Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}")));
     }
@@ -116,7 +116,7 @@ pub fn cut_frames(
     let schedule = Schedule::read(video, timestamps_micros.iter().copied().max())?;
     let limit = 0.5 * schedule.interval_micros;
 
-    let mut frames: Vec<CutFrame> = Vec::new();
+    let mut frames: Vec<ExtractedFrame> = Vec::new();
     let mut writers: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (index, timestamp) in timestamps_micros.iter().enumerate() {
         let nearest = schedule.nearest(*timestamp);
@@ -124,9 +124,9 @@ pub fn cut_frames(
         if let Some((number, _)) = near {
             writers.entry(number).or_default().push(index);
         }
-        let outcome = if nearest.is_none() { CutOutcome::NoFrame } else { CutOutcome::TooFar };
+        let outcome = if nearest.is_none() { ExtractionOutcome::NoFrame } else { ExtractionOutcome::TooFar };
         let presented = nearest.map(|(_, time)| time);
-        frames.push(CutFrame {
+        frames.push(ExtractedFrame {
             timestamp_micros: *timestamp,
             presented_micros: presented.map(|time| time.micros),
             estimated: presented.is_some_and(|time| time.estimated),
@@ -149,13 +149,13 @@ pub fn cut_frames(
         for index in &indices {
             let Some(frame) = frames.get_mut(*index) else { continue };
             let path = write(&picture, &folder, frame.timestamp_micros, options.format)?;
-            frame.outcome = CutOutcome::Written { path };
+            frame.outcome = ExtractionOutcome::Written { path };
         }
         decided += indices.len();
         progress(decided);
     }
     progress(timestamps_micros.len());
-    Ok(VideoCut { interval_micros: schedule.interval_micros, frames })
+    Ok(ExtractedFrames { interval_micros: schedule.interval_micros, frames })
 }
 
 fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
@@ -277,7 +277,7 @@ impl Stream {
     }
 }
 
-impl fmt::Display for VideoCut {
+impl fmt::Display for ExtractedFrames {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { interval_micros, frames } = self;
         let count = frames.len();
@@ -287,9 +287,9 @@ impl fmt::Display for VideoCut {
             let away = residual.map_or_else(|| "no frame".to_owned(), |micros| format!("{micros:+.0} µs"));
             let away = if frame.estimated { format!("{away} (estimated)") } else { away };
             let note = match frame.outcome {
-                CutOutcome::Written { .. } => "",
-                CutOutcome::TooFar => "  rejected: over half an interval",
-                CutOutcome::NoFrame => "  rejected: the video is empty",
+                ExtractionOutcome::Written { .. } => "",
+                ExtractionOutcome::TooFar => "  rejected: over half an interval",
+                ExtractionOutcome::NoFrame => "  rejected: the video is empty",
             };
             writeln!(f, "  {}  {away}{note}", frame.timestamp_micros)?;
         }
@@ -309,18 +309,18 @@ mod tests {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/video").join(name)
     }
 
-    fn cut(name: &str, timestamps: &[i64]) -> (VideoCut, tempfile::TempDir) {
+    fn cut(name: &str, timestamps: &[i64]) -> (ExtractedFrames, tempfile::TempDir) {
         let folder = tempfile::tempdir().unwrap();
-        let options = CutOptions { folder: folder.path().to_owned(), format: FrameFormat::Png };
+        let options = ExtractionOptions { folder: folder.path().to_owned(), format: FrameFormat::Png };
         let mut decided = 0;
-        let cut = cut_frames(&fixture(name), "scene", timestamps, &options, |count| decided = count).unwrap();
+        let cut = extract_frames(&fixture(name), "scene", timestamps, &options, |count| decided = count).unwrap();
         assert_eq!(decided, timestamps.len());
         (cut, folder)
     }
 
     /// The frame number that `make_videos.sh` drew: bit n is the brightness of the nth stripe of 8 columns.
-    fn number_in(frame: &CutFrame) -> Option<u32> {
-        let CutOutcome::Written { path } = &frame.outcome else { return None };
+    fn number_in(frame: &ExtractedFrame) -> Option<u32> {
+        let ExtractionOutcome::Written { path } = &frame.outcome else { return None };
         let picture = atsplat_pixels::decode(&std::fs::read(path).unwrap(), &atsplat_pixels::DecodeLimits::default());
         let picture = picture.unwrap();
         Some((0..8).map(|bit| u32::from(picture.pixel(8 * bit + 4, 24).unwrap()[1] > 127) << bit).sum())
@@ -362,7 +362,7 @@ mod tests {
         let (cut, folder) = cut("constant.mp4", &[-500_000, -19_000, 9_000_000]);
         assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [None, Some(0), None]);
         assert!(cut.frames.iter().all(|frame| frame.residual_micros().is_some()));
-        assert_eq!(cut.frames[2].outcome, CutOutcome::TooFar);
+        assert_eq!(cut.frames[2].outcome, ExtractionOutcome::TooFar);
         let names: Vec<_> =
             std::fs::read_dir(folder.path().join("scene")).unwrap().map(|e| e.unwrap().file_name()).collect();
         assert_eq!(names, ["-19000.png"], "no partial file is left");
@@ -378,8 +378,8 @@ mod tests {
     #[test]
     fn jpeg_frames_are_written_as_jpeg() {
         let folder = tempfile::tempdir().unwrap();
-        let options = CutOptions { folder: folder.path().to_owned(), format: FrameFormat::Jpeg(95) };
-        let cut = cut_frames(&fixture("constant.mp4"), "scene", &[120_000], &options, |_| ()).unwrap();
+        let options = ExtractionOptions { folder: folder.path().to_owned(), format: FrameFormat::Jpeg(95) };
+        let cut = extract_frames(&fixture("constant.mp4"), "scene", &[120_000], &options, |_| ()).unwrap();
         assert_eq!(number_in(&cut.frames[0]), Some(3));
         let bytes = std::fs::read(folder.path().join("scene/120000.jpg")).unwrap();
         assert_eq!(bytes[..2], [0xff, 0xd8]);
@@ -388,8 +388,8 @@ mod tests {
     #[test]
     fn invalid_videos_and_keys_are_errors() {
         let folder = tempfile::tempdir().unwrap();
-        let options = CutOptions { folder: folder.path().join("out"), format: FrameFormat::Png };
-        let attempt = |video: &Path, key: &str| cut_frames(video, key, &[0], &options, |_| ()).err();
+        let options = ExtractionOptions { folder: folder.path().join("out"), format: FrameFormat::Png };
+        let attempt = |video: &Path, key: &str| extract_frames(video, key, &[0], &options, |_| ()).err();
         let whole = std::fs::read(fixture("constant.mp4")).unwrap();
         for (name, bytes) in [("text.mp4", &b"not a video"[..]), ("empty.mp4", b""), ("cut.mp4", &whole[..40])] {
             let path = folder.path().join(name);

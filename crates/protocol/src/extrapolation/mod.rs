@@ -73,14 +73,14 @@ impl Extrapolation {
         for (key, entries) in &index.scenes {
             report.null_scenes += usize::from(entries.is_empty());
             let length = lengths.get(key).copied();
-            let moved = entries.iter().filter_map(|entry| self.outside(key, entry, length, &mut report)).collect();
+            let moved = entries.iter().filter_map(|entry| self.derive_entry(key, entry, length, &mut report)).collect();
             report.index.scenes.insert(key.clone(), moved);
         }
         report.targets_by_distance = TargetDistances::of(report.index.scenes.values().flatten());
         report
     }
 
-    fn outside(
+    fn derive_entry(
         &self,
         key: &str,
         entry: &IndexEntry,
@@ -98,7 +98,7 @@ impl Extrapolation {
         let span = end - start;
         let new_start = match self.placement {
             Placement::Keep => start,
-            Placement::Shift => place(start, span, margin, frames),
+            Placement::Shift => shifted_start(start, span, margin, frames),
         };
         let new_end = new_start + span;
         let before = new_start.saturating_sub(margin)..new_start;
@@ -134,7 +134,7 @@ fn frames_of(length: Option<usize>) -> usize {
 
 /// The start nearest to `start` with `margin` frames before the window and after its end; `start` itself if the scene
 /// has no room for both.
-fn place(start: usize, span: usize, margin: usize, frames: usize) -> usize {
+fn shifted_start(start: usize, span: usize, margin: usize, frames: usize) -> usize {
     match frames.checked_sub(span + margin + 1) {
         Some(latest) if latest >= margin => start.clamp(margin, latest),
         _ => start,

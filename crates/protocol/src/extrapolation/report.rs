@@ -42,7 +42,7 @@ pub struct ExtrapolationReport {
 
 impl ExtrapolationReport {
     /// Number of dropped entries, for any reason.
-    pub fn left_out(&self) -> usize {
+    pub fn dropped(&self) -> usize {
         [&self.too_short, &self.no_room_before, &self.no_room_after, &self.invalid].into_iter().map(Vec::len).sum()
     }
 }

@@ -24,7 +24,7 @@ impl IndexFile {
     /// An index embedded in the binary, by the name under which presets accept it; `None` for other names.
     ///
     /// # Errors
-    /// As [`Self::parse`]; the embedded files have none.
+    /// Those of [`Self::parse`]; the embedded files cause none.
     pub fn embedded(name: &str) -> Option<Result<Self, ProtocolError>> {
         let (_, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
         Some(Self::parse(text.as_bytes()))

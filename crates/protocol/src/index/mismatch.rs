@@ -23,8 +23,9 @@ type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 impl Preset {
     /// How `index` does not fit this preset: entries with a wrong number of context views, without targets, with repeated
-    /// frames, or without an overlap where the preset has bins of it; fields that no index has; and a published file that belongs to another
-    /// dataset or protocol. `sha256` is the file's, `unknown_fields` counts the file's fields that the format does not define.
+    /// frames, or without an overlap where the preset bins by it; fields that the format does not define; and a published
+    /// file that belongs to another dataset or protocol. `sha256` is the file's, `unknown_fields` counts the file's
+    /// undefined fields.
     pub fn mismatches(
         &self,
         index: &EvaluationIndex,

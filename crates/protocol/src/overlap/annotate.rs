@@ -123,7 +123,7 @@ pub(crate) fn context_overlap(
 /// what the papers publish; for more, no paper defines an overlap, and this is the weakest link of the chain.
 ///
 /// # Errors
-/// [`ProtocolError::Overlap`] with fewer than two views, or as [`OverlapEstimator::estimate`].
+/// [`ProtocolError::Overlap`] with fewer than two views; otherwise those of [`OverlapEstimator::estimate`].
 pub fn chain_overlap(estimator: &OverlapEstimator, views: &[OverlapView<'_>]) -> Result<f64, ProtocolError> {
     let mut smallest: Option<f64> = None;
     for (a, b) in views.iter().zip(views.iter().skip(1)) {

@@ -69,7 +69,7 @@ impl DepthCovisibility {
     /// Fraction of `from`'s pixels with known depth that `into` also sees, in [0, 1].
     ///
     /// # Errors
-    /// As [`DepthCovisibility::overlap`].
+    /// Those of [`DepthCovisibility::overlap`].
     pub fn fraction(
         &self,
         (from, depths): (&Camera, &DepthMap<'_>),

@@ -60,7 +60,7 @@ impl LoadedDepth {
     /// The depth map for an [`super::OverlapView`].
     ///
     /// # Errors
-    /// As [`DepthMap::new`]; never for a map from [`DepthFolder::load`].
+    /// Those of [`DepthMap::new`]; never for a map from [`DepthFolder::load`].
     pub fn map(&self) -> Result<DepthMap<'_>, ProtocolError> {
         DepthMap::new(self.size, &self.depths)
     }

@@ -58,7 +58,7 @@ impl EpipolarRays {
     /// plane, parallel rays and points at infinity need no special case.
     ///
     /// # Errors
-    /// As [`EpipolarRays::overlap`].
+    /// Those of [`EpipolarRays::overlap`].
     pub fn fraction(&self, from: &Camera, into: &Camera) -> Result<f64, ProtocolError> {
         let rays = u64::from(self.grid.width) * u64::from(self.grid.height);
         if rays == 0 {
@@ -117,14 +117,15 @@ fn cone_of_hits(intrinsics: &NormalizedIntrinsics, origin: DVec3) -> Cone {
         return Cone::Sides(sides.to_vec());
     }
     let apex = -origin.normalize_or_zero();
-    let seen = sides.map(|normal| normal.dot(apex) < -GRAZING);
-    if seen == [true; 4] {
+    let replaced = sides.map(|normal| normal.dot(apex) < -GRAZING);
+    if replaced == [true; 4] {
         return Cone::Everything;
     }
-    let mut cone: Vec<DVec3> = sides.iter().zip(seen).filter(|(_, seen)| !seen).map(|(side, _)| *side).collect();
+    let mut cone: Vec<DVec3> =
+        sides.iter().zip(replaced).filter(|(_, replaced)| !replaced).map(|(side, _)| *side).collect();
     // Edge k lies between side k − 1 and side k.
-    let before = [seen[3], seen[0], seen[1], seen[2]];
-    for ((edge, one), other) in edges.iter().zip(before).zip(seen) {
+    let before = [replaced[3], replaced[0], replaced[1], replaced[2]];
+    for ((edge, one), other) in edges.iter().zip(before).zip(replaced) {
         if one != other {
             cone.push(side(apex, *edge));
         }

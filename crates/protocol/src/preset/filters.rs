@@ -108,7 +108,10 @@ impl Filters {
         if let Some(limit) = self.max_fov_degrees
             && let Some((at, degrees)) = first_wider_than(scene, limit)
         {
-            return drop(DropReason::FieldOfView, format!("frame {at} opens {degrees:.1}°, limit {limit}°"));
+            return drop(
+                DropReason::FieldOfView,
+                format!("frame {at} has a field of view of {degrees:.1}°, limit {limit}°"),
+            );
         }
         for (at, frame, _) in &used {
             if let Picture::Missing(path) = &frame.picture {

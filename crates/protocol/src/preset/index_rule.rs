@@ -131,7 +131,7 @@ impl IndexRule {
     fn recognise_derived(&self, index: &EvaluationIndex) -> Option<IndexMatch<'_>> {
         let (derivation, base) = (self.derivation?, self.accepted.first()?);
         let entries = || index.entries().map(|(_, _, entry)| entry);
-        let derived = |entry: &IndexEntry| entry.context.len() == self.context_views && derivation.made(entry);
+        let derived = |entry: &IndexEntry| entry.context.len() == self.context_views && derivation.matches(entry);
         if entries().next().is_none() || !entries().all(derived) {
             return None;
         }
@@ -144,7 +144,7 @@ impl IndexRule {
 
 impl Derivation {
     /// Whether the targets of `entry` are the ones that this rule derives from its context.
-    pub fn made(&self, entry: &IndexEntry) -> bool {
+    pub fn matches(&self, entry: &IndexEntry) -> bool {
         let Self::ShiftedWindow { margin } = self;
         let Some((first, last)) = entry.window() else { return false };
         let Some(before) = first.checked_sub(margin.get()) else { return false };

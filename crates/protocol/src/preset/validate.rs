@@ -31,6 +31,10 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     for (field, limit) in limits {
         limit.map_or(Ok(()), |limit| positive(field, limit))?;
     }
+    if let (Some(least), Some(most)) = (filters.min_baseline, filters.max_baseline) {
+        let found = format!("{least} and {most}");
+        ensure(least <= most, "filters.min-baseline and filters.max-baseline", "the smaller first", &found)?;
+    }
     renderer(&preset.renderer)
 }
 
@@ -40,8 +44,9 @@ fn index(preset: &Preset) -> Result<(), ProtocolError> {
     ensure(has_source, "index.accepted", "at least one index, or a sampler", &"none")?;
     if let Some(sampler) = &rule.sampler {
         let path = std::path::Path::new(sampler);
-        let known = IndexBuilder::names().any(|name| name == sampler) || path.extension().is_some();
-        ensure(known, "index.sampler", "a rule of eval/samplers or a path", sampler)?;
+        let known =
+            IndexBuilder::names().any(|name| name == sampler) || path.extension().is_some_and(|kind| kind == "toml");
+        ensure(known, "index.sampler", "a rule of eval/samplers, or a path that ends in .toml", sampler)?;
     }
     ensure(rule.context_views > 0, "index.context-views", "at least one view", &rule.context_views)?;
     let (fewest, most) = rule.targets;
@@ -119,8 +124,8 @@ fn renderer(renderer: &RendererConvention) -> Result<(), ProtocolError> {
     ensure(inverse > least, "renderer.alpha-min-inverse", "the inverse of an alpha below alpha-max", &inverse)?;
     let dilation = renderer.dilation >= 0.0 && renderer.dilation.is_finite();
     ensure(dilation, "renderer.dilation", "square pixels from 0", &renderer.dilation)?;
-    let shown = renderer.background.iter().all(|channel| (0.0..=1.0).contains(channel));
-    ensure(shown, "renderer.background", "channels from 0 to 1", &format!("{:?}", renderer.background))
+    let in_range = renderer.background.iter().all(|channel| (0.0..=1.0).contains(channel));
+    ensure(in_range, "renderer.background", "channels from 0 to 1", &format!("{:?}", renderer.background))
 }
 
 fn name(field: &str, name: &str) -> Result<(), ProtocolError> {
@@ -162,6 +167,7 @@ mod tests {
             ("near = 0.01", "near = 1000.0", "field near-far: expected 0 < near < far"),
             ("near = 0.01", "near = nan", "field near-far"),
             ("max-fov-degrees = 100.0", "max-fov-degrees = -1.0", "field filters.max-fov-degrees"),
+            ("max-baseline = 1e10", "max-baseline = 1e-4", "field filters.min-baseline and filters.max-baseline"),
             ("alpha-max = 0.99", "alpha-max = 1.5", "field renderer.alpha-max: expected at most 1"),
             ("transmittance-stop = 1e-4", "transmittance-stop = 2.0", "field renderer.transmittance-stop: expected a"),
             ("alpha-min-inverse = 255.0", "alpha-min-inverse = 0.5", "field renderer.alpha-min-inverse: expected the"),

@@ -73,7 +73,7 @@ impl PictureDigests {
     ///
     /// # Errors
     /// [`ProtocolError::Io`].
-    pub fn keep(&self) -> Result<(), ProtocolError> {
+    pub fn save(&self) -> Result<(), ProtocolError> {
         let mut cache = self.cache();
         let Some(file) = self.file.as_ref().filter(|_| !cache.unsaved.is_empty()) else { return Ok(()) };
         let opened = OpenOptions::new().create(true).append(true).open(file);
@@ -86,7 +86,7 @@ impl PictureDigests {
     /// The digest of any file; `None` if it cannot be read.
     pub fn of_file(&self, path: &Path) -> Option<Sha256Digest> {
         let pending = PendingDigest(FileVersion::of(path));
-        self.known(&pending).or_else(|| Some(self.learn(pending.finish(&fs::read(path).ok()?))))
+        self.known(&pending).or_else(|| Some(self.add(pending.finish(&fs::read(path).ok()?))))
     }
 
     /// The digest of a frame's picture; `None` if it cannot be read. A generated picture is not read: its digest is that
@@ -97,7 +97,7 @@ impl PictureDigests {
             return Some(Sha256Digest::of(made.fingerprint().as_bytes()));
         }
         let pending = PendingDigest::of(&frame.picture);
-        self.known(&pending).or_else(|| Some(self.learn(pending.finish(&frame.bytes(&scene.key, position).ok()?))))
+        self.known(&pending).or_else(|| Some(self.add(pending.finish(&frame.bytes(&scene.key, position).ok()?))))
     }
 
     fn known(&self, pending: &PendingDigest) -> Option<Sha256Digest> {
@@ -105,7 +105,7 @@ impl PictureDigests {
     }
 
     /// Adds a digest to the cache.
-    pub(super) fn learn(&self, ReadDigest { version, digest }: ReadDigest) -> Sha256Digest {
+    pub(super) fn add(&self, ReadDigest { version, digest }: ReadDigest) -> Sha256Digest {
         if let Some(version) = version {
             let mut cache = self.cache();
             if cache.known.insert(version, digest) != Some(digest) {
@@ -286,7 +286,7 @@ mod tests {
         let hash = |reread: bool| {
             let digests = PictureDigests::open(&cache, reread).unwrap();
             let found = data_hash(dataset(), &digests);
-            digests.keep().unwrap();
+            digests.save().unwrap();
             found
         };
         write(&picture, &png([1, 2, 3]));

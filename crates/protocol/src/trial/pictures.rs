@@ -62,7 +62,7 @@ impl TargetPictures {
     /// The preprocessed picture of the target at `position` in [`super::Trial::targets`]; `None` past the last.
     ///
     /// # Errors
-    /// As [`ContextView::picture`].
+    /// Those of [`ContextView::picture`].
     pub fn get(&self, position: usize) -> Option<Result<Arc<ImageU8>, ProtocolError>> {
         self.pictures.get(position).map(|picture| picture.get())
     }
@@ -97,7 +97,7 @@ impl LazyPicture {
     /// SHA-256 of the bytes that were or would be decoded; `None` if they cannot be read.
     pub(super) fn digest(&self, digests: &PictureDigests) -> Option<Sha256Digest> {
         if let Some(Decoded { bytes: Some(digest), .. }) = self.decoded.get_if_computed() {
-            return Some(digests.learn(digest));
+            return Some(digests.add(digest));
         }
         digests.of(&self.scene, self.frame)
     }

@@ -44,11 +44,11 @@ impl Default for Prefetch {
 #[derive(Debug)]
 pub(super) struct Budget {
     limit: u64,
-    state: Mutex<Held>,
+    state: Mutex<BytesInUse>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Held {
+struct BytesInUse {
     now: u64,
     peak: u64,
 }
@@ -70,7 +70,7 @@ impl Budget {
     pub(super) fn reserve(self: &Arc<Self>, bytes: u64) -> Option<Arc<Reservation>> {
         let mut held = locked(&self.state);
         let now = held.now.checked_add(bytes).filter(|now| *now <= self.limit)?;
-        *held = Held { now, peak: held.peak.max(now) };
+        *held = BytesInUse { now, peak: held.peak.max(now) };
         Some(Arc::new(Reservation { budget: Arc::clone(self), bytes }))
     }
 
@@ -88,9 +88,9 @@ impl Drop for Reservation {
 /// Jobs that run on rayon's threads and whose results are returned in the order they were pushed.
 ///
 /// If no thread has started a job when its result is needed, the caller runs it: nothing waits for a free thread, so
-/// neither a single thread nor a caller on a rayon thread can deadlock. Jobs may use rayon: no job
-/// waits for another. Only [`Self::pop`] waits, so it is not called inside a job.
-pub(super) struct Ordered<T> {
+/// neither a single thread nor a caller on a rayon thread can deadlock. Jobs may use rayon: no job waits for
+/// another. Only [`Self::pop`] waits, so it is not called inside a job.
+pub(super) struct OrderedJobs<T> {
     slots: VecDeque<Arc<Slot<T>>>,
 }
 
@@ -105,10 +105,11 @@ enum State<T> {
     Waiting(Job<T>),
     Running,
     Done(thread::Result<T>),
+    /// Cancelled, or its result has been taken.
     Gone,
 }
 
-impl<T: Send + 'static> Ordered<T> {
+impl<T: Send + 'static> OrderedJobs<T> {
     pub(super) const fn new() -> Self {
         Self { slots: VecDeque::new() }
     }
@@ -164,7 +165,7 @@ impl<T> Slot<T> {
     }
 }
 
-impl<T> Drop for Ordered<T> {
+impl<T> Drop for OrderedJobs<T> {
     /// Cancels jobs that have not started.
     fn drop(&mut self) {
         for slot in &self.slots {
@@ -194,7 +195,7 @@ mod tests {
     fn results_are_in_order_for_any_number_of_threads() {
         for threads in [1, 2, 7] {
             let taken = in_pool(threads, || {
-                let mut ordered = Ordered::new();
+                let mut ordered = OrderedJobs::new();
                 for number in 0..50u64 {
                     let job = move || {
                         thread::sleep(std::time::Duration::from_micros((number * 37) % 11 * 50));
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn a_panic_in_a_job_resumes_when_its_result_is_taken() {
         let caught = catch_unwind(|| {
-            let mut ordered: Ordered<()> = Ordered::new();
+            let mut ordered: OrderedJobs<()> = OrderedJobs::new();
             ordered.push(Box::new(|| panic!("inside the job")), true);
             ordered.pop()
         });
@@ -222,7 +223,7 @@ mod tests {
     fn dropping_cancels_jobs_that_have_not_started() {
         let started = Arc::new(AtomicUsize::new(0));
         in_pool(1, || {
-            let mut ordered = Ordered::new();
+            let mut ordered = OrderedJobs::new();
             for _ in 0..10 {
                 let started = Arc::clone(&started);
                 ordered.push(Box::new(move || started.fetch_add(1, Ordering::SeqCst)), true);

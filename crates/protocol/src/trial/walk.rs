@@ -5,7 +5,7 @@ use atsplat_scene::{Scene, SceneSource, Warnings};
 
 use super::lazy::LazyValue;
 use super::pictures::LazyPicture;
-use super::prefetch::{Budget, DecodeAhead, Ordered, Prefetch};
+use super::prefetch::{Budget, DecodeAhead, OrderedJobs, Prefetch};
 use super::prepare::prepare;
 use super::{Refusal, SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry};
@@ -23,7 +23,7 @@ pub struct Trials {
     prefetch: Prefetch,
     budget: Arc<Budget>,
     pending: VecDeque<PendingEntry>,
-    ahead: Ordered<Outcome>,
+    ahead: OrderedJobs<PreparedEntry>,
     report: SkipReport,
     warnings: Warnings,
 }
@@ -41,7 +41,7 @@ struct SharedScene {
     loaded: LazyValue<(Result<Arc<Scene>, Refusal>, Warnings)>,
 }
 
-struct Outcome {
+struct PreparedEntry {
     trial: Result<(Trial, TargetPictures), Skipped>,
     warnings: Warnings,
 }
@@ -70,7 +70,7 @@ impl Trials {
             prefetch,
             budget: Budget::new(prefetch.max_bytes),
             pending,
-            ahead: Ordered::new(),
+            ahead: OrderedJobs::new(),
             report,
             warnings: Warnings::new(),
         }
@@ -144,7 +144,7 @@ impl PendingEntry {
         recipe: &TrialRecipe,
         decode: DecodeAhead,
         budget: &Arc<Budget>,
-    ) -> Outcome {
+    ) -> PreparedEntry {
         let Self { scene: shared, entry_number, entry } = self;
         let (scene, scene_warnings) = shared.loaded.get(|| load(&shared.key, source));
         // The first entry of a scene reports its warnings, whichever entry loaded it.
@@ -157,7 +157,7 @@ impl PendingEntry {
             Ok((trial, pictures)) => Ok(decode_ahead(trial, pictures, decode, budget)),
             Err(Refusal { reason, detail }) => Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail }),
         };
-        Outcome { trial, warnings }
+        PreparedEntry { trial, warnings }
     }
 }
 

@@ -15,9 +15,9 @@ use atsplat_scene::{Frame, Picture, Scene, SharedBytes, Warnings};
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use options::{Layout, PictureCoding, WriteOptions};
+pub use options::{Layout, PictureEncoding, WriteOptions};
 
-use crate::effects::CalledEffect;
+use crate::effects::ActiveEffect;
 use crate::{Request, RoomsError, SceneKind, Simulation, Split};
 
 /// A scene's entry in `manifest.json`.
@@ -42,7 +42,7 @@ pub struct ManifestScene {
     /// Camera speed as a share of the drawn speed ([`Simulation::slowed_to`]).
     pub slowed_to: f64,
     /// The effects that ran, with reasons.
-    pub effects: Vec<CalledEffect>,
+    pub effects: Vec<ActiveEffect>,
 }
 
 #[derive(Serialize)]
@@ -56,12 +56,12 @@ struct Manifest<'a> {
 ///
 /// # Errors
 /// As [`Simulation::picture`], and [`RoomsError::Pixels`] for a JPEG quality outside 1 to 100.
-pub fn encoded_scene(simulation: &Simulation, coding: PictureCoding) -> Result<Scene, RoomsError> {
+pub fn encoded_scene(simulation: &Simulation, coding: PictureEncoding) -> Result<Scene, RoomsError> {
     let encode = |at| -> Result<Picture, RoomsError> {
         let picture = simulation.picture(at)?.to_u8(Rounding::Nearest)?;
         let bytes = match coding {
-            PictureCoding::Jpeg(quality) => encode_jpeg(&picture, quality)?,
-            PictureCoding::Png => encode_png(&picture)?,
+            PictureEncoding::Jpeg(quality) => encode_jpeg(&picture, quality)?,
+            PictureEncoding::Png => encode_png(&picture)?,
         };
         Ok(Picture::Encoded(SharedBytes::new(bytes)))
     };

@@ -5,7 +5,7 @@ use atsplat_files::FileError;
 use atsplat_scene::Scene;
 use serde_json::{Value, json};
 
-use super::{PictureCoding, encoded, make_folder, write_file};
+use super::{PictureEncoding, encoded, make_folder, write_file};
 use crate::RoomsError;
 
 /// File name of a picture without extension, numbered from 1 as in DL3DV.
@@ -14,7 +14,7 @@ pub(super) fn stem(position: usize) -> String {
 }
 
 /// Writes `<key>/nerfstudio/transforms.json` and `images/` next to it. Poses are camera-to-world with OpenGL axes.
-pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureCoding, size: ImageSize) -> Result<(), RoomsError> {
+pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureEncoding, size: ImageSize) -> Result<(), RoomsError> {
     let folder = folder.join(&scene.key).join("nerfstudio");
     make_folder(&folder.join("images"))?;
     let mut frames = Vec::with_capacity(scene.frames.len());

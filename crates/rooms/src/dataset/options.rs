@@ -26,14 +26,14 @@ impl Layout {
 
 /// Encoding of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PictureCoding {
+pub enum PictureEncoding {
     /// JPEG of this quality, 1 to 100, like RE10K.
     Jpeg(u8),
     /// PNG, lossless, like DL3DV.
     Png,
 }
 
-impl PictureCoding {
+impl PictureEncoding {
     pub(super) const fn extension(self) -> &'static str {
         match self {
             Self::Jpeg(_) => "jpg",
@@ -42,7 +42,7 @@ impl PictureCoding {
     }
 }
 
-impl FromStr for PictureCoding {
+impl FromStr for PictureEncoding {
     type Err = InvalidText;
 
     /// `png`, or `jpeg:QUALITY`.
@@ -63,7 +63,7 @@ pub struct WriteOptions {
     /// Layout on disk.
     pub layout: Layout,
     /// Encoding of pictures.
-    pub coding: PictureCoding,
+    pub coding: PictureEncoding,
     /// Whether to write `depth/<key>/<frame>.exr`, the channel `Z`.
     pub depth: bool,
 }
@@ -74,9 +74,9 @@ mod tests {
 
     #[test]
     fn parses_codings() {
-        assert_eq!(("png".parse(), "jpeg:90".parse()), (Ok(PictureCoding::Png), Ok(PictureCoding::Jpeg(90))));
+        assert_eq!(("png".parse(), "jpeg:90".parse()), (Ok(PictureEncoding::Png), Ok(PictureEncoding::Jpeg(90))));
         for broken in ["jpeg", "jpeg:0", "jpeg:101", "webp", "png:1"] {
-            assert!(broken.parse::<PictureCoding>().is_err(), "{broken:?}");
+            assert!(broken.parse::<PictureEncoding>().is_err(), "{broken:?}");
         }
     }
 }

@@ -5,7 +5,7 @@ use atsplat_files::FileError;
 use atsplat_scene::re10k::{Trajectory, TrajectoryRow, write_trajectory};
 use atsplat_scene::{Scene, WarningKind, Warnings};
 
-use super::{PictureCoding, encoded, make_folder, write_file};
+use super::{PictureEncoding, encoded, make_folder, write_file};
 use crate::{RoomsError, Split};
 
 /// Writes `<split>/<key>.txt`, and pictures named by their timestamps in `<split>/<key>/`.
@@ -14,7 +14,7 @@ pub(super) fn write(
     folder: &Path,
     split: Split,
     scene: &Scene,
-    coding: PictureCoding,
+    coding: PictureEncoding,
     warnings: &mut Warnings,
 ) -> Result<(), RoomsError> {
     let folder = folder.join(split.to_string());

@@ -138,7 +138,7 @@ pub(crate) trait Effect: fmt::Debug + Send + Sync {
 
 /// An effect that a scene runs, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct CalledEffect {
+pub struct ActiveEffect {
     /// The effect.
     pub effect: EffectKind,
     /// The reason, with the deciding number.
@@ -149,7 +149,7 @@ pub struct CalledEffect {
 #[derive(Debug)]
 pub(crate) struct Effects {
     running: Vec<Box<dyn Effect>>,
-    pub called: Vec<CalledEffect>,
+    pub called: Vec<ActiveEffect>,
     shadows: Option<usize>,
     ambient: Option<usize>,
     pub mirrors: bool,
@@ -183,7 +183,7 @@ impl Effects {
                 EffectChoice::None | EffectChoice::Only(_) => None,
             };
             if let Some(reason) = reason {
-                effects.called.push(CalledEffect { effect, reason });
+                effects.called.push(ActiveEffect { effect, reason });
                 effects.add(build(effect, case));
             }
         }

@@ -158,7 +158,7 @@ fn one_picture_under_two_poses_and_scaled_quaternions_are_counted() {
     let [(rotation, scaled), (duplicate, repeated)] = found.as_slice() else { panic!("{found:?}") };
     assert_eq!((*rotation, *duplicate), (WarningKind::ImperfectRotation, WarningKind::DuplicatePicture));
     assert!(scaled.contains("1 of 3 images, first b.png") && scaled.contains("found 2;"), "{scaled}");
-    assert!(repeated.contains("1 of 3 frames") && repeated.contains("first 2 that of 1"), "{repeated}");
+    assert!(repeated.contains("1 of 3 frames") && repeated.contains("first frame 2 that of frame 1"), "{repeated}");
 }
 
 #[test]

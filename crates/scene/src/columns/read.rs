@@ -86,8 +86,17 @@ impl<'a> Columns<'a> {
 
     fn row(&self, row: usize) -> Result<CameraRow, ColumnsError> {
         let stated_size = match (self.stated_width.get(row), self.stated_height.get(row)) {
-            (Some(width), Some(height)) => Some(ImageSize { width, height }),
-            _ => None,
+            (None, None) => None,
+            (Some(width), Some(height)) if width > 0 && height > 0 => Some(ImageSize { width, height }),
+            (width, height) => {
+                let side = |side: Option<u32>| side.map_or_else(|| "null".to_owned(), |side| side.to_string());
+                return Err(ColumnsError::UnknownValue {
+                    column: "stated_width",
+                    row,
+                    expected: "width and height of at least one pixel, or null for both",
+                    found: format!("{}×{}", side(width), side(height)),
+                });
+            }
         };
         Ok(CameraRow {
             scene: self.scene.required(row)?.to_owned(),

@@ -1,6 +1,7 @@
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use arrow_array::{Array as _, RecordBatch, StringArray};
+use arrow_array::{Array as _, ArrayRef, RecordBatch, StringArray, UInt32Array};
 use arrow_schema::DataType;
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use proptest::prelude::*;
@@ -79,6 +80,22 @@ fn cameras_round_trip_bit_for_bit() {
 }
 
 #[test]
+fn half_a_stated_size_is_an_error() {
+    let batch = one_batch(&varied());
+    let with = |name: &str, value: Option<u32>| {
+        let sides = Arc::new(UInt32Array::from(vec![value; batch.num_rows()]));
+        rows_from_batch(&with_column(&batch, name, sides, true)).unwrap_err().to_string()
+    };
+    for (name, value, expected) in [
+        ("stated_height", None, "row 1, column \"stated_width\": expected width and height"),
+        ("stated_width", Some(0), "found \"0×null\""),
+    ] {
+        let error = with(name, value);
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
 fn batches_follow_the_documented_schema() {
     let batch = one_batch(&varied());
     assert_eq!(batch.schema(), schema());
@@ -140,13 +157,13 @@ fn long_urls_on_every_row_are_split_into_batches() {
     assert!(matches!(batches_from_scene(&scene), Err(ColumnsError::RowTooLong { frame: 0, .. })));
 }
 
-fn with_column(batch: &RecordBatch, name: &str, array: arrow_array::ArrayRef, nullable: bool) -> RecordBatch {
+fn with_column(batch: &RecordBatch, name: &str, array: ArrayRef, nullable: bool) -> RecordBatch {
     let (schema, mut columns, _) = batch.clone().into_parts();
     let index = schema.index_of(name).unwrap();
     let mut fields: Vec<_> = schema.fields().iter().map(|f| f.as_ref().clone()).collect();
     fields[index] = arrow_schema::Field::new(name, array.data_type().clone(), nullable);
     columns[index] = array;
-    RecordBatch::try_new(std::sync::Arc::new(arrow_schema::Schema::new(fields)), columns).unwrap()
+    RecordBatch::try_new(Arc::new(arrow_schema::Schema::new(fields)), columns).unwrap()
 }
 
 #[test]
@@ -189,7 +206,7 @@ fn reads_string_views() {
     let mut batch = one_batch(&scene);
     for name in ["scene", "url", "name", "distortion", "picture", "picture_path"] {
         let text = batch.column_by_name(name).unwrap().as_any().downcast_ref::<StringArray>().unwrap().clone();
-        let views = std::sync::Arc::new(text.iter().collect::<arrow_array::StringViewArray>());
+        let views = Arc::new(text.iter().collect::<arrow_array::StringViewArray>());
         batch = with_column(&batch, name, views, true);
         assert_eq!(batch.column_by_name(name).unwrap().data_type(), &DataType::Utf8View);
     }

@@ -15,7 +15,7 @@ const EXAMPLES: usize = 3;
 
 /// The measurements of all scenes: counts are summed, numbers collected in columns.
 #[derive(Default)]
-pub(super) struct Gathered {
+pub(super) struct Aggregate {
     scenes: Vec<SceneSummary>,
     pictures: PictureCounts,
     lenses: LensCounts,
@@ -25,7 +25,7 @@ pub(super) struct Gathered {
     motion: [Vec<f64>; FrameMeasure::MOTION],
 }
 
-impl Gathered {
+impl Aggregate {
     pub(super) fn push(&mut self, measure: SceneMeasure) {
         let pinhole = measure.frames.iter().map(|frame| frame.pinhole);
         let motion: Vec<_> = measure.frames.iter().filter_map(|frame| frame.motion).collect();

@@ -8,7 +8,7 @@ mod table;
 use rayon::prelude::*;
 
 use crate::{SceneSource, WarningKind, Warnings};
-use aggregate::Gathered;
+use aggregate::Aggregate;
 use measure::SceneMeasure;
 
 pub use report::{
@@ -59,7 +59,7 @@ pub fn inspect(
     warnings: &mut Warnings,
     progress: &(dyn Fn() + Sync),
 ) -> Inspection {
-    let mut gathered = Gathered::default();
+    let mut aggregate = Aggregate::default();
     for keys in source.keys().chunks(SCENES_AT_ONCE) {
         let measured: Vec<_> = keys
             .par_iter()
@@ -74,12 +74,12 @@ pub fn inspect(
         for (key, measure, of_scene) in measured {
             warnings.merge(of_scene);
             match measure {
-                Ok(measure) => gathered.push(measure),
+                Ok(measure) => aggregate.push(measure),
                 Err(error) => warnings.push(WarningKind::UnreadableScene, key.as_str(), error.to_string()),
             }
         }
     }
-    gathered.report(format, source.keys().len(), options.per_scene, warnings)
+    aggregate.report(format, source.keys().len(), options.per_scene, warnings)
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ const KNOWN: [(&[&str], &str); 7] = [
 pub fn describe(value: &Value) -> String {
     match value {
         Value::Array(items) if is_list_of_poses(value) => {
-            format!("a list of {} camera matrices without intrinsics, as MotionCtrl has them", items.len())
+            format!("a list of {} camera matrices without intrinsics, as in MotionCtrl's files", items.len())
         }
         Value::Array(items) => match items.first() {
             None => "an empty list".to_owned(),

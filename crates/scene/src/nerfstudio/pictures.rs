@@ -68,15 +68,15 @@ impl<'a> PictureFinder<'a> {
         let (name, folders) = parts.split_last().ok_or_else(outside)?;
         let choice = self.choice;
         let folder = self.folder(&folders.join("/"))?;
-        let is_named = split_picture_name(name);
-        let stem = is_named.map_or(*name, |(stem, _)| stem);
+        let split_name = split_picture_name(name);
+        let stem = split_name.map_or(*name, |(stem, _)| stem);
         let found = folder.listing.as_ref().and_then(|listing| listing.by_name(name).or_else(|| listing.by_stem(stem)));
         let Some(path) = found else {
             let picture = Picture::Missing(folder.path.join(name));
             return Ok(FoundPicture { picture, elsewhere: None, as_listed: folder.as_listed });
         };
         // Blender and instant-ngp list names without an extension.
-        let same_name = is_named.is_none() || path.file_name().is_some_and(|found| found == *name);
+        let same_name = split_name.is_none() || path.file_name().is_some_and(|found| found == *name);
         let chosen = folder.as_listed || matches!(choice, PictureFolder::Downscaled(_));
         let as_listed = folder.as_listed;
         let elsewhere = (!same_name || !chosen).then(|| format!("{listed} found as {}", path.display()));

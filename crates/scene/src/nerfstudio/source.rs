@@ -16,7 +16,7 @@ use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, Warni
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
 pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
 
-/// Begins the keys of scenes in subsets.
+/// Prefix of the keys of scenes in subsets.
 const SUBSET_PREFIX: &str = "dl3dv_";
 
 /// How `transforms.json` scenes are read.
@@ -102,7 +102,7 @@ impl SceneSource for NerfstudioScenes {
         &self.keys
     }
 
-    /// A file without sizes needs those of pictures, as its author listed them.
+    /// With [`PictureFolder::Listed`] also the pictures: if the `transforms.json` states no sizes, theirs are read.
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         let file = &self.scene_file(key)?.file;
         let mut files = vec![file.clone()];
@@ -256,7 +256,7 @@ pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Ve
     Ok(scenes)
 }
 
-/// The folders that hold `scenes` found under `path`, with the names of the scenes' own.
+/// The folders under `path` that hold `scenes`, each with the names in it that belong to them.
 fn collections(path: &Path, scenes: &[SceneFile]) -> Collections {
     let mut collections = Collections::new();
     if !path.is_dir() || transforms_in(path, false).is_some() {

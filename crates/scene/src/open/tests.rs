@@ -193,6 +193,9 @@ fn scenes_in_other_formats_are_counted() {
     );
     let subsets = [("1K/a/transforms.json", json), ("1K/b/cameras.txt", cameras), ("1K/b/images.txt", images)];
     expect_ignored(&subsets, Format::Nerfstudio, "dl3dv_a", &[("b", "a COLMAP model")]);
+    // A capture beside a folder of captures, which is read as one only where nothing else is.
+    let beside = [("a/transforms.json", json), ("1K/x/transforms.json", json), ("1K/y/transforms.json", json)];
+    expect_ignored(&beside, Format::Nerfstudio, "a", &[("1K", "holds 2 folders with a transforms.json")]);
 }
 
 /// Its own model of structure from motion, copies of pictures and notes.

@@ -41,18 +41,20 @@ impl Chunk {
         };
         let mut chunk = Self { path: path.to_owned(), keys: Vec::new(), scenes: HashMap::new() };
         for (position, item) in items.iter().enumerate() {
-            let found = match item.as_dict().and_then(|dict| dict.get("key")) {
+            let (kind, found) = match item.as_dict().and_then(|dict| dict.get("key")) {
                 Some(Value::Str(key)) if !chunk.scenes.contains_key(&**key) => {
                     chunk.keys.push(key.to_string());
                     chunk.scenes.insert(key.to_string(), item.clone());
                     continue;
                 }
-                Some(Value::Str(key)) => format!("the key {:?} a second time", shortened(key)),
-                Some(other) => other.to_string(),
-                None => format!("{item} without a key"),
+                Some(Value::Str(key)) => {
+                    (WarningKind::DuplicateScene, format!("the key {:?} a second time", shortened(key)))
+                }
+                Some(other) => (WarningKind::UnreadableScene, other.to_string()),
+                None => (WarningKind::UnreadableScene, format!("{item} without a key")),
             };
             let detail = format!("scene {position} of the chunk: expected a unique key, found {found}");
-            warnings.push(WarningKind::UnreadableScene, path.display().to_string(), detail);
+            warnings.push(kind, path.display().to_string(), detail);
         }
         Ok(chunk)
     }

@@ -27,7 +27,7 @@ pub struct TorchChunks {
     keys: Vec<String>,
     /// Position in `chunks`, by key.
     chunk_of: HashMap<String, usize>,
-    recent: Mutex<Recent>,
+    recent: Mutex<ChunkCache>,
 }
 
 impl TorchChunks {
@@ -73,7 +73,7 @@ impl TorchChunks {
 
     fn new(folder: PathBuf, chunks: Vec<PathBuf>, scenes: Vec<(String, usize)>, reported: bool) -> Self {
         let keys = scenes.iter().map(|(key, _)| key.clone()).collect();
-        let recent = Mutex::new(Recent { chunks: Vec::new(), reported: vec![reported; chunks.len()] });
+        let recent = Mutex::new(ChunkCache { chunks: Vec::new(), reported: vec![reported; chunks.len()] });
         Self { folder, chunks, keys, chunk_of: scenes.into_iter().collect(), recent }
     }
 
@@ -127,7 +127,7 @@ impl TorchChunks {
                         } else {
                             let detail =
                                 format!("an earlier chunk has the same key, so {} is not used", path.display());
-                            warnings.push(WarningKind::UnreadableScene, key, detail);
+                            warnings.push(WarningKind::DuplicateScene, key, detail);
                         }
                     }
                 }
@@ -191,13 +191,13 @@ impl SceneSource for TorchChunks {
 
 /// Cache of the most recently used chunks, the latest at the end.
 #[derive(Debug)]
-struct Recent {
+struct ChunkCache {
     chunks: Vec<(usize, Arc<Chunk>)>,
     /// Whether the warnings of a chunk have been reported.
     reported: Vec<bool>,
 }
 
-impl Recent {
+impl ChunkCache {
     /// Each is a mapped file and a list of scenes: enough for every thread to use another chunk.
     const CAPACITY: usize = 32;
 

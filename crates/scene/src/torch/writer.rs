@@ -135,7 +135,7 @@ pub(super) fn write_chunk(path: &Path, scenes: &[ChunkScene]) -> Result<(), Scen
     let written = atsplat_files::write_with(path, |file| {
         let mut zip = ZipWriter::new(file);
         let mut entry = |name: &str, bytes: &[u8]| {
-            zip.start_file(format!("archive/{name}"), stored(bytes.len()))?;
+            zip.start_file(format!("archive/{name}"), zip_options(bytes.len()))?;
             zip.write_all(bytes)
         };
         entry("data.pkl", &pickle)?;
@@ -152,7 +152,7 @@ pub(super) fn write_chunk(path: &Path, scenes: &[ChunkScene]) -> Result<(), Scen
 /// Scenes of a dataset as chunks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportedChunks {
-    /// The chunks of the other scenes.
+    /// The chunks of all scenes that are not skipped.
     pub written: ChunksWritten,
     /// Scenes that cannot be read or stored; they are in the warnings.
     pub skipped: u64,
@@ -193,7 +193,7 @@ fn name_of(chunk: usize) -> String {
     format!("{chunk:06}.torch")
 }
 
-fn stored(len: usize) -> SimpleFileOptions {
+fn zip_options(len: usize) -> SimpleFileOptions {
     SimpleFileOptions::default()
         .compression_method(CompressionMethod::Stored)
         .last_modified_time(DateTime::default())

@@ -186,7 +186,8 @@ fn an_invalid_chunk_does_not_affect_the_others() {
         folder(&[("000000.torch", b"PK\x03\x04 and no more"), ("000001.torch", &good), ("000002.torch", &good)]);
     let (source, warnings) = open(folder.path());
     assert_eq!(source.unwrap().keys(), KEYS);
-    assert_eq!(warnings.count(WarningKind::UnreadableScene), 3, "one invalid chunk and two repeated keys");
+    assert_eq!(warnings.count(WarningKind::UnreadableScene), 1, "the invalid chunk");
+    assert_eq!(warnings.count(WarningKind::DuplicateScene), 2, "the keys of the last chunk");
     let details: Vec<String> = warnings.kept().iter().map(ToString::to_string).collect();
     assert!(details[0].contains("000000.torch") && details[0].contains("end-of-directory"), "{details:?}");
 }

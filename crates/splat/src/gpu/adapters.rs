@@ -1,7 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 
 use super::panics::catch_panics;
-use super::{GpuError, GpuOptions, GpuRenderer, Verdict, VerdictKey, Watcher};
+use super::{GpuError, GpuOptions, GpuRenderer, SelfTestObserver, Verdict, VerdictKey};
 
 /// Which adapter to render on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -144,15 +144,15 @@ pub struct ExaminedAdapter {
     pub remembered: bool,
 }
 
-/// Tests every adapter; results remembered by `watcher` are not repeated.
-pub fn examine(watcher: &dyn Watcher) -> Vec<ExaminedAdapter> {
+/// Tests every adapter; results remembered by `observer` are not repeated.
+pub fn examine(observer: &dyn SelfTestObserver) -> Vec<ExaminedAdapter> {
     let examined = found().into_iter().map(|candidate| {
         let description = candidate.1.clone();
-        let known = recalled(&description, &GpuOptions::default(), watcher);
+        let known = recalled(&description, &GpuOptions::default(), observer);
         let remembered = known.is_some();
         let outcome = match known {
             Some(verdict) => verdict.outcome(&description.to_string()),
-            None => GpuRenderer::open(&candidate, GpuOptions::default(), watcher).map(drop),
+            None => GpuRenderer::open(&candidate, GpuOptions::default(), observer).map(drop),
         };
         ExaminedAdapter { description, outcome, remembered }
     });
@@ -163,9 +163,9 @@ pub fn examine(watcher: &dyn Watcher) -> Vec<ExaminedAdapter> {
 pub(super) fn recalled(
     description: &AdapterDescription,
     options: &GpuOptions,
-    watcher: &dyn Watcher,
+    observer: &dyn SelfTestObserver,
 ) -> Option<Verdict> {
-    (*options == GpuOptions::default()).then(|| watcher.recall(&VerdictKey::of(description))).flatten()
+    (*options == GpuOptions::default()).then(|| observer.recall(&VerdictKey::of(description))).flatten()
 }
 
 /// All adapters; a driver that panics while listing them counts as having none.

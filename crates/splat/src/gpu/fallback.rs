@@ -1,23 +1,23 @@
 use super::adapters::{AdapterChoice, Candidates, candidates, resolve};
-use super::{GpuError, GpuOptions, GpuRenderer, Watcher};
+use super::{GpuError, GpuOptions, GpuRenderer, SelfTestObserver};
 use crate::Renderer;
 use crate::cpu::{CpuOptions, CpuRenderer};
 
 /// The chosen renderer, and why better candidates could not be used.
-pub struct Fallback {
+pub struct ChosenRenderer {
     /// On a GPU, or on the CPU.
     pub renderer: Box<dyn Renderer>,
     /// Why each adapter before it cannot be used, best first, for a warning. A single [`GpuError::NoAdapter`] if there
     /// are no adapters.
-    pub passed_over: Vec<GpuError>,
+    pub skipped: Vec<GpuError>,
 }
 
-impl std::fmt::Debug for Fallback {
+impl std::fmt::Debug for ChosenRenderer {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         formatter
-            .debug_struct("Fallback")
+            .debug_struct("ChosenRenderer")
             .field("renderer", &self.renderer.name())
-            .field("passed_over", &self.passed_over)
+            .field("skipped", &self.skipped)
             .finish()
     }
 }
@@ -35,24 +35,24 @@ pub fn with_fallback(
     choice: &AdapterChoice,
     options: GpuOptions,
     cpu: CpuOptions,
-    watcher: &dyn Watcher,
-) -> Result<Fallback, GpuError> {
+    observer: &dyn SelfTestObserver,
+) -> Result<ChosenRenderer, GpuError> {
     let Candidates { adapters, none } = candidates(choice);
     if adapters.is_empty() && resolve(choice) != AdapterChoice::Automatic {
         return Err(none);
     }
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
-    let (opened, mut passed_over) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
-    passed_over.extend(none);
-    for reason in &passed_over {
-        tracing::info!(%reason, "graphics adapter passed over");
+    let (opened, mut skipped) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, observer));
+    skipped.extend(none);
+    for reason in &skipped {
+        tracing::info!(%reason, "graphics adapter skipped");
     }
     let renderer: Box<dyn Renderer> = match opened {
         Some(renderer) => Box::new(renderer),
         None => Box::new(CpuRenderer::new(cpu)),
     };
     tracing::info!(renderer = renderer.name(), "chose a renderer");
-    Ok(Fallback { renderer, passed_over })
+    Ok(ChosenRenderer { renderer, skipped })
 }
 
 /// The first candidate that opens, and the failures before it.

@@ -56,7 +56,7 @@ pub use adapters::{
 };
 pub use counts::GpuCounts;
 pub use error::GpuError;
-pub use fallback::{Fallback, with_fallback};
+pub use fallback::{ChosenRenderer, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients, ScreenGradients};
 pub use host::Uploaded;
@@ -64,7 +64,7 @@ pub use images::{GpuRendering, GpuStrip};
 pub use options::{GpuOptions, Threads};
 pub use pending::{Pending, Settled};
 pub use picture::{Picture, PictureFormat, PictureNumbers};
-pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongResult};
+pub use verdict::{ProbeStage, SelfTestObserver, Verdict, VerdictKey, WrongResult};
 pub use verdict_cache::VerdictCache;
 
 use crate::{Gaussians, MAX_SH_DEGREE, SplatError, Stage, View};
@@ -92,37 +92,41 @@ impl GpuRenderer {
     /// # Errors
     /// [`GpuError`] if there is no such adapter, or it lacks a required capability or fails the test.
     pub fn new(choice: &AdapterChoice, options: GpuOptions) -> Result<Self, GpuError> {
-        Self::watched(choice, options, &())
+        Self::observed(choice, options, &())
     }
 
-    /// As [`Self::new`], reporting to `watcher`; an adapter whose verdict it remembers is not tested again.
+    /// As [`Self::new`], reporting to `observer`; an adapter whose verdict it remembers is not tested again.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn watched(choice: &AdapterChoice, options: GpuOptions, watcher: &dyn Watcher) -> Result<Self, GpuError> {
-        Self::open(&adapters::choose(choice)?, options, watcher)
+    pub fn observed(
+        choice: &AdapterChoice,
+        options: GpuOptions,
+        observer: &dyn SelfTestObserver,
+    ) -> Result<Self, GpuError> {
+        Self::open(&adapters::choose(choice)?, options, observer)
     }
 
     /// Opens an adapter, and tests it unless its verdict is remembered.
     fn open(
         (adapter, description): &adapters::Candidate,
         options: GpuOptions,
-        watcher: &dyn Watcher,
+        observer: &dyn SelfTestObserver,
     ) -> Result<Self, GpuError> {
         let name = description.to_string();
-        let known = adapters::recalled(description, &options, watcher);
+        let known = adapters::recalled(description, &options, observer);
         tracing::debug!(adapter = name, is_test_remembered = known.is_some(), "opening graphics adapter");
         if let Some(verdict) = &known {
             verdict.outcome(&name)?;
         }
         catch_panics(&name, || {
-            watcher.begins(description, ProbeStage::Opening);
+            observer.begins(description, ProbeStage::Opening);
             let context = Context::open(adapter, description, &options)?;
             let mut renderer = Self::with_context(context, options)?;
             if known.is_none() {
-                let tested = self_test::self_test(&mut renderer, &|stage| watcher.begins(description, stage));
+                let tested = self_test::self_test(&mut renderer, &|stage| observer.begins(description, stage));
                 if let Some(verdict) = Verdict::of(&tested).filter(|_| options == GpuOptions::default()) {
-                    watcher.keep(&VerdictKey::of(description), &verdict);
+                    observer.keep(&VerdictKey::of(description), &verdict);
                 }
                 tested?;
             }

@@ -50,7 +50,7 @@ pub enum ProbeStage {
 }
 
 /// Observes the examination of adapters, and may remember the verdicts.
-pub trait Watcher {
+pub trait SelfTestObserver {
     /// A stage begins.
     fn begins(&self, _adapter: &AdapterDescription, _stage: ProbeStage) {}
 
@@ -65,7 +65,7 @@ pub trait Watcher {
 }
 
 /// Ignores everything.
-impl Watcher for () {}
+impl SelfTestObserver for () {}
 
 impl VerdictKey {
     /// The key of an adapter.

@@ -11,7 +11,7 @@ const MAX_TESTS: usize = 64;
 /// A larger file was not written by this crate.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A JSON file that remembers verdicts for a [`Watcher`](super::Watcher).
+/// A JSON file that remembers verdicts for a [`SelfTestObserver`](super::SelfTestObserver).
 #[derive(Clone, Debug)]
 pub struct VerdictCache(PathBuf);
 

@@ -9,7 +9,7 @@ mod report;
 mod row;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
-use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Watcher};
+use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, SelfTestObserver};
 use crate::hard_cases::{ErrorBounds, HardCase};
 use crate::reference::{self, Jump};
 use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, SplatError};
@@ -21,7 +21,7 @@ pub use row::{MeasuredError, StressRow};
 
 /// A renderer and its error allowance.
 #[expect(missing_debug_implementations, reason = "renderers do not implement it")]
-pub struct Path {
+pub struct RendererUnderTest {
     /// The renderer.
     pub renderer: Box<dyn Renderer>,
     /// Factor on the bounds of a case, which hold for geometry in f64 and pixels in f32.
@@ -29,36 +29,36 @@ pub struct Path {
 }
 
 /// The reference, and the CPU renderer with each available instruction set.
-pub fn paths() -> Vec<Path> {
-    let mut paths = vec![Path { renderer: Box::new(ReferenceRenderer), slack: 1.0 }];
+pub fn cpu_under_test() -> Vec<RendererUnderTest> {
+    let mut renderers = vec![RendererUnderTest { renderer: Box::new(ReferenceRenderer), slack: 1.0 }];
     for simd in SimdLevel::available() {
         let renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
-        paths.push(Path { renderer: Box::new(renderer), slack: 1.0 });
+        renderers.push(RendererUnderTest { renderer: Box::new(renderer), slack: 1.0 });
     }
-    paths
+    renderers
 }
 
 /// The GPU renderer on an adapter, with geometry in f32.
 ///
 /// # Errors
 /// [`GpuError`] if there is no such adapter, or it fails its self-test.
-pub fn gpu_path(choice: &AdapterChoice, watcher: &dyn Watcher) -> Result<Path, GpuError> {
-    let renderer = GpuRenderer::watched(choice, GpuOptions::default(), watcher)?;
-    Ok(Path { renderer: Box::new(renderer), slack: GPU_SLACK })
+pub fn gpu_under_test(choice: &AdapterChoice, observer: &dyn SelfTestObserver) -> Result<RendererUnderTest, GpuError> {
+    let renderer = GpuRenderer::observed(choice, GpuOptions::default(), observer)?;
+    Ok(RendererUnderTest { renderer: Box::new(renderer), slack: GPU_SLACK })
 }
 
 /// Allowance for geometry in f32. Software Vulkan does not need it; other drivers round differently.
 const GPU_SLACK: f64 = 2.0;
 
-/// Runs every path on a case; one row per path.
+/// Runs every renderer on a case; one row per renderer.
 ///
 /// # Errors
-/// As [`reference::render`] for an invalid case, of which the catalogue has none. An error of a path is a finding in
-/// its row.
-pub fn rows(case: &HardCase, paths: &mut [Path]) -> Result<Vec<StressRow>, SplatError> {
-    let mut rows = Vec::with_capacity(paths.len());
+/// As [`reference::render`] for an invalid case, of which the catalogue has none. An error of a renderer is a finding
+/// in its row.
+pub fn rows(case: &HardCase, renderers: &mut [RendererUnderTest]) -> Result<Vec<StressRow>, SplatError> {
+    let mut rows = Vec::with_capacity(renderers.len());
     let mut known: Option<Expected<'_>> = None;
-    for Path { renderer, slack } in paths {
+    for RendererUnderTest { renderer, slack } in renderers {
         let expected = match known.take() {
             Some(expected) if expected.slack.to_bits() == slack.to_bits() => expected,
             _ => Expected::of(case, *slack)?,

@@ -104,7 +104,7 @@ fn falls_back_to_the_cpu_except_for_an_unknown_adapter_name() {
     let mut fallback = with_fallback(&AdapterChoice::Automatic, none, CpuOptions::default(), &()).unwrap();
     assert!(fallback.renderer.name().starts_with("cpu"));
     let adapters = adapters().len();
-    assert_eq!(fallback.passed_over.len(), if adapters == 0 { 1 } else { adapters }, "{fallback:?}");
+    assert_eq!(fallback.skipped.len(), if adapters == 0 { 1 } else { adapters }, "{fallback:?}");
     fallback.renderer.render(&cloud(10, 0, 1), &view(8, 8), &everything()).unwrap();
 }
 

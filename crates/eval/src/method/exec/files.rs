@@ -12,29 +12,29 @@ use crate::method::{TrialInput, ply, renders};
 
 /// The folder of one trial.
 #[derive(Debug)]
-pub(super) struct Exchange(PathBuf);
+pub(super) struct TrialFolder(PathBuf);
 
-impl Exchange {
-    /// Writes the context pictures as `context-0.npy` and so on; their paths.
+impl TrialFolder {
+    /// Writes the context pictures as `context-0.npy` and so on; also returns their paths.
     pub(super) fn of(parent: &Path, trial: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), String> {
-        let exchange = Self(parent.join(format!("trial-{trial}")));
-        let failed = |error: std::io::Error| format!("{}: {error}", exchange.0.display());
-        fs::create_dir_all(&exchange.0).map_err(failed)?;
+        let trial_folder = Self(parent.join(format!("trial-{trial}")));
+        let failed = |error: std::io::Error| format!("{}: {error}", trial_folder.0.display());
+        fs::create_dir_all(&trial_folder.0).map_err(failed)?;
         let mut paths = Vec::with_capacity(input.pictures.len());
         for (at, picture) in input.pictures.iter().enumerate() {
-            let path = exchange.0.join(format!("context-{at}.npy"));
+            let path = trial_folder.0.join(format!("context-{at}.npy"));
             fs::write(&path, npy::of_picture(picture)).map_err(failed)?;
             paths.push(path.display().to_string());
         }
-        Ok((exchange, paths))
+        Ok((trial_folder, paths))
     }
 
     pub(super) fn path(&self) -> String {
         self.0.display().to_string()
     }
 
-    /// The pictures of an answer, in the order of the targets: of one array, or of a folder in which each may be missing or
-    /// broken.
+    /// The pictures of an answer, in the order of the targets: from one array, or from a folder in which single
+    /// pictures may be missing or broken.
     pub(super) fn pictures(&self, name: &str, input: &TrialInput<'_>) -> Result<Vec<Result<Image, String>>, String> {
         let path = self.file(name)?;
         let targets = input.trial.targets();
@@ -61,7 +61,7 @@ impl Exchange {
         ply::read(&self.file(name)?, Path::new(name), as_stored)
     }
 
-    /// A file of the folder; its name may be given as a path.
+    /// A file of the folder; its whole path is accepted too.
     fn file(&self, name: &str) -> Result<PathBuf, String> {
         let path = self.0.join(name);
         let below = path.strip_prefix(&self.0).ok();
@@ -76,9 +76,9 @@ impl Exchange {
     }
 }
 
-impl Drop for Exchange {
+impl Drop for TrialFolder {
     fn drop(&mut self) {
-        // What stays behind is removed with the folder of all trials.
+        // If this fails, the folder is removed later with the folder of all trials.
         fs::remove_dir_all(&self.0).ok();
     }
 }
@@ -90,15 +90,15 @@ mod tests {
     #[test]
     fn answers_stay_in_their_folder() {
         let parent = tempfile::tempdir().unwrap();
-        let exchange = Exchange(parent.path().join("trial-1"));
+        let trial_folder = TrialFolder(parent.path().join("trial-1"));
         fs::create_dir_all(parent.path().join("trial-1/renders")).unwrap();
         fs::write(parent.path().join("secret"), "").unwrap();
-        let whole = exchange.0.join("renders").display().to_string();
-        assert_eq!(exchange.file("renders"), exchange.file(&whole));
-        assert!(exchange.file("renders").is_ok());
+        let whole = trial_folder.0.join("renders").display().to_string();
+        assert_eq!(trial_folder.file("renders"), trial_folder.file(&whole));
+        assert!(trial_folder.file("renders").is_ok());
         for name in ["../secret", "renders/../../secret", "/etc/passwd", "", "."] {
-            assert!(exchange.file(name).is_err_and(|why| why.contains("trial's folder")), "{name:?}");
+            assert!(trial_folder.file(name).is_err_and(|why| why.contains("trial's folder")), "{name:?}");
         }
-        assert!(exchange.file("missing").unwrap_err().contains("found none"));
+        assert!(trial_folder.file("missing").unwrap_err().contains("found none"));
     }
 }

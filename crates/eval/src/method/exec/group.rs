@@ -1,4 +1,4 @@
-//! A method's processes as a group: the one that was started and those that it started in turn.
+//! The group of a method's process and all its children.
 
 use std::fs;
 use std::path::PathBuf;

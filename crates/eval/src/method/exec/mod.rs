@@ -1,4 +1,4 @@
-//! Any method as a process of its own, in its own environment.
+//! Runs any method as a separate process, in an environment of its own.
 
 mod files;
 mod group;
@@ -20,16 +20,17 @@ use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, Rendered, Timed, TrialInput};
 use crate::runner::{CONTEXT, TRUTH};
 use crate::{EvalError, MethodRecord, differences};
-use files::Exchange;
+use files::TrialFolder;
 use pool::{Pool, Slot};
 use process::Process;
-use wire::{Answer, Gives, Hello, Request, VERSION};
+use wire::{Answer, Hello, OutputKind, Request, VERSION};
 
 /// A method that runs as a process: it is started once, given one trial after the other, and answers with pictures or with
 /// Gaussians (`docs/methods.md`).
 ///
-/// A process that crashes, hangs or writes anything but answers fails the trial that it was given; it is killed, and another
-/// one is started for the next trial. All processes end with this value, and on Linux with this process.
+/// If a process crashes, hangs or writes anything but an answer, the trial that it was given fails; the process is
+/// killed, and another one is started for the next trial. All processes end when this value is dropped, and on Linux
+/// when this process ends.
 #[derive(Debug)]
 pub struct Exec {
     words: Vec<String>,
@@ -47,13 +48,13 @@ pub struct Exec {
 /// How a method's process is started and read.
 #[derive(Debug)]
 pub struct ExecSettings {
-    /// Program and arguments, quoted as for a POSIX shell, of which nothing else is interpreted.
+    /// Program and arguments, quoted as for a POSIX shell; no other shell syntax is interpreted.
     pub command: String,
-    /// The method's name in the rows; by default the one that it states.
+    /// The method's name in the rows; by default the one in its first line.
     pub name: Option<String>,
     /// How long it may take to start, and for each trial.
     pub limit: Duration,
-    /// Most processes at once; at least one.
+    /// Maximum number of processes at once; at least 1.
     pub processes: usize,
     /// Whether a PLY file stores opacities themselves instead of logits.
     pub opacities_as_stored: bool,
@@ -62,17 +63,18 @@ pub struct ExecSettings {
 }
 
 impl Exec {
-    /// Starts the first process and reads what it says of itself.
+    /// Starts the first process and reads the line in which it describes itself.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for a command that is no command, and for a process that does not start or says something else;
-    /// [`EvalError::Io`] if a word of the command is a file that cannot be read, and without a temporary folder.
+    /// [`EvalError::Settings`] for an empty or wrongly quoted command, and for a process that does not start or whose
+    /// first line is invalid; [`EvalError::Io`] if a word of the command is a file that cannot be read, or no temporary
+    /// folder can be created.
     pub fn start(settings: ExecSettings) -> Result<Self, EvalError> {
         let ExecSettings { command, name, limit, processes, opacities_as_stored, splatting } = settings;
         let words = words(&command)?;
         let refused = |found| EvalError::Settings {
             what: "method exec",
-            expected: format!("a method that starts as {command:?}"),
+            expected: format!("a method that the command {command:?} starts"),
             found,
         };
         let (process, hello) = start(&words, 0, limit).map_err(refused)?;
@@ -87,7 +89,8 @@ impl Exec {
         Ok(Self { words, hello, limit, opacities_as_stored, splatting, record, requests, pool, folder })
     }
 
-    /// Asks a process; no thread of rayon's may take other work meanwhile, which might wait for the same process.
+    /// Sends a request and waits for the answer on a channel: a rayon thread that stole another trial while it waits
+    /// might wait for the same process.
     fn ask(&self, slot: &mut Slot, request: &Request<'_>) -> Result<(Answer, Cost), MethodError> {
         if slot.process.as_mut().is_some_and(Process::has_ended) {
             slot.process = None;
@@ -115,7 +118,9 @@ impl Exec {
             return Ok(process);
         }
         let differences = differences(&self.hello, &hello);
-        Err(format!("the method's process: started again, it is another one, before and after: {differences}"))
+        Err(format!(
+            "the method's process: after a restart it describes itself differently, before and after: {differences}"
+        ))
     }
 }
 
@@ -128,7 +133,7 @@ fn words(command: &str) -> Result<Vec<String>, EvalError> {
     })
 }
 
-/// A process that has said what it is.
+/// Starts a process and reads the line in which it describes itself.
 fn start(words: &[String], number: usize, limit: Duration) -> Result<(Process, Hello), String> {
     tracing::info!(?words, number, "starting a method's process");
     let mut process = Process::start(words, number).map_err(|fault| format!("the method's process: {fault}"))?;
@@ -147,7 +152,7 @@ fn with_last_words(why: &str, lines: &[String]) -> String {
 }
 
 /// The record names the command, the version that the process states, and each file among the command's words with its hash:
-/// results of a changed script do not join those of another one.
+/// results of a changed script are not mixed with those of the old one.
 fn record(
     name: String,
     command: &str,
@@ -177,10 +182,10 @@ fn record(
         untrained: hello.untrained,
         ..MethodRecord::default()
     };
-    if hello.gives == Gives::Gaussians {
+    if hello.gives == OutputKind::Gaussians {
         splatting.describe(&mut record);
     }
-    record.deterministic = hello.deterministic && (hello.gives == Gives::Pictures || record.deterministic);
+    record.deterministic = hello.deterministic && (hello.gives == OutputKind::Pictures || record.deterministic);
     Ok(record)
 }
 
@@ -195,7 +200,7 @@ impl Method for Exec {
 
     fn timed(&self) -> Timed {
         // Its pictures are finished when it answers.
-        Timed { encoding: true, rendering: self.hello.gives == Gives::Gaussians }
+        Timed { encoding: true, rendering: self.hello.gives == OutputKind::Gaussians }
     }
 
     fn own_processor_secs(&self) -> Option<f64> {
@@ -205,17 +210,17 @@ impl Method for Exec {
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let number = self.requests.fetch_add(1, Ordering::Relaxed);
-        let (exchange, files) = Exchange::of(self.folder.path(), number, &input).map_err(MethodError::Failed)?;
-        let request = Request::new(number, &input, exchange.path(), files);
+        let (trial_folder, files) = TrialFolder::of(self.folder.path(), number, &input).map_err(MethodError::Failed)?;
+        let request = Request::new(number, &input, trial_folder.path(), files);
         let (answer, cost) = self.ask(self.pool.take().slot(), &request)?;
         let why = match (answer, self.hello.gives) {
-            (Answer::Pictures(name), Gives::Pictures) => {
-                let pictures = exchange.pictures(&name, &input).map_err(MethodError::Failed)?;
+            (Answer::Pictures(name), OutputKind::Pictures) => {
+                let pictures = trial_folder.pictures(&name, &input).map_err(MethodError::Failed)?;
                 return Ok(Box::new(Pictures { pictures, cost }));
             }
-            (Answer::Gaussians(name), Gives::Gaussians) => {
+            (Answer::Gaussians(name), OutputKind::Gaussians) => {
                 let (gaussians, notes) =
-                    exchange.gaussians(&name, self.opacities_as_stored).map_err(MethodError::Failed)?;
+                    trial_folder.gaussians(&name, self.opacities_as_stored).map_err(MethodError::Failed)?;
                 return Ok(self.splatting.predict(input, gaussians, Cost { notes, ..cost }));
             }
             (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),

@@ -22,7 +22,7 @@ pub(super) struct Slot {
 
 /// A slot in use, which returns to the pool when it is dropped.
 #[derive(Debug)]
-pub(super) struct Taken<'a> {
+pub(super) struct SlotGuard<'a> {
     pool: &'a Pool,
     slot: Option<Slot>,
 }
@@ -35,18 +35,18 @@ impl Pool {
         Self { idle: Mutex::new(idle), returned: Condvar::new() }
     }
 
-    /// Waits for a place; the one that was used last comes first, so that no process is started without need.
-    pub(super) fn take(&self) -> Taken<'_> {
+    /// Waits for a place. The one that was used last is taken first, so that no process is started without need.
+    pub(super) fn take(&self) -> SlotGuard<'_> {
         let mut idle = self.lock();
         loop {
             if let Some(slot) = idle.pop() {
-                return Taken { pool: self, slot: Some(slot) };
+                return SlotGuard { pool: self, slot: Some(slot) };
             }
             idle = self.returned.wait(idle).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
-    /// Something of each process that runs and is idle.
+    /// The result of `of` for each running process that is idle.
     pub(super) fn of_idle<T>(&self, of: impl Fn(&Process) -> T) -> Vec<T> {
         self.lock().iter().filter_map(|slot| slot.process.as_ref()).map(of).collect()
     }
@@ -56,14 +56,14 @@ impl Pool {
     }
 }
 
-impl Taken<'_> {
+impl SlotGuard<'_> {
     #[expect(clippy::expect_used, reason = "the slot is taken out on drop alone")]
     pub(super) const fn slot(&mut self) -> &mut Slot {
         self.slot.as_mut().expect("a slot in use")
     }
 }
 
-impl Drop for Taken<'_> {
+impl Drop for SlotGuard<'_> {
     fn drop(&mut self) {
         self.pool.lock().extend(self.slot.take());
         self.pool.returned.notify_one();

@@ -19,12 +19,12 @@ const KEPT_LINES: usize = 6;
 const KEPT_BYTES: u64 = 300;
 /// How long a process may take to end after its standard input was closed.
 const GRACE: Duration = Duration::from_secs(2);
-/// How long to wait for what an ended process leaves: its status and its last words.
-const REMAINS: Duration = Duration::from_millis(500);
+/// How long to wait for the status and the last lines of a process that has ended.
+const END_TIMEOUT: Duration = Duration::from_millis(500);
 /// Tells copies of a process apart, for instance to choose a graphics card: 0, 1 and so on.
 const NUMBER: &str = "ATSPLAT_PROCESS";
 
-/// Why a process gives no line.
+/// Why there is no line from a process.
 #[derive(Debug, Error)]
 pub(super) enum Fault {
     #[error("it cannot be started: {0}")]
@@ -47,7 +47,7 @@ pub(super) struct Process {
     requests: Option<Sender<String>>,
     lines: Receiver<Result<String, &'static str>>,
     last_words: LastWords,
-    /// Ends the thread that started the process; see [`keep`].
+    /// Ends the thread that started the process; see [`spawn_and_write`].
     _alive: Sender<()>,
 }
 
@@ -58,7 +58,7 @@ impl Process {
         let (requests, for_child) = channel();
         let (alive, ending) = channel();
         let words = words.to_vec();
-        waiting_thread(move || keep(command(&words, number), &started, &for_child, &ending));
+        waiting_thread(move || spawn_and_write(command(&words, number), &started, &for_child, &ending));
         let mut child: Child = start.recv().unwrap_or_else(|_gone| Err(io::ErrorKind::Other.into()))?;
         let (sender, lines) = channel();
         if let Some(stdout) = child.stdout.take() {
@@ -95,7 +95,7 @@ impl Process {
             Ok(Ok(line)) => Ok(line),
             Ok(Err(found)) => Err(Fault::Line(found)),
             Err(RecvTimeoutError::Timeout) => Err(Fault::TimedOut { limit }),
-            Err(RecvTimeoutError::Disconnected) => Err(self.status(REMAINS).map_or(Fault::Closed, Fault::Ended)),
+            Err(RecvTimeoutError::Disconnected) => Err(self.status(END_TIMEOUT).map_or(Fault::Closed, Fault::Ended)),
         }
     }
 
@@ -105,7 +105,7 @@ impl Process {
         self.last_words.take()
     }
 
-    /// Waits until it has ended; `None` if it goes on.
+    /// Waits until it has ended; `None` if it is still running.
     fn status(&mut self, limit: Duration) -> Option<ExitStatus> {
         let deadline = Instant::now() + limit;
         loop {
@@ -147,9 +147,14 @@ fn command(words: &[String], number: usize) -> Command {
     command
 }
 
-/// Starts a process and writes its lines. The thread lives as long as the process may: Linux takes the thread that started
-/// a process for its parent, with which it ends.
-fn keep(mut command: Command, started: &Sender<io::Result<Child>>, requests: &Receiver<String>, ending: &Receiver<()>) {
+/// Starts a process and writes the requests to it. The calling thread must live as long as the process: for Linux, the
+/// parent of a process is the thread that started it, and the process is killed when that thread ends.
+fn spawn_and_write(
+    mut command: Command,
+    started: &Sender<io::Result<Child>>,
+    requests: &Receiver<String>,
+    ending: &Receiver<()>,
+) {
     let mut stdin = None;
     let child = command.spawn().map(|mut child| {
         stdin = child.stdin.take();
@@ -174,7 +179,7 @@ fn waiting_thread(wait: impl FnOnce() + Send + 'static) {
     thread::spawn(wait);
 }
 
-/// Sends the lines of standard output until it ends or a line is too long or no text.
+/// Sends the lines of standard output until it ends, or until a line is too long or not UTF-8.
 fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>) {
     let mut reader = BufReader::new(stdout);
     loop {
@@ -187,7 +192,7 @@ fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>)
             Ok(line) if line.ends_with('\n') => Ok(line),
             Ok(line) if line.len() as u64 >= MAX_LINE => Err("a longer one"),
             Ok(_unfinished) => return,
-            Err(_bytes) => Err("bytes that are no UTF-8"),
+            Err(_bytes) => Err("bytes that are not UTF-8"),
         };
         let is_last = line.is_err();
         if lines.send(line).is_err() || is_last {
@@ -219,8 +224,8 @@ impl LastWords {
     }
 
     fn take(&self) -> Vec<String> {
-        // A process that was started in turn may hold standard error open.
-        self.end.recv_timeout(REMAINS).ok();
+        // A child of the process may hold standard error open.
+        self.end.recv_timeout(END_TIMEOUT).ok();
         self.lines.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
     }
 }
@@ -229,7 +234,7 @@ fn read_last(stderr: ChildStderr, lines: &Mutex<VecDeque<String>>) {
     let mut reader = BufReader::new(stderr);
     loop {
         let mut bytes = Vec::new();
-        // What is longer is continued as another line.
+        // A longer line is continued as another one.
         match reader.by_ref().take(KEPT_BYTES).read_until(b'\n', &mut bytes) {
             Ok(0) | Err(_) => return,
             Ok(_) => {}

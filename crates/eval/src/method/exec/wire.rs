@@ -16,7 +16,7 @@ pub(super) const VERSION: u32 = 1;
 /// Characters of a line that are quoted in a message.
 const QUOTED: usize = 160;
 
-/// What a process says of itself when it has started.
+/// How a process describes itself when it has started.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Hello {
@@ -25,7 +25,7 @@ pub(super) struct Hello {
     pub(super) name: String,
     /// Version of the method; results of two versions do not share a store.
     pub(super) version: String,
-    pub(super) gives: Gives,
+    pub(super) gives: OutputKind,
     /// The published method whose pose normalisation and planes it uses, as in the preset's `[[methods]]`.
     #[serde(default)]
     pub(super) setting: Option<String>,
@@ -40,7 +40,7 @@ pub(super) struct Hello {
 /// What a process answers with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Gives {
+pub(super) enum OutputKind {
     /// Pictures of the targets.
     Pictures,
     /// Gaussians, which atsplat renders.
@@ -79,7 +79,7 @@ struct View {
     picture: Option<String>,
 }
 
-/// What a process found out about a trial.
+/// The answer of a process to a request.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Answer {
     /// The name of a `.npy` file or of a folder.
@@ -93,7 +93,7 @@ pub(super) enum Answer {
 }
 
 /// An answer with the seconds of its stages, by name.
-pub(super) type Timed = (Answer, BTreeMap<String, f64>);
+pub(super) type TimedAnswer = (Answer, BTreeMap<String, f64>);
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -109,7 +109,7 @@ struct AnswerLine {
 
 impl Hello {
     pub(super) fn parse(line: &str) -> Result<Self, String> {
-        let stated: serde_json::Value = parsed(line, "a first line as {\"atsplat\": 1, \"name\": …}")?;
+        let stated: serde_json::Value = parsed(line, "a first line such as {\"atsplat\": 1, \"name\": …}")?;
         // The version comes first: a newer one may have other fields.
         if stated.get("atsplat").and_then(serde_json::Value::as_u64) != Some(VERSION.into()) {
             return Err(format!(
@@ -117,12 +117,12 @@ impl Hello {
                 quoted(line)
             ));
         }
-        parsed(line, "a first line as {\"atsplat\": 1, \"name\": …}")
+        parsed(line, "a first line such as {\"atsplat\": 1, \"name\": …}")
     }
 }
 
 impl<'a> Request<'a> {
-    /// The message of a trial whose context pictures lie in `folder` as `files`.
+    /// The message of a trial whose context pictures are the `files` in `folder`.
     pub(super) fn new(trial: u64, input: &TrialInput<'a>, folder: String, files: Vec<String>) -> Self {
         let context = input.trial.context().iter().zip(files);
         let context = context.map(|(view, file)| View::of(view.frame, &view.camera, view.size, Some(file)));
@@ -150,7 +150,7 @@ impl<'a> Request<'a> {
     }
 }
 
-impl Gives {
+impl OutputKind {
     /// The name in messages.
     pub(super) const fn name(self) -> &'static str {
         match self {
@@ -179,16 +179,16 @@ impl Answer {
     /// The name of its field.
     pub(super) const fn name(&self) -> &'static str {
         match self {
-            Self::Pictures(_) => Gives::Pictures.name(),
-            Self::Gaussians(_) => Gives::Gaussians.name(),
+            Self::Pictures(_) => OutputKind::Pictures.name(),
+            Self::Gaussians(_) => OutputKind::Gaussians.name(),
             Self::NotApplicable(_) => "not_applicable",
             Self::Error(_) => "error",
         }
     }
 
     /// The answer to the request of this number.
-    pub(super) fn parse(line: &str, trial: u64) -> Result<Timed, String> {
-        let expected = format!("a line as {{\"trial\": {trial}, \"pictures\": …}} on its standard output");
+    pub(super) fn parse(line: &str, trial: u64) -> Result<TimedAnswer, String> {
+        let expected = format!("a line such as {{\"trial\": {trial}, \"pictures\": …}} on its standard output");
         let answer: AnswerLine = parsed(line, &expected)?;
         if answer.trial != trial {
             return Err(format!("expected the answer to trial {trial}, found that to trial {}", answer.trial));
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn a_hello_states_the_version_first() {
         let hello = Hello::parse(r#"{"atsplat": 1, "name": "a", "version": "2", "gives": "gaussians"}"#).unwrap();
-        assert_eq!((hello.name.as_str(), hello.gives, hello.untrained), ("a", Gives::Gaussians, false));
+        assert_eq!((hello.name.as_str(), hello.gives, hello.untrained), ("a", OutputKind::Gaussians, false));
         let refused = |line: &str| Hello::parse(line).unwrap_err();
         assert!(refused(r#"{"atsplat": 2, "names": ["a"]}"#).contains("\"atsplat\": 1"));
         assert!(refused(r#"{"atsplat": 1, "name": "a", "version": "2", "gives": "meshes"}"#).contains("meshes"));

@@ -78,11 +78,12 @@ impl Frame {
                 let is_possible = ratio <= WIDEST_PIXELS && ratio >= WIDEST_PIXELS.recip();
                 (!is_possible).then_some(PictureMismatch::Aspect { stated, ratio })
             }
-            None => pixels_apart(&self.camera.intrinsics, found),
+            None => pixel_mismatch(&self.camera.intrinsics, found),
         }
     }
 
-    /// Warns if the header of the picture of this frame, the scene's at `position`, does not fit its camera.
+    /// Warns if the picture of this frame, the scene's at `position`, does not fit its camera, is turned by EXIF or has
+    /// an alpha channel.
     pub fn report(&self, scene: &str, position: usize, header: &PictureHeader, warnings: &mut Warnings) {
         if let Some(mismatch) = self.mismatch(header.size) {
             warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {mismatch}"));
@@ -112,7 +113,7 @@ pub(crate) fn stretched_pixels(k: &NormalizedIntrinsics, stated: ImageSize) -> O
         .then(|| format!("fx : fy is {ratio:.2} : 1 in pixels of a picture of {stated}: {suspicion}"))
 }
 
-fn pixels_apart(k: &NormalizedIntrinsics, found: ImageSize) -> Option<PictureMismatch> {
+fn pixel_mismatch(k: &NormalizedIntrinsics, found: ImageSize) -> Option<PictureMismatch> {
     let (width, ratio) = (f64::from(found.width), ratio_of_focal_lengths(k, found));
     let square_width = (width / ratio).round();
     // Half a pixel of rounding on either side moves the ratio of small pictures.

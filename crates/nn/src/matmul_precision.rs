@@ -5,7 +5,7 @@ use crate::kernels::bf16;
 /// Precision of the matrix products on the CPU; everything else, and every sum, is in f32.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Products {
+pub enum MatmulPrecision {
     /// Inputs as they are.
     #[default]
     F32,
@@ -15,10 +15,10 @@ pub enum Products {
 }
 
 thread_local! {
-    static CURRENT: Cell<Products> = const { Cell::new(Products::F32) };
+    static CURRENT: Cell<MatmulPrecision> = const { Cell::new(MatmulPrecision::F32) };
 }
 
-impl Products {
+impl MatmulPrecision {
     /// Whether this precision is faster than [`Self::F32`] on this processor.
     pub fn is_fast(self) -> bool {
         self == Self::Bf16 && bf16::is_fast()
@@ -38,7 +38,7 @@ impl Products {
 }
 
 /// Ends a scope, even if it panics.
-struct Restore(Products);
+struct Restore(MatmulPrecision);
 
 impl Drop for Restore {
     fn drop(&mut self) {
