@@ -46,6 +46,42 @@ fn paired_differences_are_those_of_the_stores() {
     }
 }
 
+/// What each part of a training's recipe changes, in PSNR and SSIM.
+#[test]
+fn trials_of_the_recipe_are_those_of_the_store() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let results = Results::read(&folder().join("recipe/store")).unwrap();
+    let query = |method, metric| MetricQuery {
+        preset: "rooms-2v-64",
+        method,
+        metric,
+        leaked: Leaked::Included,
+        identical: Identical::Excluded,
+    };
+    let mut wrong = String::new();
+    for (part, row) in [
+        ("averaged weights", "recipe-average-1"),
+        ("mirrored samples", "recipe-flips-1"),
+        ("narrow windows first", "recipe-curriculum-1"),
+        ("anchors pulled to exact distances", "recipe-distances-1"),
+        ("more D-SSIM in the last quarter", "recipe-late-d-ssim-1"),
+        ("all five", "recipe-all-1"),
+    ] {
+        let difference = |metric, decimals: usize| {
+            let (own, plain) = (query(row, metric), query("recipe-plain-1", metric));
+            let found = paired_between((&results, &own), (&results, &plain)).unwrap();
+            assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{row}");
+            let [low, high] = found.interval.unwrap();
+            format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference).replace('-', "−")
+        };
+        let expected = format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4));
+        if !readme.contains(&expected) {
+            wrong = format!("{wrong}\n{expected}");
+        }
+    }
+    assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
+}
+
 #[test]
 fn published_orders_are_those_of_the_stores() {
     let mut compared = 0;
