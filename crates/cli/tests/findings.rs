@@ -242,7 +242,11 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
         assert!(up.stderr.contains(text), "{text}: {}", up.stderr);
     }
     let down = score("out/test/one");
-    assert!(down.code == 1 && down.stderr.contains("out/test, in the layout SCENE/color/000029.png (2)"), "{}", down.stderr);
+    assert!(
+        down.code == 1 && down.stderr.contains("out/test, in the layout SCENE/color/000029.png (2)"),
+        "{}",
+        down.stderr
+    );
     let nowhere = score("data/one");
     assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder holds 0.png"), "{}", nowhere.stderr);
     // Files of another size give rows without numbers.
