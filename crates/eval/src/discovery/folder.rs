@@ -18,6 +18,8 @@ use crate::EvalError;
 use crate::runner::{Dataset, PlannedIndex};
 use crate::sources::{AlreadyCropped, PresentFrames};
 
+/// What keys of DL3DV's scenes have before the name of their folder.
+const SUBSET_PREFIX: &str = "dl3dv_";
 /// Maximum depth of the search.
 const MAX_DEPTH: usize = 4;
 /// Downscaling factors of a capture's image copies.
@@ -111,11 +113,17 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
         let source: Arc<dyn SceneSource> = Arc::new(dataset);
         if source.keys().iter().any(|key| first_picture(source.as_ref(), key).is_some()) {
             let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
-            let is_scene = |path: &PathBuf| {
-                path.file_name().and_then(|name| name.to_str()).is_some_and(|name| scenes.contains(name))
+            // DL3DV's scenes lie one level deeper, in the folders of its subsets.
+            let holds_scene = |path: &PathBuf| {
+                let mut below = scenes.iter().filter_map(|key| key.strip_prefix(SUBSET_PREFIX));
+                below.any(|name| path.join(name).is_dir())
             };
-            let is_collection = folders.iter().any(is_scene);
-            folders.retain(|path| is_collection && !is_scene(path));
+            let is_part = |path: &PathBuf| {
+                let name = path.file_name().and_then(|name| name.to_str());
+                name.is_some_and(|name| scenes.contains(name)) || holds_scene(path)
+            };
+            let is_collection = folders.iter().any(is_part);
+            folders.retain(|path| is_collection && !is_part(path));
             found.push(DatasetOnDisk { path, format, source: Arc::clone(&source) });
         }
     }
