@@ -16,6 +16,7 @@ fn folder() -> PathBuf {
 #[test]
 fn paired_differences_are_those_of_the_stores() {
     let sparse = ("expansion-sparse", "k-4-1");
+    let second = ("expansion-sparse-seed-2", "k-4-2");
     let pairs = [
         ("uncertainty above random selection", sparse, ("expansion-sparse", "sparse-random-1")),
         ("uncertainty above farthest-point sampling", sparse, ("expansion-sparse", "sparse-farthest-point-1")),
@@ -25,6 +26,12 @@ fn paired_differences_are_those_of_the_stores() {
             ("expansion-sparse-straight-through", "sparse-straight-through-1"),
         ),
         ("uncertainty above no expansion", sparse, ("expansion-sparse", "sparse-none-k11-1")),
+        ("a second training of both: uncertainty above no expansion", second, (second.0, "sparse-none-k11-2")),
+        (
+            "a second training of both: uncertainty above straight-through selection",
+            second,
+            (second.0, "sparse-straight-through-2"),
+        ),
     ];
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let read = |name: &str| Results::read(&folder().join(name).join("store")).unwrap();
