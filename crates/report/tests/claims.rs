@@ -27,6 +27,7 @@ fn paired_differences_are_those_of_the_stores() {
         ),
         ("uncertainty above no expansion", sparse, ("expansion-sparse", "sparse-none-k11-1")),
         ("a second training of both: uncertainty above no expansion", second, (second.0, "sparse-none-k11-2")),
+        ("a second training of both: uncertainty above random selection", second, (second.0, "sparse-random-2")),
         (
             "a second training of both: uncertainty above straight-through selection",
             second,
