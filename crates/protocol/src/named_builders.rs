@@ -76,20 +76,20 @@ impl IndexBuilder {
     }
 
     /// A number that its field cannot have, with the field and what it can have.
-    fn fault(&self) -> Option<(&'static str, &'static str, String)> {
-        let bounds = |field, minimum: f64, maximum: f64| {
+    fn fault(&self) -> Option<(String, &'static str, String)> {
+        let bounds = |field: &str, minimum: f64, maximum: f64| {
             let in_order = 0.0 <= minimum && minimum <= maximum && maximum <= 1.0;
-            (in_order, field, "bounds in order, from 0 to 1", format!("{minimum} and {maximum}"))
+            (in_order, field.to_owned(), "bounds in order, from 0 to 1", format!("{minimum} and {maximum}"))
         };
-        let gaps = |field, least: usize, most: usize| {
-            (least <= most, field, "the smallest gap, then the largest", format!("{least} and {most}"))
+        let gaps = |field: &str, least: usize, most: usize| {
+            (least <= most, field.to_owned(), "the smallest gap, then the largest", format!("{least} and {most}"))
         };
         let mut checks = Vec::new();
         match &self.sampler {
             Sampler::EvenlySpaced(EvenlySpaced { ratio, .. }) => {
                 checks.push((
                     *ratio > 0.0 && *ratio <= 1.0,
-                    "ratio",
+                    "ratio".to_owned(),
                     "a part of the scene, above 0 up to 1",
                     ratio.to_string(),
                 ));
@@ -101,17 +101,14 @@ impl IndexBuilder {
             }
             Sampler::Bounded(Bounded { context_views, gaps: schedule, .. }) => {
                 let views = context_views.get();
-                checks.push((views >= 2, "context-views", "at least the two ends of the window", views.to_string()));
+                let expected = "at least the two ends of the window";
+                checks.push((views >= 2, "context-views".to_owned(), expected, views.to_string()));
                 checks.push(gaps("gaps, min and max", schedule.min, schedule.max));
                 let (least, most) = (schedule.initial_min, schedule.initial_max);
                 checks.push(gaps("gaps, initial-min and initial-max", least, most));
-                let rises = [
-                    ("gaps, initial-min and min", schedule.initial_min, schedule.min),
-                    ("gaps, initial-max and max", schedule.initial_max, schedule.max),
-                ];
-                for (field, initial, last) in rises.into_iter().filter(|_| schedule.warm_up_steps > 0) {
-                    let found = format!("{initial} and {last}");
-                    checks.push((initial <= last, field, "a bound that does not fall during the warm-up", found));
+                if let Some((names, initial, last)) = schedule.falling() {
+                    let (field, found) = (format!("gaps, {names}"), format!("{initial} and {last}"));
+                    checks.push((false, field, "a bound that does not fall during the warm-up", found));
                 }
             }
             Sampler::FarthestPoint(_) | Sampler::AllFrames => {}

@@ -9,6 +9,7 @@ use atsplat_files::{Sha256Digest, name_of};
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexLayout};
+use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{
     Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneError, SceneSource, Warnings, open_with,
 };
@@ -18,8 +19,6 @@ use crate::EvalError;
 use crate::runner::{Dataset, PlannedIndex};
 use crate::sources::{AlreadyCropped, PresentFrames};
 
-/// What keys of DL3DV's scenes have before the name of their folder.
-const SUBSET_PREFIX: &str = "dl3dv_";
 /// Maximum depth of the search.
 const MAX_DEPTH: usize = 4;
 /// Downscaling factors of a capture's image copies.

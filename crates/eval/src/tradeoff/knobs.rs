@@ -228,7 +228,7 @@ impl Knobs {
     ///
     /// # Errors
     /// [`EvalError::Settings`] for both steps and seconds, for numbers that are not positive, for a strategy without either,
-    /// and for one that cannot start from random points.
+    /// for one that cannot start from random points, and for one beside a knob of the network, which it does not run.
     pub fn budget(&self) -> Result<Option<Budget>, EvalError> {
         if self.strategy == Some(Strategy::Fixed) {
             return invalid("strategy", "3dgs, mip-splatting or mcmc; without it, the network is refined", "fixed");

@@ -90,6 +90,13 @@ impl GapSchedule {
         (interpolate(self.initial_min, self.min, fraction), interpolate(self.initial_max, self.max, fraction))
     }
 
+    /// Names and initial and final value of a bound that would fall during the warm-up, if one does.
+    pub fn falling(&self) -> Option<(&'static str, usize, usize)> {
+        let bounds =
+            [("initial-min and min", self.initial_min, self.min), ("initial-max and max", self.initial_max, self.max)];
+        bounds.into_iter().find(|(_, initial, last)| self.warm_up_steps > 0 && initial > last)
+    }
+
     /// Bounds for fewer views than the maximum in training: divided by `⌊most / views⌋`
     /// (depthsplat `view_sampler_bounded_v2.py:93-127`).
     #[must_use]

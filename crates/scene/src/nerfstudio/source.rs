@@ -17,7 +17,7 @@ use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, Warni
 pub(crate) const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
 
 /// Prefix of the keys of scenes in subsets.
-const SUBSET_PREFIX: &str = "dl3dv_";
+pub const SUBSET_PREFIX: &str = "dl3dv_";
 
 /// How `transforms.json` scenes are read.
 #[derive(Clone, Copy, Debug, Default)]

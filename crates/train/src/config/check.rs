@@ -172,15 +172,13 @@ fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
             return refuse(format!("{field}.{group}"), &expected, format!("{min} and {max}"));
         }
     }
-    let rises =
-        [("initial-min and min", gaps.initial_min, gaps.min), ("initial-max and max", gaps.initial_max, gaps.max)];
-    for (names, initial, last) in rises {
-        if gaps.warm_up_steps > 0 && initial > last {
+    match gaps.falling() {
+        Some((names, initial, last)) => {
             let expected = format!("{names} in order, as windows grow during the warm-up");
-            return refuse(format!("{field}.gaps"), &expected, format!("{initial} and {last}"));
+            refuse(format!("{field}.gaps"), &expected, format!("{initial} and {last}"))
         }
+        None => Ok(()),
     }
-    Ok(())
 }
 
 fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, TrainError> {

@@ -3,6 +3,7 @@ use std::path::PathBuf;
 
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::IndexFile;
+use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
@@ -38,5 +39,5 @@ impl ExcludedScenes {
 /// A scene's key without the prefix that DepthSplat's training set of DL3DV has and its evaluation indices do not
 /// (depthsplat `src/scripts/convert_dl3dv_train.py`).
 pub(super) fn scene_name(key: &str) -> &str {
-    key.strip_prefix("dl3dv_").unwrap_or(key)
+    key.strip_prefix(SUBSET_PREFIX).unwrap_or(key)
 }

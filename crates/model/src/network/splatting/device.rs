@@ -254,14 +254,12 @@ fn derivatives(
     shapes: &[Shape; INPUTS],
     request: &Request,
 ) -> Result<Inputs<Cube>, SplatError> {
-    let [Scenes { gaussians, count }] = scenes else {
-        return derivatives_one_by_one(renderer, scenes, images, shapes, request);
+    let (gaussians, count) = match scenes {
+        [Scenes { gaussians, count }] if *count > 1 => (gaussians, *count),
+        _ => return derivatives_one_by_one(renderer, scenes, images, shapes, request),
     };
-    if *count == 1 {
-        return derivatives_one_by_one(renderer, scenes, images, shapes, request);
-    }
     let by_images = image_gradients(renderer, images, request)?;
-    let made = renderer.backward_batch(gaussians, in_u32(*count), &request.views, &request.options, &by_images);
+    let made = renderer.backward_batch(gaussians, in_u32(count), &request.views, &request.options, &by_images);
     let settled = made.and_then(|made| {
         let settled = renderer.settle(&made)?;
         tensors(renderer, settled.result, shapes, &images.device())
@@ -269,7 +267,7 @@ fn derivatives(
     match settled {
         // A pair of the backward pass takes six times the memory of a pair of the forward pass, which fitted.
         Err(SplatError::Gpu(GpuError::TooLarge { .. }) | SplatError::Memory { .. }) => {
-            let scenes = separated(renderer, gaussians, *count, images)?;
+            let scenes = separated(renderer, gaussians, count, images)?;
             derivatives_one_by_one(renderer, &scenes, images, shapes, request)
         }
         made => made,

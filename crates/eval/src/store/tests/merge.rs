@@ -1,0 +1,76 @@
+//! Merging the stores of one run's shards.
+
+use super::*;
+
+fn shard(number: u32, scenes: &[&str]) -> Results {
+    let folder = tempfile::tempdir().unwrap();
+    let provenance = Provenance { shard: Some(Shard { number, of: 3 }), ..Provenance::default() };
+    let store = Store::create(folder.path(), provenance).unwrap();
+    for scene in scenes {
+        store.append(&trial(scene), &targets(scene)).unwrap();
+    }
+    store.add_timings(vec![timing(scenes[0], number)]).unwrap();
+    store.finish().unwrap()
+}
+
+#[test]
+fn shards_merge_into_one_run_and_missing_ones_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = filled(folder.path(), &["a", "b", "c", "d"]).finish().unwrap();
+    let shards = [shard(3, &["d"]), shard(1, &["c", "a"]), shard(2, &["b", "a"])];
+    let merged = Results::merge(shards.to_vec()).unwrap();
+    assert_eq!(merged.missing_shards, [] as [u32; 0]);
+    assert_eq!(merged.results.trials, whole.trials);
+    assert_eq!(merged.results.targets, whole.targets);
+    assert_eq!(merged.results.provenance.shard, None);
+    let machines: Vec<&str> = merged.results.timings.iter().map(|row| row.machine.processor.as_str()).collect();
+    assert_eq!(machines, ["processor 2", "processor 1", "processor 3"], "scenes b, c and d, each on its machine");
+    let written = folder.path().join("merged");
+    merged.results.write(&written).unwrap();
+    assert_eq!(Results::read(&written).unwrap().timings, merged.results.timings);
+    let partial = Results::merge(shards[..2].to_vec()).unwrap();
+    assert_eq!(partial.missing_shards, [2]);
+    assert!(partial.results.provenance.shard.is_some(), "an incomplete run stays a shard");
+    assert!(Results::merge(Vec::new()).is_err());
+}
+
+/// A store that is given twice, under whatever path, is one part of the run.
+#[test]
+fn a_repeated_shard_counts_once() {
+    let of_part = |number: u32, scenes: &[&str]| {
+        let mut part = shard(number, scenes);
+        let preset = PresetRecord { name: "preset".to_owned(), entries: 2, ..PresetRecord::default() };
+        let warning = WarningCount { preset: "preset".to_owned(), count: 5, ..WarningCount::default() };
+        (part.provenance.presets, part.provenance.warnings) = (vec![preset], vec![warning]);
+        part
+    };
+    let (first, second) = (of_part(1, &["a", "b"]), of_part(2, &["c", "d"]));
+    let merged = Results::merge(vec![first.clone(), first.clone(), second, first]).unwrap();
+    let Provenance { presets, warnings, .. } = &merged.results.provenance;
+    assert_eq!((presets[0].entries, warnings[0].count, merged.repeated), (4, 10, 4));
+}
+
+#[test]
+fn rejects_merging_different_runs() {
+    let mut other = shard(2, &["a"]);
+    other.targets[0].scores.insert("psnr".to_owned(), 12.0);
+    let error = Results::merge(vec![shard(1, &["a"]), other]).unwrap_err().to_string();
+    assert!(error.contains("scene \"a\"") && error.contains("differ in psnr") || error.contains("scores"), "{error}");
+    let mut built = shard(2, &["b"]);
+    built.provenance.commit = Some("other".to_owned());
+    let error = Results::merge(vec![shard(1, &["a"]), built]).unwrap_err().to_string();
+    assert!(error.contains("commits of atsplat"), "{error}");
+    let folder = tempfile::tempdir().unwrap();
+    let whole = filled(folder.path(), &["a"]).finish().unwrap();
+    assert!(Results::merge(vec![shard(1, &["a"]), whole]).is_err());
+}
+
+#[test]
+fn rejects_conflicting_times_of_one_pass() {
+    let [mut first, mut second] = [shard(1, &["a"]), shard(2, &["b"])];
+    second.timings = first.timings.clone();
+    assert_eq!(Results::merge(vec![first.clone(), second.clone()]).unwrap().results.timings.len(), 1);
+    first.timings[0].encode[0] = 9.0;
+    let error = Results::merge(vec![first, second]).unwrap_err().to_string();
+    assert!(error.contains("the times of one pass on processor 1"), "{error}");
+}
