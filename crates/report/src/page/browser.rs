@@ -21,30 +21,21 @@ pub(super) fn chromium(test: &'static str) -> Option<PathBuf> {
     found
 }
 
-/// What a page's own test writes into its element `selftest`. WebGL is drawn in software.
-pub(super) fn report_of(chromium: &Path, page: &str, window: &str) -> Map<String, Value> {
-    run(chromium, &[("page.html", page)], window)
-}
-
-/// What a page's own test sends to the window around it, in a frame of this width: windows cannot be as narrow as a phone.
+/// What a page's own test sends to the window around it, in a frame of this width: windows cannot be as narrow as a
+/// phone. Time is real, because pictures are decoded by threads that a virtual clock does not wait for. WebGL is drawn in
+/// software.
 pub(super) fn report_in_frame(chromium: &Path, page: &str, width: u32) -> Map<String, Value> {
-    let frame = include_str!("frame.html").replace("{width}", &width.to_string());
-    run(chromium, &[("frame.html", &frame), ("page.html", page)], "1600,900")
-}
-
-/// Opens the first file of a folder.
-fn run(chromium: &Path, files: &[(&str, &str)], window: &str) -> Map<String, Value> {
     let folder = tempfile::tempdir().unwrap();
-    for (name, text) in files {
+    let frame = include_str!("frame.html").replace("{width}", &width.to_string());
+    for (name, text) in [("frame.html", frame.as_str()), ("page.html", page)] {
         std::fs::write(folder.path().join(name), text).unwrap();
     }
     let run = Command::new(chromium)
         .args(["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run"])
         .args(["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-device-scale-factor=1"])
-        .args(["--virtual-time-budget=20000", "--timeout=120000", "--dump-dom"])
-        .arg(format!("--window-size={window}"))
+        .args(["--timeout=120000", "--dump-dom", "--window-size=1600,900"])
         .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
-        .arg(format!("file://{}", folder.path().join(files[0].0).display()))
+        .arg(format!("file://{}", folder.path().join("frame.html").display()))
         .output()
         .unwrap();
     let dom = String::from_utf8_lossy(&run.stdout);

@@ -7,7 +7,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, RendererConstants, View, reference, sh};
 use glam::{DMat3, DVec3};
 
-use super::browser::{chromium, report_of};
+use super::browser::{chromium, report_in_frame};
 use super::*;
 
 /// 8-bit levels by which the worst pixel of the page may differ from the renderer, and the mean of all: Gaussians are stored in
@@ -124,7 +124,7 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
     };
     let page = page.write_with(Some(include_str!("live_selftest.js"))).unwrap();
     assert!(page.contains("&lt;i&gt;"));
-    let report = report_of(&chromium, &page, "1000,900");
+    let report = report_in_frame(&chromium, &page, 1000);
     assert!(report.get("error").is_none(), "{:?}", report["error"]);
     assert_eq!(report["segments"], true, "cameras are drawn");
     assert!(report["note"].as_str().unwrap().starts_with("before block 1: 2"), "{}", report["note"]);

@@ -6,7 +6,7 @@ use atsplat_eval::Results;
 use atsplat_eval::runner::picture_path;
 use atsplat_pixels::{ImageU8, encode_png};
 
-use super::browser::{chromium, report_in_frame, report_of};
+use super::browser::{chromium, report_in_frame};
 use super::*;
 use crate::definition::TableDefinition;
 use crate::figures::{of_store, of_table};
@@ -209,11 +209,11 @@ fn slots_are_filled_in_one_pass() {
 fn a_browser_clicks_through_the_page() {
     let Some(chromium) = chromium("a_browser_clicks_through_the_page") else { return };
     let page = Sample::new().write(usize::MAX, Some(include_str!("selftest.js")));
-    for size in ["1280,900", "500,900"] {
-        let checks = report_of(&chromium, &page, size);
+    for width in [1280, 500] {
+        let checks = report_in_frame(&chromium, &page, width);
         let failed: Vec<&String> =
             checks.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
-        assert!(failed.is_empty() && checks.len() >= 15, "{size}: failed {failed:?} of {checks:?}");
+        assert!(failed.is_empty() && checks.len() >= 15, "{width} px: failed {failed:?} of {checks:?}");
     }
 }
 
