@@ -1,12 +1,10 @@
-//! Real datasets as columns: inspected, exported, and their cameras read back bit for bit.
+//! Real datasets as columns: inspected and exported.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::path::Path;
 
-use atsplat_camera::Camera;
 use atsplat_numeric::Tolerance;
-use atsplat_scene::columns::{batches_from_scene, rows_from_batch};
 use atsplat_scene::export::{ExportFormat, export};
 use atsplat_scene::inspect::{InspectOptions, Inspection, SizeSampling, inspect};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, open};
@@ -47,25 +45,6 @@ fn one_re10k_scene_has_279_frames() {
         [b.step, b.rotation_degrees, b.extent, b.path_length].map(|s| s.median.unwrap())
     };
     Tolerance { absolute: 1e-5, relative: 1e-4 }.assert(numbers(&report), numbers(&text), "baselines");
-}
-
-#[test]
-fn real_cameras_come_back_from_columns_bit_for_bit() {
-    let Some(data) = shared_data("real_cameras_come_back_from_columns_bit_for_bit") else { return };
-    for path in ["fox", "dl3dv_like/desk", "trajectories/cameractrl_16f", "re10k/chunk"] {
-        let mut warnings = Warnings::new();
-        let dataset = open(data.join(path), &mut warnings).unwrap();
-        assert!(!dataset.keys().is_empty(), "{path}");
-        for key in dataset.keys() {
-            let scene = dataset.load(key, &mut warnings).unwrap();
-            let batches = batches_from_scene(&scene).unwrap();
-            let rows: Vec<_> = batches.iter().flat_map(|batch| rows_from_batch(batch).unwrap()).collect();
-            let read: Vec<Camera> = rows.iter().map(|row| row.camera).collect();
-            let written: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
-            assert_eq!(read, written, "{path}, {key}");
-            assert!(rows.iter().zip(&scene.frames).all(|(row, frame)| row.name == frame.name), "{path}, {key}");
-        }
-    }
 }
 
 #[test]

@@ -10,7 +10,6 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::overlap::EpipolarRays;
-use atsplat_protocol::samplers::video_index;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, SkipReason, TargetPictures, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{DropReason, EvaluationIndex, Filters, IndexBuilder, IndexEntry, IndexFile, NearFar, Preset};
 use atsplat_scene::nerfstudio::NerfstudioOptions;
@@ -78,14 +77,6 @@ fn the_ten_frame_split_of_the_six_view_index() {
     let whole_window = |key: &str| six_views.scenes[key][0].window() == Some((0, 49));
     assert!(report.too_short.iter().all(|key| whole_window(key)), "narrower windows fit");
     assert!(report.too_short.len() > 40, "{} dropped", report.too_short.len());
-}
-
-#[test]
-fn the_video_index_counts_as_published() {
-    let Some(data) = shared_data("the_video_index_counts_as_published") else { return };
-    let video = video_index(&index(&data, "pixelsplat/evaluation_index_re10k.json"));
-    let targets: usize = video.scenes.values().flatten().map(|entry| entry.target.len()).sum();
-    assert_eq!(targets, 434_102, "pixelSplat's evaluation_index_re10k_video.json");
 }
 
 /// pixelSplat's generator walked from one context frame to the other while the overlap stayed at 0.6 or

@@ -135,16 +135,6 @@ impl NormalizedIntrinsics {
         Ok(Self { fx: self.fx * (w_in / w_out), fy: self.fy * (h_in / h_out), cx, cy })
     }
 
-    /// Linear interpolation to `other` with `t` in [0, 1], as in pixelSplat's videos
-    /// (`camera_trajectory/interpolation.py interpolate_intrinsics`).
-    ///
-    /// # Errors
-    /// [`CameraError::NotPositive`] if `t` outside [0, 1] gives an invalid focal length.
-    pub fn interpolated(&self, other: &Self, t: f64) -> Result<Self, CameraError> {
-        let mix = |a: f64, b: f64| a + (b - a) * t;
-        Self::new(mix(self.fx, other.fx), mix(self.fy, other.fy), mix(self.cx, other.cx), mix(self.cy, other.cy))
-    }
-
     /// Field of view as defined by pixelSplat's `get_fov` (`src/geometry/projection.py`): the angles between the rays
     /// through the middles of opposite edges, which depend on the principal point.
     pub fn field_of_view(&self) -> FieldOfView {
@@ -161,23 +151,6 @@ impl NormalizedIntrinsics {
 }
 
 impl PixelIntrinsics {
-    /// The intrinsics after the picture is resized from `source` to `target`. In normalised units a resize changes nothing.
-    ///
-    /// # Errors
-    /// [`CameraError::NotPositive`] for an empty picture.
-    pub fn resized(&self, source: ImageSize, target: ImageSize) -> Result<Self, CameraError> {
-        let ratio = |field, from: u32, to: u32| Ok(positive(field, f64::from(to))? / positive(field, f64::from(from))?);
-        let (x, y) = (ratio("width", source.width, target.width)?, ratio("height", source.height, target.height)?);
-        Self::new(self.fx * x, self.fy * y, self.cx * x, self.cy * y)
-    }
-
-    /// The intrinsics after cropping to `crop`, with the corrected principal point. The frozen rule is defined only for
-    /// [`NormalizedIntrinsics::cropped`].
-    #[must_use]
-    pub fn cropped(&self, crop: CropRect) -> Self {
-        Self { cx: self.cx - f64::from(crop.column), cy: self.cy - f64::from(crop.row), ..*self }
-    }
-
     /// The intrinsics in units of the picture's `size`.
     ///
     /// # Errors

@@ -11,7 +11,6 @@ mod framing;
 mod image_size;
 mod intrinsics;
 mod normalise;
-mod paths;
 mod plucker;
 mod polynomial;
 mod pose;
@@ -29,14 +28,12 @@ pub use framing::Sphere;
 pub use image_size::ImageSize;
 pub use intrinsics::{CropRect, FieldOfView, NormalizedIntrinsics, PixelIntrinsics, PrincipalPointRule};
 pub use normalise::{Fallback, MeanCameraScale, Normalised, PoseNormalisation, normalise};
-pub use paths::{CameraPath, eased, pivot_interpolation, there_and_back};
-pub use plucker::PluckerLayout;
 pub use pose::{CameraFromWorld, WorldFromCamera};
 pub use projection::{Projected, Projector};
 pub use rays::{DirectionScale, PixelRays, Ray};
 pub use similarity::Similarity;
 pub use spline::CameraSpline;
-pub use trajectory::{Interpolation, Spacing, Trajectory};
+pub use trajectory::{Spacing, Trajectory};
 pub use turntable::Turntable;
 
 /// A posed camera: extrinsics, intrinsics and lens distortion.

@@ -1,8 +1,8 @@
 use atsplat_numeric::Extremes;
 
-use crate::{Camera, CameraError, CameraFromWorld, Interpolation, NormalizedIntrinsics, Spacing, Trajectory};
+use crate::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics, Spacing, Trajectory};
 
-/// A smooth motion through key cameras, at the times 0, 1, 2, …: [`Interpolation::Spline`] for the poses, a monotone
+/// A smooth motion through key cameras, at the times 0, 1, 2, …: a [`Trajectory`] for the poses, a monotone
 /// cubic (Fritsch and Carlson 1980) for each intrinsic, which is also C¹ and stays between the two adjacent keys. Key
 /// cameras are reproduced bit for bit.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,7 +52,7 @@ impl CameraSpline {
     /// # Errors
     /// [`CameraError::OutsideTrajectory`].
     pub fn at(&self, time: f64) -> Result<Camera, CameraError> {
-        let pose = self.trajectory.at(time, Interpolation::Spline)?;
+        let pose = self.trajectory.at(time)?;
         self.camera(time, pose.inverse())
     }
 
@@ -63,7 +63,7 @@ impl CameraSpline {
     /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single camera.
     pub fn resampled(&self, count: usize, spacing: Spacing) -> Result<Vec<Camera>, CameraError> {
         let steps = if self.closed && count > 0 { count + 1 } else { count };
-        let samples = self.trajectory.resampled(steps, spacing, Interpolation::Spline)?;
+        let samples = self.trajectory.resampled(steps, spacing)?;
         let cameras = samples.times().iter().zip(samples.poses()).take(count);
         cameras.map(|(time, pose)| self.camera(*time, pose.inverse())).collect()
     }

@@ -9,23 +9,6 @@ use crate::so3::quaternion_from_matrix;
 use crate::{CameraError, WorldFromCamera};
 use segment::Segment;
 
-/// Interpolation between camera poses. Both kinds pass through every pose exactly, rotate the shorter way, and are
-/// equivariant to rigid motions of the world. For a rotation by 180° one of the two directions is chosen by a fixed rule.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Interpolation {
-    /// The geodesic of SO(3) × ℝ³: linear interpolation of the centre, slerp of the rotation. Velocity is discontinuous
-    /// at the poses.
-    Geodesic,
-    /// Cubic splines through all poses, with continuous velocity and angular velocity (C¹). At an inner pose the velocity
-    /// is that of the parabola through it and its neighbours (Bessel tangents; Catmull–Rom for even times), limited to
-    /// three times that of the slower side, which avoids overshooting and preserves pauses; at the ends it is the
-    /// geodesic's. The centre follows the cubic, the rotation Shoemake's Bézier curve of quaternions (SIGGRAPH 1985), by
-    /// de Casteljau's construction with slerps, which is symmetric in time.
-    #[default]
-    Spline,
-}
-
 /// The spacing of samples of a resampled trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -37,7 +20,14 @@ pub enum Spacing {
     ArcLength,
 }
 
-/// Camera poses at strictly increasing times, with interpolation between them.
+/// A cubic spline through camera poses at strictly increasing times, with continuous velocity and angular velocity (C¹). It
+/// passes through every pose exactly, rotates the shorter way, and is equivariant to rigid motions of the world. For a
+/// rotation by 180° one of the two directions is chosen by a fixed rule.
+///
+/// At an inner pose the velocity is that of the parabola through it and its neighbours (Bessel tangents; Catmull–Rom for even
+/// times), limited to three times that of the slower side, which avoids overshooting and preserves pauses; at the ends it is
+/// the mean velocity to the adjacent pose. The centre follows the cubic, the rotation Shoemake's Bézier curve of quaternions
+/// (SIGGRAPH 1985), by de Casteljau's construction with slerps, which is symmetric in time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     times: Vec<f64>,
@@ -81,7 +71,7 @@ impl Trajectory {
     }
 
     /// A closed trajectory with poses at the times 0, 1, 2, … and the first pose again at the end, with continuous
-    /// velocity for [`Interpolation::Spline`] also there.
+    /// velocity also there.
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] for fewer than two poses.
@@ -112,24 +102,15 @@ impl Trajectory {
     ///
     /// # Errors
     /// [`CameraError::OutsideTrajectory`] for a time before the first or after the last pose, or NaN.
-    pub fn at(&self, time: f64, interpolation: Interpolation) -> Result<WorldFromCamera, CameraError> {
+    pub fn at(&self, time: f64) -> Result<WorldFromCamera, CameraError> {
         let found = match self.times.binary_search_by(|known| known.total_cmp(&(time + 0.0))) {
             Ok(index) => self.poses.get(index).copied(),
             Err(after) => {
                 let segment = after.checked_sub(1).and_then(|index| self.segments.get(index));
-                segment.map(|segment| segment.pose_at(time, interpolation))
+                segment.map(|segment| segment.pose_at(time))
             }
         };
         found.ok_or_else(|| self.outside(time))
-    }
-
-    /// The poses at the given times.
-    ///
-    /// # Errors
-    /// Those of [`Self::at`] and [`Self::new`].
-    pub fn resampled_at(&self, times: Vec<f64>, interpolation: Interpolation) -> Result<Self, CameraError> {
-        let poses = times.iter().map(|time| self.at(*time, interpolation)).collect::<Result<_, _>>()?;
-        Self::new(times, poses)
     }
 
     /// `count` poses from the first to the last, inclusive, evenly spaced in time or along the path. A single sample is
@@ -137,21 +118,22 @@ impl Trajectory {
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single pose.
-    pub fn resampled(&self, count: usize, spacing: Spacing, interpolation: Interpolation) -> Result<Self, CameraError> {
+    pub fn resampled(&self, count: usize, spacing: Spacing) -> Result<Self, CameraError> {
         at_least(1, count, "samples of a trajectory")?;
         at_least(count.clamp(1, 2), self.poses.len(), "trajectory to sample")?;
         let times = match spacing {
             Spacing::Time => self.even_times(count),
             Spacing::ArcLength => {
-                arc_length::even_times(&self.segments, count, interpolation).unwrap_or_else(|| self.even_times(count))
+                arc_length::even_times(&self.segments, count).unwrap_or_else(|| self.even_times(count))
             }
         };
-        self.resampled_at(times, interpolation)
+        let poses = times.iter().map(|time| self.at(*time)).collect::<Result<_, _>>()?;
+        Self::new(times, poses)
     }
 
     /// Length of the path of the camera centre, in scene units.
-    pub fn arc_length(&self, interpolation: Interpolation) -> f64 {
-        arc_length::total(&self.segments, interpolation)
+    pub fn arc_length(&self) -> f64 {
+        arc_length::total(&self.segments)
     }
 
     fn even_times(&self, count: usize) -> Vec<f64> {

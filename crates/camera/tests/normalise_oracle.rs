@@ -1,11 +1,10 @@
-//! Pose normalisations compared with the papers' formulas in extended precision, and camera paths with a published video
-//! interpolation (`fixtures/make_fixtures.py normalise` and `paths`).
+//! Pose normalisations compared with the papers' formulas in extended precision (`fixtures/make_fixtures.py normalise`).
 
 #![expect(clippy::expect_used, clippy::panic, reason = "a test fails by panicking")]
 
 use std::collections::BTreeMap;
 
-use atsplat_camera::{MeanCameraScale, PoseNormalisation, WorldFromCamera, normalise, pivot_interpolation};
+use atsplat_camera::{MeanCameraScale, PoseNormalisation, WorldFromCamera, normalise};
 use atsplat_numeric::{Extremes, Tolerance};
 use serde::Deserialize;
 
@@ -27,19 +26,6 @@ struct Expected {
     context: Vec<[f64; 12]>,
     targets: Vec<[f64; 12]>,
     factor: f64,
-}
-
-#[derive(Deserialize)]
-struct Paths {
-    cases: Vec<PathCase>,
-}
-
-#[derive(Deserialize)]
-struct PathCase {
-    from: [f64; 12],
-    to: [f64; 12],
-    times: Vec<f64>,
-    pivot: Vec<[f64; 12]>,
 }
 
 fn rule(name: &str) -> PoseNormalisation {
@@ -89,19 +75,4 @@ fn rules_match_the_published_formulas() {
         }
     }
     assert!(compared >= 6 * 8 * 2, "the fixture has fewer cases than the committed one: {compared}");
-}
-
-#[test]
-fn pivot_interpolation_matches_the_published_one() {
-    let fixture: Paths = serde_json::from_str(include_str!("fixtures/paths.json")).expect("JSON of this shape");
-    for case in fixture.cases {
-        let ends = poses(&[case.from, case.to]);
-        let found = pivot_interpolation(&ends[0], &ends[1], &case.times);
-        for (found, expected) in found.iter().zip(&case.pivot) {
-            // Nearly parallel views have a distant pivot, which amplifies rounding errors.
-            let far = expected.iter().fold(1.0f64, |far, entry| far.maximum_of(entry.abs()));
-            Tolerance::absolute(1e-8 * far).assert(found.to_rows(), *expected, "pivot interpolation");
-        }
-        assert_eq!(found.len(), case.pivot.len());
-    }
 }

@@ -1,6 +1,6 @@
 //! The `atsplat` command line: parses arguments and calls the library crates.
 //!
-//! Exit codes: 0 done, 1 failed, 2 usage error, 3 drift found, 4 done, but not complete: something was skipped, failed or faulty (`--strict` only).
+//! Exit codes: 0 done, 1 failed, 2 usage error, 3 drift found, 4 done, but not complete: something was skipped or failed (`--strict` only).
 
 mod adapter_tests;
 mod adapters;

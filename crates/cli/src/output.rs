@@ -64,15 +64,37 @@ impl PendingFile {
     }
 }
 
-/// Prints the warnings of a run, about its data and its trials, counted by protocol and kind, with the first of each.
-/// Kinds in `printed` were already printed when the data were opened and sampled.
-pub(crate) fn print_findings(results: &Results, printed: &Warnings) {
-    let printed: Vec<String> = printed.counts().map(|(kind, _)| kind.to_string()).collect();
-    let findings = results.provenance.warnings.iter().filter(|finding| !printed.contains(&finding.kind));
-    for WarningCount { preset, kind, count, example } in findings {
+/// Prints the warnings of runs, about their data and their trials, counted by protocol and kind, with the first of each.
+/// Warnings in `printed` were already printed when the data were opened and sampled.
+pub(crate) fn print_findings(stores: &[&Results], printed: &Warnings) {
+    for ((preset, kind), (count, example)) in findings(stores, printed) {
         warn(&format!("warning: {preset}: {count} × {kind}"));
         warn(&format!("    {example}"));
     }
+    for results in stores {
+        print_notes(results);
+    }
+}
+
+/// Warnings about data by protocol and kind, with the first of each. Stores of one protocol's data all have them: they count
+/// once. Those of which as many were printed are left out.
+fn findings<'a>(stores: &[&'a Results], printed: &Warnings) -> BTreeMap<(&'a str, &'a str), (u64, &'a str)> {
+    let printed: BTreeMap<String, u64> = printed.counts().map(|(kind, count)| (kind.to_string(), count)).collect();
+    let all = stores.iter().copied().flat_map(|own| &own.provenance.warnings);
+    let mut findings: BTreeMap<(&str, &str), (u64, &str)> = BTreeMap::new();
+    for WarningCount { preset, kind, count, example } in all {
+        if printed.get(kind).is_none_or(|printed| printed < count) {
+            let known = findings.entry((preset, kind)).or_insert((*count, example));
+            if known.0 < *count {
+                *known = (*count, example);
+            }
+        }
+    }
+    findings
+}
+
+/// Prints the notes of trials by protocol, method and kind.
+fn print_notes(results: &Results) {
     let mut notes: BTreeMap<(&str, &str, &str), (u64, String)> = BTreeMap::new();
     for trial in &results.trials {
         for note in &trial.notes {
@@ -98,5 +120,44 @@ pub(crate) fn print_warnings(warnings: &Warnings) {
         if count > SHOWN as u64 {
             warn(&format!("    and {} more", count - SHOWN as u64));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::Provenance;
+    use atsplat_scene::WarningKind;
+
+    use super::*;
+
+    fn store(warnings: &[(&str, &str, u64)]) -> Results {
+        let warning = |(preset, kind, count): &(&str, &str, u64)| WarningCount {
+            preset: (*preset).to_owned(),
+            kind: (*kind).to_owned(),
+            count: *count,
+            example: format!("one of {count}"),
+        };
+        let warnings = warnings.iter().map(warning).collect();
+        Results { provenance: Provenance { warnings, ..Provenance::default() }, ..Results::default() }
+    }
+
+    /// Networks and their ablations are in two stores, on the same data; a few unreadable scenes were known when it was opened.
+    #[test]
+    fn findings_of_stores_with_the_same_data_count_once() {
+        let networks = store(&[("rooms", "missing-picture", 5), ("yards", "missing-picture", 2)]);
+        let ablations = store(&[("rooms", "missing-picture", 5), ("rooms", "unreadable-scene", 3)]);
+        let mut printed = Warnings::new();
+        for scene in ["a", "b", "c"] {
+            let found: Vec<_> = findings(&[&networks, &ablations], &printed).into_iter().collect();
+            let expected = [
+                (("rooms", "missing-picture"), (5, "one of 5")),
+                (("rooms", "unreadable-scene"), (3, "one of 3")),
+                (("yards", "missing-picture"), (2, "one of 2")),
+            ];
+            assert_eq!(found, expected, "fewer were printed than there are");
+            printed.push(WarningKind::UnreadableScene, scene, "cut off");
+        }
+        let kinds: Vec<&str> = findings(&[&ablations], &printed).into_keys().map(|(_, kind)| kind).collect();
+        assert_eq!(kinds, ["missing-picture"], "all three were printed");
     }
 }

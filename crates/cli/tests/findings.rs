@@ -130,10 +130,39 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
         message.split_whitespace().collect::<Vec<_>>().join(" ")
     };
     assert!(!report("shipped", &[]).contains("published for roma"));
+    let plot = here.join("reports/latest/plots/re10k_overlap.svg");
+    assert!(plot.exists());
+    std::fs::remove_file(&plot).unwrap();
     let estimated = report("estimated", &[]);
+    assert!(!plot.exists(), "a plot of published numbers alone");
     assert!(estimated.contains("measured by epipolar-ray") && estimated.contains("n/c"), "{estimated}");
     let forced = report("estimated", &["--force"]);
     assert!(forced.contains("because of --force") && !forced.contains("n/c PSNR"), "{forced}");
+}
+
+/// An ellipsis in the protocol's title looks like a text that is cut off.
+#[test]
+fn a_fault_of_a_checked_plot_fails_the_command_when_everything_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a"], 9);
+    // Targets outside the window give a plot over their distance from it.
+    write_index(&here.join("data"), &["a"], "[2, 6]", "[0, 4, 8]");
+    let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
+    let title = preset.lines().find(|line| line.starts_with("title = ")).unwrap();
+    std::fs::write(here.join("tiny.toml"), preset.replacen(title, "title = \"two views…\"", 1)).unwrap();
+    assert_eq!(run(here, &["--out", "store"]).code, 0);
+    let report = |out: &str, more: &[&str]| atsplat(here, &[&["report", "store", "--out", out], more].concat());
+    let unchecked = report("unchecked", &[]);
+    assert!(unchecked.code == 0 && !unchecked.stderr.contains("plots checked"), "{}", unchecked.stderr);
+    for (out, more) in [("checked", &["--check-plots"][..]), ("strict", &["--check-plots", "--strict"])] {
+        let checked = report(out, more);
+        assert_eq!(checked.code, 1, "{}", checked.stderr);
+        for text in ["warning: plot store-tiny-extrapolation: truncated: “two views…", "error: --check-plots: "] {
+            assert!(checked.stderr.contains(text), "{text}: {}", checked.stderr);
+        }
+        assert!(here.join(out).join("index.html").exists());
+    }
 }
 
 #[test]

@@ -5,6 +5,7 @@
 mod common;
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_tests::shared_data;
@@ -43,20 +44,8 @@ fn every_command_uses_the_requested_images() {
 fn measures_depth_covisibility_from_files() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    std::fs::create_dir_all(here.join("data")).unwrap();
-    for scene in ["wall", "bare"] {
-        let mut text = "https://example.org/video\n".to_owned();
-        for (time, x) in [(0, 0.0), (40_000, -1.6)] {
-            writeln!(text, "{time} 0.5 0.7 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0").unwrap();
-        }
-        std::fs::write(here.join("data").join(format!("{scene}.txt")), text).unwrap();
-    }
-    std::fs::create_dir_all(here.join("depth/wall")).unwrap();
-    for time in ["0", "40000"] {
-        let channel = Channel { name: "Z".to_owned(), values: Values::Depth, samples: vec![4.0; 80 * 60] };
-        let bytes = exr::write(&Channels::new(80, 60, vec![channel]).unwrap()).unwrap();
-        std::fs::write(here.join("depth/wall").join(format!("{time}.exr")), bytes).unwrap();
-    }
+    write_scenes(here, &["wall", "bare"]);
+    write_depths(here, "wall", 4.0);
     let entry = r#"{"context": [0, 1], "target": [0]}"#;
     let index = format!(r#"{{"wall": {entry}, "bare": {entry}, "gone": {entry}}}"#);
     std::fs::write(here.join("index.json"), index).unwrap();
@@ -81,9 +70,72 @@ fn measures_depth_covisibility_from_files() {
     let measured = std::fs::read_to_string(here.join("overlap.json")).unwrap();
     assert_eq!(json(&measured)["wall"]["overlap"].to_string(), "0.8", "{measured}");
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
+}
 
-    let other = ["protocol", "overlap", "index.json", "--data", "data", "--depth", "depth"];
-    assert!(atsplat(here, &other).stderr.contains("does not use depth"));
+#[test]
+fn overlaps_that_cannot_be_measured_are_counted_by_entry_and_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_scenes(here, &["wall", "bare", "void"]);
+    std::fs::write(here.join("data/torn.txt"), "https://example.org/video\n0 0.5\n").unwrap();
+    write_depths(here, "wall", 4.0);
+    write_depths(here, "void", 0.0);
+    let entry = r#"{"context": [0, 1], "target": [0], "overlap": 0.3}"#;
+    let two = format!("[{entry}, {entry}]");
+    let index = format!(r#"{{"wall": {entry}, "void": {entry}, "bare": {entry}, "torn": {two}, "gone": {two}}}"#);
+    std::fs::write(here.join("index.json"), index).unwrap();
+    std::fs::write(here.join("gone.json"), format!(r#"{{"gone": {entry}}}"#)).unwrap();
+
+    let measure = |index: &str, data: &str, more: &[&str]| {
+        let estimator = ["--estimator", "depth-covisibility", "--depth", "depth"];
+        atsplat(here, &[&["protocol", "overlap", index, "--data", data], &estimator[..], more].concat())
+    };
+    let measured = measure("index.json", "data", &[]);
+    assert_eq!(measured.code, 0, "{}", measured.stderr);
+    for line in [
+        "      1  measured",
+        "      1  of the index replaced",
+        "      6  of the index removed",
+        "      2  not measured: scene-missing, in 1 scenes",
+        "      3  not measured: unreadable, in 2 scenes",
+        "      1  not measured: overlap-undefined, in 1 scenes",
+        "\"bare\" entry 0: reading a depth map",
+        "\"torn\" entry 0: ",
+        "\"void\" entry 0: overlap (depth-covisibility): a depth map has no pixel of known depth",
+    ] {
+        assert!(measured.stdout.contains(line), "{line}: {}", measured.stdout);
+    }
+    assert!(!measured.stdout.contains("\"torn\" entry 1"), "one of each scene: {}", measured.stdout);
+    assert!(measured.stderr.contains("torn.txt"), "the scene's file is named: {}", measured.stderr);
+    assert_eq!(measure("index.json", "data", &["--strict"]).code, 4);
+    let no_data = measure("index.json", "nowhere", &[]);
+    assert!(no_data.code == 1 && no_data.stderr.contains("(nowhere)"), "{}", no_data.stderr);
+
+    let nothing = measure("gone.json", "data", &["-o", "out.json", "--plot", "out.svg", "--strict"]);
+    assert!(nothing.code == 1 && nothing.stderr.contains("no overlap of gone.json"), "{}", nothing.stderr);
+    assert!(!here.join("out.json").exists() && !here.join("out.svg").exists(), "nothing is written");
+}
+
+/// Two views of each scene: cameras 1.6 apart that look along z.
+fn write_scenes(here: &Path, scenes: &[&str]) {
+    std::fs::create_dir_all(here.join("data")).unwrap();
+    for scene in scenes {
+        let mut text = "https://example.org/video\n".to_owned();
+        for (time, x) in [(0, 0.0), (40_000, -1.6)] {
+            writeln!(text, "{time} 0.5 0.7 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0").unwrap();
+        }
+        std::fs::write(here.join("data").join(format!("{scene}.txt")), text).unwrap();
+    }
+}
+
+/// Depth maps of both views of a scene, with one depth everywhere.
+fn write_depths(here: &Path, scene: &str, depth: f32) {
+    std::fs::create_dir_all(here.join("depth").join(scene)).unwrap();
+    for time in ["0", "40000"] {
+        let channel = Channel { name: "Z".to_owned(), values: Values::Depth, samples: vec![depth; 80 * 60] };
+        let bytes = exr::write(&Channels::new(80, 60, vec![channel]).unwrap()).unwrap();
+        std::fs::write(here.join("depth").join(scene).join(format!("{time}.exr")), bytes).unwrap();
+    }
 }
 
 /// Reported before the index is read.

@@ -84,6 +84,42 @@ fn resuming_counts_results_and_warnings_once() {
     assert_eq!((summary.evaluated, summary.resumed), (2, 10));
 }
 
+/// A method with the poses and planes of a paper's method.
+#[derive(Debug)]
+struct WithPosesOf(&'static str);
+
+impl Method for WithPosesOf {
+    fn record(&self) -> MethodRecord {
+        record(self.0)
+    }
+
+    fn setting(&self) -> &str {
+        self.0
+    }
+
+    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(FixedCount(2)))
+    }
+}
+
+/// Methods with poses of their own read every scene again.
+#[test]
+fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
+    let store = tempfile::tempdir().unwrap();
+    let entries = [entry(&[0, 4], &[1, 6]), entry(&[0, 40], &[2, 3])];
+    let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(NearestView)];
+    for (poses, evaluated) in [("MVSplat", 6), ("pixelSplat", 3)] {
+        methods.push(Arc::new(WithPosesOf(poses)));
+        let walls = Walls { warns: true, ..Walls::new(3, 8) };
+        let run = Run::new(vec![dataset(walls, &entries)], methods.clone());
+        let (results, summary) = run.run(store.path()).unwrap();
+        assert_eq!((summary.evaluated, summary.skipped), (evaluated, 3), "{poses}");
+        let warnings = &results.provenance.warnings;
+        let found = warnings.iter().find(|warning| warning.kind == "off-centre-principal-point").unwrap();
+        assert_eq!((found.count, found.example.as_str()), (3, "wall-0: for the test"), "{poses}");
+    }
+}
+
 #[test]
 fn results_whose_data_are_missing_are_named() {
     let store = tempfile::tempdir().unwrap();

@@ -96,6 +96,14 @@ pub fn shortened(text: &str, characters: usize) -> String {
     }
 }
 
+/// At most 40 bytes of an untrusted file, escaped and in quotation marks, with an ellipsis if some are missing.
+pub fn quoted(bytes: &[u8]) -> String {
+    match bytes.get(..40) {
+        Some(start) if bytes.len() > 40 => format!("\"{}…\"", start.escape_ascii()),
+        _ => format!("\"{}\"", bytes.escape_ascii()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

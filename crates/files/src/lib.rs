@@ -12,7 +12,7 @@ mod error;
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
 pub use cache::cache_folder;
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
-pub use error::{FileError, InvalidText, Malformed, shortened};
+pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {

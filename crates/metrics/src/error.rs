@@ -6,10 +6,10 @@ use crate::NonFinite;
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum MetricError {
-    /// Pictures, masks or maps have different sizes.
+    /// Pictures have different sizes.
     #[error("{what}: expected {}×{} pixels as the render has, found {}×{}", expected[0], expected[1], found[0], found[1])]
     SizeMismatch {
-        /// What has the wrong size: the truth or the mask.
+        /// What has the wrong size.
         what: &'static str,
         /// Width and height of the render.
         expected: [u32; 2],
@@ -34,21 +34,5 @@ pub enum MetricError {
         smallest: u32,
         /// Width and height of the picture.
         size: [u32; 2],
-    },
-    /// The mask excludes everything.
-    #[error("mask: expected {expected}, found none")]
-    EmptyMask {
-        /// What the mask must contain.
-        expected: &'static str,
-    },
-    /// A mask or depth map has the wrong number of values.
-    #[error("{what}: expected {expected} values for its width and height, found {found}")]
-    ValueCount {
-        /// The mask or the depth map.
-        what: &'static str,
-        /// Width times height.
-        expected: u64,
-        /// Number of values.
-        found: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! Image metrics under named conventions: PSNR, SSIM, LPIPS, L1 and depth errors.
+//! Image metrics under named conventions: PSNR, SSIM, LPIPS and L1.
 //!
 //! A [`Pair`] is validated first: equal sizes and finite samples, or a typed error with what is wrong and how often. Metrics are
 //! computed in f64 with a fixed order of summation, so results do not depend on the number of threads. What papers call "SSIM"
@@ -7,13 +7,11 @@
 //! Learned metrics need weights that may not be redistributed. If they are missing, the score is
 //! [`NotComputed::WeightsAbsent`] with instructions to get them; there is no substitute value.
 
+mod colour_map;
 mod d_ssim;
 mod definition;
-mod depth;
 mod error;
 pub mod learned;
-mod map;
-mod mask;
 mod non_finite;
 mod pair;
 mod pixelwise;
@@ -23,12 +21,10 @@ mod suite;
 mod sums;
 mod values;
 
+pub use colour_map::ColourMap;
 pub use d_ssim::DSsim;
 pub use definition::{Definition, Direction, Measure, definition, definitions};
-pub use depth::{DepthError, DepthMap, DepthRange, DepthScale, depth_error};
 pub use error::MetricError;
-pub use map::{ColourMap, Map, absolute_error_map};
-pub use mask::Mask;
 pub use non_finite::NonFinite;
 pub use pair::Pair;
 pub use pixelwise::{l1, mean_squared_error, psnr, psnr_of_mean_squared_error};

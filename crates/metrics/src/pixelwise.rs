@@ -1,12 +1,12 @@
 use crate::sums::{Difference, sum_of_differences};
 use crate::{Pair, Score, Values};
 
-/// Mean of squared differences over the compared pixels and their channels, in f64.
+/// Mean of squared differences over pixels and channels, in f64.
 pub fn mean_squared_error(pair: &Pair<'_>, values: Values) -> f64 {
     mean(pair, values, Difference::Squared)
 }
 
-/// Mean of absolute differences over the compared pixels and their channels: MAE, L1.
+/// Mean of absolute differences over pixels and channels: MAE, L1.
 pub fn l1(pair: &Pair<'_>, values: Values) -> f64 {
     mean(pair, values, Difference::Absolute)
 }
@@ -25,6 +25,6 @@ pub fn psnr_of_mean_squared_error(error: f64) -> Score {
 }
 
 fn mean(pair: &Pair<'_>, values: Values, difference: Difference) -> f64 {
-    let [render, truth] = pair.compared(values);
+    let [render, truth] = pair.rows(values);
     sum_of_differences(&render, &truth, difference) / render.len() as f64
 }

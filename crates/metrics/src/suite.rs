@@ -4,7 +4,7 @@ use atsplat_pixels::Image;
 use serde::Serialize;
 
 use crate::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
-use crate::{Definition, Mask, Measure, MetricError, NonFinite, NotComputed, Pair, Score, Values, l1, psnr, ssim};
+use crate::{Definition, Measure, MetricError, NonFinite, NotComputed, Pair, Score, Values, l1, psnr, ssim};
 
 /// Loaded learned metrics, and why others could not be loaded.
 #[derive(Clone, Debug, Default)]
@@ -43,11 +43,6 @@ impl Networks {
         let absent = || self.absent.iter().find(|absent| absent.network == network).cloned();
         let loaded = self.loaded.iter().find(|loaded| loaded.network() == network);
         loaded.ok_or_else(|| absent().unwrap_or_else(|| WeightsAbsent::new(network, Vec::new())))
-    }
-
-    /// The networks whose weights were not found.
-    pub fn absent(&self) -> &[WeightsAbsent] {
-        &self.absent
     }
 
     fn load(&mut self, network: Network, folders: &WeightsFolders) -> Result<(), LoadError> {
@@ -101,11 +96,8 @@ impl Suite {
     }
 
     /// All metrics of a pair; a metric that cannot be computed is a [`Score::NotComputed`] with the reason.
-    pub fn score(&self, render: &Image, truth: &Image, mask: Option<&Mask>) -> Scored {
-        let pair = match mask {
-            Some(mask) => Pair::masked(render, truth, mask),
-            None => Pair::new(render, truth),
-        };
+    pub fn score(&self, render: &Image, truth: &Image) -> Scored {
+        let pair = Pair::new(render, truth);
         let non_finite = match &pair {
             Err(MetricError::NonFinite(counted)) => *counted,
             _ => NonFinite::default(),
@@ -136,6 +128,6 @@ impl Suite {
             || perceptual.features(&values.picture(pair.render())),
             || self.cache.features(perceptual, &values.picture(pair.truth())),
         );
-        perceptual.compare_features(&render?, &*truth?, pair.mask())
+        perceptual.distance(&render?, &*truth?)
     }
 }

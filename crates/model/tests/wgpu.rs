@@ -9,7 +9,8 @@ use std::path::Path;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize as CameraSize, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::network::{
-    BlockOutcome, Device, GaussianTensors, Network, Processor, Reconstruction, RenderedTensors, Views, f32_values,
+    BlockOutcome, Device, GaussianTensors, MatmulPrecision, Network, Processor, Reconstruction, RenderedTensors, Views,
+    f32_values,
 };
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, TensorFile, generated};
@@ -20,7 +21,7 @@ use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer, adapters};
 use atsplat_splat::{
     Channels, GaussianParts, GradientReach, RenderOptions, Renderer, RendererConstants, SMALLEST_MIN_ALPHA, View,
 };
-use atsplat_tests::skip_without_graphics;
+use atsplat_tests::{skip, skip_without_graphics};
 use burn::Tensor;
 use burn::module::Module as _;
 use burn::tensor::TensorData;
@@ -382,6 +383,26 @@ impl Trial {
         let squares: f64 = errors.map(|(ours, truth)| f64::from(ours.clamp(0.0, 1.0) - truth).powi(2)).sum();
         (made, rendering.census.drawn, -10.0 * (squares / self.truth.len() as f64).log10())
     }
+}
+
+/// Products in float16 change the embedded network's picture of a trial, but hardly its PSNR.
+#[test]
+fn products_in_float16_move_the_psnr_by_little() {
+    let Some(device) = wgpu() else { return };
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/checkpoints/micro-rooms.safetensors");
+    let trained = ModelWeights::of_file(&TensorFile::open(&file).unwrap()).unwrap();
+    let network = Network::new(&trained.config, &device).unwrap().with_weights(&trained.tensors).unwrap();
+    assert!(!network.multiplies_in(MatmulPrecision::Bf16) && network.multiplies_in(MatmulPrecision::F32));
+    if !network.multiplies_in(MatmulPrecision::F16) {
+        skip("products_in_float16_move_the_psnr_by_little", "the adapter's shaders have no 16-bit floats");
+        return;
+    }
+    let trial = Trial::open("rooms-2v-128");
+    let [exact, half] = [MatmulPrecision::F32, MatmulPrecision::F16]
+        .map(|products| products.scope(|| trial.evaluated(&network, &mut CpuRenderer::default())));
+    println!("{} dB in f32, {} dB in float16", exact.2, half.2);
+    assert!(exact.0.gaussians.parts().means != half.0.gaussians.parts().means);
+    Tolerance::absolute(0.05).assert([half.2], [exact.2], "PSNR");
 }
 
 /// The embedded network on a trial of rooms, and an untrained one on six views of a yard.

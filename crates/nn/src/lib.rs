@@ -1,7 +1,7 @@
 //! Fused transformer operations and layers for burn, faster than burn's composed operations.
 //!
 //! [`ops`] holds the operations: linear with bias, erf-GELU, layer norm and RMS norm (of rows, or of heads inside packed
-//! tensors), tiled attention on packed queries, keys and values, gathering of rows, maxima over neighbours, top-k and nearest
+//! tensors), tiled attention on packed queries, keys and values, gathering of rows, maxima over neighbours and nearest
 //! neighbours. [`layers`] holds modules built from them.
 //!
 //! On burn's CPU backend, f32 uses kernels with a hand-written backward pass: matrix products by the `gemm` crate, everything

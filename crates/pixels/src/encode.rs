@@ -1,8 +1,7 @@
 use std::io::Cursor;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::codecs::webp::WebPEncoder;
-use image::{ExtendedColorType, ImageEncoder, ImageError};
+use image::{ExtendedColorType, ImageEncoder as _};
 use libjpeg_turbo_rs::{PixelFormat, Subsampling, compress};
 
 use crate::{ImageU8, PictureFormat, PixelError};
@@ -12,20 +11,14 @@ use crate::{ImageU8, PictureFormat, PixelError};
 /// # Errors
 /// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`].
 pub fn encode_png(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
+    let (width, height) = (image.width(), image.height());
+    if width == 0 || height == 0 {
+        return Err(PixelError::Empty { what: "encoded picture", width, height });
+    }
     let mut file = Cursor::new(Vec::new());
-    let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive);
-    encode(PictureFormat::Png, image, encoder)?;
-    Ok(file.into_inner())
-}
-
-/// Encodes as lossless WebP.
-///
-/// # Errors
-/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`], also for a side of more than 16384
-/// pixels.
-pub fn encode_webp(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
-    let mut file = Cursor::new(Vec::new());
-    encode(PictureFormat::WebP, image, WebPEncoder::new_lossless(&mut file))?;
+    PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
+        .write_image(image.samples(), width, height, ExtendedColorType::Rgb8)
+        .map_err(|source| PixelError::Encode { format: PictureFormat::Png, source: source.into() })?;
     Ok(file.into_inner())
 }
 
@@ -46,14 +39,4 @@ pub fn encode_jpeg(image: &ImageU8, quality: u8) -> Result<Vec<u8>, PixelError> 
     let (width, height) = (width as usize, height as usize);
     compress(image.samples(), width, height, PixelFormat::Rgb, quality, Subsampling::S420)
         .map_err(|source| PixelError::Encode { format: PictureFormat::Jpeg, source: source.into() })
-}
-
-fn encode(format: PictureFormat, image: &ImageU8, encoder: impl ImageEncoder) -> Result<(), PixelError> {
-    let (width, height) = (image.width(), image.height());
-    if width == 0 || height == 0 {
-        return Err(PixelError::Empty { what: "encoded picture", width, height });
-    }
-    encoder
-        .write_image(image.samples(), width, height, ExtendedColorType::Rgb8)
-        .map_err(|source: ImageError| PixelError::Encode { format, source: source.into() })
 }

@@ -1,5 +1,5 @@
-//! Pictures: decoding within limits and encoding of PNG, JPEG, WebP and EXR, Pillow-exact resampling, crops, 8-bit
-//! rounding rules, animated PNG. Independent of cameras and datasets.
+//! Pictures: decoding within limits of PNG, JPEG, WebP and EXR, encoding of all but WebP, Pillow-exact resampling, crops,
+//! 8-bit rounding rules, animated PNG. Independent of cameras and datasets.
 
 mod animation;
 mod crop;
@@ -20,7 +20,7 @@ mod size;
 pub use animation::AnimatedPng;
 pub use crop::crop;
 pub use decode::{decode, decode_opaque};
-pub use encode::{encode_jpeg, encode_png, encode_webp};
+pub use encode::{encode_jpeg, encode_png};
 pub use error::PixelError;
 pub use format::PictureFormat;
 pub use limits::DecodeLimits;

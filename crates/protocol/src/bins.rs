@@ -68,19 +68,6 @@ pub struct BinCount {
     pub count: u64,
 }
 
-/// The mean of a score in each bin, and over all scenes that fall in a bin.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct BinnedMean {
-    /// Number of values and their mean for each bin, in the bins' order; no mean without values.
-    pub bins: Vec<(u64, Option<f64>)>,
-    /// The "Average" column: the mean over *scenes*, so that bins are weighted by their number of scenes; not the mean
-    /// of the bins' means (NoPoSplat `src/evaluation/metric_computer.py:116-158`). `None` without values.
-    pub average: Option<f64>,
-    /// Values in no bin, which are ignored.
-    pub ignored: u64,
-}
-
 impl OverlapBins {
     /// Named bins between strictly increasing edges.
     ///
@@ -243,25 +230,6 @@ impl OverlapBins {
         }
         counts
     }
-
-    /// Means of per-scene scores, given as `(overlap, score)` in a fixed order. NaN scores are not skipped: they make
-    /// their bin's mean and the average NaN.
-    pub fn mean(&self, scores: impl IntoIterator<Item = (f64, f64)>) -> BinnedMean {
-        let mut sums = vec![(0u64, 0.0f64); self.names.len()];
-        let (mut all, mut ignored) = ((0u64, 0.0f64), 0);
-        for (overlap, score) in scores {
-            let BinPlace::Bin(at) = self.place(overlap) else {
-                ignored += 1;
-                continue;
-            };
-            for (count, sum) in [&mut sums[at], &mut all] {
-                *count += 1;
-                *sum += score;
-            }
-        }
-        let mean = |(count, sum): (u64, f64)| (count > 0).then(|| sum / count as f64);
-        BinnedMean { bins: sums.into_iter().map(|total| (total.0, mean(total))).collect(), average: mean(all), ignored }
-    }
 }
 
 /// [`OverlapBins`] before validation.
@@ -298,7 +266,6 @@ impl fmt::Display for BinCounts {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_numeric::Tolerance;
     use proptest::prelude::*;
 
     use super::*;
@@ -372,35 +339,6 @@ mod tests {
     fn a_single_published_bin_ignores_values_below_it() {
         let bins = OverlapBins::new(BinRule::Published, vec!["only".to_owned()], vec![0.2, 0.4]).unwrap();
         assert_eq!([0.1, 0.3, 0.5].map(|o| bins.place(o)), [BinPlace::Below, BinPlace::Bin(0), BinPlace::Above]);
-    }
-
-    /// The ATSplat paper's overlap table: bin means and the printed average of four methods. Weighted by the
-    /// scenes of the published bins they agree to the printed digits; the plain mean of three bins does not.
-    #[test]
-    fn the_average_of_the_published_table_is_scene_weighted() {
-        let bins = OverlapBins::noposplat(BinRule::Published);
-        let hundredth = Tolerance::absolute(0.005);
-        for (small, medium, large, average) in [
-            (20.28, 23.73, 27.15, 23.86),
-            (20.37, 23.81, 27.47, 24.01),
-            (22.82, 25.38, 28.32, 25.59),
-            (23.82, 26.54, 29.43, 26.70),
-        ] {
-            let scene = |overlap, score, count| std::iter::repeat_n((overlap, score), count);
-            let scores = scene(0.1, small, 1403).chain(scene(0.4, medium, 2568)).chain(scene(0.7, large, 1630));
-            let mean = bins.mean(scores);
-            assert!(hundredth.accepts(mean.average.unwrap(), average), "{mean:?} against {average}");
-            assert!(!hundredth.accepts((small + medium + large) / 3.0, average), "the plain mean of the bins differs");
-        }
-    }
-
-    #[test]
-    fn means_count_ignored_scenes_and_keep_nan() {
-        let bins = OverlapBins::noposplat(BinRule::Strict);
-        let mean = bins.mean([(0.1, 20.0), (0.9, 99.0), (0.4, f64::NAN)]);
-        assert_eq!((mean.ignored, mean.bins[0], mean.bins[2]), (1, (1, Some(20.0)), (0, None)));
-        assert!(mean.bins[1].1.is_some_and(f64::is_nan) && mean.average.is_some_and(f64::is_nan), "{mean:?}");
-        assert_eq!(bins.mean([]).average, None);
     }
 
     #[test]

@@ -18,7 +18,7 @@ mod preset;
 #[cfg(test)]
 mod test_source;
 
-pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
+pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{

@@ -48,13 +48,12 @@ pub(crate) fn accept_baseline(py: Python<'_>, store: PathBuf, baseline: PathBuf,
         let now = current_provenance(env!("CARGO_PKG_VERSION"), None, Vec::new()).started;
         let acceptance = Acceptance { date: date(now), reason: why, atsplat: version, commit };
         let before = if baseline.exists() { Some(Baseline::read(&baseline)?) } else { None };
-        let mut accepted = match &before {
+        let accepted = match &before {
             Some(before) => before.accept(&results, &[], acceptance),
             None => Baseline::new(&results, &[], acceptance),
         };
-        if let Some(probe) = before.and_then(|before| before.probe) {
-            accepted = accepted.probed(probe.recipe, &baseline)?;
-        }
-        Ok(accepted.write(&baseline)?)
+        let Some(probe) = before.and_then(|before| before.probe) else { return Ok(accepted.write(&baseline)?) };
+        let (probed, outputs) = accepted.probed(probe.recipe)?;
+        Ok(probed.write_with_probe(&baseline, &outputs)?)
     })
 }

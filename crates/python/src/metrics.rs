@@ -64,7 +64,7 @@ impl Suite {
     ) -> Result<Vec<Vec<f64>>, Failure> {
         let renders = Pictures::of(&shape, &renders.0, renders.1.as_bytes())?;
         let truths = Pictures::of(&shape, &truths.0, truths.1.as_bytes())?;
-        let score = |at| numbers(self.0.score(&renders.image(at)?, &truths.image(at)?, None).scores);
+        let score = |at| numbers(self.0.score(&renders.image(at)?, &truths.image(at)?).scores);
         work(py, || (0..renders.count).map(score).collect())
     }
 }

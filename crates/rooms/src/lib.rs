@@ -37,7 +37,7 @@ pub use dataset::{Layout, ManifestScene, PictureEncoding, WriteOptions, encoded_
 pub use effects::{ActiveEffect, EffectChoice, EffectKind, TOLERANCE};
 pub use error::RoomsError;
 pub use path::{ClipMotion, Motion, Shot};
-pub use render::{Geometry, View};
+pub use render::Geometry;
 pub use seed::{SceneKind, SceneSeed, Split};
 pub use simulation::{GENERATOR, Request, Route, Simulation};
 pub use source::SimulatedScenes;

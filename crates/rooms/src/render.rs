@@ -13,15 +13,6 @@ use crate::path::Shot;
 use crate::rng::mix;
 use crate::world::{Surface, World};
 
-/// Picture and geometry of one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct View {
-    /// sRGB-encoded, in [0, 1].
-    pub picture: Image,
-    /// Geometry behind each pixel.
-    pub geometry: Geometry,
-}
-
 /// Surfaces hit by the rays through the pixels' centres when the shutter opens; row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Geometry {

@@ -7,7 +7,7 @@ use atsplat_scene::Scene;
 
 use crate::effects::{ActiveEffect, Conditions, EffectChoice, Effects, SceneContext};
 use crate::path::Shot;
-use crate::render::{self, Frame, Geometry, LensTable, View};
+use crate::render::{self, Frame, Geometry, LensTable};
 use crate::rng::Rng;
 use crate::tiled_light::TiledLight;
 use crate::world::World;
@@ -167,7 +167,7 @@ impl Simulation {
         Ok(Camera { distortion: self.effects.lens, ..self.shot(frame)?.camera })
     }
 
-    /// Renders a frame's picture.
+    /// Renders a frame's picture, sRGB-encoded in [0, 1].
     ///
     /// # Errors
     /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
@@ -181,14 +181,6 @@ impl Simulation {
     /// As [`Self::picture`].
     pub fn geometry(&self, frame: usize) -> Result<Geometry, RoomsError> {
         render::geometry(&self.world, self.effects.lens, self.shot(frame)?, self.request.size)
-    }
-
-    /// A frame's picture and geometry.
-    ///
-    /// # Errors
-    /// As [`Self::picture`].
-    pub fn view(&self, frame: usize) -> Result<View, RoomsError> {
-        Ok(View { picture: self.picture(frame)?, geometry: self.geometry(frame)? })
     }
 
     /// Renders a frame with these effects.

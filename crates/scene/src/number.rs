@@ -86,14 +86,6 @@ const fn is_blank(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b'\r')
 }
 
-/// Bytes for an error message: escaped, quoted, truncated to 40.
-pub(crate) fn shown(bytes: &[u8]) -> String {
-    match bytes.get(..40) {
-        Some(start) if bytes.len() > 40 => format!("\"{}…\"", start.escape_ascii()),
-        _ => format!("\"{}\"", bytes.escape_ascii()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -117,6 +117,18 @@ impl Warnings {
         }
     }
 
+    /// Joins the warnings of another reading of the same data: of each kind, those of the reading with more of them. Each
+    /// counts once, although both readings found it.
+    pub fn join(&mut self, other: &Self) {
+        for (kind, count) in other.counts() {
+            if count > self.count(kind) {
+                self.counts.insert(kind, count);
+                self.kept.retain(|warning| warning.kind != kind);
+                self.kept.extend(other.kept.iter().filter(|warning| warning.kind == kind).cloned());
+            }
+        }
+    }
+
     /// The warnings without those about pictures.
     #[must_use]
     pub fn about_cameras(mut self) -> Self {
@@ -179,6 +191,27 @@ impl fmt::Display for WarningKind {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn joined_readings_count_each_warning_once() {
+        let reading = |frames: &[u32], cameras: &[&str]| {
+            let mut warnings = Warnings::new();
+            for frame in frames {
+                warnings.push(WarningKind::MissingPicture, "s", format!("frame {frame}"));
+            }
+            for detail in cameras {
+                warnings.push(WarningKind::BadCamera, "s", *detail);
+            }
+            warnings
+        };
+        let many: Vec<u32> = (0..30).collect();
+        let mut all = reading(&many, &["x"]);
+        all.join(&reading(&many, &["y", "z"]));
+        all.join(&reading(&[7], &[]));
+        assert_eq!(all.counts().collect::<Vec<_>>(), [(WarningKind::MissingPicture, 30), (WarningKind::BadCamera, 2)]);
+        let details: Vec<&str> = all.kept().iter().skip(20).map(|warning| warning.detail.as_str()).collect();
+        assert_eq!(details, ["y", "z"], "after the twenty pictures that are kept");
+    }
 
     #[test]
     fn about_cameras_omits_warnings_about_pictures() {

@@ -103,7 +103,7 @@ impl Trainer {
         processor.check_build()?;
         if config.products != MatmulPrecision::F32 && processor != Processor::Cpu {
             let expected = "f32 on a graphics adapter";
-            return Err(TrainError::malformed(WHAT, "products", expected, "bf16"));
+            return Err(TrainError::malformed(WHAT, "products", expected, config.products.name()));
         }
         require_run_to_resume(folder, start)?;
         let mut warnings = Warnings::new();

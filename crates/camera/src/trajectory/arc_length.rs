@@ -1,4 +1,4 @@
-use super::{Interpolation, Segment, shares};
+use super::{Segment, shares};
 
 /// Tolerance of a piece's length, relative to its segment's.
 const TOLERANCE: f64 = 1e-10;
@@ -24,13 +24,13 @@ struct Piece<'a> {
 }
 
 /// Length of the path of centres.
-pub(super) fn total(segments: &[Segment], interpolation: Interpolation) -> f64 {
-    pieces(segments, interpolation).last().map_or(0.0, |piece| piece.before + piece.length)
+pub(super) fn total(segments: &[Segment]) -> f64 {
+    pieces(segments).last().map_or(0.0, |piece| piece.before + piece.length)
 }
 
 /// `count` times from first to last at equal distances along the path; `None` if its length is 0 or not finite.
-pub(super) fn even_times(segments: &[Segment], count: usize, interpolation: Interpolation) -> Option<Vec<f64>> {
-    let pieces = pieces(segments, interpolation);
+pub(super) fn even_times(segments: &[Segment], count: usize) -> Option<Vec<f64>> {
+    let pieces = pieces(segments);
     let last = pieces.last()?;
     let total = last.before + last.length;
     let end = last.segment.start + last.segment.duration;
@@ -44,18 +44,18 @@ pub(super) fn even_times(segments: &[Segment], count: usize, interpolation: Inte
         let distance = share * total;
         let index = pieces.partition_point(|piece| piece.before + piece.length < distance);
         let piece = pieces.get(index).unwrap_or(last);
-        piece.segment.start + piece.segment.duration * piece.position(distance - piece.before, interpolation)
+        piece.segment.start + piece.segment.duration * piece.position(distance - piece.before)
     };
     Some(shares(count).map(time).collect())
 }
 
 impl Piece<'_> {
     /// The `u` at the distance `distance` from the start of the piece, by bisection.
-    fn position(&self, distance: f64, interpolation: Interpolation) -> f64 {
+    fn position(&self, distance: f64) -> f64 {
         let (mut low, mut high) = (self.start, self.end);
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (low + high);
-            if length(self.segment, self.start, middle, interpolation) < distance {
+            if length(self.segment, self.start, middle) < distance {
                 low = middle;
             } else {
                 high = middle;
@@ -65,11 +65,11 @@ impl Piece<'_> {
     }
 }
 
-fn pieces(segments: &[Segment], interpolation: Interpolation) -> Vec<Piece<'_>> {
+fn pieces(segments: &[Segment]) -> Vec<Piece<'_>> {
     let mut pieces = Vec::new();
     for segment in segments {
-        let slack = TOLERANCE * length(segment, 0.0, 1.0, interpolation);
-        split(segment, (0.0, 1.0), interpolation, slack, MAX_SPLITS, &mut pieces);
+        let slack = TOLERANCE * length(segment, 0.0, 1.0);
+        split(segment, (0.0, 1.0), slack, MAX_SPLITS, &mut pieces);
     }
     let mut distance = 0.0;
     for piece in &mut pieces {
@@ -84,23 +84,22 @@ fn pieces(segments: &[Segment], interpolation: Interpolation) -> Vec<Piece<'_>> 
 fn split<'a>(
     segment: &'a Segment,
     (start, end): (f64, f64),
-    interpolation: Interpolation,
     slack: f64,
     splits_left: u32,
     pieces: &mut Vec<Piece<'a>>,
 ) {
     let middle = 0.5 * (start + end);
-    let whole = length(segment, start, end, interpolation);
-    let halves = length(segment, start, middle, interpolation) + length(segment, middle, end, interpolation);
+    let whole = length(segment, start, end);
+    let halves = length(segment, start, middle) + length(segment, middle, end);
     if splits_left == 0 || (whole - halves).abs() <= slack {
         pieces.push(Piece { segment, start, end, before: 0.0, length: whole });
     } else {
-        split(segment, (start, middle), interpolation, slack, splits_left - 1, pieces);
-        split(segment, (middle, end), interpolation, slack, splits_left - 1, pieces);
+        split(segment, (start, middle), slack, splits_left - 1, pieces);
+        split(segment, (middle, end), slack, splits_left - 1, pieces);
     }
 }
 
-fn length(segment: &Segment, start: f64, end: f64, interpolation: Interpolation) -> f64 {
+fn length(segment: &Segment, start: f64, end: f64) -> f64 {
     let (middle, half) = (0.5 * (start + end), 0.5 * (end - start));
-    GAUSS.iter().map(|(x, weight)| weight * segment.speed(middle + half * x, interpolation)).sum::<f64>() * half
+    GAUSS.iter().map(|(x, weight)| weight * segment.speed(middle + half * x)).sum::<f64>() * half
 }

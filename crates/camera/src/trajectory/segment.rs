@@ -1,7 +1,7 @@
 use atsplat_numeric::Extremes;
 use glam::{DMat3, DQuat, DVec3};
 
-use super::{Interpolation, quaternion};
+use super::quaternion;
 use crate::WorldFromCamera;
 use crate::so3::{exp, log};
 
@@ -12,8 +12,6 @@ pub(super) struct Segment {
     pub(super) duration: f64,
     from: Knot,
     to: Knot,
-    /// Rotation vector from the first rotation to the second, in the first camera's axes.
-    rotation_vector: DVec3,
 }
 
 /// A pose and its velocity per unit of time.
@@ -26,7 +24,7 @@ struct Knot {
     spin: DVec3,
 }
 
-/// Velocity and angular velocity of the geodesic between two poses.
+/// Mean velocity and angular velocity from one pose to the next.
 #[derive(Clone, Copy)]
 struct Rate {
     duration: f64,
@@ -57,7 +55,6 @@ pub(super) fn through(times: &[f64], poses: &[WorldFromCamera]) -> Vec<Segment> 
             duration: rates[index].duration,
             from: knot(index),
             to: knot(index + 1),
-            rotation_vector: vectors[index],
         })
         .collect()
 }
@@ -84,27 +81,16 @@ fn tangent(before: Option<&Rate>, after: Option<&Rate>) -> (DVec3, DVec3) {
 
 impl Segment {
     /// The pose at a time inside the segment.
-    pub(super) fn pose_at(&self, time: f64, interpolation: Interpolation) -> WorldFromCamera {
+    pub(super) fn pose_at(&self, time: f64) -> WorldFromCamera {
         let u = (time - self.start) / self.duration;
-        let (rotation, centre) = match interpolation {
-            Interpolation::Geodesic => {
-                (self.from.rotation * exp(self.rotation_vector * u), self.from.centre.lerp(self.to.centre, u))
-            }
-            Interpolation::Spline => (self.bezier(u), self.hermite(u)),
-        };
-        WorldFromCamera::from_parts(DMat3::from_quat(rotation.normalize()), centre)
+        WorldFromCamera::from_parts(DMat3::from_quat(self.bezier(u).normalize()), self.hermite(u))
     }
 
     /// Speed of the centre at `u` in [0, 1], per unit of `u`.
-    pub(super) fn speed(&self, u: f64, interpolation: Interpolation) -> f64 {
+    pub(super) fn speed(&self, u: f64) -> f64 {
         let step = self.to.centre - self.from.centre;
-        match interpolation {
-            Interpolation::Geodesic => step.length(),
-            Interpolation::Spline => {
-                let (a, b) = (self.from.velocity * self.duration, self.to.velocity * self.duration);
-                (step * (6.0 * u * (1.0 - u)) + a * ((1.0 - u) * (1.0 - 3.0 * u)) + b * (u * (3.0 * u - 2.0))).length()
-            }
-        }
+        let (a, b) = (self.from.velocity * self.duration, self.to.velocity * self.duration);
+        (step * (6.0 * u * (1.0 - u)) + a * ((1.0 - u) * (1.0 - 3.0 * u)) + b * (u * (3.0 * u - 2.0))).length()
     }
 
     /// The cubic with the centres and velocities of both ends, written as an offset from the straight line, so that the

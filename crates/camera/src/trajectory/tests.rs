@@ -6,8 +6,6 @@ use proptest::prelude::*;
 
 use super::*;
 
-const BOTH: [Interpolation; 2] = [Interpolation::Geodesic, Interpolation::Spline];
-
 fn pose(turn: DMat3, centre: [f64; 3]) -> WorldFromCamera {
     WorldFromCamera::new(turn, DVec3::from_array(centre)).unwrap()
 }
@@ -39,13 +37,11 @@ fn assert_close(found: &WorldFromCamera, expected: &WorldFromCamera, slack: f64,
 proptest! {
     #[test]
     fn stored_poses_are_reproduced_bit_for_bit_and_continuous(trajectory in any_trajectory()) {
-        for interpolation in BOTH {
-            for (time, stored) in trajectory.times().iter().zip(trajectory.poses()) {
-                prop_assert_eq!(&trajectory.at(*time, interpolation).unwrap(), stored);
-                for adjacent in [time - 1e-9, time + 1e-9] {
-                    if let Ok(near) = trajectory.at(adjacent, interpolation) {
-                        assert_close(&near, stored, 1e-6, "continuous");
-                    }
+        for (time, stored) in trajectory.times().iter().zip(trajectory.poses()) {
+            prop_assert_eq!(&trajectory.at(*time).unwrap(), stored);
+            for adjacent in [time - 1e-9, time + 1e-9] {
+                if let Ok(near) = trajectory.at(adjacent) {
+                    assert_close(&near, stored, 1e-6, "continuous");
                 }
             }
         }
@@ -54,11 +50,9 @@ proptest! {
     #[test]
     fn interpolated_rotations_are_orthonormal(trajectory in any_trajectory(), share in 0.0..1.0f64) {
         let (start, end) = (trajectory.times()[0], trajectory.times()[trajectory.times().len() - 1]);
-        for interpolation in BOTH {
-            let between = trajectory.at(start + share * (end - start), interpolation).unwrap();
-            prop_assert!(between.orthonormality_residual() < 1e-14);
-            Tolerance::ORTHONORMAL.assert([between.determinant()], [1.0], "no reflection");
-        }
+        let between = trajectory.at(start + share * (end - start)).unwrap();
+        prop_assert!(between.orthonormality_residual() < 1e-14);
+        Tolerance::ORTHONORMAL.assert([between.determinant()], [1.0], "no reflection");
     }
 
     #[test]
@@ -67,10 +61,8 @@ proptest! {
         let moved = Trajectory::new(trajectory.times().to_vec(), moved_poses).unwrap();
         let (start, end) = (trajectory.times()[0], trajectory.times()[trajectory.times().len() - 1]);
         let time = start + share * (end - start);
-        for interpolation in BOTH {
-            let expected = trajectory.at(time, interpolation).unwrap().moved_by(&motion);
-            assert_close(&moved.at(time, interpolation).unwrap(), &expected, 1e-11, "equivariant");
-        }
+        let expected = trajectory.at(time).unwrap().moved_by(&motion);
+        assert_close(&moved.at(time).unwrap(), &expected, 1e-11, "equivariant");
     }
 
     #[test]
@@ -80,17 +72,15 @@ proptest! {
         let reversed = Trajectory::new(times, poses).unwrap();
         let (start, end) = (trajectory.times()[0], trajectory.times()[trajectory.times().len() - 1]);
         let time = start + share * (end - start);
-        for interpolation in BOTH {
-            let (there, back) = (trajectory.at(time, interpolation), reversed.at(-time, interpolation));
-            assert_close(&there.unwrap(), &back.unwrap(), 1e-10, "reversed");
-        }
+        let (there, back) = (trajectory.at(time), reversed.at(-time));
+        assert_close(&there.unwrap(), &back.unwrap(), 1e-10, "reversed");
     }
 
     #[test]
     fn splines_have_continuous_velocity_and_spin(trajectory in any_trajectory()) {
         let step = 1e-6;
         for time in trajectory.times().iter().skip(1).rev().skip(1) {
-            let at = |offset: f64| trajectory.at(time + offset, Interpolation::Spline).unwrap();
+            let at = |offset: f64| trajectory.at(time + offset).unwrap();
             let (before, here, after) = (at(-step), at(0.0), at(step));
             let slope = |a: &WorldFromCamera, b: &WorldFromCamera| {
                 let difference = |(from, to): (f64, f64)| (to - from) / step;
@@ -109,28 +99,26 @@ proptest! {
 
     #[test]
     fn samples_are_evenly_spaced_along_the_path(trajectory in any_trajectory(), count in 2usize..9) {
-        for interpolation in BOTH {
-            let samples = trajectory.resampled(count, Spacing::ArcLength, interpolation).unwrap();
-            prop_assert_eq!(samples.times().len(), count);
-            prop_assert_eq!(&samples.poses()[0], &trajectory.poses()[0]);
-            prop_assert_eq!(&samples.poses()[count - 1], &trajectory.poses()[trajectory.poses().len() - 1]);
-            let even = trajectory.arc_length(interpolation) / (count - 1) as f64;
-            for pair in samples.times().windows(2) {
-                let (length, longest_chord) = chord_length(&trajectory, pair[0], pair[1], interpolation);
-                // At a point where the path reverses, the error is at most one chord.
-                let slack = Tolerance { absolute: 2.0 * longest_chord, relative: 1e-4 };
-                prop_assert!(slack.accepts(length, even), "{length} {even}");
-            }
+        let samples = trajectory.resampled(count, Spacing::ArcLength).unwrap();
+        prop_assert_eq!(samples.times().len(), count);
+        prop_assert_eq!(&samples.poses()[0], &trajectory.poses()[0]);
+        prop_assert_eq!(&samples.poses()[count - 1], &trajectory.poses()[trajectory.poses().len() - 1]);
+        let even = trajectory.arc_length() / (count - 1) as f64;
+        for pair in samples.times().windows(2) {
+            let (length, longest_chord) = chord_length(&trajectory, pair[0], pair[1]);
+            // At a point where the path reverses, the error is at most one chord.
+            let slack = Tolerance { absolute: 2.0 * longest_chord, relative: 1e-4 };
+            prop_assert!(slack.accepts(length, even), "{length} {even}");
         }
     }
 }
 
 /// Length of the path by many short chords, and the longest of them.
-fn chord_length(trajectory: &Trajectory, start: f64, end: f64, interpolation: Interpolation) -> (f64, f64) {
+fn chord_length(trajectory: &Trajectory, start: f64, end: f64) -> (f64, f64) {
     let steps = 2000;
     let centre = |step: u32| {
         let time = start + (end - start) * f64::from(step) / f64::from(steps);
-        trajectory.at(if step == steps { end } else { time }, interpolation).unwrap().centre()
+        trajectory.at(if step == steps { end } else { time }).unwrap().centre()
     };
     let chords = (0..steps).map(|step| centre(step).distance(centre(step + 1)));
     chords.fold((0.0, 0.0f64), |(sum, longest), chord| (sum + chord, longest.maximum_of(chord)))
@@ -140,10 +128,8 @@ fn chord_length(trajectory: &Trajectory, start: f64, end: f64, interpolation: In
 fn two_poses_are_interpolated_at_constant_rate() {
     let poses = vec![pose(DMat3::IDENTITY, [0.0; 3]), pose(DMat3::from_rotation_y(1.2), [2.0, 0.0, 4.0])];
     let trajectory = Trajectory::evenly_timed(poses).unwrap();
-    for interpolation in BOTH {
-        let quarter = trajectory.at(0.25, interpolation).unwrap();
-        assert_close(&quarter, &pose(DMat3::from_rotation_y(0.3), [0.5, 0.0, 1.0]), 1e-12, "a quarter of the way");
-    }
+    let quarter = trajectory.at(0.25).unwrap();
+    assert_close(&quarter, &pose(DMat3::from_rotation_y(0.3), [0.5, 0.0, 1.0]), 1e-12, "a quarter of the way");
 }
 
 #[test]
@@ -151,10 +137,8 @@ fn constant_motion_is_reproduced_at_uneven_times() {
     let at = |t: f64| pose(DMat3::from_rotation_x(0.4 * t), [t, -2.0 * t, 0.5]);
     let times = vec![0.0, 0.1, 1.0, 1.5, 4.0];
     let trajectory = Trajectory::new(times.clone(), times.into_iter().map(at).collect()).unwrap();
-    for interpolation in BOTH {
-        for t in [0.05, 0.7, 1.2, 3.9] {
-            assert_close(&trajectory.at(t, interpolation).unwrap(), &at(t), 1e-12, "constant motion");
-        }
+    for t in [0.05, 0.7, 1.2, 3.9] {
+        assert_close(&trajectory.at(t).unwrap(), &at(t), 1e-12, "constant motion");
     }
 }
 
@@ -164,7 +148,7 @@ fn parabolas_are_reproduced_between_inner_poses() {
     let times = vec![0.0, 0.5, 2.0, 3.0];
     let poses = times.iter().map(|t| pose(DMat3::IDENTITY, at(*t).to_array())).collect();
     let trajectory = Trajectory::new(times, poses).unwrap();
-    let found = trajectory.at(1.3, Interpolation::Spline).unwrap().centre();
+    let found = trajectory.at(1.3).unwrap().centre();
     Tolerance::F64.assert(found.to_array(), at(1.3).to_array(), "Bessel tangents are exact for parabolas");
 }
 
@@ -174,7 +158,7 @@ fn antipodal_quaternions_are_one_rotation() {
     let q = DQuat::from_rotation_z(350f64.to_radians());
     for sign in [q, -q] {
         let poses = vec![pose(DMat3::IDENTITY, [0.0; 3]), pose(DMat3::from_quat(sign), [0.0; 3])];
-        let middle = Trajectory::evenly_timed(poses).unwrap().at(0.5, Interpolation::Geodesic).unwrap();
+        let middle = Trajectory::evenly_timed(poses).unwrap().at(0.5).unwrap();
         assert_close(&middle, &pose(DMat3::from_rotation_z((-5f64).to_radians()), [0.0; 3]), 1e-12, "shorter way");
     }
 }
@@ -184,10 +168,8 @@ fn rotations_by_180_degrees_do_not_depend_on_rounding() {
     for noise in [-1e-15, 0.0, 1e-15] {
         let poses = vec![pose(DMat3::IDENTITY, [0.0; 3]), pose(DMat3::from_rotation_y(PI + noise), [1.0, 0.0, 0.0])];
         let trajectory = Trajectory::evenly_timed(poses).unwrap();
-        for interpolation in BOTH {
-            let middle = trajectory.at(0.5, interpolation).unwrap();
-            assert_close(&middle, &pose(DMat3::from_rotation_y(PI / 2.0), [0.5, 0.0, 0.0]), 1e-12, "quarter turn");
-        }
+        let middle = trajectory.at(0.5).unwrap();
+        assert_close(&middle, &pose(DMat3::from_rotation_y(PI / 2.0), [0.5, 0.0, 0.0]), 1e-12, "quarter turn");
     }
 }
 
@@ -195,13 +177,11 @@ fn rotations_by_180_degrees_do_not_depend_on_rounding() {
 fn equal_poses_give_a_constant_trajectory() {
     let still = pose(DMat3::from_euler(EulerRot::YXZ, 0.3, -0.4, 2.0), [1.0, 2.0, 3.0]);
     let trajectory = Trajectory::evenly_timed(vec![still; 4]).unwrap();
-    for interpolation in BOTH {
-        Tolerance::EXACT.assert([trajectory.arc_length(interpolation)], [0.0], "length");
-        let samples = trajectory.resampled(7, Spacing::ArcLength, interpolation).unwrap();
-        Tolerance::F64.assert(samples.times().iter().copied(), (0..7).map(|i| f64::from(i) * 0.5), "even in time");
-        for sample in samples.poses() {
-            assert_close(sample, &still, 1e-14, "still");
-        }
+    Tolerance::EXACT.assert([trajectory.arc_length()], [0.0], "length");
+    let samples = trajectory.resampled(7, Spacing::ArcLength).unwrap();
+    Tolerance::F64.assert(samples.times().iter().copied(), (0..7).map(|i| f64::from(i) * 0.5), "even in time");
+    for sample in samples.poses() {
+        assert_close(sample, &still, 1e-14, "still");
     }
 }
 
@@ -209,9 +189,9 @@ fn equal_poses_give_a_constant_trajectory() {
 fn samples_in_time_do_not_depend_on_the_speed() {
     let at = |x: f64| pose(DMat3::IDENTITY, [x, 0.0, 0.0]);
     let trajectory = Trajectory::new(vec![-1.5, 0.5, 4.5], vec![at(0.0), at(10.0), at(11.0)]).unwrap();
-    let samples = trajectory.resampled(4, Spacing::Time, Interpolation::Geodesic).unwrap();
+    let samples = trajectory.resampled(4, Spacing::Time).unwrap();
     Tolerance::F64.assert(samples.times().iter().copied(), [-1.5, 0.5, 2.5, 4.5], "even in time");
-    Tolerance::F64.assert(samples.poses().iter().map(|pose| pose.centre().x), [0.0, 10.0, 10.5, 11.0], "positions");
+    Tolerance::F64.assert(samples.poses().iter().map(|pose| pose.centre().x), [0.0, 10.0, 10.75, 11.0], "positions");
 }
 
 #[test]
@@ -219,7 +199,7 @@ fn a_spline_does_not_move_during_a_pause() {
     let at = |x: f64| pose(DMat3::from_rotation_y(x), [x, 0.0, 0.0]);
     let trajectory = Trajectory::evenly_timed(vec![at(0.0), at(1.0), at(1.0), at(2.0)]).unwrap();
     for time in [1.2, 1.5, 1.9] {
-        assert_close(&trajectory.at(time, Interpolation::Spline).unwrap(), &at(1.0), 1e-14, "pause");
+        assert_close(&trajectory.at(time).unwrap(), &at(1.0), 1e-14, "pause");
     }
 }
 
@@ -227,7 +207,7 @@ fn a_spline_does_not_move_during_a_pause() {
 fn a_pause_gets_no_samples_along_the_path() {
     let at = |x: f64| pose(DMat3::IDENTITY, [x, 0.0, 0.0]);
     let trajectory = Trajectory::evenly_timed(vec![at(0.0), at(1.0), at(1.0), at(1.0), at(2.0)]).unwrap();
-    let samples = trajectory.resampled(5, Spacing::ArcLength, Interpolation::Geodesic).unwrap();
+    let samples = trajectory.resampled(5, Spacing::ArcLength).unwrap();
     let x = samples.poses().iter().map(|pose| pose.centre().x);
     Tolerance::F64.assert(x, [0.0, 0.5, 1.0, 1.5, 2.0], "evenly along the line");
 }
@@ -239,7 +219,7 @@ fn the_length_of_a_circle_is_its_circumference() {
         let angle = f64::from(i) * 2.0 * PI / f64::from(count - 1);
         pose(DMat3::from_rotation_y(angle), [angle.sin(), 0.0, angle.cos()])
     });
-    let length = Trajectory::evenly_timed(poses.collect()).unwrap().arc_length(Interpolation::Spline);
+    let length = Trajectory::evenly_timed(poses.collect()).unwrap().arc_length();
     Tolerance::relative(1e-4).assert([length], [2.0 * PI], "circumference");
 }
 
@@ -255,13 +235,13 @@ fn times_and_counts_are_checked() {
     assert!(matches!(Trajectory::new(vec![f64::NAN], vec![still]), Err(CameraError::NonFinite { .. })));
     let trajectory = Trajectory::new(vec![-0.0, 1.0], vec![still; 2]).unwrap();
     for outside in [-1e-9, 1.000_001, f64::NAN, -f64::NAN, f64::INFINITY] {
-        assert!(matches!(trajectory.at(outside, Interpolation::Spline), Err(CameraError::OutsideTrajectory { .. })));
+        assert!(matches!(trajectory.at(outside), Err(CameraError::OutsideTrajectory { .. })));
     }
     for zero in [0.0, -0.0] {
-        assert_eq!(trajectory.at(zero, Interpolation::Spline).unwrap(), still);
+        assert_eq!(trajectory.at(zero).unwrap(), still);
     }
-    assert!(trajectory.resampled(0, Spacing::Time, Interpolation::Spline).is_err());
+    assert!(trajectory.resampled(0, Spacing::Time).is_err());
     let single = Trajectory::evenly_timed(vec![still]).unwrap();
-    assert!(single.resampled(2, Spacing::Time, Interpolation::Spline).is_err());
-    assert_eq!(single.resampled(1, Spacing::ArcLength, Interpolation::Spline).unwrap().poses(), [still]);
+    assert!(single.resampled(2, Spacing::Time).is_err());
+    assert_eq!(single.resampled(1, Spacing::ArcLength).unwrap().poses(), [still]);
 }

@@ -65,10 +65,13 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         None => Baseline::new(&results, &repeats, acceptance.clone()),
     };
     let recipe = requested.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
-    if !args.no_probe {
-        baseline = baseline.probed(recipe, &args.baseline)?;
+    if args.no_probe {
+        baseline.write(&args.baseline)?;
+    } else {
+        let (probed, outputs) = baseline.probed(recipe)?;
+        probed.write_with_probe(&args.baseline, &outputs)?;
+        baseline = probed;
     }
-    baseline.write(&args.baseline)?;
     print_report(&AcceptanceReport::new(&args.baseline, baseline, acceptance, moved), args.json)?;
     Ok(Exit::Done)
 }

@@ -57,7 +57,7 @@ pub(crate) struct Args {
 
     /// Use the published bins even if they belong to another estimator, which is then noted. Without it, and without
     /// `--bins`, such overlaps get their own bins with a third of the values in each.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "bins")]
     force: bool,
 
     /// Print JSON.
@@ -91,15 +91,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         None => OverlapBins::for_index(&index, rule, args.force),
     };
     let report = BinnedOverlaps::new(&index, &bins, footer, measured.as_ref().map(|found| (found, &args.estimator)));
-    if let Some(plot) = plot {
+    let complete = report.unmeasured.is_empty();
+    let nothing = report.measured == Some(0) && !complete;
+    if let Some(plot) = plot.filter(|_| !nothing) {
         let overlaps = bins.placed(&index);
         let subtitle = format!("index {name}; {} context sets; {}", overlaps.len(), report.definition);
         let title = "Overlap of the context views";
         let histogram = OverlapHistogram { title, subtitle: &subtitle, overlaps: &overlaps, bins: bins.names() };
         plot.finish(|format| histogram.draw().encode(format))?;
     }
-    let complete = report.unmeasured.is_empty();
-    let nothing = report.measured == Some(0) && !complete;
     if let Some(out) = out.filter(|_| !nothing) {
         out.finish(index.to_json(&layout).as_bytes())?;
     }
@@ -116,7 +116,8 @@ fn depth(args: &Args) -> anyhow::Result<Option<DepthFolder>> {
         bail!("feature-coverage needs a build with `--features opencv`; see CONTRIBUTING.md for its dependencies");
     }
     if args.depth.is_some() && !estimator.needs_depth() {
-        bail!("--depth is for --estimator depth-covisibility; {} does not use depth", estimator.name());
+        let text = format!("--depth is for --estimator depth-covisibility; {} does not use depth", estimator.name());
+        return Err(parse::usage_error(text).into());
     }
     Ok(args.depth.as_deref().map(DepthFolder::open).transpose()?)
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use atsplat_eval::{Results, TrialRow};
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
@@ -49,7 +49,7 @@ pub(crate) struct Args {
     page_size: u16,
 
     /// Check every plot: texts that are cut off or cover something, colours, legends, axes, intervals, headings. Faults are
-    /// printed; with --strict they fail the command.
+    /// printed and, when everything is written, fail the command.
     #[arg(long)]
     check_plots: bool,
 
@@ -76,8 +76,8 @@ fn table_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// Writes the report and prints its tables; `false` if a requested table has no results, a trial of the stores failed, or a
-/// checked plot has a fault.
+/// Writes the report and prints its tables; `false` if a requested table has no results or a trial of the stores failed. A
+/// checked plot with a fault is an error, when everything is written.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     once("--tables", &args.tables).map_err(usage_error)?;
     let formats: Vec<String> = FORMATS
@@ -142,7 +142,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if args.check_plots {
         warn(&format!("{} plots checked, {} faults", report.plots.len(), faults.len()));
     }
-    Ok(missing.is_empty() && failures.is_empty() && faults.is_empty())
+    ensure!(faults.is_empty(), "--check-plots: {} faults in the plots of {}", faults.len(), args.out.display());
+    Ok(missing.is_empty() && failures.is_empty())
 }
 
 /// A line for each method and protocol with trials that lack numbers.

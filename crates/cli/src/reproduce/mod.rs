@@ -163,9 +163,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let report = summary::write(&args.out, &stores, sections, live, args.page_size)?;
     print_warnings(&warnings);
-    for (_, results) in &stores {
-        print_findings(results, &warnings);
-    }
+    print_findings(&stores.iter().map(|(_, results)| results).collect::<Vec<_>>(), &warnings);
     summary::print(&report, &stores, &not_run, &trained, &args.out)?;
     Ok(complete && not_run.is_empty())
 }

@@ -110,7 +110,7 @@ fn evaluate(
     let takes_any_size = protocols.takes_any_size();
     print_report(&RunReport::of(&results, Some(summary), settings.out()).with_advice(takes_any_size), settings.json)?;
     print_warnings(&warnings);
-    print_findings(&results, &warnings);
+    print_findings(&[&results], &warnings);
     if let Some(why) = plan.nothing_evaluated(&results) {
         bail!("nothing was evaluated: {why}");
     }

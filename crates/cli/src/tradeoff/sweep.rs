@@ -73,7 +73,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     print_report(&TradeoffReport { tradeoffs }, args.settings.json)?;
     print_warnings(&warnings);
-    print_findings(&results, &warnings);
+    print_findings(&[&results], &warnings);
     Ok(complete)
 }
 

@@ -1,6 +1,8 @@
 use std::collections::BTreeMap;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::{AtomicFile, Sha256Digest};
 use serde::{Deserialize, Serialize};
 
 use super::data::{pictures_of, pictures_of_targets};
@@ -49,6 +51,9 @@ pub struct ProbeRecord {
     pub stages: Vec<Fingerprint>,
     /// The mean over the probe's targets of each score.
     pub scores: BTreeMap<String, f64>,
+    /// SHA-256 of the file of values; `None` in a baseline that was accepted when only fingerprints were recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
 }
 
 /// The fields of a trial that are compared.
@@ -140,22 +145,24 @@ impl Baseline {
         next
     }
 
-    /// Runs a probe on this machine, writes its values next to the baseline, and adds its fingerprints.
+    /// Runs a probe on this machine and adds its fingerprints; its values are for [`Self::write_with_probe`].
     ///
     /// # Errors
-    /// [`DriftError::Invalid`] for an unknown name in the recipe, [`DriftError::Stage`], [`DriftError::Io`].
-    pub fn probed(self, recipe: Recipe, path: &Path) -> Result<Self, DriftError> {
+    /// [`DriftError::Invalid`] for an unknown name in the recipe, [`DriftError::Stage`].
+    pub fn probed(self, recipe: Recipe) -> Result<(Self, Outputs), DriftError> {
         let stages = Pipeline::of(&recipe)?;
         let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
-        Self::write_probe(path, &outputs)?;
-        Ok(self.with_probe(recipe, &outputs))
+        Ok((self.with_probe(recipe, &outputs)?, outputs))
     }
 
-    /// Adds the fingerprints of a probe.
-    #[must_use]
-    pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Self {
+    /// Adds the fingerprints of a probe, and the hash of the file of its values.
+    ///
+    /// # Errors
+    /// Those of [`Outputs::to_bytes`].
+    pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Result<Self, DriftError> {
         let (stages, scores) = (outputs.fingerprints(), outputs.mean_scores());
-        Self { probe: Some(ProbeRecord { recipe, stages, scores }), ..self }
+        let sha256 = Some(Sha256Digest::of(&outputs.to_bytes()?).to_string());
+        Ok(Self { probe: Some(ProbeRecord { recipe, stages, scores, sha256 }), ..self })
     }
 
     /// Reads a baseline.
@@ -185,6 +192,33 @@ impl Baseline {
         atsplat_files::write(path, self.to_text(path)?.as_bytes()).map_err(DriftError::io("writing a baseline", path))
     }
 
+    /// Writes the baseline and, next to it, the values of its probe. Both are complete before the first of them replaces an
+    /// older file. Between the two replacements, the new baseline lies beside an old probe, which [`Self::read_probe`] refuses.
+    ///
+    /// # Errors
+    /// Those of [`Self::write`] and [`Outputs::to_bytes`]; both older files are unchanged unless only the probe's could not be
+    /// replaced.
+    pub fn write_with_probe(&self, path: &Path, outputs: &Outputs) -> Result<(), DriftError> {
+        let probe_path = Self::probe_path(path);
+        let (text, values) = (self.to_text(path)?, outputs.to_bytes()?);
+        let files = [(path, text.as_bytes()), (probe_path.as_path(), values.as_slice())];
+        let prepared = |(path, bytes): (&Path, &[u8])| {
+            let prepare = || -> std::io::Result<AtomicFile> {
+                let file = AtomicFile::create(path)?;
+                file.writer().write_all(bytes)?;
+                file.writer().flush()?;
+                Ok(file)
+            };
+            prepare().map_err(DriftError::io("writing a baseline", path))
+        };
+        let files = files.into_iter().map(prepared).collect::<Result<Vec<_>, _>>()?;
+        for file in files {
+            let target = file.target().to_owned();
+            file.commit().map_err(DriftError::io("writing a baseline", &target))?;
+        }
+        Ok(())
+    }
+
     /// Path of the probe's values: next to the baseline, with the extension `.probe.safetensors`.
     pub fn probe_path(path: &Path) -> PathBuf {
         path.with_extension("probe.safetensors")
@@ -198,21 +232,17 @@ impl Baseline {
         let Some(record) = &self.probe else { return Ok(None) };
         let path = Self::probe_path(path);
         let bytes = std::fs::read(&path).map_err(DriftError::io("reading a baseline's probe", &path))?;
+        let sha256 = Sha256Digest::of(&bytes).to_string();
+        if let Some(accepted) = record.sha256.as_ref().filter(|accepted| **accepted != sha256) {
+            let expected = format!("the probe that was accepted with the baseline, {accepted}");
+            return Err(DriftError::malformed(&path, "SHA-256", expected, sha256));
+        }
         let outputs =
             Outputs::from_bytes(&bytes).map_err(|error| DriftError::malformed(&path, "file", "a probe", error))?;
         if outputs.fingerprints() != record.stages {
             return Err(DriftError::malformed(&path, "values", "the values of the baseline's probe", "other values"));
         }
         Ok(Some((record.recipe.clone(), outputs)))
-    }
-
-    /// Writes the values of a probe next to the baseline.
-    ///
-    /// # Errors
-    /// [`DriftError::Io`].
-    pub fn write_probe(path: &Path, outputs: &Outputs) -> Result<(), DriftError> {
-        let path = Self::probe_path(path);
-        atsplat_files::write(&path, &outputs.to_bytes()?).map_err(DriftError::io("writing a baseline", &path))
     }
 
     /// Pretty-printed JSON with one row per line.

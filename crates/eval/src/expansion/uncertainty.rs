@@ -58,7 +58,7 @@ pub(super) fn of_block(
     let rendering = render(&Gaussians::new(parts)?, &target.view, &RenderOptions { channels, ..options.clone() })?;
     let seen = image(&rendering)?;
     let similarity = compared(&seen, target, |pair| ssim_map(pair, Values::AsRendered, Ssim::INRIA))??;
-    let error: Vec<f64> = similarity.values().iter().map(|similarity| 1.0 - similarity).collect();
+    let error: Vec<f64> = similarity.iter().map(|similarity| 1.0 - similarity).collect();
     let predicted: Vec<f64> = rendering.scalar.iter().flatten().copied().map(f64::from).collect();
 
     let of_selected: Vec<usize> =

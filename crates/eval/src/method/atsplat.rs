@@ -99,11 +99,12 @@ impl AtSplat {
         Ok(self)
     }
 
-    /// Computes matrix products on the CPU in this precision, which the record states unless it is f32.
+    /// Computes matrix products in this precision, which the record states unless it is f32; in f32 where the network's device
+    /// does not have it ([`Network::multiplies_in`]).
     #[must_use]
     pub fn with_matmul_precision(mut self, products: MatmulPrecision) -> Self {
         if products != MatmulPrecision::default() {
-            self.record.parameters.insert("products".to_owned(), "bf16".into());
+            self.record.parameters.insert("products".to_owned(), products.name().into());
         }
         self.products = products;
         self

@@ -1,3 +1,6 @@
+use std::collections::BTreeMap;
+
+use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::{SkipReport, Skipped};
 use atsplat_scene::Warnings;
 
@@ -10,6 +13,36 @@ pub struct Findings {
     pub warnings: Vec<WarningCount>,
     /// Index entries without a trial.
     pub skipped: Vec<SkippedEntry>,
+}
+
+/// What is wrong with the scenes of a dataset, counted once however often they are read: for methods with other poses, and to
+/// find out what a store lacks.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SceneWarnings(BTreeMap<String, Warnings>);
+
+impl SceneWarnings {
+    /// Adds the warnings of a scene, or of one of its entries, to those of the same reading.
+    pub(super) fn add(&mut self, scene: &str, warnings: Warnings) {
+        if warnings.total() > 0 {
+            self.0.entry(scene.to_owned()).or_default().merge(warnings);
+        }
+    }
+
+    /// Joins another reading of the dataset.
+    pub(super) fn join(&mut self, reading: Self) {
+        for (scene, warnings) in reading.0 {
+            self.0.entry(scene).or_default().join(&warnings);
+        }
+    }
+
+    /// All warnings, in the order of the index.
+    pub(super) fn in_order_of(mut self, index: &EvaluationIndex) -> Warnings {
+        let mut all = Warnings::new();
+        for warnings in index.scenes.keys().filter_map(|scene| self.0.remove(scene)) {
+            all.merge(warnings);
+        }
+        all
+    }
 }
 
 impl Findings {

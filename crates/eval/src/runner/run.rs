@@ -1,3 +1,6 @@
+use std::collections::BTreeSet;
+
+use super::findings::SceneWarnings;
 use super::outdated::Outdated;
 use super::pictures::PictureSink;
 use super::plan::{Plan, Summary};
@@ -52,10 +55,12 @@ pub fn run_until(
         for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256, &dataset.index.unknown_fields) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
+        let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {
             let walk = Walk { plan, dataset, methods, store: &store, pictures, step, stop };
-            walk.run(&index, &mut findings, &mut summary)?;
+            walk.run(&index, &mut warnings, &mut findings, &mut summary)?;
         }
+        findings.add_warnings(&dataset.name, &warnings.in_order_of(&index));
     }
     drop(evaluating);
     if let Some(timing) = plan.timing {
@@ -63,7 +68,9 @@ pub fn run_until(
     }
     let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
     let mut findings = findings.in_order();
-    summary.skipped = findings.skipped.len() as u64;
+    // Methods with other poses may give other reasons for one entry.
+    let skipped = findings.skipped.iter().map(|skipped| (&skipped.preset, &skipped.scene, skipped.entry));
+    summary.skipped = skipped.collect::<BTreeSet<_>>().len() as u64;
     let before = store.provenance();
     findings.warnings.extend(before.warnings.iter().filter(|found| !is_run(&found.preset)).cloned());
     findings.skipped.extend(before.skipped.iter().filter(|found| !is_run(&found.preset)).cloned());

@@ -37,7 +37,7 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
         row.detail = Some(format!("expected a picture of {expected}, found {found}"));
         return;
     }
-    let scored = suite.score(render, &Image::from_u8(truth), None);
+    let scored = suite.score(render, &Image::from_u8(truth));
     row.non_finite = scored.non_finite.render;
     row.status = if scored.non_finite.total() > 0 {
         row.detail = Some(scored.non_finite.to_string());

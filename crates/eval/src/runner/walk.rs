@@ -1,14 +1,16 @@
 use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 
-use atsplat_protocol::trial::{DecodeAhead, PictureDigests, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{
+    DecodeAhead, PictureDigests, Prefetch, Skipped, TargetPictures, Trial, TrialRecipe, Trials,
+};
 use atsplat_protocol::{EvaluationIndex, Preset};
-use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::Findings;
 use super::evaluate::{DecodedTrial, Evaluation};
+use super::findings::SceneWarnings;
 use super::outdated::Outdated;
 use super::pictures::PictureSink;
 use super::plan::{Dataset, Plan, Summary};
@@ -62,10 +64,16 @@ fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> O
     (!files.is_empty()).then(|| Sha256Digest::of(text.as_bytes()).to_string())
 }
 
+fn scene_of(outcome: &Result<(Trial, TargetPictures), Skipped>) -> &str {
+    match outcome {
+        Ok((trial, _)) => trial.scene(),
+        Err(skipped) => &skipped.scene,
+    }
+}
+
 /// Current state of a scene that the store already has results of.
 #[derive(Default)]
 struct SceneState {
-    warnings: Warnings,
     trials: u64,
     skipped: u64,
     /// Whether some method still has to evaluate one of its trials: then the scene is walked again with pictures.
@@ -87,6 +95,7 @@ impl Walk<'_> {
     pub(super) fn run(
         &self,
         index: &EvaluationIndex,
+        warnings: &mut SceneWarnings,
         findings: &mut Findings,
         summary: &mut Summary,
     ) -> Result<(), EvalError> {
@@ -97,12 +106,13 @@ impl Walk<'_> {
         let ahead = Prefetch { decode: DecodeAhead::Nothing, ..self.plan.prefetch };
         let mut trials = self.trials(&known, ahead);
         let mut scenes: IndexMap<String, SceneState> = IndexMap::new();
+        let mut reading = SceneWarnings::default();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         while let Some(outcome) = trials.next() {
             self.check_stop()?;
-            let scene = outcome.as_ref().map_or_else(|skipped| skipped.scene.as_str(), |(trial, _)| trial.scene());
+            let scene = scene_of(&outcome);
+            reading.add(scene, trials.take_warnings());
             let state = scenes.entry(scene.to_owned()).or_default();
-            state.warnings.merge(trials.take_warnings());
             match outcome {
                 Ok((trial, targets)) => {
                     let data = trial.data_hash(&targets, self.store.digests()).to_string();
@@ -118,9 +128,9 @@ impl Walk<'_> {
         }
         self.store.digests().save()?;
         outdated.into_result()?;
+        warnings.join(reading);
         findings.add_skipped(&self.dataset.name, trials.report());
         for state in scenes.values().filter(|state| !state.is_incomplete) {
-            findings.add_warnings(&self.dataset.name, &state.warnings);
             let methods = self.methods.len() as u64;
             summary.resumed += state.trials * methods;
             (0..(state.trials + state.skipped) * methods).for_each(|_| (self.step)());
@@ -128,8 +138,14 @@ impl Walk<'_> {
         let is_incomplete = |scene: &str| scenes.get(scene).is_some_and(|state| state.is_incomplete);
         rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_incomplete(scene)));
         let mut trials = self.trials(&rest, self.plan.prefetch);
+        let mut reading = SceneWarnings::default();
         loop {
-            let batch: Vec<_> = trials.by_ref().take(self.batch_size()).collect();
+            let mut batch = Vec::new();
+            while batch.len() < self.batch_size() {
+                let Some(outcome) = trials.next() else { break };
+                reading.add(scene_of(&outcome), trials.take_warnings());
+                batch.push(outcome);
+            }
             if batch.is_empty() {
                 break;
             }
@@ -150,7 +166,7 @@ impl Walk<'_> {
                 summary.resumed += resumed;
             }
         }
-        findings.add_warnings(&self.dataset.name, trials.warnings());
+        warnings.join(reading);
         findings.add_skipped(&self.dataset.name, trials.report());
         Ok(())
     }

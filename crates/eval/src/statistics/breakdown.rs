@@ -40,29 +40,21 @@ pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) ->
     }
 }
 
-/// The metric at each signed distance from the window of context frames (negative before it, 0 inside, positive after),
-/// in increasing order: the mean over scenes of the mean over the scene's targets at that distance.
-pub fn by_distance(results: &Results, query: &MetricQuery) -> Vec<(i64, Summary)> {
-    grouped(results, query, |distance| distance)
-}
-
-/// Like [`by_distance`], with `step` distances together: 1 to `step`, `step` + 1 to 2 `step`, and so on on either side,
-/// each with the middle of its distances; 0 stays alone.
+/// The metric by signed distance from the window of context frames (negative before it, 0 inside, positive after), in
+/// increasing order: the mean over scenes of the mean over the scene's targets. `step` distances go together: 1 to `step`,
+/// `step` + 1 to 2 `step`, and so on on either side, each with the middle of its distances; 0 stays alone.
 pub fn by_distance_steps(results: &Results, query: &MetricQuery, step: u32) -> Vec<(f64, Summary)> {
     let step = i64::from(step.max(1));
     let group = |distance: i64| distance.signum() * ((distance.abs() + step - 1) / step);
     let middle = |group: i64| (group * step) as f64 - group.signum() as f64 * (step - 1) as f64 / 2.0;
-    grouped(results, query, group).into_iter().map(|(group, summary)| (middle(group), summary)).collect()
-}
-
-fn grouped(results: &Results, query: &MetricQuery, group: impl Fn(i64) -> i64) -> Vec<(i64, Summary)> {
     let mut groups: BTreeMap<i64, Vec<SelectedTarget>> = BTreeMap::new();
     for target in select(results, query) {
         if let Some(distance) = target.distance {
             groups.entry(group(distance)).or_default().push(target);
         }
     }
-    groups.into_iter().map(|(group, selected)| (group, to_publish(&selected, Aggregation::SceneMeans))).collect()
+    let summary = |selected: Vec<SelectedTarget>| to_publish(&selected, Aggregation::SceneMeans);
+    groups.into_iter().map(|(group, selected)| (middle(group), summary(selected))).collect()
 }
 
 /// The metric over the targets whose distance from the window of context frames, on either side, is in a range.

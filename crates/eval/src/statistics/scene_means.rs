@@ -33,8 +33,7 @@ pub fn scene_means(results: &Results, query: &MetricQuery) -> Vec<SceneMean> {
     clusters.map(mean).filter(|scene| scene.mean.is_finite()).collect()
 }
 
-/// Which direction of a metric is better; metrics without a [`atsplat_metrics::Definition`], such as depth errors, are better
-/// when lower.
+/// Which direction of a metric is better; metrics without a [`atsplat_metrics::Definition`] are better when lower.
 pub fn direction(metric: &str) -> Direction {
     definition(metric).map_or(Direction::Lower, |definition| definition.direction)
 }

@@ -1,7 +1,7 @@
 use atsplat_fit::{Budget, Strategy};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::{BlockExpansion, SelectionRatio};
-use atsplat_model::network::MatmulPrecision;
+use atsplat_model::network::{MatmulPrecision, Network};
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_scene::preprocess::{RescaleAndCrop, Step};
 use atsplat_splat::RendererConstants;
@@ -38,7 +38,7 @@ pub struct Knobs {
     /// quarter of a grey level by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
-    /// Precision of the network's matrix products on the CPU.
+    /// Precision of the network's matrix products: `f32`, `bf16` on the CPU, or `f16` on a graphics adapter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub products: Option<MatmulPrecision>,
     /// Optimise each trial's Gaussians on its context views for this many steps: the network's, or random ones with
@@ -213,13 +213,17 @@ impl Knobs {
     /// The precision of the network's matrix products; f32 by default.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for another precision than f32 on a graphics adapter (`on_adapter`), where it would
-    /// change nothing, and with an optimisation, where it would change more than the network.
-    pub(crate) fn matmul_precision(&self, on_adapter: bool) -> Result<MatmulPrecision, EvalError> {
+    /// [`EvalError::Settings`] for another precision than f32 with an optimisation, where it would change more than the
+    /// network, and for one in which the network's device would compute as with f32.
+    pub(crate) fn matmul_precision(&self, network: &Network) -> Result<MatmulPrecision, EvalError> {
         let products = self.products.unwrap_or_default();
         let optimised = self.steps.is_some() || self.seconds.is_some();
-        if products != MatmulPrecision::F32 && (on_adapter || optimised) {
-            return invalid("products", "f32 on a graphics adapter, and with steps or seconds", "bf16");
+        if products != MatmulPrecision::F32 && optimised {
+            return invalid("products", "f32 with steps or seconds", products.name());
+        }
+        if !network.multiplies_in(products) {
+            let expected = "f32, or bf16 on the CPU, or f16 on a graphics adapter whose shaders have 16-bit floats";
+            return invalid("products", expected, products.name());
         }
         Ok(products)
     }

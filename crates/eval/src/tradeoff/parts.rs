@@ -72,7 +72,6 @@ impl SweepBase {
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
         let (splatting, budget) = (self.splatting(knobs)?, knobs.budget()?);
-        let products = knobs.matmul_precision(self.device.is_adapter())?;
         if let (Some(strategy), Some(budget)) = (knobs.strategy, budget) {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
@@ -94,6 +93,7 @@ impl SweepBase {
             Some(size) => network.trained_at(size),
             None => network,
         };
+        let products = knobs.matmul_precision(&network)?;
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         Ok(match budget {
             Some(budget) => Arc::new(Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?),

@@ -9,7 +9,7 @@ use super::convolution::Convolution;
 use super::features::{Features, distances, normalised};
 use super::matrix::Activations;
 use super::{LoadError, Network, WeightsAbsent, WeightsFolders, embedded_heads, pooling};
-use crate::{Map, Mask, MetricError, NonFinite, Pair, Values};
+use crate::{MetricError, NonFinite};
 
 /// A learned metric with its weights.
 #[derive(Clone, Debug)]
@@ -130,7 +130,7 @@ impl Perceptual {
         if size.iter().any(|side| *side < smallest) {
             return Err(MetricError::TooSmall { measure: self.network.name(), smallest, size });
         }
-        let non_finite = NonFinite::count(picture.samples(), &[], size[0] as usize, |_| true);
+        let non_finite = NonFinite::count(picture.samples(), &[], size[0] as usize);
         if non_finite.total() > 0 {
             return Err(MetricError::NonFinite(non_finite));
         }
@@ -163,80 +163,6 @@ impl Perceptual {
         Ok(maps.iter().map(|map| map.iter().sum::<f64>() / map.len() as f64).sum())
     }
 
-    /// Distance within a mask: each map's mean is weighted by the fraction of each feature's cell that the mask covers. A full
-    /// mask equals [`Perceptual::distance`]; the receptive fields of features near the mask's edge extend beyond it, so a
-    /// rectangle does not equal a crop.
-    ///
-    /// # Errors
-    /// [`MetricError::SizeMismatch`], [`MetricError::EmptyMask`].
-    pub fn masked_distance(&self, render: &Features, truth: &Features, mask: &Mask) -> Result<f64, MetricError> {
-        if mask.size() != render.picture {
-            return Err(MetricError::SizeMismatch { what: "mask", expected: render.picture, found: mask.size() });
-        }
-        if mask.count() == 0 {
-            return Err(MetricError::EmptyMask { expected: "at least one pixel" });
-        }
-        let maps = self.distance_maps(render, truth)?;
-        let weighted = maps.iter().zip(&render.maps).map(|(map, grid)| {
-            let shares = coverage(mask, grid.width, grid.height);
-            map.iter().zip(&shares).map(|(distance, share)| distance * share).sum::<f64>() / shares.iter().sum::<f64>()
-        });
-        Ok(weighted.sum())
-    }
-
-    /// Distance of a pair.
-    ///
-    /// # Errors
-    /// As [`Perceptual::features`], [`Perceptual::distance`] and [`Perceptual::masked_distance`]; with a mask, the
-    /// pictures must be finite outside it too.
-    pub fn compare(&self, pair: &Pair<'_>, values: Values) -> Result<f64, MetricError> {
-        let (render, truth) = self.features_of(pair, values)?;
-        self.compare_features(&render, &truth, pair.mask())
-    }
-
-    /// [`Perceptual::distance`], or [`Perceptual::masked_distance`] with a mask.
-    ///
-    /// # Errors
-    /// As for these.
-    pub fn compare_features(
-        &self,
-        render: &Features,
-        truth: &Features,
-        mask: Option<&Mask>,
-    ) -> Result<f64, MetricError> {
-        match mask {
-            Some(mask) => self.masked_distance(render, truth, mask),
-            None => self.distance(render, truth),
-        }
-    }
-
-    /// Map of the distance: the sum of the five distance maps, each upsampled by nearest neighbour.
-    ///
-    /// # Errors
-    /// As [`Perceptual::compare`].
-    pub fn map(&self, pair: &Pair<'_>, values: Values) -> Result<Map, MetricError> {
-        let (render, truth) = self.features_of(pair, values)?;
-        let maps = self.distance_maps(&render, &truth)?;
-        let [width, height] = pair.size().map(|side| side as usize);
-        let mut sum = vec![0.0; width * height];
-        for (map, grid) in maps.iter().zip(&render.maps) {
-            for (pixel, value) in sum.iter_mut().enumerate() {
-                let (x, y) = (pixel % width * grid.width / width, pixel / width * grid.height / height);
-                *value += map[y * grid.width + x];
-            }
-        }
-        Ok(Map { picture: pair.size(), left: 0, top: 0, width, values: sum })
-    }
-
-    fn features_of(&self, pair: &Pair<'_>, values: Values) -> Result<(Features, Features), MetricError> {
-        let features = |picture: &Image| match values {
-            Values::AsRendered => self.features(picture),
-            _ => self.features(&values.picture(picture)),
-        };
-        let (render, truth) = rayon::join(|| features(pair.render()), || features(pair.truth()));
-        Ok((render?, truth?))
-    }
-
     fn distance_maps(&self, render: &Features, truth: &Features) -> Result<Vec<Vec<f64>>, MetricError> {
         if truth.picture != render.picture {
             let (expected, found) = (render.picture, truth.picture);
@@ -260,28 +186,6 @@ fn scaled(picture: &Image) -> Activations {
     Activations { height, width, channels: 3, values: values.collect() }
 }
 
-/// Fraction of each cell of a grid over the picture that the mask covers, row-major.
-fn coverage(mask: &Mask, columns: usize, rows: usize) -> Vec<f64> {
-    let [width, height] = mask.size().map(|side| side as usize);
-    // Overlap of a pixel and a cell along one side, in units of 1 / (side · cells) of the picture.
-    let overlap = |pixel: usize, side: usize, cell: usize, cells: usize| {
-        let (start, end) = ((pixel * cells).max(cell * side), ((pixel + 1) * cells).min((cell + 1) * side));
-        end.saturating_sub(start)
-    };
-    let cover = |cell: usize, side: usize, cells: usize| cell * side / cells..((cell + 1) * side).div_ceil(cells);
-    let mut shares = Vec::with_capacity(columns * rows);
-    for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
-        let mut covered = 0;
-        for y in cover(row, height, rows) {
-            let across = cover(column, width, columns).filter(|x| mask.included()[y * width + x]);
-            let across: usize = across.map(|x| overlap(x, width, column, columns)).sum();
-            covered += across * overlap(y, height, row, rows);
-        }
-        shares.push(covered as f64 / (width * height) as f64);
-    }
-    shares
-}
-
 fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>, LoadError> {
     let mismatch =
         |expected: String, found: String| LoadError::Mismatch { network, tensor: name.to_owned(), expected, found };
@@ -294,25 +198,5 @@ fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize
     match values.iter().filter(|value| !value.is_finite()).count() {
         0 => Ok(values),
         count => Err(mismatch("finite numbers".to_owned(), format!("{count} that are NaN or infinite"))),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use atsplat_numeric::Tolerance;
-
-    /// Every pixel is cut into 3×2 parts and every cell into 5×4, of the same size.
-    #[test]
-    fn coverage_agrees_with_counting_parts_of_pixels() {
-        let ([width, height], [columns, rows]) = ([5, 4], [3, 2]);
-        let included: Vec<bool> = "##..##....#.###.#..#".chars().map(|pixel| pixel == '#').collect();
-        let mut expected = vec![0.0; columns * rows];
-        for (x, y) in (0..height * rows).flat_map(|y| (0..width * columns).map(move |x| (x, y))) {
-            let covered = included[y / rows * width + x / columns];
-            expected[y / height * columns + x / width] += f64::from(u8::from(covered)) / (width * height) as f64;
-        }
-        let mask = Mask::new(5, 4, included).unwrap();
-        Tolerance::F64.assert(coverage(&mask, columns, rows), expected, "shares of the cells");
     }
 }

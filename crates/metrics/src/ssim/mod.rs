@@ -4,12 +4,10 @@
 mod filter;
 mod similarity;
 
-use std::borrow::Cow;
-
 use atsplat_numeric::Extremes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Map, MetricError, Pair, Values, sums};
+use crate::{MetricError, Pair, Values, sums};
 
 /// A convention of SSIM. All use the constants for a data range of 1: C1 = 0.01², C2 = 0.03².
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -110,41 +108,26 @@ impl Ssim {
 
 /// Mean structural similarity over windows and channels, in [−1, 1]; 1 for identical pictures.
 ///
-/// With a mask, [`Border::Inside`] averages the windows completely inside the mask, and [`Border::Zeros`] those whose centre is
-/// inside, of pictures that are black outside it. For both, a rectangular mask equals a crop. [`Border::Reflected`] averages
-/// the windows whose centre is in the mask and uses pixels outside it.
-///
 /// # Errors
-/// [`MetricError::TooSmall`], [`MetricError::EmptyMask`] if no window fits, and for [`Border::Reflected`]
-/// [`MetricError::NonFinite`] if the pictures are not finite outside the mask.
+/// [`MetricError::TooSmall`].
 pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, MetricError> {
-    if convention.border == Border::Reflected {
-        Pair::new(pair.render(), pair.truth())?;
-    }
-    let windows = Windows::of(pair, convention)?;
-    let rows = similarity::rows(&windows.pictures(pair, values), pair.size(), convention, |row, similarity| {
-        windows.sum_of_row(row, similarity)
-    });
-    Ok(rows.iter().sum::<f64>() / (3.0 * windows.count as f64))
+    let windows = windows(pair.size(), convention)?;
+    let rows = similarity::rows(&pair.rows(values), pair.size(), convention, |_, similarity| sums::sum(similarity));
+    Ok(rows.iter().sum::<f64>() / (3.0 * windows as f64))
 }
 
-/// Structural similarity at every window's centre, averaged over channels; finite, in [−1, 1].
+/// Structural similarity at every window's centre, averaged over channels; row-major, finite, in [−1, 1].
 ///
-/// The map covers all window centres and is smaller than the pictures for [`Border::Inside`]. A mask has an effect only under
-/// [`Border::Zeros`], where the pictures are black outside it; centres outside the mask are part of the map.
+/// The map covers all window centres and is smaller than the pictures for [`Border::Inside`].
 ///
 /// # Errors
-/// [`MetricError::TooSmall`]; [`MetricError::NonFinite`] if a masked pair is not finite outside its mask.
-pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map, MetricError> {
-    let whole = Pair::new(pair.render(), pair.truth())?;
-    let pair = if convention.border == Border::Zeros { pair } else { &whole };
-    let windows = Windows::of(&whole, convention)?;
-    let rows = similarity::rows(&windows.pictures(pair, values), pair.size(), convention, |_, similarity| {
+/// [`MetricError::TooSmall`].
+pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Vec<f64>, MetricError> {
+    windows(pair.size(), convention)?;
+    let rows = similarity::rows(&pair.rows(values), pair.size(), convention, |_, similarity| {
         similarity.as_chunks::<3>().0.iter().map(|[r, g, b]| (r + g + b) / 3.0).collect::<Vec<f64>>()
     });
-    let values = rows.concat().into_iter().map(|value| value.maximum_of(-1.0).minimum_of(1.0)).collect();
-    let margin = convention.margin();
-    Ok(Map { picture: pair.size(), left: margin, top: margin, width: windows.columns, values })
+    Ok(rows.concat().into_iter().map(|value| value.maximum_of(-1.0).minimum_of(1.0)).collect())
 }
 
 /// Taps of [`Window::Gaussian11`], whose sum is 1.
@@ -162,52 +145,14 @@ const fn uniform() -> [f64; 7] {
     [1.0 / 7.0; 7]
 }
 
-/// Which windows are averaged.
-struct Windows {
-    columns: usize,
-    count: usize,
-    border: Border,
-    /// Whether each centre is included, row-major; `None` for all.
-    included: Option<Vec<bool>>,
-}
-
-impl Windows {
-    fn of(pair: &Pair<'_>, convention: Ssim) -> Result<Self, MetricError> {
-        let [width, height] = pair.size();
-        let smallest = convention.smallest_side();
-        if width < smallest || height < smallest {
-            return Err(MetricError::TooSmall { measure: "SSIM", smallest, size: [width, height] });
-        }
-        let [columns, rows] = [width, height].map(|side| (side - 2 * convention.margin()) as usize);
-        let included = pair.mask().map(|mask| mask.windows_inside(convention.margin() as usize));
-        let count = included.as_ref().map_or(columns * rows, |inside| inside.iter().filter(|inside| **inside).count());
-        if count == 0 {
-            return Err(MetricError::EmptyMask { expected: "at least one whole window" });
-        }
-        Ok(Self { columns, count, border: convention.border, included })
+/// Number of windows.
+fn windows([width, height]: [u32; 2], convention: Ssim) -> Result<usize, MetricError> {
+    let smallest = convention.smallest_side();
+    if width < smallest || height < smallest {
+        return Err(MetricError::TooSmall { measure: "SSIM", smallest, size: [width, height] });
     }
-
-    /// Samples of both pictures, black outside the mask if the border is [`Border::Zeros`].
-    fn pictures<'a>(&self, pair: &Pair<'a>, values: Values) -> [Cow<'a, [f32]>; 2] {
-        let mut pictures = pair.rows(values);
-        if let (Border::Zeros, Some(mask)) = (self.border, pair.mask()) {
-            for picture in &mut pictures {
-                let pixels = picture.to_mut().as_chunks_mut::<3>().0.iter_mut();
-                pixels
-                    .zip(mask.included())
-                    .filter(|(_, included)| !**included)
-                    .for_each(|(pixel, _)| *pixel = [0.0; 3]);
-            }
-        }
-        pictures
-    }
-
-    fn sum_of_row(&self, row: usize, similarity: &[f64]) -> f64 {
-        let Some(included) = &self.included else { return sums::sum(similarity) };
-        let included = included.iter().skip(row * self.columns);
-        let inside = similarity.as_chunks::<3>().0.iter().zip(included).filter(|(_, inside)| **inside);
-        sums::sum(&inside.flat_map(|(pixel, _)| *pixel).collect::<Vec<f64>>())
-    }
+    let [columns, rows] = [width, height].map(|side| (side - 2 * convention.margin()) as usize);
+    Ok(columns * rows)
 }
 
 #[cfg(test)]

@@ -30,6 +30,7 @@ use atsplat_splat::gpu::AdapterDescription;
 use burn::Tensor;
 use burn::module::Module;
 pub use burn::tensor::Device;
+use burn::tensor::FloatDType;
 use serde::Serialize;
 
 pub use anchors::Tokens;
@@ -176,6 +177,15 @@ impl Network {
     /// The device of the parameters, which also says whether gradients are recorded.
     pub fn device(&self) -> Device {
         self.head.device()
+    }
+
+    /// Whether its device computes products in this precision.
+    pub fn multiplies_in(&self, products: MatmulPrecision) -> bool {
+        match (products, self.adapter()) {
+            (MatmulPrecision::F32, _) | (MatmulPrecision::Bf16, None) => true,
+            (MatmulPrecision::F16, Some(_)) => self.device().supports_dtype(FloatDType::F16),
+            (MatmulPrecision::Bf16, Some(_)) | (MatmulPrecision::F16, None) => false,
+        }
     }
 
     /// The graphics adapter that runs it; `None` for the CPU.

@@ -1,4 +1,4 @@
-use atsplat_camera::{Camera, CameraError, DirectionScale, PluckerLayout, Ray};
+use atsplat_camera::{Camera, CameraError, DirectionScale, Ray};
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 use rayon::prelude::*;
@@ -9,6 +9,7 @@ use crate::{ImageSize, ModelError};
 
 const WHAT: &str = "model input";
 const RGB: usize = 3;
+const PLUCKER: usize = 6;
 
 /// The posed context pictures of one scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,17 +95,17 @@ impl Views {
     /// Moment and direction of the ray of every pixel of every patch: `[views, patches, patch² · 6]`.
     pub(super) fn plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
         let maps = self.plucker_maps()?;
-        Ok(self.patches(&maps, patch, PluckerLayout::MomentDirection.channels(), device))
+        Ok(self.patches(&maps, patch, PLUCKER, device))
     }
 
     /// Colours as `2 rgb − 1`, then moment and direction, of every pixel of every patch: `[views, patches, patch² · 9]`.
     pub(super) fn colours_and_plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
         let plucker = self.plucker_maps()?;
-        let pixels = self.pictures.chunks_exact(RGB).zip(plucker.chunks_exact(6));
+        let pixels = self.pictures.chunks_exact(RGB).zip(plucker.chunks_exact(PLUCKER));
         let maps: Vec<f32> = pixels
             .flat_map(|(rgb, ray)| rgb.iter().map(|value| 2.0 * value - 1.0).chain(ray.iter().copied()))
             .collect();
-        Ok(self.patches(&maps, patch, RGB + 6, device))
+        Ok(self.patches(&maps, patch, RGB + PLUCKER, device))
     }
 
     /// Colours of every patch as `(rgb − mean) / deviation`, channel by channel within a patch, as in a convolution's kernel:
@@ -133,7 +134,7 @@ impl Views {
     fn plucker_maps(&self) -> Result<Vec<f32>, ModelError> {
         let size = camera_size(self.size)?;
         let map = |(view, camera): (usize, &Camera)| {
-            let map = camera.plucker_map(size, PluckerLayout::MomentDirection).map_err(|error| camera_error(&error))?;
+            let map = camera.plucker_map(size).map_err(|error| camera_error(&error))?;
             all_finite(&map, || format!("rays of camera {view}"))?;
             Ok(map)
         };

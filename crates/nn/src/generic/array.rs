@@ -3,6 +3,8 @@ use std::ops::{Add, Div, Mul, Range, Sub};
 use burn::backend::tensor::{BoolTensor, Device, FloatTensor};
 use burn::backend::{Backend, DType, FloatDType, Scalar, Shape, Slice, TensorMetadata};
 
+use crate::MatmulPrecision;
+
 /// A backend's float tensor with operators, so that formulas are readable. Shapes broadcast.
 #[derive(Debug)]
 pub(super) struct Array<B: Backend>(pub(super) FloatTensor<B>);
@@ -49,8 +51,13 @@ impl<B: Backend> Array<B> {
         Self(B::float_transpose(self.0))
     }
 
+    /// The product of matrices, in the current [`MatmulPrecision`].
     pub(super) fn matmul(self, right: Self) -> Self {
-        Self(B::float_matmul(self.0, right.0))
+        if MatmulPrecision::current() != MatmulPrecision::F16 || self.0.dtype() != DType::F32 {
+            return Self(B::float_matmul(self.0, right.0));
+        }
+        let [left, right] = [self, right].map(|factor| B::float_cast(factor.0, FloatDType::F16));
+        Self(B::float_cast(B::float_matmul(left, right), FloatDType::F32))
     }
 
     /// A range of one dimension.

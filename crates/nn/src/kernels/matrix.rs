@@ -103,7 +103,7 @@ pub(crate) fn multiply(
     (threads, products): (Threads, MatmulPrecision),
 ) {
     match products {
-        MatmulPrecision::F32 => multiply_f32(out, left, right, write, threads),
+        MatmulPrecision::F32 | MatmulPrecision::F16 => multiply_f32(out, left, right, write, threads),
         MatmulPrecision::Bf16 => bf16::multiply(out, left, right, write, threads),
     }
 }
@@ -121,7 +121,7 @@ impl<'a> Factor<'a> {
     /// A factor on the left.
     pub(super) fn left(matrix: Matrix<'a>, products: MatmulPrecision) -> Self {
         match products {
-            MatmulPrecision::F32 => Self::F32(matrix),
+            MatmulPrecision::F32 | MatmulPrecision::F16 => Self::F32(matrix),
             MatmulPrecision::Bf16 => Self::Bf16(bf16::Factor::left(matrix)),
         }
     }
@@ -129,7 +129,7 @@ impl<'a> Factor<'a> {
     /// A factor on the right.
     pub(super) fn right(matrix: Matrix<'a>, products: MatmulPrecision) -> Self {
         match products {
-            MatmulPrecision::F32 => Self::F32(matrix),
+            MatmulPrecision::F32 | MatmulPrecision::F16 => Self::F32(matrix),
             MatmulPrecision::Bf16 => Self::Bf16(bf16::Factor::right(matrix)),
         }
     }

@@ -31,19 +31,6 @@ pub fn gather_max(x: Tensor<3>, rows: Tensor<3, Int>) -> Tensor<3> {
     Tensor::from_dispatch(Dispatch::gather_max(x.into_dispatch(), rows.into_dispatch(), sizes))
 }
 
-/// The maximum of each element over neighbours: `[batch, rows, neighbours, width]` to `[batch, rows, width]`.
-///
-/// Ties and NaN as in [`gather_max`].
-///
-/// # Panics
-/// If there are no neighbours.
-pub fn max_over_neighbours(x: Tensor<4>) -> Tensor<3> {
-    let [batch, rows, neighbours, width] = x.dims();
-    let numbers = Tensor::<1, Int>::arange(0..(rows * neighbours).cast_signed() as i64, &x.device());
-    let numbers = numbers.reshape([1, rows, neighbours]).expand([batch, rows, neighbours]);
-    gather_max(x.reshape([batch, rows * neighbours, width]), numbers)
-}
-
 fn sizes(x: &Tensor<3>, batch: usize, picks: usize, neighbours: usize) -> Sizes {
     let [samples, rows, width] = x.dims();
     assert_eq!(samples, batch, "batch sizes of rows and indices");

@@ -1,8 +1,7 @@
 use burn::Tensor;
-use burn::tensor::Int;
+use burn::tensor::{Int, TensorData};
 use rayon::prelude::*;
 
-use super::top_k::indices;
 use crate::f32_values;
 
 /// Indices of the `k` points nearest to each query, nearest first: `[batch, queries, dimensions]` and
@@ -37,7 +36,8 @@ pub fn nearest_neighbours(queries: Tensor<3>, points: Tensor<3>, k: usize) -> Te
         },
     );
     let all: Vec<Vec<usize>> = all.collect();
-    indices(all.into_iter().flatten(), [batch, query_count, k], &device)
+    let numbers: Vec<i64> = all.into_iter().flatten().map(|number| number.cast_signed() as i64).collect();
+    Tensor::from_data(TensorData::new(numbers, [batch, query_count, k]), &device)
 }
 
 /// Transposes each sample: all first coordinates, then all second ones.

@@ -29,7 +29,6 @@ pub(super) fn all() -> Vec<Case> {
         case("cross-attention", &[2 * 5 * 12, 2 * 9 * 24], |x| cross(x, true), |x| cross(x, false)),
         case("gathered rows", &[2 * 4 * 3], gather_rows, burns_gather_rows),
         case("largest of rows", &[2 * 4 * 3], gather_max, burns_gather_max),
-        case("largest of neighbours", &[2 * 3 * 4 * 5], neighbours, burns_neighbours),
     ]
 }
 
@@ -150,12 +149,4 @@ fn gather_max(x: &[Tensor<1>]) -> Tensor<1> {
 
 fn burns_gather_max(x: &[Tensor<1>]) -> Tensor<1> {
     burns_gather_rows(x).reshape([2, 2, 3, 3]).max_dim(2).flatten(0, 3)
-}
-
-fn neighbours(x: &[Tensor<1>]) -> Tensor<1> {
-    ops::max_over_neighbours(x[0].clone().reshape([2, 3, 4, 5])).flatten(0, 2)
-}
-
-fn burns_neighbours(x: &[Tensor<1>]) -> Tensor<1> {
-    x[0].clone().reshape([2, 3, 4, 5]).max_dim(2).flatten(0, 3)
 }

@@ -151,17 +151,6 @@ pub fn epipolar_inliers(matches: &[PointMatch], inlier_px: f64) -> Result<Vec<bo
     Ok((0..matches.len()).map(|index| mask.get(index).is_ok_and(|kept| kept > 0)).collect())
 }
 
-/// Matches between two pictures: mutual matches of features that pass the ratio test and are inliers of a fundamental
-/// matrix. Points are in raw pixels of the pictures.
-///
-/// # Errors
-/// [`OpenCvError::Call`].
-pub fn match_pair(first: &ImageU8, second: &ImageU8, options: &MatchOptions) -> Result<Vec<PointMatch>, OpenCvError> {
-    let matches = match_mutual(&detect(first, options)?, &detect(second, options)?, options.ratio)?;
-    let inliers = epipolar_inliers(&matches, options.inlier_px)?;
-    Ok(matches.into_iter().zip(inliers).filter_map(|(points, kept)| kept.then_some(points)).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
@@ -204,10 +193,9 @@ mod tests {
     fn matching_is_deterministic_and_symmetric() {
         let (first, second) = (shifted_noise(200, 150, 0, 0), shifted_noise(200, 150, 5, -3));
         let options = MatchOptions::default();
-        let once = match_pair(&first, &second, &options).unwrap();
-        assert_eq!(once, match_pair(&first, &second, &options).unwrap());
         let features = |picture| detect(picture, &options).unwrap();
         let forth = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
+        assert_eq!(forth, match_mutual(&features(&first), &features(&second), 0.8).unwrap());
         let back = match_mutual(&features(&second), &features(&first), 0.8).unwrap();
         let swapped = |m: &PointMatch| PointMatch { first: m.second, second: m.first };
         assert_eq!(forth.len(), back.len());
@@ -255,8 +243,9 @@ mod tests {
         let flat = ImageU8::new(64, 64, vec![128; 64 * 64 * 3]).unwrap();
         let dot = ImageU8::new(1, 1, vec![0; 3]).unwrap();
         let none = ImageU8::new(0, 0, vec![]).unwrap();
+        let features = |picture| detect(picture, &MatchOptions::default()).unwrap();
         for picture in [&flat, &dot, &none] {
-            assert_eq!(match_pair(picture, &flat, &MatchOptions::default()).unwrap(), vec![]);
+            assert_eq!(match_mutual(&features(picture), &features(&flat), 0.8).unwrap(), vec![]);
         }
     }
 }

@@ -16,7 +16,7 @@ use ::opencv::prelude::*;
 pub use check_geometry::{GeometryCheck, GeometryCheckOptions, PairCheck, PairChoice, SkippedPair, check_geometry};
 pub use coverage::{Coverage, FeatureCoverage, feature_overlap};
 pub use error::OpenCvError;
-pub use matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual, match_pair};
+pub use matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
 pub use undistort::{UndistortMode, Undistorter};
 pub use undistort_scene::{UndistortedFrames, undistort_scene};
 pub use video::{ExtractedFrame, ExtractedFrames, ExtractionOptions, ExtractionOutcome, FrameFormat, extract_frames};

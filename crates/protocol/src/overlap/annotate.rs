@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_pixels::DecodeLimits;
 use atsplat_scene::{Scene, SceneSource, Warnings};
@@ -15,11 +15,15 @@ pub struct OverlapReport {
     pub index: EvaluationIndex,
     /// Number of entries with a measured overlap.
     pub measured: usize,
-    /// Number of entries that had an overlap before, published or by another estimator.
+    /// Number of these that had an overlap before, published or by another estimator.
     pub replaced: usize,
+    /// Number of entries that had an overlap before and have none now, because it could not be measured.
+    pub removed: usize,
     /// Number of entries whose overlap could not be measured, by [`NoEntry::name`].
     pub unmeasured: BTreeMap<&'static str, usize>,
-    /// The first few of each reason, in index order.
+    /// Number of scenes with such entries, by the same names.
+    pub failed_scenes: BTreeMap<&'static str, usize>,
+    /// The first such entry of the first few scenes, for each name, in index order.
     pub examples: Vec<UnmeasuredExample>,
 }
 
@@ -37,7 +41,8 @@ pub struct UnmeasuredExample {
     pub detail: String,
 }
 
-const EXAMPLES_PER_REASON: usize = 3;
+/// Scenes of which an entry is described, for each reason.
+pub(super) const EXAMPLES_PER_REASON: usize = 3;
 
 /// Measures the context overlap of every entry of an index on a dataset, in parallel over scenes; the result
 /// does not depend on the number of threads. Overlaps stated by the index are replaced, or removed if they cannot be
@@ -59,20 +64,35 @@ pub fn annotate_overlaps(
             Err(dropped) => vec![Err(NoEntry::from(dropped)); entries.len()],
         }
     });
-    let (unmeasured, examples) = (BTreeMap::new(), Vec::new());
-    let mut report = OverlapReport { index: index.clone(), measured: 0, replaced: 0, unmeasured, examples };
+    let mut report = OverlapReport {
+        index: index.clone(),
+        measured: 0,
+        replaced: 0,
+        removed: 0,
+        unmeasured: BTreeMap::new(),
+        failed_scenes: BTreeMap::new(),
+        examples: Vec::new(),
+    };
     for ((key, entries), overlaps) in report.index.scenes.iter_mut().zip(measured) {
+        let mut reasons_of_scene = BTreeSet::new();
         for ((at, entry), overlap) in entries.iter_mut().enumerate().zip(overlaps) {
-            report.replaced += usize::from(entry.overlap.is_some());
+            let before = usize::from(entry.overlap.is_some());
             match &overlap {
-                Ok(_) => report.measured += 1,
+                Ok(_) => {
+                    report.measured += 1;
+                    report.replaced += before;
+                }
                 Err(error) => {
+                    report.removed += before;
                     let reason = error.name();
-                    let count = report.unmeasured.entry(reason).or_default();
-                    *count += 1;
-                    if *count <= EXAMPLES_PER_REASON {
-                        let (scene, detail) = (key.clone(), error.to_string());
-                        report.examples.push(UnmeasuredExample { scene, entry: at, reason, detail });
+                    *report.unmeasured.entry(reason).or_default() += 1;
+                    if reasons_of_scene.insert(reason) {
+                        let scenes = report.failed_scenes.entry(reason).or_default();
+                        *scenes += 1;
+                        if *scenes <= EXAMPLES_PER_REASON {
+                            let (scene, detail) = (key.clone(), error.to_string());
+                            report.examples.push(UnmeasuredExample { scene, entry: at, reason, detail });
+                        }
                     }
                 }
             }
@@ -116,7 +136,9 @@ pub(crate) fn context_overlap(
         Ok(OverlapView { camera: &frame.camera, picture: picture.as_ref(), depth })
     });
     let views: Result<Vec<OverlapView<'_>>, ProtocolError> = views.collect();
-    views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| NoEntry::Geometry(error.to_string()))
+    let needs_cameras_alone = frames.len() > 1 && !estimator.needs_pictures() && !estimator.needs_depth();
+    let reason: fn(String) -> NoEntry = if needs_cameras_alone { NoEntry::Geometry } else { NoEntry::OverlapUndefined };
+    views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| reason(error.to_string()))
 }
 
 /// The overlap of several views in frame order: the smallest overlap of two neighbours. For two views this is
@@ -142,9 +164,11 @@ pub fn chain_overlap(estimator: &OverlapEstimator, views: &[OverlapView<'_>]) ->
 mod tests {
     use atsplat_numeric::Tolerance;
     use atsplat_scene::WarningKind;
+    use glam::{DMat3, DVec3};
 
     use super::*;
     use crate::overlap::EpipolarRays;
+    use crate::samplers::test_scene::looking;
     use crate::test_source::{MemorySource, scene};
 
     fn entry(context: &[usize]) -> IndexEntry {
@@ -157,7 +181,7 @@ mod tests {
         let scenes = [
             ("a", vec![entry(&[0, 3]), entry(&[3, 0]), entry(&[0, 99])]),
             ("b", vec![entry(&[5])]),
-            ("gone", vec![entry(&[0, 3])]),
+            ("gone", vec![entry(&[0, 3]), entry(&[3, 0])]),
             ("broken", vec![entry(&[0, 3])]),
             ("null", Vec::new()),
         ];
@@ -171,18 +195,47 @@ mod tests {
         assert!(a[0].as_ref().is_some_and(|overlap| overlap.value > 0.5 && overlap.value < 1.0), "{a:?}");
         assert_eq!((&a[0], &a[2]), (&a[1], &None), "the order of context frames does not matter");
         assert_eq!(a[0].as_ref().and_then(|overlap| overlap.estimator.as_deref()), Some("epipolar-ray"));
-        assert_eq!(report.replaced, 6, "every entry had one");
-        assert_eq!((overlaps("b"), overlaps("gone")), (vec![None], vec![None]), "no old overlap remains");
+        assert_eq!((report.replaced, report.removed), (2, 5), "every entry had one");
+        assert_eq!((overlaps("b"), overlaps("gone")), (vec![None], vec![None; 2]), "no old overlap remains");
         assert_eq!(report.measured, 2);
         let unmeasured: Vec<_> = report.unmeasured.into_iter().collect();
-        assert_eq!(unmeasured, [("geometry", 1), ("scene-missing", 1), ("too-few-frames", 1), ("unreadable", 1)]);
+        assert_eq!(
+            unmeasured,
+            [("overlap-undefined", 1), ("scene-missing", 2), ("too-few-frames", 1), ("unreadable", 1)]
+        );
+        assert_eq!(report.failed_scenes["scene-missing"], 1, "both entries are of one scene");
         let examples: Vec<_> = report.examples.iter().map(|e| (e.scene.as_str(), e.entry, e.reason)).collect();
-        let expected = [("a", 2, "too-few-frames"), ("b", 0, "geometry"), ("gone", 0, "scene-missing")];
+        let expected = [("a", 2, "too-few-frames"), ("b", 0, "overlap-undefined"), ("gone", 0, "scene-missing")];
         assert_eq!((&examples[..3], examples[3]), (&expected[..], ("broken", 0, "unreadable")));
         assert!(report.examples[1].detail.contains("needs two views, found 1"), "{:?}", report.examples);
         assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
         assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
         assert_eq!(warnings.total(), 4, "and one for each of the two loaded scenes");
+    }
+
+    /// Of a scene with many entries one is described, so that the others are named too.
+    #[test]
+    fn each_scene_that_fails_is_an_example_before_its_other_entries_are() {
+        let source = MemorySource::new([]);
+        let scenes = ["a", "b", "c", "d"].map(|key| (key.to_owned(), vec![entry(&[0, 3]); 4]));
+        let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());
+        let index = EvaluationIndex { scenes: scenes.into() };
+        let report = annotate_overlaps(&index, &source, &estimator, None, &mut Warnings::new());
+        let named: Vec<_> = report.examples.iter().map(|example| (example.scene.as_str(), example.entry)).collect();
+        assert_eq!(named, [("a", 0), ("b", 0), ("c", 0)]);
+        assert_eq!((report.unmeasured["scene-missing"], report.failed_scenes["scene-missing"]), (16, 4));
+    }
+
+    /// Cameras too far apart for f64 have no geometry; one view has no overlap, whatever its camera.
+    #[test]
+    fn failed_geometry_and_undefined_overlap_are_different_reasons() {
+        let mut far = scene("far", 3, 0);
+        for (frame, x) in far.frames.iter_mut().zip([-1e308, 1e308]) {
+            frame.camera = looking(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
+        }
+        let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());
+        let reason = |context: &[usize]| context_overlap(&far, &entry(context), &estimator, None).unwrap_err().name();
+        assert_eq!([reason(&[0, 1]), reason(&[0])], ["geometry", "overlap-undefined"]);
     }
 
     /// Three views in a row: the overlap is that of the worse pair of neighbours, not of the ends.

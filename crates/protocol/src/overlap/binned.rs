@@ -3,6 +3,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use super::annotate::EXAMPLES_PER_REASON;
 use super::{OverlapEstimator, OverlapReport, UnmeasuredExample};
 use crate::{BinCounts, EvaluationIndex, OverlapBins};
 
@@ -18,9 +19,15 @@ pub struct BinnedOverlaps {
     /// Overlaps of the index that were replaced.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub replaced: Option<usize>,
+    /// Overlaps of the index that could not be measured again.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub removed: Option<usize>,
     /// Number of entries whose overlap could not be measured, by reason.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub unmeasured: BTreeMap<&'static str, usize>,
+    /// Number of scenes with such entries, by reason.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    failed_scenes: BTreeMap<&'static str, usize>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     examples: Vec<UnmeasuredExample>,
     bins: BinCounts,
@@ -48,10 +55,12 @@ impl BinnedOverlaps {
             definition,
             measured: measured.map(|found| found.measured),
             replaced: measured.map(|found| found.replaced),
+            removed: measured.map(|found| found.removed),
             bins: bins.count(index),
             edges: bins.edges().to_vec(),
             footer,
             unmeasured: measured.map_or_else(BTreeMap::new, |found| found.unmeasured.clone()),
+            failed_scenes: measured.map_or_else(BTreeMap::new, |found| found.failed_scenes.clone()),
             examples: measured.map_or_else(Vec::new, |found| found.examples.clone()),
         }
     }
@@ -63,13 +72,19 @@ impl fmt::Display for BinnedOverlaps {
         if let Some(measured) = self.measured {
             writeln!(f, "{measured:>7}  measured")?;
         }
-        if let Some(replaced) = self.replaced.filter(|count| *count > 0) {
-            writeln!(f, "{replaced:>7}  of the index replaced")?;
+        for (count, what) in [(self.replaced, "replaced"), (self.removed, "removed")] {
+            if let Some(count) = count.filter(|count| *count > 0) {
+                writeln!(f, "{count:>7}  of the index {what}")?;
+            }
         }
         for (reason, count) in &self.unmeasured {
-            writeln!(f, "{count:>7}  not measured: {reason}")?;
+            let scenes = self.failed_scenes.get(reason).copied().unwrap_or_default();
+            writeln!(f, "{count:>7}  not measured: {reason}, in {scenes} scenes")?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
                 writeln!(f, "         {:?} entry {}: {}", example.scene, example.entry, example.detail)?;
+            }
+            if scenes > EXAMPLES_PER_REASON {
+                writeln!(f, "         and {} more scenes", scenes - EXAMPLES_PER_REASON)?;
             }
         }
         for (bin, edges) in self.bins.bins.iter().zip(self.edges.windows(2)) {

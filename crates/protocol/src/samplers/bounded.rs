@@ -66,20 +66,6 @@ pub struct GapSchedule {
 }
 
 impl GapSchedule {
-    /// pixelSplat on RE10K: 25 → 45 over 150 000 steps
-    /// (`config/dataset/view_sampler_dataset_specific_config/bounded_re10k.yaml`).
-    pub const PIXELSPLAT_RE10K: Self =
-        Self { min: 45, max: 45, initial_min: 25, initial_max: 25, warm_up_steps: 150_000 };
-    /// MVSplat on RE10K: 25–45 → 45–192 over 150 000 steps.
-    pub const MVSPLAT_RE10K: Self =
-        Self { min: 45, max: 192, initial_min: 25, initial_max: 45, warm_up_steps: 150_000 };
-    /// DepthSplat and iLRM on RE10K: 25–45 → 45–135 over 30 000 steps.
-    pub const DEPTHSPLAT_RE10K: Self =
-        Self { min: 45, max: 135, initial_min: 25, initial_max: 45, warm_up_steps: 30_000 };
-    /// DepthSplat on DL3DV: 15–30 → 20–50 over 10 000 steps.
-    pub const DEPTHSPLAT_DL3DV: Self =
-        Self { min: 20, max: 50, initial_min: 15, initial_max: 30, warm_up_steps: 10_000 };
-
     /// Smallest and largest gap at a training step; a bound that would fall has its final value from the first step on.
     pub fn at(&self, step: u64) -> (usize, usize) {
         if self.warm_up_steps == 0 {
@@ -191,11 +177,15 @@ mod tests {
     use super::*;
     use crate::samplers::test_scene::along;
 
+    /// DepthSplat and iLRM on RE10K: 25–45 → 45–135 over 30 000 steps.
+    const DEPTHSPLAT_RE10K: GapSchedule =
+        GapSchedule { min: 45, max: 135, initial_min: 25, initial_max: 45, warm_up_steps: 30_000 };
+
     fn bounded() -> Bounded {
         Bounded {
             context_views: NonZeroUsize::new(2).unwrap(),
             target_views: NonZeroUsize::new(4).unwrap(),
-            gaps: GapSchedule::DEPTHSPLAT_RE10K,
+            gaps: DEPTHSPLAT_RE10K,
             min_distance_to_context: 0,
             max_distance_outside: 0,
             extra_context: ExtraContext::Random,
@@ -206,7 +196,7 @@ mod tests {
 
     #[test]
     fn schedules_are_linear_until_the_end_of_the_warm_up() {
-        let gaps = GapSchedule::DEPTHSPLAT_RE10K;
+        let gaps = DEPTHSPLAT_RE10K;
         assert_eq!(
             [0, 7_499, 7_500, 15_000, 30_000, 90_000].map(|step| gaps.at(step)),
             [(25, 45), (29, 67), (30, 67), (35, 90), (45, 135), (45, 135)]
@@ -223,10 +213,11 @@ mod tests {
 
     #[test]
     fn fewer_views_get_narrower_windows() {
-        let two = GapSchedule::DEPTHSPLAT_DL3DV.divided_for(NonZeroUsize::new(2).unwrap(), 6);
+        // DepthSplat on DL3DV: 15–30 → 20–50 over 10 000 steps.
+        let gaps = GapSchedule { min: 20, max: 50, initial_min: 15, initial_max: 30, warm_up_steps: 10_000 };
+        let two = gaps.divided_for(NonZeroUsize::new(2).unwrap(), 6);
         assert_eq!((two.min, two.max, two.initial_min, two.initial_max), (6, 16, 5, 10));
-        let ten = GapSchedule::DEPTHSPLAT_DL3DV.divided_for(NonZeroUsize::new(10).unwrap(), 6);
-        assert_eq!(ten, GapSchedule::DEPTHSPLAT_DL3DV);
+        assert_eq!(gaps.divided_for(NonZeroUsize::new(10).unwrap(), 6), gaps);
     }
 
     #[test]

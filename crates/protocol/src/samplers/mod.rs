@@ -4,13 +4,11 @@ mod bounded;
 mod evenly_spaced;
 mod farthest_point;
 mod overlap_pairs;
-mod video;
 
 pub use bounded::{Bounded, ExtraContext, GapSchedule};
 pub use evenly_spaced::EvenlySpaced;
 pub use farthest_point::{FarthestPoint, TargetRule, farthest_points};
 pub use overlap_pairs::{OverlapPairs, PairTargets};
-pub use video::{all_frames, video_index};
 
 use atsplat_camera::Camera;
 use glam::DVec3;
@@ -82,6 +80,15 @@ impl Sampler {
     }
 }
 
+/// Every frame is both context and target: to look at a scene, not to score a method.
+fn all_frames(scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
+    let frames: Vec<usize> = (0..scene.cameras.len()).collect();
+    if frames.is_empty() {
+        return Err(NoEntry::TooFewFrames { needed: 1, found: 0 });
+    }
+    Ok(vec![entry(frames.clone(), frames)])
+}
+
 /// Why a scene has no entry.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
@@ -115,10 +122,12 @@ pub enum NoEntry {
         /// Largest allowed overlap.
         maximum: String,
     },
-    /// The geometry of the cameras, or the overlap of the views, cannot be computed: numbers exceed the range of f64, or there are
-    /// fewer than two views.
+    /// The geometry of the cameras cannot be computed: numbers exceed the range of f64.
     #[error("camera geometry: {0}")]
     Geometry(String),
+    /// The overlap of the views is not defined: there are fewer than two, or one has no features or no depth.
+    #[error("{0}")]
+    OverlapUndefined(String),
     /// The dataset does not contain the scene.
     #[error("{0}")]
     SceneMissing(String),
@@ -136,6 +145,7 @@ impl NoEntry {
             Self::NoPair => "no-pair",
             Self::OverlapOutside { .. } => "overlap-outside",
             Self::Geometry(_) => "geometry",
+            Self::OverlapUndefined(_) => "overlap-undefined",
             Self::SceneMissing(_) => "scene-missing",
             Self::Unreadable(_) => "unreadable",
         }

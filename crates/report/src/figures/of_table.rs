@@ -196,7 +196,9 @@ fn overlap_bins(table: &Table) -> Option<(String, Drawing)> {
         bins: groups.iter().map(|(_, group, _)| group.title.clone()).collect(),
         series: shown(table).map(series).collect(),
     };
-    Some((table.name.clone(), plot.draw()))
+    let is_drawn = |series: &OverlapBinSeries| series.means.iter().any(Option::is_some);
+    let measured = plot.series.iter().any(|series| series.origin == Origin::Measured && is_drawn(series));
+    measured.then(|| (table.name.clone(), plot.draw()))
 }
 
 fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
+use atsplat_files::quoted;
 use glam::DVec3;
 
 use super::{
@@ -11,7 +12,6 @@ use super::{
     require_new_id,
 };
 use crate::SceneError;
-use crate::number::shown;
 
 /// `u32 id, i32 model, u64 width, u64 height, f64 parameters[]` each.
 pub(super) fn cameras(bytes: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
@@ -155,7 +155,7 @@ impl<'a> Reader<'a> {
         let name = self.take(end, "name")?;
         self.take(1, "name")?;
         let text = std::str::from_utf8(name).ok().filter(|text| !text.is_empty());
-        text.map(str::to_owned).ok_or_else(|| self.wrong("name", "a UTF-8 name", shown(name)))
+        text.map(str::to_owned).ok_or_else(|| self.wrong("name", "a UTF-8 name", quoted(name)))
     }
 
     fn finish(&self) -> Result<(), SceneError> {

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
+use atsplat_files::quoted;
 use glam::DVec3;
 
 use super::{
@@ -11,7 +12,7 @@ use super::{
     require_new_id,
 };
 use crate::SceneError;
-use crate::number::{Columns, parse_f64, parse_u64, shown};
+use crate::number::{Columns, parse_f64, parse_u64};
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS…`
 pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
@@ -21,7 +22,7 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
         let name = row.column("MODEL")?;
         let model = std::str::from_utf8(name).ok().and_then(ColmapCameraModel::from_name);
         let model = model.ok_or_else(|| {
-            SceneError::unsupported_model(path, row.location("MODEL"), shown(name), "COLMAP has no such model")
+            SceneError::unsupported_model(path, row.location("MODEL"), quoted(name), "COLMAP has no such model")
         })?;
         let size = ImageSize { width: row.length("WIDTH")?, height: row.length("HEIGHT")? };
         let parameters: Vec<f64> = std::iter::from_fn(|| row.next_number("PARAMS")).collect::<Result<_, _>>()?;
@@ -69,7 +70,7 @@ fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneEr
     let camera_id = row.integer("CAMERA_ID")?;
     let name = row.columns.rest();
     let name = std::str::from_utf8(name).ok().filter(|name| !name.is_empty());
-    let name = name.ok_or_else(|| malformed(path, row.location("NAME"), "a UTF-8 name", shown(row.columns.rest())))?;
+    let name = name.ok_or_else(|| malformed(path, row.location("NAME"), "a UTF-8 name", quoted(row.columns.rest())))?;
     let pose = pose_from(quaternion, translation);
     let pose = pose.ok_or_else(|| {
         malformed(path, row.location("QW"), "a quaternion of finite length above 0", format!("{quaternion:?}"))
@@ -137,7 +138,7 @@ impl<'a> Row<'a> {
         let value = parse_u64(column).and_then(|value| N::try_from(value).ok());
         value.ok_or_else(|| {
             let expected = format!("a whole number of {} bits", 8 * size_of::<N>());
-            malformed(self.path, self.location(field), expected, shown(column))
+            malformed(self.path, self.location(field), expected, quoted(column))
         })
     }
 
@@ -150,7 +151,7 @@ impl<'a> Row<'a> {
 
     fn number(&mut self, field: &str) -> Result<f64, SceneError> {
         let column = self.column(field)?;
-        parse_f64(column).ok_or_else(|| malformed(self.path, self.location(field), "a number", shown(column)))
+        parse_f64(column).ok_or_else(|| malformed(self.path, self.location(field), "a number", quoted(column)))
     }
 
     fn next_number(&mut self, field: &str) -> Option<Result<f64, SceneError>> {

@@ -1,19 +1,16 @@
 //! Camera tables: one row per frame, typed and documented columns, lossless in f64.
 //!
-//! [`CameraTable`] collects frames into Arrow record batches of bounded size; [`rows_from_batch`] restores the cameras
-//! bit for bit. [`schema()`] describes every column and states the convention of the poses in its metadata, so that a
-//! file documents itself.
+//! [`CameraTable`] collects frames into Arrow record batches of bounded size. [`schema()`] describes every column and states the
+//! convention of the poses in its metadata, so that a file documents itself.
 
 mod error;
-mod read;
 mod schema;
 mod table;
 
 pub use error::ColumnsError;
-pub use read::{CameraRow, rows_from_batch};
 pub(crate) use schema::metadata;
 pub use schema::{CONVENTION, SCHEMA_VERSION, schema};
-pub use table::{CameraTable, batches_from_scene};
+pub use table::CameraTable;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

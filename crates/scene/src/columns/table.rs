@@ -30,21 +30,6 @@ pub struct CameraTable {
     picture_bytes: UInt64Builder,
 }
 
-/// One scene as record batches: a single one unless the scene is very long.
-///
-/// # Errors
-/// Those of [`CameraTable::push`].
-pub fn batches_from_scene(scene: &Scene) -> Result<Vec<RecordBatch>, ColumnsError> {
-    let mut table = CameraTable::new();
-    let mut batches = Vec::new();
-    table.push_scene(scene, |batch| {
-        batches.push(batch);
-        Ok::<(), ColumnsError>(())
-    })?;
-    batches.push(table.take()?);
-    Ok(batches)
-}
-
 impl CameraTable {
     /// Maximum rows of a batch: about 20 MB of numbers.
     pub const ROW_LIMIT: usize = 1 << 16;

@@ -8,7 +8,8 @@ use polars::prelude::*;
 use super::writer::polars_from_batch;
 use super::*;
 use crate::WarningKind;
-use crate::columns::{batches_from_scene, rows_from_batch, schema};
+use crate::columns::schema;
+use crate::columns::tests::batches_from_scene;
 use crate::test_source::{TestSource, wandering_scene};
 
 fn exported(source: &TestSource, format: ExportFormat) -> (Vec<u8>, ExportSummary, Warnings) {
@@ -30,13 +31,13 @@ fn dataset() -> TestSource {
     TestSource::new((0..40).map(|n| wandering_scene(&format!("scene {n:02}, \"quoted\""), 5 + n)))
 }
 
-/// The expected content of every file, as a polars frame.
+/// The expected content of every file.
 fn expected_frame(source: &TestSource) -> DataFrame {
-    let frames: Vec<DataFrame> = source
-        .scenes()
-        .flat_map(|scene| batches_from_scene(scene).unwrap())
-        .map(|batch| polars_from_batch(&batch).unwrap())
-        .collect();
+    frame_of(source.scenes().flat_map(|scene| batches_from_scene(scene).unwrap()))
+}
+
+fn frame_of(batches: impl Iterator<Item = RecordBatch>) -> DataFrame {
+    let frames: Vec<DataFrame> = batches.map(|batch| polars_from_batch(&batch).unwrap()).collect();
     let mut whole = frames[0].clone();
     for frame in &frames[1..] {
         whole.vstack_mut(frame).unwrap();
@@ -74,15 +75,11 @@ fn arrow_and_polars_read_back_arrow_ipc_bit_for_bit() {
     let (bytes, ..) = exported(&source, ExportFormat::ArrowIpc);
     let reader = arrow_ipc::reader::FileReader::try_new(Cursor::new(&bytes), None).unwrap();
     assert_eq!(reader.schema(), schema(), "with its metadata");
-    let batches: Vec<RecordBatch> = reader.map(Result::unwrap).collect();
-    let rows: Vec<_> = batches.iter().flat_map(|batch| rows_from_batch(batch).unwrap()).collect();
-    let frames: Vec<_> = source.scenes().flat_map(|scene| scene.frames.iter().map(move |f| (&scene.key, f))).collect();
-    assert_eq!(rows.len(), frames.len());
-    for (row, (key, frame)) in rows.iter().zip(frames) {
-        assert_eq!((&row.scene, &row.name, row.camera), (key, &frame.name, frame.camera));
+    let expected = expected_frame(&source);
+    for read in [frame_of(reader.map(Result::unwrap)), IpcReader::new(Cursor::new(&bytes)).finish().unwrap()] {
+        assert!(read.equals_missing(&expected));
+        assert_eq!(float_bits(&read), float_bits(&expected));
     }
-    let read = IpcReader::new(Cursor::new(bytes)).finish().unwrap();
-    assert!(read.equals_missing(&expected_frame(&source)));
 }
 
 #[test]

@@ -2,9 +2,10 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_files::quoted;
 
 use crate::files::read_file;
-use crate::number::{Columns, parse_f64, parse_i64, shown};
+use crate::number::{Columns, parse_f64, parse_i64};
 use crate::{Frame, Picture, Scene, SceneError};
 
 const FORMAT: &str = "RE10K trajectory";
@@ -165,13 +166,13 @@ fn split_row(line: &[u8]) -> Result<[&[u8]; 19], RowProblem> {
     if count == row.len() {
         return Ok(row);
     }
-    let found = format!("{count}: {}", shown(line.trim_ascii()));
+    let found = format!("{count}: {}", quoted(line.trim_ascii()));
     Err(RowProblem::Text { location: String::new(), expected: "19 columns", found })
 }
 
 fn bad_column(index: usize, expected: &'static str, token: &[u8]) -> RowProblem {
     let name = COLUMNS.get(index).unwrap_or_else(|| unreachable!("a row has 19 columns"));
-    RowProblem::Text { location: format!(", column {} ({name})", index + 1), expected, found: shown(token) }
+    RowProblem::Text { location: format!(", column {} ({name})", index + 1), expected, found: quoted(token) }
 }
 
 /// Writes a trajectory that [`parse_trajectory`] reads back bit for bit.

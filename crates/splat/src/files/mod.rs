@@ -192,14 +192,6 @@ impl Malformed {
     }
 }
 
-/// Bytes quoted for an error message: escaped, and truncated after 40.
-fn quoted(bytes: &[u8]) -> String {
-    match bytes.get(..40) {
-        Some(start) if bytes.len() > 40 => format!("\"{}…\"", start.escape_ascii()),
-        _ => format!("\"{}\"", bytes.escape_ascii()),
-    }
-}
-
 /// The logit of an opacity in [0, 1]; infinite at 0 and 1, which import clamps.
 #[expect(clippy::cast_possible_truncation, reason = "logits are stored as f32")]
 fn logit(opacity: f64) -> f32 {

@@ -1,4 +1,4 @@
-use atsplat_camera::{Similarity, WorldFromCamera};
+use atsplat_camera::Similarity;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -28,10 +28,6 @@ impl Gaussians {
         if !(determinant > 0.0) {
             return invalid("rotation's determinant", "1", determinant);
         }
-        Ok(self.transform_unchecked(similarity))
-    }
-
-    fn transform_unchecked(&self, similarity: &Similarity) -> Self {
         let mut parts = self.parts().clone();
         for mean in &mut parts.means {
             *mean = narrow(similarity.new_from_old(DVec3::from_array(mean.map(f64::from))).to_array());
@@ -54,15 +50,7 @@ impl Gaussians {
             let sh_rotation = ShRotation::new(DMat3::from_quat(rotation));
             parts.sh.chunks_exact_mut(sh_coefficients(parts.sh_degree)).for_each(|of_one| sh_rotation.apply(of_one));
         }
-        Self(parts)
-    }
-
-    /// Applies the rigid motion `new_from_old`: with a view's pose, this takes Gaussians from camera to world
-    /// coordinates.
-    #[must_use]
-    pub fn moved_by(&self, new_from_old: &WorldFromCamera) -> Self {
-        let origin = new_from_old.inverse().translation();
-        self.transform_unchecked(&Similarity { rotation: new_from_old.rotation(), origin, scale: 1.0 })
+        Ok(Self(parts))
     }
 }
 
@@ -130,12 +118,8 @@ mod tests {
     }
 
     #[test]
-    fn moving_by_a_pose_and_its_inverse_is_the_identity() {
-        let pose = WorldFromCamera::new(similarity().rotation, DVec3::new(4.0, 5.0, 6.0)).unwrap();
-        let moved = one().moved_by(&pose);
-        let expected = pose.transform_point(DVec3::new(1.0, -2.0, 0.5));
-        Tolerance::F32_ROUND_TRIP.assert(moved.parts().means[0].map(f64::from), expected.to_array(), "mean");
-        let back = moved.moved_by(&WorldFromCamera::from_rows(&pose.inverse().to_rows()).unwrap());
+    fn a_similarity_and_its_inverse_are_the_identity() {
+        let back = one().transformed(&similarity()).unwrap().transformed(&similarity().inverse()).unwrap();
         let flat = |g: &Gaussians| g.parts().sh.iter().flatten().map(|value| f64::from(*value)).collect::<Vec<_>>();
         Tolerance::F32_ROUND_TRIP.assert(flat(&back), flat(&one()), "colours");
     }

@@ -155,7 +155,7 @@ fn composite_backward(
         &d_pair,
     ];
     for block in lists.passes() {
-        recorder.dispatch(Kernel::CompositeBackward, block.bytes(), &buffers, lists.window.tiles())?;
+        recorder.dispatch(context.composite_backward(), block.bytes(), &buffers, lists.window.tiles())?;
     }
     let buffers = [&scene.order, &scene.offsets, &d_pair, &sums.firsts, &sums.seconds, &sums.colours];
     recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))

@@ -2,6 +2,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapters::AdapterDescription;
 use super::counts::Counters;
+use super::kernels::Kernel;
 use super::panics::catch_panics;
 use super::{GpuError, GpuOptions, Threads};
 
@@ -23,7 +24,9 @@ pub(super) struct Context {
     /// Limit on the bytes of pooled buffers.
     pub(super) memory_limit: u64,
     /// Rows of four pixels per thread, 1 or 4.
-    pub(super) thread_rows: u32,
+    thread_rows: u32,
+    /// Least number of threads in a subgroup, if kernels sum within subgroups.
+    least_subgroup: Option<u32>,
     /// Limit on the entries of a tile's list per dispatch.
     pub(super) entries_per_dispatch: u32,
     /// Limit on the tiles of a window.
@@ -42,6 +45,8 @@ pub(super) struct Context {
 const STORAGE_BUFFERS: u32 = 8;
 /// Shared memory of the largest kernel's workgroup, in bytes.
 const SHARED_BYTES: u32 = 14 << 10;
+/// Threads of a subgroup that its kernel needs at least.
+const LEAST_SUBGROUP: u32 = 4;
 /// Upper bound on the loop iterations per entry of a tile's list. The backward pass needs most if 16 threads have 16
 /// pixels each and the driver unrolls nothing: 11 to clear sums, one for each thread that skips the entry separately, 4
 /// rows of pixels, 11 to store sums, 12 to add those of all threads; about 40 in the worst case.
@@ -55,7 +60,7 @@ impl Context {
         options: &GpuOptions,
     ) -> Result<Self, GpuError> {
         let name = description.to_string();
-        let features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        let features = adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::SUBGROUP);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("atsplat"),
             required_features: features,
@@ -103,9 +108,11 @@ impl Context {
         let binding_limit = allowed.into_iter().fold(1 << 33, Ord::min) & !255;
         let groups_limit = limits.max_compute_workgroups_per_dimension.min(options.groups_limit).max(1);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let info = device.adapter_info();
+        let is_software = info.device_type == wgpu::DeviceType::Cpu;
         let few_threads = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_software);
         let thread_rows = if few_threads { 4 } else { 1 };
+        let has_subgroups = options.subgroups && device.features().contains(wgpu::Features::SUBGROUP);
         Ok(Self {
             device,
             queue,
@@ -117,6 +124,7 @@ impl Context {
             timestamps,
             memory_limit: options.memory_limit,
             thread_rows,
+            least_subgroup: has_subgroups.then_some(info.subgroup_min_size),
             entries_per_dispatch: options.entries_limit.max(1),
             tiles_per_window: u64::MAX,
             first_pairs: options.first_pairs,
@@ -124,6 +132,21 @@ impl Context {
             lost: Arc::default(),
             uncaptured: Arc::default(),
         })
+    }
+
+    /// Constants that the kernels are compiled with.
+    pub(super) fn constants(&self) -> String {
+        let threads = 64 / self.thread_rows;
+        let least = self.least_subgroup.unwrap_or(threads).clamp(LEAST_SUBGROUP, threads);
+        format!("const ROWS: u32 = {}u;\nconst LEAST_SUBGROUP: u32 = {least}u;\n", self.thread_rows)
+    }
+
+    /// The kernel that sums over the pixels of a tile.
+    pub(super) const fn composite_backward(&self) -> Kernel {
+        match self.least_subgroup {
+            Some(LEAST_SUBGROUP..) => Kernel::CompositeBackwardSubgroups,
+            _ => Kernel::CompositeBackward,
+        }
     }
 
     /// Limits the loops of kernels to the iterations that the driver allows, and to what finishes before the system

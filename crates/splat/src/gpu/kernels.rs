@@ -1,10 +1,11 @@
 use std::collections::BTreeMap;
 
 use super::GpuError;
+use super::bindings::BindGroups;
 use super::context::Context;
 
 /// A compute kernel; its source is in `shaders/`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) enum Kernel {
     Project,
     Colour,
@@ -21,6 +22,7 @@ pub(super) enum Kernel {
     PixelGradients,
     RowSums,
     CompositeBackward,
+    CompositeBackwardSubgroups,
     Gather,
     ColourBackward,
     ProjectBackward,
@@ -40,7 +42,7 @@ macro_rules! sources {
 
 impl Kernel {
     /// Every kernel.
-    pub(super) const ALL: [Self; 26] = [
+    pub(super) const ALL: [Self; 27] = [
         Self::Project,
         Self::Colour,
         Self::Keys,
@@ -56,6 +58,7 @@ impl Kernel {
         Self::PixelGradients,
         Self::RowSums,
         Self::CompositeBackward,
+        Self::CompositeBackwardSubgroups,
         Self::Gather,
         Self::ColourBackward,
         Self::ProjectBackward,
@@ -98,7 +101,12 @@ impl Kernel {
             Self::Composite => sources!("view", "one_view", "tiles", "raster", "composite"),
             Self::PixelGradients => sources!("view", "one_view", "pixel_gradients"),
             Self::RowSums => sources!("view", "one_view", "row_sums"),
-            Self::CompositeBackward => sources!("view", "one_view", "tiles", "raster", "composite_backward"),
+            Self::CompositeBackward => {
+                sources!("view", "one_view", "tiles", "raster", "pixel_sums", "composite_backward")
+            }
+            Self::CompositeBackwardSubgroups => {
+                sources!("view", "one_view", "tiles", "raster", "pixel_sums", "composite_backward_subgroups")
+            }
             Self::Gather => sources!("view", "one_view", "gather"),
             Self::ColourBackward => sources!("view", "one_view", "double", "exponent", "harmonics", "colour_backward"),
             Self::ProjectBackward => {
@@ -134,11 +142,12 @@ impl Kernel {
 /// Bytes of a buffer of uniform blocks.
 pub(super) const UNIFORM_BYTES: usize = 64 << 10;
 
-/// Pipelines, compiled on first use, and buffers for their uniform blocks.
+/// Pipelines, compiled on first use, buffers for their uniform blocks, and their bind groups.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pipelines {
     compiled: BTreeMap<Kernel, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>,
     uniforms: Vec<wgpu::Buffer>,
+    pub(super) bind_groups: BindGroups,
 }
 
 impl Pipelines {
@@ -146,7 +155,7 @@ impl Pipelines {
     pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> (wgpu::ComputePipeline, wgpu::BindGroupLayout) {
         let make = || {
             let label = format!("{kernel:?}");
-            let source = format!("const ROWS: u32 = {}u;\n{}", context.thread_rows, kernel.source());
+            let source = format!("{}{}", context.constants(), kernel.source());
             let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(&label),
                 source: wgpu::ShaderSource::Wgsl(source.into()),
@@ -222,16 +231,26 @@ impl Pool {
             kept.frame = frame;
             return Ok(kept.buffer.clone());
         }
-        self.buffers.remove(&(name, part));
+        self.remove(|key, _| *key == (name, part));
         // A quarter larger, so that scenes of similar size can share it.
         let padded = (bytes + bytes / 4).min(context.binding_limit);
         if self.bytes().saturating_add(padded) > context.memory_limit {
-            self.buffers.retain(|_, kept| kept.frame == frame);
+            self.remove(|_, kept| kept.frame != frame);
         }
         let has_room = self.bytes().saturating_add(padded) <= context.memory_limit;
         let buffer = context.buffer(name, if has_room && padded > bytes { padded } else { bytes })?;
         self.buffers.insert((name, part), Pooled { buffer: buffer.clone(), frame });
         Ok(buffer)
+    }
+
+    /// Frees buffers even if bind groups hold them, unless commands of this frame use them.
+    fn remove(&mut self, which: impl Fn(&(&'static str, usize), &Pooled) -> bool) {
+        let frame = self.frames;
+        for (_, removed) in self.buffers.extract_if(.., |key, kept| which(key, kept)) {
+            if removed.frame != frame {
+                removed.buffer.destroy();
+            }
+        }
     }
 
     /// Bytes of all pooled buffers.

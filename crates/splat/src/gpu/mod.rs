@@ -19,6 +19,7 @@
 
 mod adapters;
 mod backward;
+mod bindings;
 mod bounds;
 mod context;
 mod counts;
@@ -130,7 +131,7 @@ impl GpuRenderer {
                 }
                 tested?;
             }
-            renderer.pool.clear();
+            renderer.free_buffers();
             Ok(renderer)
         })
     }
@@ -181,6 +182,7 @@ impl GpuRenderer {
     /// Frees the buffers that are kept for reuse.
     pub fn free_buffers(&mut self) {
         self.pool.clear();
+        self.pipelines.bind_groups.clear();
         self.context.free_staging();
     }
 

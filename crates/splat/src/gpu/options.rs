@@ -16,6 +16,9 @@ pub struct GpuOptions {
     pub first_pairs: u64,
     /// Number of pixels per thread.
     pub threads: Threads,
+    /// Whether backward passes sum over pixels within subgroups, where the adapter has them; only the last bits of
+    /// gradients depend on it.
+    pub subgroups: bool,
 }
 
 /// Number of pixels per thread; only the last bits of gradients depend on it.
@@ -40,6 +43,7 @@ impl Default for GpuOptions {
             entries_limit: u32::MAX,
             first_pairs: u64::MAX,
             threads: Threads::Automatic,
+            subgroups: true,
         }
     }
 }

@@ -2,7 +2,7 @@ use atsplat_splat::cpu::CpuOptions;
 use atsplat_splat::gpu::{
     AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, Uploaded, adapters, with_fallback,
 };
-use atsplat_splat::{ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
+use atsplat_splat::{Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
 use crate::scenes::{
@@ -37,6 +37,34 @@ fn many_and_few_threads_give_identical_pixels() {
         let options = RenderOptions { constants, ..everything() };
         let pixels = many.render(&gaussians, &view, &options).unwrap();
         assert!(few.render(&gaussians, &view, &options).unwrap() == pixels, "{preset}");
+    }
+}
+
+/// Trees of sums within subgroups round differently than sums by index, but neither differs between runs, nor between
+/// one dispatch and many.
+#[test]
+fn subgroups_change_only_the_rounding_of_gradients() {
+    let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
+    let images = narrow_images(&image_gradients(&view));
+    for threads in [Threads::Many, Threads::Few] {
+        let gradients =
+            [(true, u32::MAX), (true, u32::MAX), (true, 37), (false, u32::MAX)].map(|(subgroups, entries_limit)| {
+                let mut gpu = open(GpuOptions { threads, subgroups, entries_limit, ..GpuOptions::default() })?;
+                if subgroups && !gpu.device().features().contains(wgpu::Features::SUBGROUP) {
+                    skip("subgroups_change_only_the_rounding_of_gradients", "the adapter has no subgroups");
+                    return None;
+                }
+                Some(gpu.backward(&gaussians, &view, &everything(), &images).unwrap())
+            });
+        let [Some(trees), Some(again), Some(in_parts), Some(by_index)] = gradients else { return };
+        assert!(trees == again && trees == in_parts, "{threads:?}");
+        assert!(trees != by_index, "{threads:?}: both kernels add in the same order");
+        let means = |gradients: &Gradients<f32>| gradients.means.as_flattened().to_vec();
+        let [trees, by_index] = [means(&trees), means(&by_index)];
+        let greatest = by_index.iter().fold(0.0_f32, |most, value| if value.abs() > most { value.abs() } else { most });
+        for (tree, value) in trees.iter().zip(&by_index) {
+            assert!((tree - value).abs() <= 1e-4 * greatest, "{threads:?}: {tree} and {value} of up to {greatest}");
+        }
     }
 }
 

@@ -39,7 +39,9 @@ pub(crate) fn external_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(
     let adapter = adapters.into_iter().find(|adapter| adapter.get_info().backend != wgpu::Backend::Gl)?;
     let mut required_limits = adapter.limits();
     lower(&mut required_limits);
-    let descriptor = wgpu::DeviceDescriptor { required_limits, ..wgpu::DeviceDescriptor::default() };
+    // As this crate's own devices, which otherwise round gradients differently.
+    let required_features = adapter.features() & wgpu::Features::SUBGROUP;
+    let descriptor = wgpu::DeviceDescriptor { required_limits, required_features, ..wgpu::DeviceDescriptor::default() };
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
 }
 

@@ -212,6 +212,10 @@ impl TrainConfig {
     }
 
     fn validate(&self) -> Result<(), TrainError> {
+        if self.products == MatmulPrecision::F16 {
+            let expected = "f32 or bf16: gradients can be too small for float16";
+            return Err(TrainError::malformed(WHAT, "products", expected, self.products.name()));
+        }
         let numbers = [
             ("clip", self.clip),
             ("schedule.learning-rate", self.schedule.learning_rate),
@@ -247,7 +251,7 @@ impl TrainConfig {
     ///
     /// # Errors
     /// As [`DatasetSource::open`] and [`Mixture::new`]; [`TrainError::Malformed`] for a dataset whose folder holds its training
-    /// scenes in `train` and its test scenes in `test`.
+    /// scenes in `train` and its test scenes in `test`, or test scenes alone.
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
         for (at, data) in self.data.iter().enumerate() {
             if let SourceConfig::Dataset(dataset) = &data.source {

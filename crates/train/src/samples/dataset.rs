@@ -35,16 +35,28 @@ pub struct DatasetConfig {
 }
 
 impl DatasetConfig {
-    /// Refuses training data whose folder holds both training and test scenes: the reader would take them all, or the test
-    /// scenes alone.
+    /// Refuses training data whose folder leads to test scenes: of `train` and `test` the reader would take all scenes, or the
+    /// test scenes alone; without `train` it may take those in `test`. A path that ends in `test` asks for them.
     pub(crate) fn require_one_split(&self, field: String) -> Result<(), TrainError> {
         let [train, test] = ["train", "test"].map(|split| self.path.join(split));
-        let holds_scenes = |folder: &Path| folder.is_dir() && atsplat_scene::open(folder, &mut Warnings::new()).is_ok();
-        if !holds_scenes(&test) || !holds_scenes(&train) {
+        let open = |folder: &Path| atsplat_scene::open(folder, &mut Warnings::new()).ok();
+        let holds_scenes = |folder: &Path| folder.is_dir() && open(folder).is_some();
+        if !holds_scenes(&test) {
             return Ok(());
         }
-        let expected = format!("{}, without the test scenes in {}", train.display(), test.display());
-        Err(TrainError::malformed(WHAT, field, expected, self.path.display()))
+        if holds_scenes(&train) {
+            let expected = format!("{}, without the test scenes in {}", train.display(), test.display());
+            return Err(TrainError::malformed(WHAT, field, expected, self.path.display()));
+        }
+        let Some(dataset) = open(&self.path) else { return Ok(()) };
+        for key in dataset.keys() {
+            if dataset.files(key)?.iter().any(|file| file.is_file() && file.starts_with(&test)) {
+                let expected = format!("a folder of training scenes, or {} to train on those", test.display());
+                let found = format!("{}, whose scene {key} lies in its test", self.path.display());
+                return Err(TrainError::malformed(WHAT, field, expected, found));
+            }
+        }
+        Ok(())
     }
 }
 

@@ -90,23 +90,58 @@ fn resuming_needs_a_log_or_checkpoints() {
 #[test]
 fn training_on_a_folder_with_test_scenes_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let size = atsplat_camera::ImageSize { width: 32, height: 32 };
-    let scenes = [Split::Train, Split::Test].map(|split| {
-        let seed = SceneSeed { split, number: 0 };
-        Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
-    });
-    let options = WriteOptions { layout: Layout::Chunks, coding: PictureEncoding::Png, depth: false };
-    write_dataset(folder.path(), scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
-    let config = |path: &Path| {
-        let text = CONFIG.replace("DATA", &path.to_string_lossy()).replace("PRESET", "re10k-2v-256");
-        TrainConfig::from_toml(&text).unwrap()
-    };
-    let open = |path: &Path| config(path).samples(&mut Warnings::new()).map(drop);
-    let error = open(folder.path()).unwrap_err().to_string();
+    write_chunks(folder.path(), &[Split::Train, Split::Test]);
+    let error = samples_of(folder.path()).unwrap_err().to_string();
     for expected in ["data[0].source.dataset.path", "train, without the test scenes in ", "test, found "] {
         assert!(error.contains(expected), "{error}");
     }
-    open(&folder.path().join("train")).unwrap();
+    samples_of(&folder.path().join("train")).unwrap();
+}
+
+#[test]
+fn training_on_a_folder_with_test_scenes_alone_needs_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    write_chunks(folder.path(), &[Split::Test]);
+    let test = folder.path().join("test");
+    // A download that was stopped, for example.
+    for with_empty_train in [false, true] {
+        if with_empty_train {
+            std::fs::create_dir(folder.path().join("train")).unwrap();
+        }
+        let error = samples_of(folder.path()).unwrap_err().to_string();
+        let asked_for = format!("{} to train on those", test.display());
+        for expected in ["data[0].source.dataset.path", asked_for.as_str(), "whose scene rooms-test-00000000 lies"] {
+            assert!(error.contains(expected), "{error}");
+        }
+    }
+    samples_of(&test).unwrap();
+}
+
+/// Chunks in the folder itself are what is read, whatever lies in `test`.
+#[test]
+fn training_on_chunks_beside_test_scenes_is_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    write_chunks(folder.path(), &[Split::Train, Split::Test]);
+    let train = folder.path().join("train");
+    std::fs::rename(folder.path().join("test"), train.join("test")).unwrap();
+    samples_of(&train).unwrap();
+}
+
+/// One simulated scene of each split, as chunks in `train` and `test`.
+fn write_chunks(folder: &Path, splits: &[Split]) {
+    let size = atsplat_camera::ImageSize { width: 32, height: 32 };
+    let scenes = splits.iter().map(|split| {
+        let seed = SceneSeed { split: *split, number: 0 };
+        Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
+    });
+    let options = WriteOptions { layout: Layout::Chunks, coding: PictureEncoding::Png, depth: false };
+    write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
+}
+
+/// Opens the samples of a run on a dataset.
+fn samples_of(path: &Path) -> Result<(), TrainError> {
+    let text = CONFIG.replace("DATA", &path.to_string_lossy()).replace("PRESET", "re10k-2v-256");
+    TrainConfig::from_toml(&text).unwrap().samples(&mut Warnings::new()).map(drop)
 }
 
 /// Before the first and after the last step, with the scores of the evaluation's own sample, reported and logged.

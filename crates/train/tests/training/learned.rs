@@ -1,7 +1,6 @@
 //! The learned loss against the metric of the same network, and its gradient against finite differences.
 
 use atsplat_metrics::learned::{Network, Perceptual, Step, WeightsHashes};
-use atsplat_metrics::{Pair, Values};
 use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
@@ -50,8 +49,8 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
         let hashes = WeightsHashes { network: String::new(), heads: String::new(), is_published: None };
         let metric = Perceptual::from_tensors(network, &weights, &heads, hashes).unwrap();
         let evaluated = loss.evaluate(&render, &truth, stack);
-        let (render_image, truth_image) = (image(&render), image(&truth));
-        let expected = metric.compare(&Pair::new(&render_image, &truth_image).unwrap(), Values::AsRendered).unwrap();
+        let [of_render, of_truth] = [&render, &truth].map(|samples| metric.features(&image(samples)).unwrap());
+        let expected = metric.distance(&of_render, &of_truth).unwrap();
         assert!(expected > 1e-3, "{network:?} sees a difference: {expected}");
         VALUE.assert([evaluated.value], [expected], network.name());
 

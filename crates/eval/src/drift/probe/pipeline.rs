@@ -107,7 +107,7 @@ impl Stages for Pipeline {
     }
 
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
-        let scored = self.suite.score(render, &Image::from_u8(truth), None);
+        let scored = self.suite.score(render, &Image::from_u8(truth));
         let value = |(id, score): (&str, Score)| match score {
             Score::Value(value) => Ok((id.to_owned(), value)),
             Score::Identical => Ok((id.to_owned(), atsplat_metrics::DECIBEL_CAP)),

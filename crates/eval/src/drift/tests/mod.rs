@@ -1,6 +1,6 @@
 use atsplat_numeric::{SplitMix64, Tolerance};
 
-use super::probe::{Inputs, Pipeline, Recipe, Stage, attribute, run};
+use super::probe::{Inputs, Outputs, Pipeline, Recipe, Stage, attribute, run};
 use super::*;
 use crate::sample_rows::{PRESET, results};
 use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
@@ -334,8 +334,8 @@ fn a_changed_number_is_traced_to_its_stage() {
         (base, outputs)
     };
     let (base, outputs) = rows(&pipeline);
-    Baseline::write_probe(&path, &outputs).unwrap();
-    Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).write(&path).unwrap();
+    let accepted = Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).unwrap();
+    accepted.write_with_probe(&path, &outputs).unwrap();
 
     let baseline = Baseline::read(&path).unwrap();
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
@@ -354,4 +354,53 @@ fn a_changed_number_is_traced_to_its_stage() {
 
     std::fs::write(Baseline::probe_path(&path), run(&pipeline, &inputs).unwrap().to_bytes().unwrap()).unwrap();
     assert!(matches!(baseline.read_probe(&path), Err(DriftError::Malformed(_))), "another run's values");
+}
+
+/// The file of values is another one although every stage has the same values, as after a kill between the two files.
+#[test]
+fn a_probe_that_was_not_accepted_with_its_baseline_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("quick.json");
+    let [(first, outputs), (second, others)] = probed_twice();
+    first.write_with_probe(&path, &outputs).unwrap();
+    assert_eq!(Baseline::read(&path).unwrap().read_probe(&path).unwrap(), Some((Recipe::default(), outputs)));
+    second.write(&path).unwrap();
+    let error = Baseline::read(&path).unwrap().read_probe(&path).unwrap_err().to_string();
+    for part in ["SHA-256: expected the probe that was accepted with the baseline", "quick.probe.safetensors"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    // Baselines had no hash once.
+    let mut old = second;
+    old.probe.as_mut().unwrap().sha256 = None;
+    old.write_with_probe(&path, &others).unwrap();
+    let read = Baseline::read(&path).unwrap();
+    assert!(read == old && read.read_probe(&path).unwrap().is_some());
+}
+
+#[test]
+fn a_baseline_that_cannot_be_written_leaves_the_old_probe() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("quick.json");
+    let [(first, outputs), (second, others)] = probed_twice();
+    first.write_with_probe(&path, &outputs).unwrap();
+    let probe = || std::fs::read(Baseline::probe_path(&path)).unwrap();
+    let before = probe();
+    std::fs::remove_file(&path).unwrap();
+    std::fs::create_dir(&path).unwrap();
+    assert!(matches!(second.write_with_probe(&path, &others), Err(DriftError::Io(_))));
+    assert!(probe() == before, "the probe of the old baseline");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary file remains");
+}
+
+/// Two baselines whose probes have the same values from different files: the second has a byte that no decoder reads.
+fn probed_twice() -> [(Baseline, Outputs); 2] {
+    let inputs = Inputs::pattern(&atsplat_splat::RendererConstants::default()).unwrap();
+    let outputs = run(&Pipeline::of(&Recipe::default()).unwrap(), &inputs).unwrap();
+    let mut others = outputs.clone();
+    others.inputs.files[0].push(0);
+    assert_eq!(others.fingerprints(), outputs.fingerprints());
+    [outputs, others].map(|outputs| {
+        let baseline = Baseline::new(&store(true, 4, 0.3, 1), &[], acceptance("first"));
+        (baseline.with_probe(Recipe::default(), &outputs).unwrap(), outputs)
+    })
 }

@@ -1,4 +1,5 @@
-use super::super::quoted;
+use atsplat_files::quoted;
+
 use super::Malformed;
 use super::binary::slots;
 use super::header::{Element, Kind, Scalar};

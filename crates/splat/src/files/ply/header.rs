@@ -1,6 +1,7 @@
 use std::collections::HashSet;
 
-use super::super::quoted;
+use atsplat_files::quoted;
+
 use super::{Encoding, Malformed};
 
 /// The parsed header of a PLY file.

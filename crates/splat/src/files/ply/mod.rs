@@ -9,7 +9,9 @@ mod write;
 
 pub(super) use write::write;
 
-use super::{Encoding, Format, Malformed, Stored, quoted};
+use atsplat_files::quoted;
+
+use super::{Encoding, Format, Malformed, Stored};
 use ascii::Text;
 use binary::Binary;
 use header::{Element, Header};
