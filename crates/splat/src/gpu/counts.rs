@@ -16,8 +16,6 @@ pub struct GpuCounts {
     pub waits: u64,
     /// Kernels dispatched.
     pub dispatches: u64,
-    /// Lists of a kernel's buffers made; those of the last recordings are used again.
-    pub bind_groups: u64,
     /// Renderings and backward passes repeated, because their lists had been too short.
     pub repeats: u64,
     /// Bytes copied to the device.
@@ -32,7 +30,6 @@ impl GpuCounts {
             submissions: with(self.submissions, other.submissions),
             waits: with(self.waits, other.waits),
             dispatches: with(self.dispatches, other.dispatches),
-            bind_groups: with(self.bind_groups, other.bind_groups),
             repeats: with(self.repeats, other.repeats),
             bytes_up: with(self.bytes_up, other.bytes_up),
             bytes_down: with(self.bytes_down, other.bytes_down),
@@ -62,11 +59,10 @@ impl fmt::Display for GpuCounts {
         let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         write!(
             formatter,
-            "{} submissions, {} waits, {} dispatches, {} bind groups, {} repeats, {:.1} MiB up, {:.1} MiB down",
+            "{} submissions, {} waits, {} dispatches, {} repeats, {:.1} MiB up, {:.1} MiB down",
             self.submissions,
             self.waits,
             self.dispatches,
-            self.bind_groups,
             self.repeats,
             mebibytes(self.bytes_up),
             mebibytes(self.bytes_down)
@@ -94,7 +90,6 @@ pub(super) struct Counters {
     pub(super) submissions: Counter,
     pub(super) waits: Counter,
     pub(super) dispatches: Counter,
-    pub(super) bind_groups: Counter,
     pub(super) repeats: Counter,
     pub(super) bytes_up: Counter,
     pub(super) bytes_down: Counter,
@@ -106,7 +101,6 @@ impl Counters {
             submissions: self.submissions.get(),
             waits: self.waits.get(),
             dispatches: self.dispatches.get(),
-            bind_groups: self.bind_groups.get(),
             repeats: self.repeats.get(),
             bytes_up: self.bytes_up.get(),
             bytes_down: self.bytes_down.get(),

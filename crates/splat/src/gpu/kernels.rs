@@ -1,11 +1,10 @@
 use std::collections::BTreeMap;
 
 use super::GpuError;
-use super::bindings::BindGroups;
 use super::context::Context;
 
 /// A compute kernel; its source is in `shaders/`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kernel {
     Project,
     Colour,
@@ -142,12 +141,11 @@ impl Kernel {
 /// Bytes of a buffer of uniform blocks.
 pub(super) const UNIFORM_BYTES: usize = 64 << 10;
 
-/// Pipelines, compiled on first use, buffers for their uniform blocks, and their bind groups.
+/// Pipelines, compiled on first use, and buffers for their uniform blocks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pipelines {
     compiled: BTreeMap<Kernel, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>,
     uniforms: Vec<wgpu::Buffer>,
-    pub(super) bind_groups: BindGroups,
 }
 
 impl Pipelines {
@@ -231,26 +229,16 @@ impl Pool {
             kept.frame = frame;
             return Ok(kept.buffer.clone());
         }
-        self.remove(|key, _| *key == (name, part));
+        self.buffers.remove(&(name, part));
         // A quarter larger, so that scenes of similar size can share it.
         let padded = (bytes + bytes / 4).min(context.binding_limit);
         if self.bytes().saturating_add(padded) > context.memory_limit {
-            self.remove(|_, kept| kept.frame != frame);
+            self.buffers.retain(|_, kept| kept.frame == frame);
         }
         let has_room = self.bytes().saturating_add(padded) <= context.memory_limit;
         let buffer = context.buffer(name, if has_room && padded > bytes { padded } else { bytes })?;
         self.buffers.insert((name, part), Pooled { buffer: buffer.clone(), frame });
         Ok(buffer)
-    }
-
-    /// Frees buffers even if bind groups hold them, unless commands of this frame use them.
-    fn remove(&mut self, which: impl Fn(&(&'static str, usize), &Pooled) -> bool) {
-        let frame = self.frames;
-        for (_, removed) in self.buffers.extract_if(.., |key, kept| which(key, kept)) {
-            if removed.frame != frame {
-                removed.buffer.destroy();
-            }
-        }
     }
 
     /// Bytes of all pooled buffers.

@@ -19,7 +19,6 @@
 
 mod adapters;
 mod backward;
-mod bindings;
 mod bounds;
 mod context;
 mod counts;
@@ -131,7 +130,7 @@ impl GpuRenderer {
                 }
                 tested?;
             }
-            renderer.free_buffers();
+            renderer.pool.clear();
             Ok(renderer)
         })
     }
@@ -182,7 +181,6 @@ impl GpuRenderer {
     /// Frees the buffers that are kept for reuse.
     pub fn free_buffers(&mut self) {
         self.pool.clear();
-        self.pipelines.bind_groups.clear();
         self.context.free_staging();
     }
 

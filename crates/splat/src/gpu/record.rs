@@ -1,5 +1,4 @@
 use super::GpuError;
-use super::bindings::Bindings;
 use super::context::Context;
 use super::kernels::{Kernel, Pipelines, UNIFORM_BYTES};
 use super::read::Reading;
@@ -36,7 +35,6 @@ pub(super) struct Finished {
 
 impl<'a> Recorder<'a> {
     pub(super) fn new(context: &'a Context, pipelines: &'a mut Pipelines) -> Self {
-        pipelines.bind_groups.begin_recording();
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("atsplat") };
         Self {
             context,
@@ -108,15 +106,22 @@ impl<'a> Recorder<'a> {
         }
         let [across, down] = grid(groups, self.context)?;
         let (pipeline, layout) = self.pipelines.get(self.context, kernel);
-        let (uniforms, offset) = self.place_uniform(uniform);
-        let bindings = Bindings {
-            kernel,
-            uniforms,
+        let (uniform_buffer, offset) = self.place_uniform(uniform);
+        let block = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &uniform_buffer,
             offset,
-            bytes: uniform.len() as u64,
-            buffers: buffers.iter().map(|buffer| (*buffer).clone()).collect(),
-        };
-        let bind_group = self.pipelines.bind_groups.get(self.context, &layout, bindings);
+            size: wgpu::BufferSize::new(uniform.len() as u64),
+        });
+        let storage = buffers.iter().map(|buffer| self.bound(buffer));
+        let entries: Vec<_> = (0..)
+            .zip(std::iter::once(block).chain(storage))
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        let bind_group = self.context.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &layout,
+            entries: &entries,
+        });
         self.context.counters.dispatches.add(1);
         let pass = self.pass();
         pass.set_pipeline(&pipeline);
@@ -191,6 +196,12 @@ impl<'a> Recorder<'a> {
         });
         self.encoder.resolve_query_set(&clock, 0..marks, &resolved, 0);
         Some(resolved)
+    }
+
+    /// Binds as much of a buffer as possible; buffers of the caller may be too long, or end within a word.
+    fn bound<'b>(&self, buffer: &'b wgpu::Buffer) -> wgpu::BindingResource<'b> {
+        let size = buffer.size().min(self.context.binding_limit.max(256)) & !3;
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size: wgpu::BufferSize::new(size) })
     }
 
     /// Stores a uniform block, unless the last one was the same; returns its buffer and offset.

@@ -4,9 +4,9 @@ use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
     GpuCounts, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, PictureFormat, PictureNumbers,
 };
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, View, reference};
+use atsplat_splat::{Gaussians, RenderOptions, Renderer};
 
-use crate::scenes::{assert_bound, assert_identical, cloud, everything, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{assert_identical, cloud, everything, gpu, image_gradients, narrow, open, view};
 
 /// What `work` added to the counts.
 fn counted<T>(gpu: &mut GpuRenderer, work: impl FnOnce(&mut GpuRenderer) -> T) -> (T, GpuCounts) {
@@ -47,34 +47,6 @@ fn a_resident_picture_is_one_submission_and_reading_it_one_wait() {
     assert_eq!((asked(counts), counts.bytes_down), ([1, 0, 0], 0), "{counts:?}");
     let (_, counts) = counted(&mut gpu, |gpu| gpu.read_gradients(&gradients, &gaussians).unwrap());
     assert_eq!(asked(counts), [1, 1, 0], "{counts:?}");
-}
-
-/// Bind groups of earlier pictures are used again only with the same buffers, and do not outlive them.
-#[test]
-fn bind_groups_are_used_again() {
-    let Some(mut gpu) = open(GpuOptions::default()) else { return };
-    let (small, large) = (cloud(500, 1, 7), cloud(20_000, 1, 8));
-    let [first, second] = [view(97, 71), view(130, 95)];
-    // Lists get their lengths after the first picture; every picture has images and a report of its own.
-    let mut picture = |gaussians: &Gaussians, view: &View| {
-        let expected = reference::render(gaussians, view, &everything()).unwrap();
-        let resident = gpu.upload(gaussians).unwrap();
-        let [_, _, counts] = [(); 3].map(|()| {
-            let (rendering, counts) =
-                counted(&mut gpu, |gpu| gpu.render_resident(&resident, view, &everything()).unwrap());
-            assert_bound(&gpu.read(&rendering).unwrap(), &expected, "picture");
-            counts
-        });
-        assert!(counts.dispatches > 20 && counts.bind_groups < counts.dispatches / 4, "{counts:?}");
-    };
-    picture(&small, &first);
-    picture(&large, &second);
-    picture(&small, &first);
-    let (resident, options) = (gpu.upload(&small).unwrap(), everything());
-    gpu.free_buffers();
-    let (rendering, counts) = counted(&mut gpu, |gpu| gpu.render_resident(&resident, &first, &options).unwrap());
-    assert_eq!(counts.bind_groups, counts.dispatches, "all buffers are new");
-    assert_bound(&gpu.read(&rendering).unwrap(), &reference::render(&small, &first, &options).unwrap(), "freed");
 }
 
 #[test]
