@@ -1,4 +1,4 @@
-//! What `reports/claims` says is what its stores hold.
+//! What `reports/claims` and `reports/re10k-scene` say is what their stores hold.
 
 use std::path::{Path, PathBuf};
 
@@ -12,46 +12,94 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")
 }
 
-/// Rows that no published order names side by side, or that stand in stores of two machines.
+/// Two rows, each with the stores of its trainings: the first, the second and so on.
+struct Claim {
+    text: &'static str,
+    above: (&'static str, &'static [&'static str]),
+    below: (&'static str, &'static [&'static str]),
+}
+
+const SPARSE: [&str; 3] = ["expansion-sparse", "expansion-sparse-seed-2", "expansion-sparse-seed-3"];
+
+const CLAIMS: [Claim; 10] = [
+    Claim { text: "uncertainty above random selection", above: ("k-4", &SPARSE), below: ("sparse-random", &SPARSE) },
+    Claim {
+        text: "uncertainty above farthest-point sampling",
+        above: ("k-4", &SPARSE),
+        below: ("sparse-farthest-point", &SPARSE),
+    },
+    Claim {
+        text: "uncertainty above straight-through selection",
+        above: ("k-4", &SPARSE),
+        below: ("sparse-straight-through", &["expansion-sparse-straight-through", SPARSE[1], SPARSE[2]]),
+    },
+    Claim {
+        text: "uncertainty above no expansion with an equal number of Gaussians",
+        above: ("k-4", &SPARSE),
+        below: ("sparse-none-k11", &SPARSE),
+    },
+    Claim {
+        text: "random selection above no expansion",
+        above: ("sparse-random", &SPARSE),
+        below: ("sparse-none-k11", &SPARSE),
+    },
+    Claim {
+        text: "farthest-point sampling above no expansion",
+        above: ("sparse-farthest-point", &SPARSE),
+        below: ("sparse-none-k11", &SPARSE),
+    },
+    Claim {
+        text: "anchor + offset above ray + depth; offsets in the axes and units of the patch",
+        above: ("full", &["anchors", "anchors-seed-2"]),
+        below: ("anchor-ray-depth", &["anchors", "anchors-seed-2"]),
+    },
+    Claim {
+        text: "the same; offsets in the axes of the world",
+        above: ("anchor-offset", &["anchors-in-world-axes", "anchors-seed-2"]),
+        below: ("anchor-ray-depth", &["anchors-in-world-axes", "anchors-seed-2"]),
+    },
+    Claim {
+        text: "8 Gaussians per token above 4",
+        above: ("k-8", &["gaussians", "gaussians-seed-2"]),
+        below: ("k-4", &["gaussians", SPARSE[1]]),
+    },
+    Claim {
+        text: "16 Gaussians per token above 8",
+        above: ("full", &["gaussians", "anchors-seed-2"]),
+        below: ("k-8", &["gaussians", "gaussians-seed-2"]),
+    },
+];
+
+/// Each claim that was trained several times has a line with the difference of every training.
 #[test]
-fn paired_differences_are_those_of_the_stores() {
-    let sparse = ("expansion-sparse", "k-4-1");
-    let second = ("expansion-sparse-seed-2", "k-4-2");
-    let pairs = [
-        ("uncertainty above random selection", sparse, ("expansion-sparse", "sparse-random-1")),
-        ("uncertainty above farthest-point sampling", sparse, ("expansion-sparse", "sparse-farthest-point-1")),
-        (
-            "uncertainty above straight-through selection",
-            sparse,
-            ("expansion-sparse-straight-through", "sparse-straight-through-1"),
-        ),
-        ("uncertainty above no expansion", sparse, ("expansion-sparse", "sparse-none-k11-1")),
-        ("a second training of both: uncertainty above no expansion", second, (second.0, "sparse-none-k11-2")),
-        ("a second training of both: uncertainty above random selection", second, (second.0, "sparse-random-2")),
-        (
-            "a second training of both: uncertainty above straight-through selection",
-            second,
-            (second.0, "sparse-straight-through-2"),
-        ),
-    ];
+fn differences_of_several_trainings_are_those_of_the_stores() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let read = |name: &str| Results::read(&folder().join(name).join("store")).unwrap();
-    for (claim, above, below) in pairs {
-        let query = |method| MetricQuery {
-            preset: "rooms-2v-64",
-            method,
-            metric: "psnr",
-            leaked: Leaked::Included,
-            identical: Identical::Excluded,
-        };
-        let (first, second) = (read(above.0), read(below.0));
-        let found = paired_between((&first, &query(above.1)), (&second, &query(below.1))).unwrap();
-        assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{claim}");
-        let [low, high] = found.interval.unwrap();
-        let difference = format!("{:+.3} dB [{low:+.3}, {high:+.3}]", found.difference).replace('-', "−");
-        let line = readme.lines().find(|line| line.starts_with(&format!("| {claim}"))).unwrap();
-        assert!(line.contains(&difference), "{line}: {difference}");
+    let mut wrong = String::new();
+    for Claim { text, above, below } in &CLAIMS {
+        assert_eq!(above.1.len(), below.1.len(), "{text}");
+        let mut expected = format!("| {text} |");
+        for (training, (first, second)) in (1..).zip(above.1.iter().zip(below.1)) {
+            let [first_row, second_row] = [above.0, below.0].map(|row| format!("{row}-{training}"));
+            let query = |method| MetricQuery {
+                preset: "rooms-2v-64",
+                method,
+                metric: "psnr",
+                leaked: Leaked::Included,
+                identical: Identical::Excluded,
+            };
+            let (first, second) = (read(first), read(second));
+            let found = paired_between((&first, &query(&first_row)), (&second, &query(&second_row))).unwrap();
+            assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{text}");
+            let [low, high] = found.interval.unwrap();
+            let difference = format!("{:+.3} [{low:+.3}, {high:+.3}]", found.difference).replace('-', "−");
+            expected = format!("{expected} {difference} |");
+        }
+        if !readme.lines().any(|line| line.starts_with(&expected)) {
+            wrong = format!("{wrong}\n{expected}");
+        }
     }
+    assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
 }
 
 /// What each part of a training's recipe changes, in PSNR and SSIM.
@@ -88,6 +136,37 @@ fn trials_of_the_recipe_are_those_of_the_store() {
         }
     }
     assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
+}
+
+/// The tables of the real scene, and the numbers that its page quotes.
+#[test]
+fn tables_of_the_real_scene_are_those_of_its_store() {
+    let folder = folder().join("../re10k-scene");
+    let results = Results::read(&folder.join("store")).unwrap();
+    let built = protocol_tables(&[Source { label: "store", results: &results }], Mixing::Apart).unwrap();
+    assert_eq!(built.len(), 2);
+    for table in built {
+        let committed = std::fs::read_to_string(folder.join(format!("{}.md", table.name))).unwrap();
+        assert_eq!(TableFormat::Markdown.write(&table).unwrap(), committed, "{}", table.name);
+    }
+    let page = std::fs::read_to_string(folder.join("README.md")).unwrap();
+    for preset in ["re10k-2v-256", "re10k-overlap"] {
+        let line = page.lines().find(|line| line.starts_with(&format!("| [`{preset}`]"))).unwrap().replace("**", "");
+        let quoted: String = ["atsplat", "warp", "nearest-view"]
+            .iter()
+            .map(|method| {
+                let mean = |metric: &str| {
+                    let rows =
+                        results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == *method);
+                    let scores: Vec<f64> = rows.map(|row| row.scores[metric]).collect();
+                    assert_eq!(scores.len(), 3);
+                    scores.iter().sum::<f64>() / 3.0
+                };
+                format!(" {:.2}, {:.3} |", mean("psnr"), mean("ssim"))
+            })
+            .collect();
+        assert!(line.ends_with(&quoted), "{line}:{quoted}");
+    }
 }
 
 #[test]
