@@ -56,7 +56,7 @@ fn tensors(preset: &str) -> StoredTensors {
 #[test]
 fn the_committed_trials_are_those_of_their_presets() {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../model/tests/fixtures/trials");
-    for preset in ["rooms-2v-128", "yards-6v-112"] {
+    for preset in ["rooms-2v-128", "rooms-to-yards-128", "yards-4v-128x224", "yards-6v-112"] {
         let path = folder.join(format!("{preset}.safetensors"));
         let expected = tensors(preset);
         if std::env::var_os("ATSPLAT_BLESS").is_some() {

@@ -405,7 +405,7 @@ fn products_in_float16_move_the_psnr_by_little() {
     Tolerance::absolute(0.05).assert([half.2], [exact.2], "PSNR");
 }
 
-/// The embedded network on a trial of rooms, and an untrained one on six views of a yard.
+/// The embedded network on a trial of rooms and of a yard, and untrained ones on four and six views of a yard.
 #[test]
 fn trials_of_each_family_on_wgpu_have_the_cpus_psnr_and_gaussians() {
     let Some(device) = wgpu() else { return };
@@ -414,9 +414,12 @@ fn trials_of_each_family_on_wgpu_have_the_cpus_psnr_and_gaussians() {
     let trained = ModelWeights::of_file(&TensorFile::open(&file).unwrap()).unwrap();
     let nano = ModelConfig::named("nano").unwrap();
     let untrained = generated(&parameters(&nano), 1);
-    for (preset, config, weights, least) in
-        [("rooms-2v-128", &trained.config, &trained.tensors, 18.0), ("yards-6v-112", &nano, &untrained, 0.0)]
-    {
+    for (preset, config, weights, least) in [
+        ("rooms-2v-128", &trained.config, &trained.tensors, 18.0),
+        ("rooms-to-yards-128", &trained.config, &trained.tensors, 12.0),
+        ("yards-4v-128x224", &nano, &untrained, 0.0),
+        ("yards-6v-112", &nano, &untrained, 0.0),
+    ] {
         let trial = Trial::open(preset);
         let network = |device: &Device| Network::new(config, device).unwrap().with_weights(weights).unwrap();
         let on_adapter = network(&device);

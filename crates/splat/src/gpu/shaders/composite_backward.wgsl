@@ -46,7 +46,7 @@ fn main(
             if at >= end || !is_open {
                 break;
             }
-            let sums_of_thread = sums_of(at, block);
+            let sums_of_thread = sums_of(at, block, true);
             for (var k = 0u; k < SUMS; k++) {
                 partial[((at - batch) * SUMS + k) * STRIDE + thread] = sums_of_thread.values[k];
             }

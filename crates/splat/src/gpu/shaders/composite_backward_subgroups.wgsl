@@ -1,6 +1,6 @@
 // Sums over the threads of a tile as trees: within each subgroup by exchanging registers, then over subgroups by index.
-// All threads of a subgroup take part in every Gaussian that one of them needs. The order is fixed, so that every run
-// gives the same bits on one adapter.
+// All threads of a subgroup take part in every Gaussian that one of them needs, and do not diverge before they exchange
+// registers. The order is fixed, so that every run gives the same bits on one adapter.
 const SUBGROUPS: u32 = THREADS / LEAST_SUBGROUP;
 // As many as 12 KiB of shared memory hold.
 const BATCH: u32 = min(64u, 256u / SUBGROUPS);
@@ -75,21 +75,18 @@ fn main(
             if !subgroupAny(is_needed) {
                 continue;
             }
-            var sums_of_thread: Sums;
-            if is_needed {
-                sums_of_thread = sums_of(at, block);
-                if !sums_of_thread.is_open {
-                    is_open = false;
-                    // Integer sums do not depend on the order.
-                    atomicAdd(&finished, 1u);
-                }
-            }
+            let sums_of_thread = sums_of(at, block, is_needed);
             let sum = sum_over_subgroup(sums_of_thread.values, lane, lanes);
             if lane < 4u {
                 let first = ((at - batch) * subgroups + subgroup) * 12u + 3u * part_of(lane);
                 partial[first] = sum.x;
                 partial[first + 1u] = sum.y;
                 partial[first + 2u] = sum.z;
+            }
+            if is_open && !sums_of_thread.is_open {
+                is_open = false;
+                // Integer sums do not depend on the order.
+                atomicAdd(&finished, 1u);
             }
         }
         workgroupBarrier();

@@ -59,7 +59,8 @@ struct Sums {
     is_open: bool,
 }
 
-fn sums_of(at: u32, block: Block) -> Sums {
+// A Gaussian that is not needed changes nothing: threads of a subgroup go through this together.
+fn sums_of(at: u32, block: Block, is_needed: bool) -> Sums {
     let gaussian = pairs[at].y;
     let shape = shapes[gaussian];
     let position = positions[gaussian];
@@ -72,7 +73,7 @@ fn sums_of(at: u32, block: Block) -> Sums {
     var max_transmittance = vec4(-1.0);
     for (var r = 0u; r < ROWS; r++) {
         let falloff = falloff_at(shape, position, block, r);
-        let full = shape.w * falloff.value;
+        let full = select(vec4(0.0), shape.w * falloff.value, is_needed);
         let alpha = min(vec4(view.alphas.x), full);
         let before = transmittance[r];
         let layer = layer_of(alpha, before);
