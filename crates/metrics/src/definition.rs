@@ -226,8 +226,7 @@ const DEFINITIONS: &[Definition] = &[
     },
 ];
 
-/// All metrics of two pictures, the most common variant first in each group. Depth errors are the fields of
-/// [`DepthError`](crate::DepthError).
+/// All metrics of two pictures, the most common variant first in each group.
 pub const fn definitions() -> &'static [Definition] {
     DEFINITIONS
 }
