@@ -13,7 +13,7 @@ pub const PARTIAL: &str = "partial";
 /// # Errors
 /// I/O errors; an existing file is then unchanged.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    write_with(path, |out| out.write_all(bytes))
+    AtomicFile::holding(path, bytes)?.commit().map(drop)
 }
 
 /// [`write`](fn@write) with contents that `fill` writes incrementally.
@@ -31,9 +31,7 @@ pub fn write_with(path: &Path, fill: impl FnOnce(&mut Writer) -> io::Result<()>)
 /// # Errors
 /// I/O errors.
 pub fn write_unsynced(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let file = AtomicFile::create(path)?;
-    file.writer().write_all(bytes)?;
-    file.rename(false).map(drop)
+    AtomicFile::holding(path, bytes)?.rename(false).map(drop)
 }
 
 /// A file that appears under its name only when it is complete: written to a temporary file in the same folder,
@@ -67,6 +65,18 @@ impl AtomicFile {
         let (file, temporary) = readable(&mut builder).tempfile_in(folder).map(NamedTempFile::into_parts)?;
         let writer = Writer(Arc::new(Mutex::new(Some(BufWriter::new(file)))));
         Ok(Self { temporary, target: target.to_owned(), writer })
+    }
+
+    /// A file with all its contents, which lacks only its name.
+    ///
+    /// # Errors
+    /// As [`Self::create`].
+    pub fn holding(target: &Path, bytes: &[u8]) -> io::Result<Self> {
+        let file = Self::create(target)?;
+        let mut writer = file.writer();
+        writer.write_all(bytes)?;
+        writer.flush()?;
+        Ok(file)
     }
 
     /// The path of the complete file.

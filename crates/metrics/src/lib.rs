@@ -1,4 +1,4 @@
-//! Image metrics under named conventions: PSNR, SSIM, LPIPS and L1.
+//! Image metrics under named conventions: PSNR, SSIM, LPIPS, ST-LPIPS and L1.
 //!
 //! A [`Pair`] is validated first: equal sizes and finite samples, or a typed error with what is wrong and how often. Metrics are
 //! computed in f64 with a fixed order of summation, so results do not depend on the number of threads. What papers call "SSIM"

@@ -53,7 +53,7 @@ pub(crate) fn accept_baseline(py: Python<'_>, store: PathBuf, baseline: PathBuf,
             None => Baseline::new(&results, &[], acceptance),
         };
         let Some(probe) = before.and_then(|before| before.probe) else { return Ok(accepted.write(&baseline)?) };
-        let (probed, outputs) = accepted.probed(probe.recipe)?;
-        Ok(probed.write_with_probe(&baseline, &outputs)?)
+        let (probed, values) = accepted.probed(probe.recipe)?;
+        Ok(probed.write_with_probe(&baseline, &values)?)
     })
 }

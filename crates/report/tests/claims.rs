@@ -1,5 +1,7 @@
 //! What `reports/claims` and `reports/re10k-scene` say is what their stores hold.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::Results;
@@ -10,6 +12,18 @@ use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")
+}
+
+/// A metric of one row minus that of another, paired over the scenes of both, with its interval.
+fn difference(rows: [(&Results, &str); 2], metric: &'static str, decimals: usize) -> String {
+    let [first, second] = rows.map(|(results, method)| {
+        let (leaked, identical) = (Leaked::Included, Identical::Excluded);
+        (results, MetricQuery { preset: "rooms-2v-64", method, metric, leaked, identical })
+    });
+    let found = paired_between((first.0, &first.1), (second.0, &second.1)).unwrap();
+    assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{} and {}", rows[0].1, rows[1].1);
+    let [low, high] = found.interval.unwrap();
+    format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference).replace('-', "−")
 }
 
 /// Two rows, each with the stores of its trainings: the first, the second and so on.
@@ -81,18 +95,7 @@ fn differences_of_several_trainings_are_those_of_the_stores() {
         let mut expected = format!("| {text} |");
         for (training, (first, second)) in (1..).zip(above.1.iter().zip(below.1)) {
             let [first_row, second_row] = [above.0, below.0].map(|row| format!("{row}-{training}"));
-            let query = |method| MetricQuery {
-                preset: "rooms-2v-64",
-                method,
-                metric: "psnr",
-                leaked: Leaked::Included,
-                identical: Identical::Excluded,
-            };
-            let (first, second) = (read(first), read(second));
-            let found = paired_between((&first, &query(&first_row)), (&second, &query(&second_row))).unwrap();
-            assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{text}");
-            let [low, high] = found.interval.unwrap();
-            let difference = format!("{:+.3} [{low:+.3}, {high:+.3}]", found.difference).replace('-', "−");
+            let difference = difference([(&read(first), &first_row), (&read(second), &second_row)], "psnr", 3);
             expected = format!("{expected} {difference} |");
         }
         if !readme.lines().any(|line| line.starts_with(&expected)) {
@@ -107,13 +110,6 @@ fn differences_of_several_trainings_are_those_of_the_stores() {
 fn trials_of_the_recipe_are_those_of_the_store() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let results = Results::read(&folder().join("recipe/store")).unwrap();
-    let query = |method, metric| MetricQuery {
-        preset: "rooms-2v-64",
-        method,
-        metric,
-        leaked: Leaked::Included,
-        identical: Identical::Excluded,
-    };
     let mut wrong = String::new();
     for (part, row) in [
         ("averaged weights", "recipe-average-1"),
@@ -123,13 +119,8 @@ fn trials_of_the_recipe_are_those_of_the_store() {
         ("more D-SSIM in the last quarter", "recipe-late-d-ssim-1"),
         ("all five", "recipe-all-1"),
     ] {
-        let difference = |metric, decimals: usize| {
-            let (own, plain) = (query(row, metric), query("recipe-plain-1", metric));
-            let found = paired_between((&results, &own), (&results, &plain)).unwrap();
-            assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{row}");
-            let [low, high] = found.interval.unwrap();
-            format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference).replace('-', "−")
-        };
+        let difference =
+            |metric, decimals| difference([(&results, row), (&results, "recipe-plain-1")], metric, decimals);
         let expected = format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4));
         if !readme.contains(&expected) {
             wrong = format!("{wrong}\n{expected}");

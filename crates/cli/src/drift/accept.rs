@@ -68,8 +68,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     if args.no_probe {
         baseline.write(&args.baseline)?;
     } else {
-        let (probed, outputs) = baseline.probed(recipe)?;
-        probed.write_with_probe(&args.baseline, &outputs)?;
+        let (probed, values) = baseline.probed(recipe)?;
+        probed.write_with_probe(&args.baseline, &values)?;
         baseline = probed;
     }
     print_report(&AcceptanceReport::new(&args.baseline, baseline, acceptance, moved), args.json)?;

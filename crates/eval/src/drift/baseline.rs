@@ -1,5 +1,4 @@
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{AtomicFile, Sha256Digest};
@@ -145,24 +144,25 @@ impl Baseline {
         next
     }
 
-    /// Runs a probe on this machine and adds its fingerprints; its values are for [`Self::write_with_probe`].
+    /// Runs a probe on this machine and adds it, as [`Self::with_probe`] does.
     ///
     /// # Errors
     /// [`DriftError::Invalid`] for an unknown name in the recipe, [`DriftError::Stage`].
-    pub fn probed(self, recipe: Recipe) -> Result<(Self, Outputs), DriftError> {
+    pub fn probed(self, recipe: Recipe) -> Result<(Self, Vec<u8>), DriftError> {
         let stages = Pipeline::of(&recipe)?;
         let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
-        Ok((self.with_probe(recipe, &outputs)?, outputs))
+        self.with_probe(recipe, &outputs)
     }
 
-    /// Adds the fingerprints of a probe, and the hash of the file of its values.
+    /// Adds the fingerprints of a probe and the hash of the file of its values, which [`Self::write_with_probe`] writes.
     ///
     /// # Errors
     /// Those of [`Outputs::to_bytes`].
-    pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Result<Self, DriftError> {
+    pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Result<(Self, Vec<u8>), DriftError> {
+        let values = outputs.to_bytes()?;
         let (stages, scores) = (outputs.fingerprints(), outputs.mean_scores());
-        let sha256 = Some(Sha256Digest::of(&outputs.to_bytes()?).to_string());
-        Ok(Self { probe: Some(ProbeRecord { recipe, stages, scores, sha256 }), ..self })
+        let sha256 = Some(Sha256Digest::of(&values).to_string());
+        Ok((Self { probe: Some(ProbeRecord { recipe, stages, scores, sha256 }), ..self }, values))
     }
 
     /// Reads a baseline.
@@ -196,26 +196,15 @@ impl Baseline {
     /// older file. Between the two replacements, the new baseline lies beside an old probe, which [`Self::read_probe`] refuses.
     ///
     /// # Errors
-    /// Those of [`Self::write`] and [`Outputs::to_bytes`]; both older files are unchanged unless only the probe's could not be
-    /// replaced.
-    pub fn write_with_probe(&self, path: &Path, outputs: &Outputs) -> Result<(), DriftError> {
+    /// Those of [`Self::write`]; both older files are unchanged unless only the probe's could not be replaced.
+    pub fn write_with_probe(&self, path: &Path, values: &[u8]) -> Result<(), DriftError> {
         let probe_path = Self::probe_path(path);
-        let (text, values) = (self.to_text(path)?, outputs.to_bytes()?);
-        let files = [(path, text.as_bytes()), (probe_path.as_path(), values.as_slice())];
-        let prepared = |(path, bytes): (&Path, &[u8])| {
-            let prepare = || -> std::io::Result<AtomicFile> {
-                let file = AtomicFile::create(path)?;
-                file.writer().write_all(bytes)?;
-                file.writer().flush()?;
-                Ok(file)
-            };
-            prepare().map_err(DriftError::io("writing a baseline", path))
-        };
-        let files = files.into_iter().map(prepared).collect::<Result<Vec<_>, _>>()?;
-        for file in files {
-            let target = file.target().to_owned();
-            file.commit().map_err(DriftError::io("writing a baseline", &target))?;
-        }
+        let writing = |path| DriftError::io("writing a baseline", path);
+        let text = self.to_text(path)?;
+        let baseline = AtomicFile::holding(path, text.as_bytes()).map_err(writing(path))?;
+        let probe = AtomicFile::holding(&probe_path, values).map_err(writing(&probe_path))?;
+        baseline.commit().map_err(writing(path))?;
+        probe.commit().map_err(writing(&probe_path))?;
         Ok(())
     }
 

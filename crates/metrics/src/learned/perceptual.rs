@@ -159,17 +159,13 @@ impl Perceptual {
     /// # Errors
     /// [`MetricError::SizeMismatch`].
     pub fn distance(&self, render: &Features, truth: &Features) -> Result<f64, MetricError> {
-        let maps = self.distance_maps(render, truth)?;
-        Ok(maps.iter().map(|map| map.iter().sum::<f64>() / map.len() as f64).sum())
-    }
-
-    fn distance_maps(&self, render: &Features, truth: &Features) -> Result<Vec<Vec<f64>>, MetricError> {
         if truth.picture != render.picture {
             let (expected, found) = (render.picture, truth.picture);
             return Err(MetricError::SizeMismatch { what: "truth", expected, found });
         }
         let maps = render.maps.iter().zip(&truth.maps).zip(&self.heads);
-        Ok(maps.map(|((render, truth), head)| distances(render, truth, head)).collect())
+        let distances = maps.map(|((render, truth), head)| distances(render, truth, head));
+        Ok(distances.map(|map| map.iter().sum::<f64>() / map.len() as f64).sum())
     }
 }
 

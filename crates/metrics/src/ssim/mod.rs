@@ -112,7 +112,7 @@ impl Ssim {
 /// [`MetricError::TooSmall`].
 pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, MetricError> {
     let windows = windows(pair.size(), convention)?;
-    let rows = similarity::rows(&pair.rows(values), pair.size(), convention, |_, similarity| sums::sum(similarity));
+    let rows = similarity::rows(&pair.rows(values), pair.size(), convention, sums::sum);
     Ok(rows.iter().sum::<f64>() / (3.0 * windows as f64))
 }
 
@@ -124,7 +124,7 @@ pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, Me
 /// [`MetricError::TooSmall`].
 pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Vec<f64>, MetricError> {
     windows(pair.size(), convention)?;
-    let rows = similarity::rows(&pair.rows(values), pair.size(), convention, |_, similarity| {
+    let rows = similarity::rows(&pair.rows(values), pair.size(), convention, |similarity| {
         similarity.as_chunks::<3>().0.iter().map(|[r, g, b]| (r + g + b) / 3.0).collect::<Vec<f64>>()
     });
     Ok(rows.concat().into_iter().map(|value| value.maximum_of(-1.0).minimum_of(1.0)).collect())

@@ -14,12 +14,12 @@ use super::{Border, Covariance, Ssim, Window, gaussian, uniform};
 const BAND: usize = 32;
 const CHANNELS: usize = 3;
 
-/// Calls `finish` for every row of windows, with the row's number and three similarities per window.
+/// Calls `finish` for every row of windows, with three similarities per window.
 pub(super) fn rows<T: Send>(
     pictures: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
     convention: Ssim,
-    finish: impl Fn(usize, &[f64]) -> T + Sync,
+    finish: impl Fn(&[f64]) -> T + Sync,
 ) -> Vec<T> {
     rows_at(Arch::new(), pictures, size, convention, finish)
 }
@@ -30,7 +30,7 @@ pub(super) fn rows_at<T: Send>(
     pictures: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
     convention: Ssim,
-    finish: impl Fn(usize, &[f64]) -> T + Sync,
+    finish: impl Fn(&[f64]) -> T + Sync,
 ) -> Vec<T> {
     let [width, height] = size.map(|side| side as usize);
     let radius = convention.window.radius() as usize;
@@ -92,7 +92,7 @@ struct Band<'a, F, const TAPS: usize> {
     finish: &'a F,
 }
 
-impl<T, F: Fn(usize, &[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, TAPS> {
+impl<T, F: Fn(&[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, TAPS> {
     type Output = Vec<T>;
 
     #[inline(always)]
@@ -124,7 +124,7 @@ impl<T, F: Fn(usize, &[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, T
             }
             let parts = std::array::from_fn(|moment| &sums[moment * windows..][..windows]);
             filter::similarity(simd, parts, self.constants, &mut similarities);
-            results.push((self.finish)(row, &similarities));
+            results.push((self.finish)(&similarities));
         }
         results
     }

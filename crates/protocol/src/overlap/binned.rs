@@ -77,8 +77,8 @@ impl fmt::Display for BinnedOverlaps {
                 writeln!(f, "{count:>7}  of the index {what}")?;
             }
         }
-        for (reason, count) in &self.unmeasured {
-            let scenes = self.failed_scenes.get(reason).copied().unwrap_or_default();
+        // Both have the same reasons.
+        for ((reason, count), scenes) in self.unmeasured.iter().zip(self.failed_scenes.values().copied()) {
             writeln!(f, "{count:>7}  not measured: {reason}, in {scenes} scenes")?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
                 writeln!(f, "         {:?} entry {}: {}", example.scene, example.entry, example.detail)?;

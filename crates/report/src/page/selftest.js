@@ -5,6 +5,7 @@
   const check = (name, passed) => { results[name] = Boolean(passed); };
   const at = id => document.getElementById(id);
   const wait = ms => new Promise(done => setTimeout(done, ms));
+  const until = async condition => { for (let tries = 0; tries < 600 && !condition(); tries += 1) await wait(50); };
   const all = query => [...document.querySelectorAll(query)];
   try {
     check('tables', all('#tables table').length > 0);
@@ -33,7 +34,7 @@
     check('another-scene', other.getAttribute('aria-selected') === 'true' && at('detail').textContent.includes(other.querySelector('button').title));
     let pictured = all('#list tr').find(row => row.lastElementChild.textContent === '▣');
     pictured.click();
-    for (let tries = 0; tries < 600 && !all('.slider img').every(image => image.naturalWidth > 0); tries += 1) await wait(50);
+    await until(() => all('.slider img').every(image => image.naturalWidth > 0));
     await wait(200);
     const range = document.querySelector('.slider input');
     range.value = 20;
@@ -48,7 +49,7 @@
       return sum;
     };
     // Pictures are decoded asynchronously.
-    for (let tries = 0; tries < 600 && bright() === 0; tries += 1) await wait(50);
+    await until(() => bright() > 0);
     const dim = bright();
     const gain = document.querySelector('.maps input');
     gain.value = 20;
@@ -66,7 +67,7 @@
     check('by-difference', !at('lead').hidden && leads().length > 1 && leads().every((value, place, list) => place === 0 || list[place - 1] <= value));
     const paired = all('#list tr').find(tr => tr.lastElementChild.textContent === '▣');
     paired.click();
-    for (let tries = 0; tries < 600 && !all('.maps canvas').every(map => map.width === 16); tries += 1) await wait(50);
+    await until(() => all('.maps canvas').every(map => map.width === 16));
     check('two-methods', row().endsWith('target render error render error') && all('.maps canvas').length === 2);
     const levels = map => map.getContext('2d').getImageData(0, 0, map.width, map.height).data.join();
     check('their-errors', levels(all('.maps canvas')[0]) !== levels(all('.maps canvas')[1]));

@@ -25,7 +25,7 @@ pub(super) struct Context {
     pub(super) memory_limit: u64,
     /// Rows of four pixels per thread, 1 or 4.
     thread_rows: u32,
-    /// Least number of threads in a subgroup, if kernels sum within subgroups.
+    /// Least number of threads in a subgroup, if kernels sum within subgroups; at least 4.
     least_subgroup: Option<u32>,
     /// Limit on the entries of a tile's list per dispatch.
     pub(super) entries_per_dispatch: u32,
@@ -45,8 +45,6 @@ pub(super) struct Context {
 const STORAGE_BUFFERS: u32 = 8;
 /// Shared memory of the largest kernel's workgroup, in bytes.
 const SHARED_BYTES: u32 = 14 << 10;
-/// Threads of a subgroup that its kernel needs at least.
-const LEAST_SUBGROUP: u32 = 4;
 /// Upper bound on the loop iterations per entry of a tile's list. The backward pass needs most if 16 threads have 16
 /// pixels each and the driver unrolls nothing: 11 to clear sums, one for each thread that skips the entry separately, 4
 /// rows of pixels, 11 to store sums, 12 to add those of all threads; about 40 in the worst case.
@@ -137,16 +135,13 @@ impl Context {
     /// Constants that the kernels are compiled with.
     pub(super) fn constants(&self) -> String {
         let threads = 64 / self.thread_rows;
-        let least = self.least_subgroup.unwrap_or(threads).clamp(LEAST_SUBGROUP, threads);
+        let least = self.least_subgroup.map_or(threads, |least| least.min(threads));
         format!("const ROWS: u32 = {}u;\nconst LEAST_SUBGROUP: u32 = {least}u;\n", self.thread_rows)
     }
 
     /// The kernel that sums over the pixels of a tile.
     pub(super) const fn composite_backward(&self) -> Kernel {
-        match self.least_subgroup {
-            Some(LEAST_SUBGROUP..) => Kernel::CompositeBackwardSubgroups,
-            _ => Kernel::CompositeBackward,
-        }
+        if self.least_subgroup.is_some() { Kernel::CompositeBackwardSubgroups } else { Kernel::CompositeBackward }
     }
 
     /// Limits the loops of kernels to the iterations that the driver allows, and to what finishes before the system

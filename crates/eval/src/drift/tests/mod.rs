@@ -334,8 +334,8 @@ fn a_changed_number_is_traced_to_its_stage() {
         (base, outputs)
     };
     let (base, outputs) = rows(&pipeline);
-    let accepted = Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).unwrap();
-    accepted.write_with_probe(&path, &outputs).unwrap();
+    let (accepted, values) = Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).unwrap();
+    accepted.write_with_probe(&path, &values).unwrap();
 
     let baseline = Baseline::read(&path).unwrap();
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
@@ -361,8 +361,8 @@ fn a_changed_number_is_traced_to_its_stage() {
 fn a_probe_that_was_not_accepted_with_its_baseline_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
-    let [(first, outputs), (second, others)] = probed_twice();
-    first.write_with_probe(&path, &outputs).unwrap();
+    let ([(first, values), (second, others)], outputs) = probed_twice();
+    first.write_with_probe(&path, &values).unwrap();
     assert_eq!(Baseline::read(&path).unwrap().read_probe(&path).unwrap(), Some((Recipe::default(), outputs)));
     second.write(&path).unwrap();
     let error = Baseline::read(&path).unwrap().read_probe(&path).unwrap_err().to_string();
@@ -381,8 +381,8 @@ fn a_probe_that_was_not_accepted_with_its_baseline_is_refused() {
 fn a_baseline_that_cannot_be_written_leaves_the_old_probe() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
-    let [(first, outputs), (second, others)] = probed_twice();
-    first.write_with_probe(&path, &outputs).unwrap();
+    let ([(first, values), (second, others)], _) = probed_twice();
+    first.write_with_probe(&path, &values).unwrap();
     let probe = || std::fs::read(Baseline::probe_path(&path)).unwrap();
     let before = probe();
     std::fs::remove_file(&path).unwrap();
@@ -392,15 +392,17 @@ fn a_baseline_that_cannot_be_written_leaves_the_old_probe() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary file remains");
 }
 
-/// Two baselines whose probes have the same values from different files: the second has a byte that no decoder reads.
-fn probed_twice() -> [(Baseline, Outputs); 2] {
+/// Two baselines whose probes have the same values from different files, and the first probe: the second has a byte that no
+/// decoder reads.
+fn probed_twice() -> ([(Baseline, Vec<u8>); 2], Outputs) {
     let inputs = Inputs::pattern(&atsplat_splat::RendererConstants::default()).unwrap();
     let outputs = run(&Pipeline::of(&Recipe::default()).unwrap(), &inputs).unwrap();
     let mut others = outputs.clone();
     others.inputs.files[0].push(0);
     assert_eq!(others.fingerprints(), outputs.fingerprints());
-    [outputs, others].map(|outputs| {
+    let both = [&outputs, &others].map(|outputs| {
         let baseline = Baseline::new(&store(true, 4, 0.3, 1), &[], acceptance("first"));
-        (baseline.with_probe(Recipe::default(), &outputs).unwrap(), outputs)
-    })
+        baseline.with_probe(Recipe::default(), outputs).unwrap()
+    });
+    (both, outputs)
 }

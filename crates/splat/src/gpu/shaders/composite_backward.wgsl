@@ -4,8 +4,6 @@ const BATCH: u32 = 4u * ROWS;
 const STRIDE: u32 = THREADS + 1u;
 
 var<workgroup> partial: array<f32, BATCH * SUMS * STRIDE>;
-var<workgroup> finished: atomic<u32>;
-var<workgroup> all_finished: u32;
 
 @compute @workgroup_size(4, THREADS / 4u)
 fn main(
@@ -53,7 +51,6 @@ fn main(
             at += 1u;
             if !sums_of_thread.is_open {
                 is_open = false;
-                // Integer sums do not depend on the order.
                 atomicAdd(&finished, 1u);
             }
         }
@@ -68,11 +65,7 @@ fn main(
                 sums[12u * pairs[pair].x + k % SUMS] = sum;
             }
         }
-        if thread == 0u {
-            all_finished = atomicLoad(&finished);
-        }
-        // The rest of the list keeps its initial zeros.
-        if workgroupUniformLoad(&all_finished) == THREADS {
+        if is_tile_finished(thread) {
             break;
         }
     }

@@ -7,8 +7,6 @@ const BATCH: u32 = min(64u, 256u / SUBGROUPS);
 
 // By Gaussian of the batch, subgroup, value.
 var<workgroup> partial: array<f32, BATCH * SUBGROUPS * 12u>;
-var<workgroup> finished: atomic<u32>;
-var<workgroup> all_finished: u32;
 
 // Sums of twelve values over a subgroup, by halves: each exchange sums half of the values that a thread still has. A
 // thread ends with three sums, those from `3 * part_of(lane)` on.
@@ -85,7 +83,6 @@ fn main(
             }
             if is_open && !sums_of_thread.is_open {
                 is_open = false;
-                // Integer sums do not depend on the order.
                 atomicAdd(&finished, 1u);
             }
         }
@@ -98,11 +95,7 @@ fn main(
             }
             sums[12u * pairs[batch + k / SUMS].x + k % SUMS] = sum;
         }
-        if thread == 0u {
-            all_finished = atomicLoad(&finished);
-        }
-        // The rest of the list keeps its initial zeros.
-        if workgroupUniformLoad(&all_finished) == THREADS {
+        if is_tile_finished(thread) {
             break;
         }
     }

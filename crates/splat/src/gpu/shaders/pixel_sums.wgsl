@@ -17,6 +17,18 @@ var<private> d_blue: array<vec4<f32>, ROWS>;
 var<private> d_depth: array<vec4<f32>, ROWS>;
 var<private> d_scalar: array<vec4<f32>, ROWS>;
 
+// Threads without open pixels. Integer sums do not depend on the order.
+var<workgroup> finished: atomic<u32>;
+var<workgroup> all_finished: u32;
+
+// Whether the rest of a tile's list keeps its initial zeros; after a barrier.
+fn is_tile_finished(thread: u32) -> bool {
+    if thread == 0u {
+        all_finished = atomicLoad(&finished);
+    }
+    return workgroupUniformLoad(&all_finished) == THREADS;
+}
+
 // Reads the state, and returns whether any pixel is still open.
 fn read_pixels(block: Block) -> bool {
     var is_open = false;
