@@ -1,16 +1,32 @@
 //! Weights embedded in the binary; `eval/checkpoints/` says how each was trained.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::EvalError;
 use atsplat_eval::trained::TrainedNetwork;
+use atsplat_eval::weights_list::WeightsList;
 use atsplat_model::weights::{TensorError, TensorFile};
 use atsplat_scene::SharedBytes;
 
-/// Trained on simulated rooms; the default weights of `reproduce`.
-pub(crate) const MICRO_ROOMS: &str = "micro-rooms";
+/// Trained on simulated rooms with two views.
+const MICRO_ROOMS: &str = "micro-rooms";
+/// Trained further on simulated yards with two to four views.
+const MICRO_YARDS: &str = "micro-yards";
 
-const FILES: [(&str, &[u8]); 1] = [(MICRO_ROOMS, include_bytes!("../../../eval/checkpoints/micro-rooms.safetensors"))];
+const FILES: [(&str, &[u8]); 2] = [
+    (MICRO_ROOMS, include_bytes!("../../../eval/checkpoints/micro-rooms.safetensors")),
+    (MICRO_YARDS, include_bytes!("../../../eval/checkpoints/micro-yards.safetensors")),
+];
+
+/// Names of the embedded weights.
+pub(crate) const NAMES: [&str; 2] = [MICRO_ROOMS, MICRO_YARDS];
+
+/// The list of embedded weights by protocol; `tables` are the protocols of each table.
+pub(crate) fn by_protocol(tables: &BTreeMap<String, Vec<String>>) -> Result<WeightsList, EvalError> {
+    let text = include_str!("../../../eval/checkpoints/embedded.toml");
+    WeightsList::from_toml(text, Path::new("embedded.toml"), tables, &NAMES)
+}
 
 /// The embedded weights of this name; `None` if there are none.
 pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
@@ -18,25 +34,23 @@ pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
     Some(TensorFile::parse(PathBuf::from(name), SharedBytes::new(bytes.to_vec())))
 }
 
-/// The network of a reproduction, with the weights in a file or, by default, the embedded ones.
+/// The network with the weights in a file, or with embedded ones by their name; by default with those trained on rooms.
 pub(crate) fn trained(path: Option<&Path>) -> Result<TrainedNetwork, EvalError> {
-    let Some(path) = path else {
-        #[expect(clippy::expect_used, reason = "the weights are among FILES")]
-        let file = embedded(MICRO_ROOMS).expect("embedded weights")?;
-        return TrainedNetwork::new(&file, format!("{MICRO_ROOMS}, embedded in the binary"));
-    };
+    let path = path.unwrap_or(Path::new(MICRO_ROOMS));
     let expected = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
-    TrainedNetwork::new(&find(path, expected)?, path.display().to_string())
+    let file = find(path, expected)?;
+    let origin = if is_embedded(path) { ", embedded in the binary" } else { "" };
+    TrainedNetwork::new(&file, format!("{}{origin}", path.display()))
 }
 
-/// Like [`trained`]; `path` may also be the name of the embedded weights.
-pub(crate) fn named_or_read(path: &Path) -> Result<TrainedNetwork, EvalError> {
-    trained(Some(path).filter(|path| *path != Path::new(MICRO_ROOMS) || path.exists()))
+/// Whether a path is a name of embedded weights, and not a file.
+fn is_embedded(path: &Path) -> bool {
+    NAMES.iter().any(|name| path == Path::new(name)) && !path.exists()
 }
 
 /// Like [`TensorFile::find`]; `path` may also be the name of embedded weights, unless a file has that name.
 pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<TensorFile, TensorError> {
-    let named = if path.exists() { None } else { path.to_str().and_then(embedded) };
+    let named = path.to_str().filter(|_| is_embedded(path)).and_then(embedded);
     named.unwrap_or_else(|| TensorFile::find(path, expected))
 }
 
@@ -44,6 +58,8 @@ pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Ten
 mod tests {
     use super::*;
     use atsplat_model::weights::ModelWeights;
+    use atsplat_protocol::Preset;
+    use atsplat_report::definition::TableDefinition;
 
     #[test]
     fn every_embedded_file_is_complete_and_names_its_network() {
@@ -55,6 +71,26 @@ mod tests {
             }
         }
         assert!(embedded("micro-gardens").is_none());
+    }
+
+    #[test]
+    fn yards_have_a_network_of_their_own_and_transfer_to_them_has_not() {
+        let list = by_protocol(&TableDefinition::presets_by_name().unwrap()).unwrap();
+        for (preset, expected) in [
+            ("rooms-2v-128", MICRO_ROOMS),
+            ("re10k-2v-256", MICRO_ROOMS),
+            ("rooms-extrapolation-128", MICRO_ROOMS),
+            ("rooms-to-yards-128", MICRO_ROOMS),
+            ("photos-3v-256", MICRO_ROOMS),
+            ("yards-2v-128x224", MICRO_YARDS),
+            ("yards-12v-256x480", MICRO_YARDS),
+            ("yards-6v-112", MICRO_YARDS),
+            ("yards-6v-extrapolation", MICRO_YARDS),
+            ("dl3dv-6v-256x448", MICRO_YARDS),
+        ] {
+            let network = list.network(&Preset::named(preset).unwrap());
+            assert_eq!(network, Some(Path::new(expected)), "{preset}");
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     protocols: ProtocolArgs,
 
-    /// Weights with their configuration; by default those embedded in the binary.
+    /// Weights with their configuration; by default micro-rooms, which is embedded in the binary.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 

@@ -217,6 +217,62 @@ fn plots_the_history_over_acceptances() {
     assert_eq!(atsplat(at, &["drift", "now", "--baseline", "quick.json", "--metric", "psnr"]).code, 2);
 }
 
+/// Six scenes under a method that is not deterministic, and a deterministic one.
+fn noisy(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
+    store_of(path, shift, |results| {
+        results.provenance.methods[0].deterministic = false;
+        results.provenance.presets[0].entries = 6;
+        change(results);
+    });
+}
+
+/// Keeps the first scenes, as a run with `--limit` or one that was killed.
+fn keep(results: &mut Results, scenes: usize) {
+    let is_kept = |key: &TrialKey| (0..scenes).any(|scene| key.scene == format!("scene {scene}"));
+    results.trials.retain(|row| is_kept(&row.key));
+    results.targets.retain(|row| is_kept(&row.key));
+}
+
+#[test]
+fn limits_come_from_repetitions_of_the_run_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let accept = |store: &str, repeats: &[&str]| {
+        let args = ["drift", "accept", store, "--baseline", "b.json", "--why", "noise", "--no-probe", "--json"];
+        let repeats = repeats.iter().flat_map(|repeat| ["--repeat", *repeat]);
+        atsplat(at, &args.into_iter().chain(repeats).collect::<Vec<_>>())
+    };
+    noisy(&at.join("then"), 0.0, |_| ());
+    noisy(&at.join("again"), 0.125, |results| results.provenance.presets[0].dataset = "a copy".to_owned());
+    noisy(&at.join("killed"), 0.25, |results| keep(results, 5));
+    noisy(&at.join("limited"), 0.25, |results| {
+        results.provenance.presets[0].entries = 2;
+        keep(results, 2);
+    });
+    noisy(&at.join("trained"), 0.25, |results| {
+        results.provenance.methods[0].weights_sha256 = Some("other".to_owned());
+    });
+    store(&at.join("calm"), 0.0);
+    for (store, repeats, code, message) in [
+        ("then", &["again", "killed"][..], 1, "killed: expected a finished run, found a store is not done: 5 of 6"),
+        ("then", &["limited"], 1, "limited: expected a repetition of the run, found preset p, entries: 2 instead of 6"),
+        ("then", &["trained"], 1, "trained: expected a repetition of the run, found method fine, weights-sha256"),
+        ("then", &["./then"], 1, "--repeat ./then is the same store as then"),
+        ("then", &["again", "again/"], 1, "--repeat again/ is the same store as again"),
+        ("calm", &["again"], 2, "--repeat has no effect"),
+    ] {
+        let outcome = accept(store, repeats);
+        assert!(outcome.code == code && outcome.stderr.contains(message), "{}: {}", outcome.code, outcome.stderr);
+        assert!(!at.join("b.json").exists(), "{message}");
+    }
+    let accepted = accept("then", &["again"]);
+    assert_eq!(accepted.code, 0, "{}", accepted.stderr);
+    let report: serde_json::Value = serde_json::from_str(&accepted.stdout).unwrap();
+    let limits = report["limits"].as_array().unwrap().iter();
+    let limits: Vec<_> = limits.map(|limit| (&limit["method"], &limit["runs"])).collect();
+    assert_eq!(limits, [(&"fine".into(), &2.into())]);
+}
+
 #[test]
 fn reports_usage_errors_and_broken_files() {
     let folder = tempfile::tempdir().unwrap();

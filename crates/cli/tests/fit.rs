@@ -105,6 +105,29 @@ fn a_resumed_run_has_the_record_and_the_curve_of_an_uninterrupted_one() {
     assert!(std::fs::read(here.join("fitted.ply")).unwrap() == gaussians);
 }
 
+/// The network sees the cameras of a normalised world; the record has those of the photos, as the Gaussians do.
+#[test]
+fn a_refinement_records_cameras_and_extent_in_the_frame_of_the_photos() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "8", "--size", "128x128", "--out", "photos"]);
+    let fit = ["fit", "photos", "--views", "0,1,3", "--refine", "micro-rooms", "--steps", "1", "--extent", "2.5"];
+    let output = ["--optimise-poses", "--out", "fitted.ply", "--json"];
+    let record: Value = serde_json::from_str(&succeed(here, &[&fit[..], &output].concat())).unwrap();
+    let given: Value = serde_json::from_slice(&std::fs::read(here.join("photos/render.json")).unwrap()).unwrap();
+    let pose = |camera: &Value| -> Vec<f64> {
+        camera["camera-from-world"].as_array().unwrap().iter().map(|entry| entry.as_f64().unwrap()).collect()
+    };
+    // After one step, no camera is far from where it was.
+    let close = Tolerance::absolute(1e-3);
+    for (found, frame) in record["corrections"].as_array().unwrap().iter().zip([0_usize, 1, 3]) {
+        close.assert(pose(found), pose(&given["views"][frame]), &format!("frame {frame}"));
+    }
+    assert_eq!(record["corrections"].as_array().unwrap().len(), 3);
+    let extents = [&record["extent"], &record["configuration"]["extent"]].map(|own| own.as_f64().unwrap());
+    Tolerance::relative(1e-12).assert(extents, [2.5; 2], "extent");
+}
+
 #[test]
 fn options_that_nothing_reads_are_usage_errors() {
     let folder = tempdir().unwrap();

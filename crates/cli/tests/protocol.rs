@@ -61,6 +61,23 @@ fn builds_measures_lints_and_extrapolates_an_index() {
 }
 
 #[test]
+fn fields_that_a_new_index_does_not_carry_over_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let entry = r#"{"context": [20, 70], "target": [40], "overlap": 0.2, "note": "blurred", "weight": 2}"#;
+    std::fs::write(here.join("index.json"), format!(r#"{{"a": {entry}, "b": {entry}}}"#)).unwrap();
+    let expected = ["2 × field \"note\"", "2 × field \"weight\"", "2 unknown-index-field"];
+    for command in ["overlap", "extrapolate"] {
+        let outcome = atsplat(here, &["protocol", command, "index.json", "-o", "out.json"]);
+        let output = format!("{}{}", outcome.stdout, outcome.stderr);
+        assert!(outcome.code == 0 && expected.iter().all(|text| output.contains(text)), "{command}: {output}");
+        assert!(!std::fs::read_to_string(here.join("out.json")).unwrap().contains("note"), "{command}");
+    }
+    let read_only = atsplat(here, &["protocol", "overlap", "index.json"]);
+    assert!(!read_only.stderr.contains("note"), "nothing is written: {}", read_only.stderr);
+}
+
+#[test]
 fn results_do_not_depend_on_the_thread_count() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

@@ -47,16 +47,29 @@ impl WeightsList {
         Self { entries: vec![Entry { file, presets: None, variant: None, conditions: 0 }] }
     }
 
-    /// Reads a list. `tables` are the protocols of each table by its name. Paths are relative to the list's folder, except for
-    /// names of weights in `embedded`.
+    /// Reads a list.
     ///
     /// # Errors
-    /// [`EvalError::Io`]; [`EvalError::Malformed`] with the entry and the field, for text that is not a list, unknown presets
-    /// and tables, conditions that no protocol meets, and two entries for the same protocols and variant.
+    /// [`EvalError::Io`], and those of [`Self::from_toml`].
     pub fn read(path: &Path, tables: &BTreeMap<String, Vec<String>>, embedded: &[&str]) -> Result<Self, EvalError> {
         let text = std::fs::read_to_string(path).map_err(EvalError::io("reading a list of weights", path))?;
+        Self::from_toml(&text, path, tables, embedded)
+    }
+
+    /// A list from the text of the file at `path`. `tables` are the protocols of each table by its name. Paths are relative to the
+    /// list's folder, except for names of weights in `embedded`.
+    ///
+    /// # Errors
+    /// [`EvalError::Malformed`] with the entry and the field, for text that is not a list, unknown presets and tables, conditions
+    /// that no protocol meets, and two entries for the same protocols and variant.
+    pub fn from_toml(
+        text: &str,
+        path: &Path,
+        tables: &BTreeMap<String, Vec<String>>,
+        embedded: &[&str],
+    ) -> Result<Self, EvalError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::parse(&text, folder, tables, embedded).map_err(|(location, expected, found)| {
+        Self::parse(text, folder, tables, embedded).map_err(|(location, expected, found)| {
             Malformed::new("weights list", location, expected, found).in_file(path).into()
         })
     }

@@ -158,10 +158,11 @@ fn a_process_is_given_cameras_in_pixels_and_the_context_in_order() {
     assert_eq!(seen["preset"], "re10k-2v-256");
 }
 
-#[test]
-fn gaussians_of_a_process_score_as_the_same_file_does() {
-    let folder = tempfile::tempdir().unwrap();
-    let here = folder.path();
+/// Answers with the files of [`write_gaussians`].
+const COPIED: &str = r#"cp ply/$scene.ply "$folder/"; answer "\"gaussians\": \"$scene.ply\"""#;
+
+/// Two Gaussians in front of the cameras for each of two scenes, below `here/ply`.
+fn write_gaussians(here: &Path) {
     fs::create_dir(here.join("ply")).unwrap();
     for (scene, x) in [(0, 0.3), (1, -0.4)] {
         let parts = GaussianParts {
@@ -177,14 +178,45 @@ fn gaussians_of_a_process_score_as_the_same_file_does() {
         let path = here.join(format!("ply/wall-{scene}.ply"));
         write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
     }
-    let body = r#"cp ply/$scene.ply "$folder/"; answer "\"gaussians\": \"$scene.ply\"""#;
-    let found = results_of(2, exec(&script(here, "gaussians", body)));
+}
+
+#[test]
+fn gaussians_of_a_process_score_as_the_same_file_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_gaussians(here);
+    let found = results_of(2, exec(&script(here, "gaussians", COPIED)));
     let ply = Ply::new(&here.join("ply"), Some("shell"), GaussianFrame::Trial, false, Splatting::default()).unwrap();
     let expected = results_of(2, Arc::new(ply));
     assert_eq!(found.trials[0].gaussians, Some(2));
     let both = [&found, &expected].map(|results| (outcomes(results), results.trials[1].gaussians_drawn));
     assert_eq!(both[0], both[1]);
     assert!(found.trials[1].gaussians_drawn.unwrap() > 1.0, "they are seen");
+}
+
+/// Logits and opacities are read from the same files, and give other renders.
+#[test]
+fn a_store_of_logits_is_not_resumed_with_opacities_as_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_gaussians(here);
+    let method = |gives: &str, opacities_as_stored| -> Arc<dyn Method> {
+        let command = script(here, gives, COPIED);
+        Arc::new(Exec::start(ExecSettings { opacities_as_stored, ..settings(&command) }).unwrap())
+    };
+    let [logits, opacities] = [false, true].map(|as_stored| method("gaussians", as_stored));
+    let mut expected = logits.record();
+    expected.parameters.insert("opacities-as-stored".to_owned(), true.into());
+    assert_eq!(opacities.record(), expected, "and a record of logits is as it always was");
+    let store = here.join("store");
+    run_of(2, logits).run(&store).unwrap();
+    let refused = run_of(2, opacities).run(&store).map(drop).unwrap_err().to_string();
+    assert!(refused.contains("methods shell") && refused.contains("opacities-as-stored: none and true"), "{refused}");
+    let (_, summary) = run_of(2, method("gaussians", false)).run(&store).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed), (0, 2));
+    // Pictures have no opacities.
+    let [without, with] = [false, true].map(|as_stored| method("pictures", as_stored).record());
+    assert_eq!(without, with);
 }
 
 /// One process, which does something else wrong in each scene.

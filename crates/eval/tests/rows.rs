@@ -2,13 +2,13 @@
 
 mod common;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
 use atsplat_eval::runner::{KeepPictures, Summary, current_provenance, picture_path, run};
-use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialStatus};
-use atsplat_pixels::{ImageU8, decode, encode_png};
+use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
+use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use common::{Run, SIZE, Walls, baselines, dataset, entry, grey, record, rows};
 
 fn evaluate(folder: &Path, walls: Walls, methods: Vec<Arc<dyn Method>>) -> Result<(Results, Summary), EvalError> {
@@ -215,10 +215,81 @@ fn scenes_whose_keys_differ_only_in_punctuation_have_separate_pictures() {
     let (results, _) = Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap();
     let read = |row: &TargetRow| {
         let bytes = std::fs::read(picture_path(store.path(), &row.key, row.frame)).unwrap();
-        decode(&bytes, &atsplat_pixels::DecodeLimits::default()).unwrap()
+        decode(&bytes, &DecodeLimits::default()).unwrap()
     };
     for row in results.targets.iter().filter(|row| row.frame == 1) {
         let scene = ["a/b", "a_b", "A_b", "a%2Fb"].iter().position(|key| *key == row.key.scene).unwrap();
         assert_eq!(read(row), common::picture(scene, 0), "{}: the nearest view is its own scene's", row.key.scene);
     }
+}
+
+/// Path of a picture in a store.
+fn stored(store: &Path, method: &str, scene: usize, frame: u64) -> PathBuf {
+    let (preset, method, scene) = ("walls".to_owned(), method.to_owned(), format!("wall-{scene}"));
+    picture_path(store, &TrialKey { preset, method, scene, entry: 0 }, frame)
+}
+
+#[test]
+fn pictures_that_are_asked_for_later_are_added() {
+    let store = tempfile::tempdir().unwrap();
+    let run = |keep| {
+        let walls = Walls { damaged: Some((2, 6)), ..Walls::new(3, 8) };
+        let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[1, 6])])], nearest());
+        let (results, summary) = Run { pictures: keep, ..settings }.run(store.path()).unwrap();
+        (results, (summary.evaluated, summary.resumed))
+    };
+    let picture = |scene, frame| stored(store.path(), "nearest-view", scene, frame);
+    let (before, counts) = run(KeepPictures::Nothing);
+    assert_eq!((counts, picture(1, 6).exists()), ((3, 0), false));
+    let (after, counts) = run(KeepPictures::All);
+    assert_eq!((counts, rows(&after)), ((3, 0), rows(&before)), "evaluated again, with the same numbers");
+    let compared = after.targets.iter().filter(|row| row.status != TargetStatus::Failed);
+    let mut paths = compared.map(|row| picture_path(store.path(), &row.key, row.frame));
+    assert!(paths.all(|path| path.is_file()) && stored(store.path(), "truth", 1, 6).is_file());
+    // Its ground truth is damaged, so it was not compared.
+    std::fs::remove_file(picture(2, 6)).unwrap();
+    assert_eq!(run(KeepPictures::All).1, (0, 3));
+    std::fs::remove_file(picture(1, 6)).unwrap();
+    assert_eq!(run(KeepPictures::Worst).1, (0, 3), "they keep what there is");
+    assert_eq!(run(KeepPictures::All).1, (1, 2));
+    assert!(picture(1, 6).is_file());
+}
+
+/// A page shows a row with the picture in its place, so that may not be another row's.
+#[test]
+fn pictures_of_replaced_rows_are_removed() {
+    let [store, renders] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let render = |scene: usize, shade: u8| {
+        let samples = vec![shade; (SIZE.width * SIZE.height * 3) as usize];
+        let picture = ImageU8::new(SIZE.width, SIZE.height, samples).unwrap();
+        let folder = renders.path().join(format!("wall-{scene}"));
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("000006.png"), encode_png(&picture).unwrap()).unwrap();
+        picture
+    };
+    let run = |replaced: &[(usize, usize)], keep| {
+        let walls = Walls { replaced: replaced.to_vec(), ..Walls::new(2, 8) };
+        let theirs: Arc<dyn Method> = Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap());
+        let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[6])])], vec![theirs, Arc::new(NearestView)]);
+        Run { pictures: keep, ..settings }.run(store.path()).unwrap().1.evaluated
+    };
+    let there = |scene| {
+        let pictures = [("theirs", 6), ("nearest-view", 6), ("truth", 6), ("context", 4)];
+        pictures.map(|(method, frame)| stored(store.path(), method, scene, frame).is_file())
+    };
+    render(0, 100);
+    render(1, 100);
+    assert_eq!(run(&[], KeepPictures::All), 4);
+    assert_eq!([there(0), there(1)], [[true; 4]; 2]);
+    render(0, 200);
+    assert_eq!(run(&[], KeepPictures::Nothing), 1);
+    assert_eq!([there(0), there(1)], [[false, true, true, true], [true; 4]], "only what the row was made with");
+    // Other data: every method's pictures of the trial, and the data's own.
+    assert_eq!(run(&[(1, 6)], KeepPictures::Nothing), 2);
+    assert_eq!([there(0), there(1)], [[false, true, true, true], [false; 4]]);
+    let shown = render(1, 50);
+    assert_eq!(run(&[(1, 6)], KeepPictures::All), 3);
+    assert_eq!([there(0), there(1)], [[true; 4]; 2]);
+    let read = |method| decode(&std::fs::read(stored(store.path(), method, 1, 6)).unwrap(), &DecodeLimits::default());
+    assert_eq!((read("theirs").unwrap(), read("truth").unwrap()), (shown, common::picture(101, 6)));
 }

@@ -4,16 +4,17 @@
 
 mod common;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Timed, TrialInput};
-use atsplat_eval::runner::Dataset;
+use atsplat_eval::runner::{Dataset, KeepPictures};
 use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Results, Store, TrialStatus};
 use atsplat_numeric::median;
+use atsplat_protocol::trial::Trial;
 use common::{Run, Walls, dataset, entry, grey, record};
 use rayon::prelude::*;
 
@@ -235,6 +236,69 @@ fn undisturbed_times_are_not_measured_again() {
     let fresh = tempfile::tempdir().unwrap();
     let changed = timed_run(fresh.path(), other, &methods, Some(TimingPlan::default()));
     assert_ne!(changed.timings[0].trial_hash, known[0].trial_hash);
+}
+
+/// Renders what was made elsewhere: a file for each scene.
+#[derive(Debug)]
+struct Imported(PathBuf);
+
+impl Method for Imported {
+    fn record(&self) -> MethodRecord {
+        record("imported")
+    }
+
+    fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
+        vec![Some(self.0.join(trial.scene()))]
+    }
+
+    fn timed(&self) -> Timed {
+        Timed::RENDERING
+    }
+
+    fn predict<'a>(&'a self, _input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(Grey))
+    }
+}
+
+struct Grey;
+
+impl Prediction for Grey {
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        targets.iter().map(|_| Ok(grey())).collect()
+    }
+}
+
+#[test]
+fn times_of_replaced_files_are_dropped_and_measured_again() {
+    let [store, files] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let write = |scene: &str, text: &str| std::fs::write(files.path().join(scene), text).unwrap();
+    write("wall-0", "first");
+    write("wall-1", "first");
+    let methods: [Arc<dyn Method>; 2] = [Arc::new(Imported(files.path().to_owned())), Arc::new(NearestView)];
+    let run = |timing| timed_run(store.path(), walls(2), &methods, timing);
+    let plan = TimingPlan { trials: 2, warm_up: 0, repetitions: 1, ..TimingPlan::default() };
+    let before = run(Some(plan));
+    assert_eq!(before.timings.len(), 4);
+    write("wall-1", "the second");
+    let untimed = run(None);
+    let mut kept = before.timings.clone();
+    kept.retain(|row| (row.key.method.as_str(), row.key.scene.as_str()) != ("imported", "wall-1"));
+    assert_eq!((kept.len(), untimed.timings), (3, kept), "only those of the row that was replaced are dropped");
+    assert_eq!(Results::read(store.path()).unwrap().timings.len(), 3);
+    // Both scenes have changed since they were timed.
+    write("wall-0", "the third");
+    let again = run(Some(plan));
+    let imported = |results: &Results| times(results, "walls", "imported").unwrap().trials;
+    assert_eq!((again.timings.len(), imported(&again)), (4, 2));
+    let scene = |results: &Results| {
+        let row = results.timings.iter().find(|row| row.key.method == "imported" && row.key.scene == "wall-0");
+        row.unwrap().render.clone()
+    };
+    assert_ne!(scene(&again), scene(&before), "these are measured");
+    // Rows that are only evaluated again for their pictures stay timed.
+    let settings = Run::new(walls(2), methods.to_vec());
+    let (pictured, summary) = Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap();
+    assert_eq!((summary.evaluated, pictured.timings), (4, again.timings));
 }
 
 #[test]

@@ -109,7 +109,7 @@ pub struct FitConfig {
     pub pose_rate: Option<f64>,
     /// As `pose_rate`, of each view's exposure.
     pub exposure_rate: Option<f64>,
-    /// The scene's extent in scene units; `None` is 3DGS' radius of the cameras, or half the
+    /// The scene's extent in the unit of length of the views; `None` is 3DGS' radius of the cameras, or half the
     /// median depth of the start if that is more.
     pub extent: Option<f64>,
     /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::Fault::Runaway`].

@@ -177,7 +177,7 @@ impl Fit {
         &self.history
     }
 
-    /// The scene's extent in scene units.
+    /// The scene's extent in the unit of length of the views.
     pub const fn extent(&self) -> f64 {
         self.extent
     }

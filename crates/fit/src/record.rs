@@ -1,6 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use atsplat_camera::{CameraError, CameraFromWorld, Similarity};
 use serde::Serialize;
 
 use crate::{Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
@@ -21,6 +22,7 @@ pub struct FitRecord {
     pub start_gaussians: usize,
     /// Gaussians of the start that were invalid, and dropped.
     pub dropped: usize,
+    /// Of the scene, in units of the data.
     pub extent: f64,
     pub configuration: FitConfig,
     /// Graphics adapter and driver, or `cpu`.
@@ -28,7 +30,7 @@ pub struct FitRecord {
     pub steps: u64,
     pub file: PathBuf,
     pub gaussians: usize,
-    /// Of the training views, if cameras or exposures were optimised.
+    /// Of the training views in the data's world, if cameras or exposures were optimised.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub corrections: Vec<Correction>,
     /// Mean PSNR of the last step on each training view, in dB.
@@ -52,22 +54,29 @@ pub struct Correction {
 }
 
 impl Fit {
-    /// The optimised cameras and exposures of all training views; none if neither is optimised.
+    /// The optimised cameras and exposures of all training views; none if neither is optimised. Cameras are given in the old world
+    /// of a similarity whose new world is that of the views.
     ///
     /// # Errors
     /// As [`Self::optimised_view`].
-    pub fn corrections(&self) -> Result<Vec<Correction>, FitError> {
+    pub fn corrections(&self, new_from_old: &Similarity) -> Result<Vec<Correction>, FitError> {
         if self.config.pose_rate.is_none() && self.config.exposure_rate.is_none() {
             return Ok(Vec::new());
         }
         let correction = |(number, view): (usize, &TrainingView)| {
             let found = self.optimised_view(number)?.unwrap_or(view.view);
             let exposure = self.exposure(number).map(|exposure| exposure.to_3dgs());
-            let camera_from_world = found.camera.camera_from_world.to_rows().to_vec();
+            let camera_from_world = in_old_world(&found.camera.camera_from_world, new_from_old)?.to_rows().to_vec();
             Ok(Correction { view: view.name.clone(), camera_from_world, exposure })
         };
         self.views.iter().enumerate().map(correction).collect()
     }
+}
+
+/// The same camera in the old world, in whose unit of length its translation is then.
+fn in_old_world(pose: &CameraFromWorld, new_from_old: &Similarity) -> Result<CameraFromWorld, CameraError> {
+    let rotation = pose.rotation() * new_from_old.rotation;
+    CameraFromWorld::new(rotation, pose.translation() / new_from_old.scale - rotation * new_from_old.origin)
 }
 
 /// A run for its reader.

@@ -4,11 +4,11 @@
 
 mod common;
 
-use atsplat_camera::CameraFromWorld;
+use atsplat_camera::{CameraFromWorld, Similarity};
 use atsplat_fit::density::relocated;
 use atsplat_fit::start::{Point, from_points};
 use atsplat_fit::{Background, Fault, Fit, FitConfig, FitDevice, FitError, Rates, Strategy, TrainingView};
-use atsplat_numeric::SplitMix64;
+use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Exposure, GaussianParts, Gaussians, RenderOptions};
 use common::{config, held_out, random, run, start, truth, view, views};
@@ -69,6 +69,27 @@ fn perturbed_cameras_and_exposures_are_recovered() {
     let after = errors(&fit);
     assert!(before > 0.05 && after < 0.1 * before, "{before}, then {after}");
     assert!(fit.exposure(0).is_some_and(|exposure| exposure != Exposure::IDENTITY));
+}
+
+/// As after a network's reconstruction: the views are in a normalised world, and the record is in the data's.
+#[test]
+fn cameras_are_recorded_in_the_world_before_normalisation() {
+    let rotation = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(0.3);
+    let normalisation = Similarity { rotation, origin: DVec3::new(1.0, -2.0, 3.0), scale: 0.25 };
+    let given = views().0;
+    let mut normalised = given.clone();
+    for view in &mut normalised {
+        let pose = view.view.camera.camera_from_world.inverse();
+        view.view.camera.camera_from_world = normalisation.new_pose_from_old(&pose).unwrap().inverse();
+    }
+    let config = FitConfig { pose_rate: Some(1e-3), ..config(Strategy::Fixed, 1) };
+    let fit = Fit::new(config, normalised, &truth()).unwrap();
+    let recorded = fit.corrections(&normalisation).unwrap();
+    assert_eq!(recorded.len(), given.len());
+    for (found, view) in recorded.iter().zip(&given) {
+        let expected = view.view.camera.camera_from_world.to_rows().to_vec();
+        Tolerance::absolute(1e-12).assert(found.camera_from_world.clone(), expected, &view.name);
+    }
 }
 
 #[test]
@@ -360,6 +381,6 @@ fn points_need_to_be_finite_and_at_least_four() {
     let line: Vec<Point> = (0..4).map(|x| point(f64::from(x))).collect();
     let scales = from_points(&line, Strategy::Gaussians3d).unwrap().into_parts().log_scales;
     let expected = (0.5 * (14.0f64 / 3.0).ln(), 0.5 * 2.0f64.ln());
-    let close = atsplat_numeric::Tolerance { absolute: 1e-6, relative: 0.0 };
+    let close = Tolerance { absolute: 1e-6, relative: 0.0 };
     close.assert([scales[0][0], scales[1][2]].map(f64::from), [expected.0, expected.1], "scales");
 }

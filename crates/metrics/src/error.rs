@@ -6,14 +6,12 @@ use crate::NonFinite;
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum MetricError {
-    /// Pictures have different sizes.
-    #[error("{what}: expected {}×{} pixels as the render has, found {}×{}", expected[0], expected[1], found[0], found[1])]
+    /// The truth has another size than the render.
+    #[error("truth: expected {}×{} pixels as the render has, found {}×{}", expected[0], expected[1], found[0], found[1])]
     SizeMismatch {
-        /// What has the wrong size.
-        what: &'static str,
         /// Width and height of the render.
         expected: [u32; 2],
-        /// Width and height that were found.
+        /// Width and height of the truth.
         found: [u32; 2],
     },
     /// The pictures have no pixels.
@@ -34,5 +32,11 @@ pub enum MetricError {
         smallest: u32,
         /// Width and height of the picture.
         size: [u32; 2],
+    },
+    /// The network's features, and thus the distance, are NaN or infinite.
+    #[error("{measure}: the samples are so large that the network's sums are not finite numbers")]
+    Overflow {
+        /// Which metric.
+        measure: &'static str,
     },
 }

@@ -19,7 +19,7 @@ impl<'a> Pair<'a> {
     pub fn new(render: &'a Image, truth: &'a Image) -> Result<Self, MetricError> {
         let (expected, found) = ([render.width(), render.height()], [truth.width(), truth.height()]);
         if found != expected {
-            return Err(MetricError::SizeMismatch { what: "truth", expected, found });
+            return Err(MetricError::SizeMismatch { expected, found });
         }
         if expected.contains(&0) {
             return Err(MetricError::Empty { size: expected });

@@ -175,6 +175,27 @@ fn a_suite_reports_metrics_that_cannot_be_computed() {
     assert!(broken.scores.iter().all(|(_, score)| matches!(score, Score::NotComputed(NotComputed::Pictures(_)))));
 }
 
+/// Finite samples that overflow the network: infinities of both signs add up to NaN, which no layer hides.
+#[test]
+fn a_distance_that_is_no_number_is_not_a_score() {
+    let mut networks = Networks::default();
+    for network in [Network::LpipsAlex, Network::StLpipsAlex] {
+        networks.add(Arc::new(perceptual(network)));
+    }
+    let metrics = ["lpips-alex", "st-lpips"].map(|id| definition(id).unwrap());
+    let suite = Suite::new(metrics.to_vec(), networks, 1 << 24);
+    let (usual, huge) = (seeded(40, 40, 1), Image::new(40, 40, vec![3e38; 40 * 40 * 3]).unwrap());
+    for (render, truth) in [(&huge, &usual), (&usual, &huge)] {
+        let scored = suite.score(render, truth);
+        assert_eq!((scored.non_finite.total(), scored.scores.len()), (0, 2));
+        for (id, score) in scored.scores {
+            let Score::NotComputed(reason) = &score else { panic!("{id}: {score:?}") };
+            assert!(matches!(reason, NotComputed::Pictures(MetricError::Overflow { .. })), "{id}: {reason}");
+            assert!(reason.to_string().starts_with("not computed: ") && reason.to_string().contains("LPIPS (Alex): "));
+        }
+    }
+}
+
 fn read(path: &Path) -> Image {
     Image::from_u8(&decode(&std::fs::read(path).unwrap(), &DecodeLimits::default()).unwrap())
 }

@@ -128,7 +128,7 @@ failures! {
         _ => Place::default(),
     },
     MetricError => |error| match error {
-        MetricError::SizeMismatch { what, .. } => Place::field(what),
+        MetricError::SizeMismatch { .. } => Place::field("truth"),
         _ => Place::field("images"),
     },
     PixelError => |_| Place::field("images"),

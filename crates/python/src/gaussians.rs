@@ -18,9 +18,16 @@ pub(crate) struct Gaussians(pub(crate) Arc<atsplat_splat::Gaussians>);
 
 #[pymethods]
 impl Gaussians {
-    /// From the bytes of contiguous f32 arrays: means, quaternions, log-scales, opacity logits and harmonics.
+    /// From the bytes of contiguous f32 arrays: means, quaternions, log-scales, opacity logits, harmonics and,
+    /// where there are any, scalars and the 3D filter.
     #[staticmethod]
-    fn from_bytes(arrays: [Bound<'_, PyBytes>; 5], coefficients: usize) -> Result<Self, Failure> {
+    #[pyo3(signature = (arrays, coefficients, scalars, filter_3d))]
+    fn from_bytes(
+        arrays: [Bound<'_, PyBytes>; 5],
+        coefficients: usize,
+        scalars: Option<Bound<'_, PyBytes>>,
+        filter_3d: Option<Bound<'_, PyBytes>>,
+    ) -> Result<Self, Failure> {
         let [means, quaternions, log_scales, opacity_logits, sh] = arrays;
         let degree = (0..=MAX_SH_DEGREE).find(|degree| sh_coefficients(*degree) == coefficients);
         let sh_degree = degree.ok_or_else(|| {
@@ -36,8 +43,8 @@ impl Gaussians {
             opacity_logits: read_floats(opacity_logits.as_bytes()),
             sh_degree,
             sh: read_rows(sh.as_bytes()),
-            scalars: None,
-            filter_3d: None,
+            scalars: scalars.map(|scalars| read_floats(scalars.as_bytes())),
+            filter_3d: filter_3d.map(|filter| read_floats(filter.as_bytes())),
         };
         Ok(Self(Arc::new(atsplat_splat::Gaussians::new(parts)?)))
     }
@@ -105,4 +112,18 @@ impl Gaussians {
         let shape = [self.0.len(), sh_coefficients(self.0.sh_degree()), 3];
         floats(py, &shape, [self.0.parts().sh.as_flattened()], |number| number)
     }
+
+    #[getter]
+    fn scalars<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        optional_floats(py, self.0.parts().scalars.as_deref())
+    }
+
+    #[getter]
+    fn filter_3d<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        optional_floats(py, self.0.parts().filter_3d.as_deref())
+    }
+}
+
+fn optional_floats<'py>(py: Python<'py>, values: Option<&[f32]>) -> PyResult<Option<Bound<'py, PyAny>>> {
+    values.map(|values| floats(py, &[values.len()], [values], |number| number)).transpose()
 }

@@ -1,5 +1,6 @@
 """Arrays of other libraries, metrics and files of Gaussians."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -107,7 +108,8 @@ def gaussians(count=5, degree=2):
 
 
 def same(a, b):
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in ("means", "quaternions", "log_scales", "opacity_logits", "sh"))
+    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh", "scalars", "filter_3d")
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
 
 
 def test_gaussians_survive_files_and_pickling(tmp_path):
@@ -127,6 +129,19 @@ def test_gaussians_survive_files_and_pickling(tmp_path):
     assert raised.value.file == str(tmp_path / "bad.ply") and raised.value.field
 
 
+def test_filter_and_uncertainty_survive_copies_and_pickling(tmp_path):
+    names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 filter_3D uncertainty"
+    header = ["ply", "format ascii 1.0", "element vertex 2", *(f"property float {name}" for name in names.split()), "end_header"]
+    rows = ["0 0 4 1 0 0 2 -3 -3 -3 1 0 0 0 0.5 0.125", "0 1 4 0 1 0 3 -3 -3 -3 1 0 0 0 0.25 0.75"]
+    (tmp_path / "mip.ply").write_text("\n".join([*header, *rows, ""]))
+    read = atsplat.Gaussians.read(tmp_path / "mip.ply")
+    for found in (read, copy.copy(read), copy.deepcopy(read), pickle.loads(pickle.dumps(read))):
+        assert np.array_equal(found.filter_3d, [0.5, 0.25]) and np.array_equal(found.scalars, [0.125, 0.75])
+        assert same(found, read)
+    without = gaussians()
+    assert without.filter_3d is None and without.scalars is None and not same(without, read)
+
+
 def test_plain_parameters_are_converted():
     made = atsplat.Gaussians([[0, 0, 1]], [[1, 0, 0, 0]], scales=[[0.5, 1, 2]], opacities=[0.2], colours=[[0.5, 1, 0]])
     assert np.allclose(made.log_scales, np.log([[0.5, 1, 2]]))
@@ -140,6 +155,8 @@ def test_plain_parameters_are_converted():
     ({"opacities": None}, "opacity_logits"),
     ({"colours": None, "sh": np.zeros((1, 3, 3))}, "sh"),
     ({"scales": [["a", "b", "c"]]}, "scales"),
+    ({"scalars": [0.5, 0.5]}, "scalars"),
+    ({"filter_3d": [[0.5]]}, "filter_3d"),
 ])
 def test_wrong_arrays_are_named(change, field):
     good = {"means": [[0, 0, 1]], "quaternions": [[1, 0, 0, 0]], "scales": [[1, 1, 1]], "opacities": [0.5], "colours": [[1, 1, 1]]}

@@ -56,8 +56,8 @@ fn ten_thousand_files(criterion: &mut Criterion) {
     group.sample_size(10).measurement_time(Duration::from_secs(30)).throughput(Throughput::Bytes(bytes));
     group.bench_function("open and load 10000 files of 150 rows", |bencher| {
         bencher.iter(|| {
-            let source = Re10kScenes::open(folder.path(), Re10kOptions::default()).unwrap();
             let mut warnings = Warnings::new();
+            let source = Re10kScenes::open(folder.path(), Re10kOptions::default(), &mut warnings).unwrap();
             let mut frames = 0;
             for keys in source.keys().chunks(1000) {
                 let scenes = load_scenes(&source, keys, &mut warnings, &|_| ());

@@ -14,6 +14,10 @@ const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
 /// Coordinates beyond this are implausible: the Earth's radius is 6.4e6 m, and no dataset uses a unit below the metre.
 const FARTHEST_COORDINATE: f64 = 1e9;
 
+/// Largest entry of `R Rᵀ − I` of a rotation that was rounded to six decimals is 2e-6, to f32 or nine decimals far less. Of
+/// a sheared rotation, or one stretched along one axis and compressed along another, the determinant can be 1.
+const ROUNDED: Tolerance = Tolerance::absolute(1e-5);
+
 /// How far the principal point may be from the centre, in picture widths and heights.
 const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 
@@ -45,9 +49,13 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
             .then(|| format!("expected coordinates of its centre within {FARTHEST_COORDINATE:e}, found {farthest:e}"))
     });
     report(WarningKind::ImperfectRotation, &|frame| {
-        let determinant = frame.camera.camera_from_world.determinant();
-        let fine = Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0);
-        (!fine).then(|| format!("expected det(R) = 1, found {determinant}"))
+        let pose = &frame.camera.camera_from_world;
+        let (determinant, residual) = (pose.determinant(), pose.orthonormality_residual());
+        if !Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0) {
+            return Some(format!("expected det(R) = 1, found {determinant}"));
+        }
+        (!ROUNDED.accepts(residual, 0.0))
+            .then(|| format!("expected R Rᵀ = I, found a deviation of {residual:.1e}; det(R) is 1"))
     });
     report(WarningKind::ImplausibleIntrinsics, &|frame| {
         wrong_unit(frame).or_else(|| stretched_pixels(&frame.camera.intrinsics, frame.stated_size?))
@@ -118,6 +126,7 @@ fn report_timestamps(scene: &Scene, warnings: &mut Warnings) {
 mod tests {
     use super::*;
     use crate::re10k::parse_trajectory;
+    use glam::DMat3;
     use std::path::Path;
 
     fn warnings_of(rows: &[&str]) -> Warnings {
@@ -141,12 +150,37 @@ mod tests {
         assert_eq!(warnings_of(&rows).total(), 0);
     }
 
+    /// A scale changes the determinant, a shear does not; rounding to six decimals changes neither noticeably.
+    #[test]
+    fn the_warning_says_what_is_wrong_with_a_rotation() {
+        let row = |rotation: DMat3| {
+            let [x, y, z] = [0, 1, 2].map(|row| rotation.row(row)).map(|r| format!("{:.6} {:.6} {:.6}", r.x, r.y, r.z));
+            format!("1 0.5 0.9 0.5 0.5 0 0 {x} 0 {y} 0 {z} 0")
+        };
+        let turned = |degrees: f64| {
+            DMat3::from_rotation_z(degrees.to_radians()) * DMat3::from_rotation_x(0.7) * DMat3::from_rotation_y(-0.4)
+        };
+        for degrees in 0..360 {
+            assert_eq!(warnings_of(&[&row(turned(f64::from(degrees)))]).total(), 0, "{degrees}°");
+        }
+        let shear = |by: f64| DMat3::from_cols_array(&[1.0, 0.0, 0.0, by, 1.0, 0.0, 0.0, 0.0, 1.0]);
+        for (rotation, expected) in [
+            (turned(20.0) * 1.0001, "expected det(R) = 1, found 1.0003"),
+            (turned(20.0) * shear(2e-4), "expected R Rᵀ = I, found a deviation of "),
+        ] {
+            let warnings = warnings_of(&[&row(rotation)]);
+            assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::ImperfectRotation, 1)]);
+            assert!(warnings.kept()[0].detail.contains(expected), "{:?}", warnings.kept());
+        }
+    }
+
     #[test]
     fn each_problem_has_its_kind_and_is_counted_once_per_scene() {
         let cases = [
             (WarningKind::BadCamera, "5 0.5 0.9 0.5 0.5 0 0 0.8 0.6 0 1.7e308 -0.6 0.8 0 1.7e308 0 0 1 0"),
             (WarningKind::DistantCamera, "5 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 -1e30 0 0 1 0"),
             (WarningKind::ImperfectRotation, "5 0.5 0.9 0.5 0.5 0 0 1.0001 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::ImperfectRotation, "5 0.5 0.9 0.5 0.5 0 0 1.004 0 0 0 0 0.99601593625498 0 0 0 0 1 0"),
             (WarningKind::WideFieldOfView, "5 0.4 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::ImplausibleIntrinsics, "5 53.9 95.8 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::ImplausibleIntrinsics, "5 53.9 95.8 32 18 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),

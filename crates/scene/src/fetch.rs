@@ -117,6 +117,12 @@ mod tests {
         let chunk = |at: usize| (names[at], bytes[at].as_slice());
         let indexed = Elsewhere::new(&[chunk(0), chunk(1), chunk(2)]);
         assert_eq!(indexed.fetched("b", OpenOptions::default()), [vec!["index.json"], vec!["000001.torch"]]);
+        let evaluation: &[u8] = br#"{"b": {"context": [0], "target": [0]}}"#;
+        let below = ["test/000000.torch", "test/000001.torch", "test/index.json"];
+        let [first, second, index] = [0, 1, 2].map(|at| (below[at], bytes[at].as_slice()));
+        let other_index = Elsewhere::new(&[("index.json", evaluation), first, second, index]);
+        let expected = [vec!["index.json", "test/index.json"], vec!["test/000001.torch"]];
+        assert_eq!(other_index.fetched("b", OpenOptions::default()), expected);
         let unindexed = Elsewhere::new(&[chunk(0), chunk(1)]);
         assert_eq!(unindexed.fetched("b", OpenOptions::default()), [vec!["000000.torch", "000001.torch"], vec![]]);
     }

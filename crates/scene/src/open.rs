@@ -237,8 +237,8 @@ const REGISTRY: [Entry; 4] = [
         file: |path, start| starts_like_a_trajectory(start).then(|| path.to_owned()),
         folder: holds_trajectories,
         read_to_open: |path| Ok(trajectory_files(path)?.into_values().take(PROBED).collect()),
-        open: |path, options, _| {
-            let source = Re10kScenes::open(path, options.re10k.clone())?;
+        open: |path, options, warnings| {
+            let source = Re10kScenes::open(path, options.re10k.clone(), warnings)?;
             let collections = source.collections();
             Ok((Box::new(source), collections))
         },

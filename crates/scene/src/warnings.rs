@@ -23,8 +23,8 @@ pub enum WarningKind {
     BadCamera,
     /// A camera is implausibly far from the origin.
     DistantCamera,
-    /// The rotation matrix deviates from a rotation by more than `numpy.allclose` allows, or the length of a quaternion
-    /// from 1 by more than 1e-3.
+    /// The determinant of the rotation matrix deviates from 1 by more than `numpy.allclose` allows, an entry of `R Rᵀ` from
+    /// that of the identity by more than 1e-5, or the length of a quaternion from 1 by more than 1e-3.
     ImperfectRotation,
     /// Two frames have the same timestamp.
     DuplicateTimestamp,
@@ -52,6 +52,8 @@ pub enum WarningKind {
     UnreadableScene,
     /// The index lists a scene that the dataset does not contain.
     SceneNotFound,
+    /// A field that the format of an index does not define: it is not in what is written.
+    UnknownIndexField,
     /// Next to the scenes: a scene in another format, pictures without cameras, or a further model of one capture. It
     /// is not read.
     IgnoredScene,
@@ -61,7 +63,7 @@ pub enum WarningKind {
     UnindexedChunk,
     /// A scene that the index does not list, in a chunk of which it lists others.
     UnindexedScene,
-    /// A picture's header cannot be read.
+    /// A picture cannot be read: its header or, where it is decoded, its content.
     UnreadablePicture,
 }
 

@@ -8,7 +8,7 @@ use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 
 use crate::optimiser::Moments;
 use crate::parameters::Parameters;
-use crate::{TrainConfig, TrainError};
+use crate::{Resolved, TrainConfig, TrainError};
 
 const WHAT: &str = "checkpoint";
 const FORMAT: &str = "1";
@@ -80,7 +80,7 @@ impl State {
         self.step - self.updates
     }
 
-    fn stored(&self, config: &TrainConfig) -> Result<StoredTensors, TrainError> {
+    fn stored(&self, config: &TrainConfig, resolved: &Resolved) -> Result<StoredTensors, TrainError> {
         let mut stored = StoredTensors::default();
         let list = self.parameters.list().iter().zip(self.parameters.values()).zip(&self.moments);
         for ((parameter, values), moments) in list {
@@ -118,11 +118,17 @@ impl State {
         ];
         let present = optional.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?.clone())));
         stored.metadata.extend(present);
+        resolved.add_to(&mut stored);
         Ok(stored)
     }
 
-    /// Reads a state from a file; frozen weights that are not in it are those of `fresh`.
-    fn from_stored(stored: &StoredTensors, config: &TrainConfig, fresh: &Parameters) -> Result<Self, TrainError> {
+    /// Reads a state from a file; frozen weights that are not in it are those of `backbone`.
+    fn from_stored(
+        stored: &StoredTensors,
+        config: &TrainConfig,
+        fresh: &Parameters,
+        backbone: ReadBackbone<'_>,
+    ) -> Result<Self, TrainError> {
         let text = |key: &str| {
             let found = stored.metadata.get(key);
             found.ok_or_else(|| TrainError::malformed(WHAT, format!("metadata {key}"), "a value", "no such entry"))
@@ -150,7 +156,7 @@ impl State {
                 || TrainError::malformed(WHAT, name.clone(), format!("a tensor of {:?}", parameter.shape), "none");
             Ok::<_, TrainError>(tensor.ok_or_else(absent)?.to_f32()?)
         };
-        let mut parameters = with_frozen(stored, fresh)?;
+        let mut parameters = with_frozen(stored, fresh, backbone)?;
         let mut moments = Vec::new();
         let mut average = config.average.map(|_| Vec::new());
         for (position, parameter) in fresh.list().iter().enumerate() {
@@ -171,15 +177,20 @@ impl State {
     }
 }
 
-/// `fresh` with the frozen weights of a checkpoint, if it holds any. A checkpoint of an earlier version does not state their hash.
-fn with_frozen(stored: &StoredTensors, fresh: &Parameters) -> Result<Parameters, TrainError> {
+/// `fresh` with the frozen weights of a checkpoint, or of `backbone` if it holds none. A checkpoint of an earlier version does not
+/// state their hash.
+fn with_frozen(
+    stored: &StoredTensors,
+    fresh: &Parameters,
+    backbone: ReadBackbone<'_>,
+) -> Result<Parameters, TrainError> {
     let mut frozen = StoredTensors::default();
     for (name, tensor) in &stored.tensors {
         if let Some(name) = name.strip_prefix(FROZEN).and_then(|name| name.strip_prefix('/')) {
             frozen.tensors.insert(name.to_owned(), tensor.clone());
         }
     }
-    let parameters = if frozen.tensors.is_empty() { fresh.clone() } else { fresh.with_frozen(frozen) };
+    let parameters = fresh.with_frozen(if frozen.tensors.is_empty() { backbone()? } else { frozen });
     let Some(expected) = stored.metadata.get(FROZEN_DIGEST) else { return Ok(parameters) };
     match parameters.frozen().digest() {
         found if found == *expected => Ok(parameters),
@@ -195,17 +206,21 @@ fn with_frozen(stored: &StoredTensors, fresh: &Parameters) -> Result<Parameters,
 pub struct Checkpoints {
     folder: PathBuf,
     keep: usize,
+    resolved: Resolved,
 }
 
+/// Reads the frozen weights of a configuration's backbone.
+type ReadBackbone<'a> = &'a dyn Fn() -> Result<StoredTensors, TrainError>;
+
 impl Checkpoints {
-    /// The checkpoint folder in a run's folder, created if absent.
+    /// The checkpoint folder in a run's folder, created if absent; the run's configuration resolves to `resolved`.
     ///
     /// # Errors
     /// [`TrainError::Io`].
-    pub fn new(folder: &Path, keep: usize) -> Result<Self, TrainError> {
+    pub fn new(folder: &Path, keep: usize, resolved: Resolved) -> Result<Self, TrainError> {
         let folder = folder.join(FOLDER);
         std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder", &folder))?;
-        Ok(Self { folder, keep })
+        Ok(Self { folder, keep, resolved })
     }
 
     /// Whether a run's folder holds a checkpoint, readable or not.
@@ -226,7 +241,7 @@ impl Checkpoints {
             return Err(TrainError::malformed(WHAT, name, "finite weights", found));
         }
         let path = self.folder.join(format!("step-{:08}.safetensors", state.step));
-        state.stored(config)?.write(&path)?;
+        state.stored(config, &self.resolved)?.write(&path)?;
         let mut all = self.all()?;
         let later = all.split_off(&(state.step + 1));
         let beyond = all.len().saturating_sub(self.keep.max(1));
@@ -237,16 +252,28 @@ impl Checkpoints {
     }
 
     /// The newest readable state, with a message for each newer checkpoint that cannot be read; `None` if there is no
-    /// checkpoint.
+    /// checkpoint. Trained parameters are those that `fresh` has, and frozen weights that a checkpoint does not hold are those of
+    /// `backbone`.
     ///
     /// # Errors
-    /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read.
-    pub fn read(&self, config: &TrainConfig, fresh: &Parameters) -> Result<Option<(State, Vec<String>)>, TrainError> {
+    /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read, and of any whose configuration resolved
+    /// to something else.
+    pub fn read(
+        &self,
+        config: &TrainConfig,
+        fresh: &Parameters,
+        backbone: &dyn Fn() -> Result<StoredTensors, TrainError>,
+    ) -> Result<Option<(State, Vec<String>)>, TrainError> {
         let (mut messages, mut first) = (Vec::new(), None);
         for path in self.all()?.into_values().rev() {
-            let state = TensorFile::open(&path)
-                .map_err(TrainError::from)
-                .and_then(|file| State::from_stored(&file.stored, config, fresh));
+            let state = match TensorFile::open(&path) {
+                Ok(file) => {
+                    // Not a reason to go on from an older checkpoint, whose version may not have stated it.
+                    self.resolved.check(&file.stored)?;
+                    State::from_stored(&file.stored, config, fresh, backbone)
+                }
+                Err(error) => Err(error.into()),
+            };
             match state {
                 Ok(state) => return Ok(Some((state, messages))),
                 Err(error) => {
@@ -282,7 +309,7 @@ mod tests {
     #[test]
     fn other_files_in_the_folder_are_no_checkpoints() {
         let folder = tempfile::tempdir().unwrap();
-        let checkpoints = Checkpoints::new(folder.path(), 2).unwrap();
+        let checkpoints = Checkpoints::new(folder.path(), 2, Resolved::default()).unwrap();
         let files = ["step-00000012.safetensors", "step-00000004.safetensors", "step-notes.txt", "step-a.safetensors"];
         for name in files {
             std::fs::write(checkpoints.folder.join(name), "").unwrap();
@@ -306,7 +333,7 @@ mod tests {
     fn what_was_just_written_is_kept_and_later_steps_are_removed() {
         for (keep, expected) in [(1, vec![600]), (2, vec![500, 600]), (3, vec![400, 500, 600])] {
             let (folder, config) = (tempfile::tempdir().unwrap(), TrainConfig::shortest());
-            let checkpoints = Checkpoints::new(folder.path(), keep).unwrap();
+            let checkpoints = Checkpoints::new(folder.path(), keep, Resolved::default()).unwrap();
             for step in [400, 500] {
                 checkpoints.write(&state(step, 1.0), &config).unwrap();
             }
@@ -315,7 +342,9 @@ mod tests {
             let all = checkpoints.all().unwrap();
             assert_eq!(all.keys().copied().collect::<Vec<_>>(), expected, "{keep} are kept");
             assert_eq!(all.get(&600), Some(&written));
-            let (found, messages) = checkpoints.read(&config, &state(0, 1.0).parameters).unwrap().unwrap();
+            let backbone = || Ok(state(0, 1.0).parameters.frozen().clone());
+            let found = checkpoints.read(&config, &state(0, 1.0).parameters, &backbone).unwrap();
+            let (found, messages) = found.unwrap();
             assert_eq!((found.step, messages.len()), (600, 0));
         }
     }
@@ -323,12 +352,14 @@ mod tests {
     #[test]
     fn a_changed_backbone_is_refused_and_given_weights_are_kept() {
         let config = TrainConfig::shortest();
+        let resolved = Resolved::default();
         let read = |stored: &StoredTensors, frozen: f32| {
-            let read = State::from_stored(stored, &config, &state(0, frozen).parameters);
+            let backbone = || Ok(state(0, frozen).parameters.frozen().clone());
+            let read = State::from_stored(stored, &config, &state(0, 7.0).parameters, &backbone);
             read.map(|state| state.parameters.frozen().digest()).map_err(|error| error.to_string())
         };
         let digest = |frozen: f32| Ok::<_, String>(state(0, frozen).parameters.frozen().digest());
-        let mut stored = state(3, 1.0).stored(&config).unwrap();
+        let mut stored = state(3, 1.0).stored(&config, &resolved).unwrap();
         assert_eq!(read(&stored, 1.0), digest(1.0));
         let error = read(&stored, 2.0).unwrap_err();
         assert!(error.contains("model.backbone: expected those that the run was started with"), "{error}");
@@ -336,9 +367,10 @@ mod tests {
         assert_eq!(read(&stored, 2.0), digest(2.0), "as written by earlier versions");
         let given = InitialWeights { sha256: "a hash".to_owned(), data: Some("rooms".to_owned()) };
         let started = State { initial_weights: Some(given.clone()), ..state(3, 1.0) };
-        let stored = started.stored(&config).unwrap();
+        let stored = started.stored(&config, &resolved).unwrap();
         assert_eq!(read(&stored, 2.0), digest(1.0), "from the checkpoint");
-        let again = State::from_stored(&stored, &config, &state(0, 2.0).parameters).unwrap();
-        assert_eq!(again.initial_weights, Some(given));
+        let absent = || Err(TrainError::malformed(WHAT, "model.backbone", "a file", "none"));
+        let again = State::from_stored(&stored, &config, &state(0, 2.0).parameters, &absent).unwrap();
+        assert_eq!(again.initial_weights, Some(given), "without the file of a backbone");
     }
 }

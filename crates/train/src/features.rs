@@ -3,7 +3,7 @@
 use atsplat_files::Sha256Digest;
 use std::path::{Path, PathBuf};
 
-use atsplat_model::network::{Network, Views};
+use atsplat_model::network::{MatmulPrecision, Network, Views};
 use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::{ImageSize, ModelConfig};
 
@@ -14,25 +14,36 @@ use crate::samples::PosedPictures;
 const FEATURES: &str = "features";
 const DIGEST: &str = "tensors-sha256";
 
-/// A folder with one file per picture, named by everything that features depend on: the backbone with its weights, and the
-/// picture with its size. An incomplete file is computed again. Several runs may share a folder.
+/// A folder with one file per picture, named by everything that features depend on: the backbone with its weights, the precision
+/// of its products, and the picture with its size. An incomplete file is computed again. Several runs may share a folder.
 #[derive(Debug)]
 pub struct FeatureCache {
     folder: PathBuf,
 }
 
 impl FeatureCache {
-    /// Opens this backbone's subfolder of `folder`; `frozen` are its weights.
+    /// Opens this backbone's subfolder of `folder`; `frozen` are its weights, and `products` is the precision in whose scope features
+    /// are computed.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if the backbone is trained, [`TrainError::Io`] if the folder cannot be created.
-    pub fn open(folder: &Path, config: &ModelConfig, frozen: &StoredTensors) -> Result<Self, TrainError> {
+    pub fn open(
+        folder: &Path,
+        config: &ModelConfig,
+        frozen: &StoredTensors,
+        products: MatmulPrecision,
+    ) -> Result<Self, TrainError> {
         if !config.backbone.is_frozen() {
             let found = format!("{:?}", config.backbone);
             return Err(TrainError::malformed(WHAT, "model.feature-cache", "a frozen backbone", found));
         }
         let (backbone, coarse) = (&config.backbone, &config.coarse);
-        let identity = format!("{} {backbone:?} {} {}", frozen.digest(), coarse.patch_size, coarse.image_downscale);
+        let mut identity = format!("{} {backbone:?} {} {}", frozen.digest(), coarse.patch_size, coarse.image_downscale);
+        // Earlier versions named the folders of all precisions in this way.
+        if products != MatmulPrecision::F32 {
+            identity.push(' ');
+            identity.push_str(products.name());
+        }
         let folder = folder.join(Sha256Digest::of(identity.as_bytes()).to_string());
         std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder for features", &folder))?;
         Ok(Self { folder })

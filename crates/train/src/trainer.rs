@@ -25,7 +25,7 @@ use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::Objective;
 use crate::resident::Resident;
 use crate::samples::Source;
-use crate::{FeatureCache, TrainConfig, TrainError};
+use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
 
 /// If a call of [`Trainer::run`] stops before the configuration's last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -140,13 +140,15 @@ impl Trainer {
         let template = Network::new(&model, &device.clone().autodiff())?;
         let objective = objective_on(processor, &config, &template)?;
         let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
-        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
+        let resolved = Resolved::new(&config, &model, &objective)?;
+        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved)?;
         let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
         let features = match &config.model.feature_cache {
             Some(folder) => {
                 // Each device has its own features.
                 let own = adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
-                Some(FeatureCache::open(own.as_ref().unwrap_or(folder), &model, state.parameters.frozen())?)
+                let folder = own.as_ref().unwrap_or(folder);
+                Some(FeatureCache::open(folder, &model, state.parameters.frozen(), config.products)?)
             }
             None => None,
         };

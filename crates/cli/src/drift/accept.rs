@@ -1,14 +1,15 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use atsplat_eval::Results;
-use atsplat_eval::drift::{Acceptance, AcceptanceReport, Baseline, acceptable, compare, date};
+use atsplat_eval::drift::{Acceptance, AcceptanceReport, Baseline, acceptable, check_repetition, compare, date};
 use clap::builder::NonEmptyStringValueParser;
 
 use super::recipe;
 use crate::exit::Exit;
 use crate::objects::CacheArgs;
 use crate::output::print_report;
+use crate::parse::usage_error;
 use crate::provenance;
 
 #[derive(Debug, clap::Args)]
@@ -24,8 +25,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
     why: String,
 
-    /// Results of a repetition of the run; may be given several times. Numbers that are not deterministic may later
-    /// change as much as these differ.
+    /// Results of a repetition of the run, with the same protocols, methods and data; may be given several times. Numbers that
+    /// are not deterministic may later change as much as these differ.
     #[arg(long, value_name = "STORE")]
     repeat: Vec<PathBuf>,
 
@@ -48,10 +49,9 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let requested = args.probe.as_deref().map(recipe).transpose()?;
     let before = if args.baseline.exists() { Some(Baseline::read(&args.baseline)?) } else { None };
-    let read = |store: &PathBuf| Ok::<_, anyhow::Error>(Results::read(&args.cache.store(store)?)?);
-    let results = read(&args.store)?;
-    let repeats = args.repeat.iter().map(read).collect::<anyhow::Result<Vec<_>>>()?;
+    let (place, results) = read(&args.store, &args.cache)?;
     acceptable(&results).with_context(|| args.store.display().to_string())?;
+    let repeats = repeats(args, place, &results)?;
     let now = provenance();
     let acceptance = Acceptance {
         date: date(now.started),
@@ -74,4 +74,31 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     }
     print_report(&AcceptanceReport::new(&args.baseline, baseline, acceptance, moved), args.json)?;
     Ok(Exit::Done)
+}
+
+/// Results and their folder, which is the same for every path to it.
+fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<(PathBuf, Results)> {
+    let folder = cache.store(store)?;
+    let results = Results::read(&folder)?;
+    let place = folder.canonicalize().with_context(|| format!("reading {}", store.display()))?;
+    Ok((place, results))
+}
+
+/// The results of the run's repetitions; `place` is the folder of the run's own.
+fn repeats(args: &Args, place: PathBuf, results: &Results) -> anyhow::Result<Vec<Results>> {
+    if !args.repeat.is_empty() && results.provenance.methods.iter().all(|method| method.deterministic) {
+        return Err(usage_error("--repeat has no effect: every method of the results is deterministic").into());
+    }
+    let mut seen = vec![(place, &args.store)];
+    let mut repeats = Vec::new();
+    for store in &args.repeat {
+        let (place, repeat) = read(store, &args.cache)?;
+        if let Some((_, first)) = seen.iter().find(|(other, _)| *other == place) {
+            bail!("--repeat {} is the same store as {}: name each run once", store.display(), first.display());
+        }
+        check_repetition(results, &repeat).with_context(|| format!("--repeat {}", store.display()))?;
+        seen.push((place, store));
+        repeats.push(repeat);
+    }
+    Ok(repeats)
 }

@@ -65,8 +65,8 @@ pub(super) struct StartArgs {
     #[arg(long, value_name = "NEAR,FAR", conflicts_with = "refine", value_parser = depths)]
     depths: Option<[f64; 2]>,
 
-    /// Start from what this network makes of the photos: a weights file, or micro-rooms, which is embedded in the binary. The
-    /// strategy is then by default `fixed`.
+    /// Start from what this network makes of the photos: a weights file, or micro-rooms or micro-yards, which are embedded in
+    /// the binary. The strategy is then by default `fixed`.
     #[arg(long, value_name = "WEIGHTS")]
     pub(super) refine: Option<PathBuf>,
 }
@@ -143,7 +143,7 @@ impl StartArgs {
     /// The network of a refinement.
     pub(super) fn network(&self) -> anyhow::Result<Option<NetworkSource>> {
         let Some(path) = &self.refine else { return Ok(None) };
-        let expected = || "a weights file of this toolkit, or micro-rooms".to_owned();
+        let expected = || "a weights file of this toolkit, micro-rooms or micro-yards".to_owned();
         let file = embedded::find(path, expected)?;
         let config = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
         Ok(Some(NetworkSource::from_file(config.clone(), path.clone(), file, config)))

@@ -126,7 +126,8 @@ fn ply(text: &str) -> Result<PathBuf, String> {
 }
 
 impl OptimisationArgs {
-    fn config(&self) -> FitConfig {
+    /// `scale` are lengths of the views over lengths in DATA.
+    fn config(&self, scale: f64) -> FitConfig {
         FitConfig {
             seed: self.seed,
             sh_degree: self.sh_degree,
@@ -134,7 +135,7 @@ impl OptimisationArgs {
             absolute_gradients: self.absolute_gradients,
             pose_rate: self.optimise_poses,
             exposure_rate: self.optimise_exposure,
-            extent: self.extent,
+            extent: self.extent.map(|extent| extent * scale),
             max_gaussians: self.max_gaussians,
             memory_limit: self.memory.saturating_mul(1 << 20),
             ..FitConfig::new(self.strategy.unwrap_or(Strategy::Fixed), 1)
@@ -161,7 +162,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };
     let input = args.input.read(network.as_ref(), &mut warnings)?;
     print_warnings(&warnings);
-    let mut config = args.optimisation.config();
+    // With --refine, the whole run is in the network's world.
+    let normalisation = input.photos.trial().normalisation().new_from_old;
+    let mut config = args.optimisation.config(normalisation.scale);
     let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
     let start = args.start.gaussians(&input, &args.input.data, network, (config.seed, config.strategy))?;
     let device = device.backend().fit_device();
@@ -209,13 +212,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         start: args.start.name(),
         start_gaussians: count,
         dropped: fit.dropped(),
-        extent: fit.extent(),
-        configuration: fit.config().clone(),
+        extent: fit.extent() / normalisation.scale,
+        configuration: FitConfig { extent: args.optimisation.extent, ..fit.config().clone() },
         device: fit.device().to_owned(),
         steps: fit.step_count(),
         file: args.out.clone(),
         gaussians: gaussians.len(),
-        corrections: fit.corrections()?,
+        corrections: fit.corrections(&normalisation)?,
         training_psnr: fit.history().training_psnr(),
         evaluations: fit.history().evaluations.clone(),
         at_scales: scaled,
@@ -224,4 +227,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
     outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
     print_report(&FitReport { record, seconds }, args.json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_extent_in_units_of_the_data_is_scaled_as_the_views_are() {
+        let args = OptimisationArgs {
+            strategy: None,
+            steps: Some(1),
+            seconds: None,
+            seed: 0,
+            sh_degree: 3,
+            background: Background::Black,
+            absolute_gradients: false,
+            optimise_poses: None,
+            optimise_exposure: None,
+            extent: Some(6.0),
+            max_gaussians: 1,
+            memory: 1,
+        };
+        assert_eq!(args.config(0.25).extent, Some(1.5));
+    }
 }

@@ -44,7 +44,10 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let index = IndexFile::read(&args.index)?.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
+    let file = IndexFile::read(&args.index)?;
+    let mut warnings = Warnings::new();
+    file.warn_of_unknown_fields(&args.index, &mut warnings);
+    let index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
     let same = |path: &std::path::Path| path.canonicalize().ok();
     ensure!(
         same(&args.out).is_none_or(|out| same(&args.index) != Some(out)),
@@ -52,7 +55,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         args.out.display()
     );
     let out = PendingFile::open(&args.out)?;
-    let mut warnings = Warnings::new();
     let lengths = match &args.data {
         Some(path) => {
             let dataset = args.pictures.open(path, &mut warnings)?;

@@ -35,7 +35,7 @@ pub(crate) struct Args {
     estimator: OverlapEstimator,
 
     /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` per context frame, channel `Z` or the only
-    /// channel, in scene units along the camera's z axis.
+    /// channel, in scene units along the camera's z axis. A map may have another scale than its frame, but not another shape.
     #[arg(long, value_name = "FOLDER", requires = "data", required_if_eq("estimator", "depth-covisibility"))]
     depth: Option<PathBuf>,
 
@@ -76,6 +76,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         None => args.index.file_stem().unwrap_or(args.index.as_os_str()).to_string_lossy().into_owned(),
     };
     let mut warnings = Warnings::new();
+    if out.is_some() {
+        file.warn_of_unknown_fields(&args.index, &mut warnings);
+    }
     let mut index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
     let mut measured = None;
     if let Some(path) = &args.data {

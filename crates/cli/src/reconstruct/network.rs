@@ -21,9 +21,9 @@ const DEFAULT_UNTRAINED: &str = "nano";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct NetworkArgs {
-    /// A weights file of this toolkit (`atsplat weights import` makes one); `micro-rooms`, a small network embedded in the
-    /// binary; or `random:SEED`: an untrained network, to try the pipeline and its cost without weights.
-    #[arg(long, value_name = "FILE|micro-rooms|random:SEED")]
+    /// A weights file of this toolkit (`atsplat weights import` makes one); `micro-rooms` or `micro-yards`, small networks
+    /// embedded in the binary; or `random:SEED`: an untrained network, to try the pipeline and its cost without weights.
+    #[arg(long, value_name = "FILE|NAME|random:SEED")]
     weights: Option<WeightsArg>,
 
     /// Expected sha256 of the weights file.

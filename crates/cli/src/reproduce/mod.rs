@@ -39,7 +39,7 @@ pub(crate) struct Args {
     data: Option<PathBuf>,
 
     /// Weights of ATSplat: a file of `atsplat train` or `atsplat weights import`, or a .toml that lists them by protocol,
-    /// table and variant; by default the embedded weights of a small network trained on simulated rooms.
+    /// table and variant; by default the embedded weights of small networks trained on simulated rooms and yards.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 
@@ -170,14 +170,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
 /// The networks of `--weights`: a weights file, a list (`.toml`), or by default the embedded weights.
 fn networks(weights: Option<&Path>, device: ComputeDevice) -> anyhow::Result<TrainedNetworks> {
+    let tables = TableDefinition::presets_by_name()?;
     let list = match weights {
-        None => WeightsList::one(PathBuf::from(embedded::MICRO_ROOMS)),
+        None => embedded::by_protocol(&tables)?,
         Some(path) if path.extension().is_some_and(|extension| extension == "toml") => {
-            WeightsList::read(path, &TableDefinition::presets_by_name()?, &[embedded::MICRO_ROOMS])?
+            WeightsList::read(path, &tables, &embedded::NAMES)?
         }
         Some(path) => WeightsList::one(path.to_owned()),
     };
-    Ok(TrainedNetworks::new(list, device, embedded::named_or_read))
+    Ok(TrainedNetworks::new(list, device, |path| embedded::trained(Some(path))))
 }
 
 /// `results`, `results-2` …

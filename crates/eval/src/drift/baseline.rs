@@ -184,12 +184,18 @@ impl Baseline {
         Ok(if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read })
     }
 
-    /// Writes the baseline atomically.
+    /// Writes the baseline atomically. If it has no probe, that of an older baseline at the same path is removed.
     ///
     /// # Errors
     /// [`DriftError::Io`], and [`DriftError::Malformed`] for numbers that JSON cannot represent.
     pub fn write(&self, path: &Path) -> Result<(), DriftError> {
-        atsplat_files::write(path, self.to_text(path)?.as_bytes()).map_err(DriftError::io("writing a baseline", path))
+        let text = self.to_text(path)?;
+        atsplat_files::write(path, text.as_bytes()).map_err(DriftError::io("writing a baseline", path))?;
+        let probe = Self::probe_path(path);
+        if self.probe.is_none() && probe.exists() {
+            std::fs::remove_file(&probe).map_err(DriftError::io("removing an older baseline's probe", &probe))?;
+        }
+        Ok(())
     }
 
     /// Writes the baseline and, next to it, the values of its probe. Both are complete before the first of them replaces an

@@ -19,6 +19,7 @@ mod limits;
 mod numbers;
 pub mod probe;
 mod provenance;
+mod repetition;
 mod report;
 #[cfg(test)]
 mod tests;
@@ -32,4 +33,5 @@ pub use history::{Acceptance, date};
 pub use limits::{Limit, least_limit, metric_bound};
 pub use numbers::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use provenance::{Difference, same_machine};
+pub use repetition::check_repetition;
 pub use report::{Basis, Comparison, DriftReport, Finding, FindingKind, Verdict};

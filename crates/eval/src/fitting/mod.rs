@@ -25,7 +25,7 @@ pub fn training_view(name: String, camera: Camera, size: ImageSize, picture: &Im
 
 /// The recipe of photos to optimise for: scaled and cropped to `size`, by default in their own size, with the scene's
 /// poses. If a network reconstructs them first, they are prepared as for its reconstructions, by default at its
-/// resolution.
+/// resolution, and poses are normalised: lengths and cameras are then those of the trial's new world.
 pub fn fit_recipe(size: Option<ImageSize>, network: Option<&ModelConfig>) -> TrialRecipe {
     if let Some(config) = network {
         return photo_recipe(size.map_or(config.resolution, Into::into));

@@ -42,6 +42,33 @@ pub enum WeightsSource {
     },
 }
 
+impl WeightsSource {
+    /// Adds a network with these weights to a method's record: its configuration, which weights they are, and the size at whose
+    /// scale it sees context pictures.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] for a configuration that cannot be hashed.
+    pub(super) fn describe(&self, network: &Network, record: &mut MethodRecord) -> Result<(), EvalError> {
+        let config = network.config();
+        record.parameters.insert("model".to_owned(), config.name.clone().into());
+        record.parameters.insert("model-hash".to_owned(), config.hash()?.into());
+        match self {
+            Self::File { sha256 } => record.weights_sha256 = Some(sha256.clone()),
+            Self::Random { seed, backbone_sha256 } => {
+                record.untrained = true;
+                record.parameters.insert("weights-seed".to_owned(), (*seed).into());
+                if let Some(hash) = backbone_sha256 {
+                    record.parameters.insert("backbone-sha256".to_owned(), hash.clone().into());
+                }
+            }
+        }
+        if let Some(size) = network.trained_size() {
+            record.parameters.insert("context-at-scale-of".to_owned(), size.to_string().into());
+        }
+        Ok(())
+    }
+}
+
 impl AtSplat {
     /// A network with its weights. `name` is the method's name in the rows; random token expansion draws from `call_seed`
     /// and the trial's identity.
@@ -61,27 +88,10 @@ impl AtSplat {
             name: name.to_owned(),
             kind: "atsplat".to_owned(),
             title: title(&config.name, None, untrained),
-            parameters: parameters([
-                ("model", config.name.clone().into()),
-                ("model-hash", config.hash()?.into()),
-                ("configuration", as_json(config)?),
-                ("call-seed", call_seed.into()),
-            ]),
-            untrained,
+            parameters: parameters([("configuration", as_json(config)?), ("call-seed", call_seed.into())]),
             ..MethodRecord::default()
         };
-        match weights {
-            WeightsSource::File { sha256 } => record.weights_sha256 = Some(sha256.clone()),
-            WeightsSource::Random { seed, backbone_sha256 } => {
-                record.parameters.insert("weights-seed".to_owned(), (*seed).into());
-                if let Some(hash) = backbone_sha256 {
-                    record.parameters.insert("backbone-sha256".to_owned(), hash.clone().into());
-                }
-            }
-        }
-        if let Some(size) = network.trained_size() {
-            record.parameters.insert("context-at-scale-of".to_owned(), size.to_string().into());
-        }
+        weights.describe(&network, &mut record)?;
         splatting.describe(&mut record);
         record.record_network(&network);
         let products = MatmulPrecision::default();

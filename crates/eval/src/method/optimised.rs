@@ -78,13 +78,9 @@ impl Optimised {
             name: name.map_or_else(|| format!("atsplat+refine-{budget}"), str::to_owned),
             kind: "atsplat+refine".to_owned(),
             title: format!("ATSplat + refinement ({}, {budget}{suffix})", config.name),
-            parameters: parameters([("model", config.name.clone().into()), ("model-hash", config.hash()?.into())]),
-            untrained,
             ..MethodRecord::default()
         };
-        if let WeightsSource::File { sha256 } = weights {
-            record.weights_sha256 = Some(sha256.clone());
-        }
+        weights.describe(&network, &mut record)?;
         let limit = usize::MAX;
         let network = Some(network);
         Ok(Self { strategy: Strategy::Fixed, budget, seed, limit, network, splatting, record }.described())
@@ -203,18 +199,18 @@ fn failed(error: FitError) -> MethodError {
 mod tests {
     use std::sync::{Arc, Mutex};
 
-    use atsplat_model::ModelConfig;
     use atsplat_model::network::Device;
     use atsplat_model::parameters::parameters;
     use atsplat_model::weights::generated;
+    use atsplat_model::{ImageSize, ModelConfig};
     use atsplat_protocol::Preset;
     use atsplat_splat::Renderer;
     use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
 
     use super::*;
     use crate::AdapterRecord;
-    use crate::method::Backend;
     use crate::method::atsplat::tests::trials;
+    use crate::method::{AtSplat, Backend};
 
     #[test]
     fn optimises_the_context_of_a_trial_within_its_budget() {
@@ -270,6 +266,47 @@ mod tests {
         let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
         let weights = WeightsSource::Random { seed: 1, backbone_sha256: None };
         Optimised::refined(None, network, &weights, Budget::Steps(2), 0, splatting).unwrap()
+    }
+
+    /// As in the record of the network's own method: networks that differ in any of these make other Gaussians.
+    #[test]
+    fn the_record_says_which_weights_the_network_has() {
+        let config = ModelConfig::named("nano").unwrap();
+        let network = |size: Option<ImageSize>| {
+            let network = Network::new(&config, &Device::flex()).unwrap();
+            if let Some(size) = size { network.trained_at(size) } else { network }
+        };
+        let random = |seed, backbone: Option<&str>| {
+            let backbone_sha256 = backbone.map(str::to_owned);
+            WeightsSource::Random { seed, backbone_sha256 }
+        };
+        let record = |size, weights: &WeightsSource| {
+            let splatting = Splatting::default();
+            Optimised::refined(None, network(size), weights, Budget::Steps(2), 0, splatting).unwrap().record()
+        };
+        let without = |mut record: MethodRecord, parameter: &str| {
+            assert!(record.parameters.remove(parameter).is_some(), "{parameter}");
+            record
+        };
+        let size = Some(ImageSize::new(32, 64));
+        let cases = [(None, 1, None), (None, 2, None), (None, 1, Some("ab")), (size, 1, None)];
+        let [first, second, backbone, sized] = cases.map(|(size, seed, of)| record(size, &random(seed, of)));
+        assert!(first.untrained && first.parameters["weights-seed"] == 1 && second.parameters["weights-seed"] == 2);
+        assert_eq!(without(first.clone(), "weights-seed"), without(second, "weights-seed"));
+        assert_eq!((&backbone.parameters["backbone-sha256"], &backbone.title), (&"ab".into(), &first.title));
+        assert_eq!(without(backbone, "backbone-sha256"), first);
+        assert_eq!(without(sized, "context-at-scale-of"), first);
+
+        let weights = random(3, Some("cd"));
+        let refined = record(size, &weights).parameters;
+        let own = AtSplat::new("atsplat", network(size), &weights, 0, Splatting::default()).unwrap();
+        let own = own.record().parameters;
+        for name in ["model", "model-hash", "weights-seed", "backbone-sha256", "context-at-scale-of"] {
+            assert!(own.contains_key(name) && own.get(name) == refined.get(name), "{name}: {own:?} {refined:?}");
+        }
+        let file = record(None, &WeightsSource::File { sha256: "ef".to_owned() });
+        assert_eq!((file.weights_sha256.as_deref(), file.untrained), (Some("ef"), false));
+        assert!(!file.parameters.contains_key("weights-seed"));
     }
 
     /// Before any target is rendered there: one submission for each of both passes of two steps.

@@ -6,6 +6,7 @@
 
 mod dataset;
 mod evaluate;
+mod extras;
 mod findings;
 mod index;
 mod metrics;

@@ -1,5 +1,6 @@
 use std::collections::BTreeSet;
 
+use super::extras::Extras;
 use super::findings::SceneWarnings;
 use super::outdated::Outdated;
 use super::pictures::PictureSink;
@@ -37,6 +38,7 @@ pub fn run_until(
     let worst = WorstSoFar::default();
     let folder = store.folder().to_owned();
     let pictures = PictureSink { keep: plan.pictures, store: &folder, worst: &worst };
+    let extras = Extras::of(&store, plan.pictures)?;
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, missing } = plan.selected(dataset);
@@ -57,12 +59,12 @@ pub fn run_until(
         }
         let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {
-            let walk = Walk { plan, dataset, methods, store: &store, pictures, step, stop };
+            let walk = Walk { plan, dataset, methods, store: &store, extras: &extras, pictures, step, stop };
             walk.run(&index, &mut warnings, &mut findings, &mut summary)?;
         }
         findings.add_warnings(&dataset.name, &warnings.in_order_of(&index));
     }
-    drop(evaluating);
+    drop((extras, evaluating));
     if let Some(timing) = plan.timing {
         timing::pass(plan, timing, &store, step)?;
     }

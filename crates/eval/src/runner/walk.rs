@@ -10,9 +10,10 @@ use rayon::prelude::*;
 
 use super::Findings;
 use super::evaluate::{DecodedTrial, Evaluation};
+use super::extras::Extras;
 use super::findings::SceneWarnings;
 use super::outdated::Outdated;
-use super::pictures::PictureSink;
+use super::pictures::{self, PictureSink};
 use super::plan::{Dataset, Plan, Summary};
 use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
@@ -86,6 +87,7 @@ pub(super) struct Walk<'a> {
     pub(super) dataset: &'a Dataset,
     pub(super) methods: Vec<Arc<dyn Method>>,
     pub(super) store: &'a Store,
+    pub(super) extras: &'a Extras<'a>,
     pub(super) pictures: PictureSink<'a>,
     pub(super) step: &'a (dyn Fn() + Sync),
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
@@ -193,14 +195,15 @@ impl Walk<'_> {
         Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch)
     }
 
-    /// Methods without an up-to-date result for this trial, data and input files, each with the hash of its input files.
+    /// Methods without an up-to-date result for this trial, data and input files, or without pictures that are to be kept, each
+    /// with the hash of its input files.
     fn missing(&self, trial: &Trial, data_hash: &str) -> Vec<(&Arc<dyn Method>, Option<String>)> {
         let hash = trial.hash().to_string();
         let missing = |method: &Arc<dyn Method>| {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
             let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            (!is_known).then_some(input_hash)
+            (!is_known || self.extras.lacks_pictures(&key)).then_some(input_hash)
         };
         self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
     }
@@ -219,6 +222,7 @@ impl Walk<'_> {
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
         outdated.into_result()?;
+        self.extras.remove_outdated_pictures(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
         let missing = self.missing(&decoded.trial, &decoded.data_hash);
         let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, pictures: self.pictures };
         let before = (self.methods.len() - missing.len()) as u64;
@@ -228,10 +232,13 @@ impl Walk<'_> {
             self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
+            pictures::remove(self.pictures.store, &key)?;
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
+            self.extras.remove_outdated_times(&row)?;
             self.store.append(&row, &targets)?;
+            pictures::publish(self.pictures.store, &row.key)?;
             (self.step)();
         }
         Ok((evaluated, before))

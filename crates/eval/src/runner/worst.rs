@@ -61,6 +61,10 @@ pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Resul
         .map(|trial| trial.key.method.as_str())
         .collect();
     let kept: Vec<TrialKey> = methods.iter().flat_map(|method| kept(results, (preset, method), psnr)).collect();
+    let without = kept.iter().filter(|key| !pictures::folder(store, key).is_dir()).count();
+    if without > 0 {
+        tracing::warn!(preset, without, "trials that earlier runs evaluated without pictures have none");
+    }
     for name in methods.into_iter().chain([TRUTH, CONTEXT]) {
         let folders = kept.iter().map(|key| pictures::folder(store, &key.of_method(name))).collect();
         retain(&pictures::folder_of_method(store, preset, name), &folders)?;

@@ -1,6 +1,6 @@
 //! Which data the rows were computed from.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::{EvalError, Results, TrialKey, TrialRow};
 
@@ -42,7 +42,7 @@ impl KnownResults {
     }
 
     /// Drops the results of these methods.
-    pub(super) fn forget(&mut self, methods: &[String]) {
+    pub(super) fn forget(&mut self, methods: &BTreeSet<String>) {
         self.0.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
     }
 

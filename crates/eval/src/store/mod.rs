@@ -18,6 +18,7 @@
 mod columns;
 mod data;
 pub(crate) mod disk;
+mod extras;
 mod lock;
 mod merge;
 mod parts;
@@ -42,7 +43,7 @@ pub use schema::{SCHEMA_VERSION, schema_hash};
 use crate::{EvalError, Provenance, Results, TargetRow, TrialRow};
 use data::KnownResults;
 use lock::Lock;
-use read::Content;
+use read::{Content, Rows};
 
 /// The file that makes a folder a store.
 pub const PROVENANCE: &str = "provenance.json";
@@ -118,7 +119,8 @@ impl Store {
     }
 
     /// Resumes the store in a folder, or creates one if there is none. Presets and methods that it lacks are added. A method
-    /// that failed in every trial may be replaced by another of its name, and a store without any scored target is restarted.
+    /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
+    /// target is restarted.
     ///
     /// # Errors
     /// Those of [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] if the existing results were made in
@@ -130,17 +132,21 @@ impl Store {
         }
         let mut store = Self::open_locked(folder, lock)?;
         let mut joined = store.provenance.clone();
-        let mut replaced = Vec::new();
+        let mut replaced = BTreeSet::new();
         for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
             let own = provenance.methods.iter().find(|own| own.name == known.name);
             if let Some(own) = own.filter(|own| *own != known) {
-                replaced.push(known.name.clone());
+                replaced.insert(known.name.clone());
                 known.clone_from(own);
             }
         }
         match joined.resume_with(provenance.clone()) {
             Ok(()) => {
-                store.known.forget(&replaced);
+                // Under the new records, the run after one that is killed would take the old rows for its own.
+                if !replaced.is_empty() {
+                    store.remove_rows(|method| replaced.contains(method))?;
+                    store.known.forget(&replaced);
+                }
                 store.provenance = joined;
                 store.write_provenance()?;
                 Ok(store)
@@ -152,12 +158,39 @@ impl Store {
 
     /// Removes all rows, none of which holds a score, and the provenance.
     fn restart(self, provenance: Provenance) -> Result<Self, EvalError> {
-        let rows = [TRIALS, TARGETS].map(|name| self.folder.join(name));
-        for path in rows.into_iter().chain(disk::files(&parts::folder(&self.folder))?) {
-            disk::remove(&path)?;
+        self.remove_rows(|_method| true)?;
+        for unfinished in disk::files(&parts::folder(&self.folder))? {
+            disk::remove(&unfinished)?;
         }
         disk::remove(&self.folder.join(PROVENANCE))?;
         Self::create_locked(&self.folder, provenance, self.lock)
+    }
+
+    /// Removes the rows of some methods from disk. Until both tables lack them, parts stand for them: if this is interrupted at
+    /// any moment, the store can be read, and the removal can be repeated.
+    fn remove_rows(&self, is_removed: impl Fn(&str) -> bool) -> Result<(), EvalError> {
+        let mut content = Content::read(&self.folder)?;
+        let timed = content.timings.len();
+        content.timings.retain(|row| !is_removed(&row.key.method));
+        match content.timings.len() {
+            0 => disk::remove(&self.folder.join(timings::TIMINGS))?,
+            kept if kept < timed => timings::write(&self.folder, &content.timings)?,
+            _ => {}
+        }
+        let rows = std::mem::take(&mut content.rows);
+        let (removed, kept): (Rows, Rows) = rows.into_iter().partition(|(key, _)| is_removed(&key.method));
+        for (trial, targets) in removed.values() {
+            if !parts::path(&self.folder, &trial.key).exists() {
+                parts::write(&self.folder, trial, targets)?;
+            }
+        }
+        if kept.is_empty() {
+            disk::remove(&self.folder.join(TARGETS))?;
+            disk::remove(&self.folder.join(TRIALS))?;
+        } else if !removed.is_empty() {
+            Content { rows: kept, ..content }.into_results().write_tables(&self.folder)?;
+        }
+        removed.keys().try_for_each(|key| disk::remove(&parts::path(&self.folder, key)))
     }
 
     /// The store's folder.

@@ -29,9 +29,14 @@ pub(super) fn folder(store: &Path) -> PathBuf {
     store.join(FOLDER)
 }
 
+/// The file of a trial.
+pub(super) fn path(store: &Path, key: &TrialKey) -> PathBuf {
+    folder(store).join(name(key))
+}
+
 /// Writes a trial, replacing an earlier one of the same key.
 pub(super) fn write(store: &Path, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), EvalError> {
-    let path = folder(store).join(name(&trial.key));
+    let path = path(store, &trial.key);
     let bytes = serde_json::to_vec(&PartView { trial, targets });
     let bytes = bytes.map_err(|error| EvalError::malformed(&path, "trial", "rows that JSON can represent", error))?;
     disk::write(&path, &bytes)

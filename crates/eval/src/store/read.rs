@@ -14,7 +14,7 @@ use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
 #[derive(Debug)]
 pub(super) struct Content {
     pub(super) provenance: Provenance,
-    pub(super) rows: BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>,
+    pub(super) rows: Rows,
     pub(super) timings: Vec<TimingRow>,
     /// Part files whose rows are included, and unfinished files left by a crash.
     pub(super) parts: Vec<PathBuf>,
@@ -103,7 +103,7 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
     Ok(provenance)
 }
 
-type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
+pub(super) type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
 
 /// The rows of the compacted tables, except the trials that parts `replace`; none if there are no tables. A run may be
 /// killed between writing the two tables: they then disagree about trials that the parts hold as well.

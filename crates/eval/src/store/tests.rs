@@ -1,4 +1,5 @@
 mod merge;
+mod replace;
 
 use std::collections::BTreeMap;
 

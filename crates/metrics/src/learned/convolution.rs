@@ -86,10 +86,15 @@ impl Convolution {
             }
         }
         if relu {
-            for value in out {
-                *value = if *value > 0.0 { *value } else { 0.0 };
-            }
+            rectify(out);
         }
+    }
+}
+
+/// The rectified linear unit; NaN stays NaN, as in PyTorch.
+pub(super) fn rectify(values: &mut [f32]) {
+    for value in values {
+        *value = if *value <= 0.0 { 0.0 } else { *value };
     }
 }
 
@@ -128,6 +133,15 @@ mod tests {
 
     fn numbers(count: usize, seed: u64) -> Vec<f32> {
         crate::learned::uniform(seed, count, 1.0)
+    }
+
+    #[test]
+    fn rectifying_keeps_nan() {
+        let input = Activations { height: 1, width: 4, channels: 1, values: vec![2.0, f32::NAN, -3.0, -0.0] };
+        let found = Convolution::new([1, 1, 1], 1, 0, &[1.0], vec![0.0]).apply(&input, true);
+        assert!(found.values[1].is_nan(), "{found:?}");
+        let others = [0, 2, 3].map(|at| f64::from(found.values[at]));
+        Tolerance::EXACT.assert(others, [2.0, 0.0, 0.0], "rectified");
     }
 
     proptest! {

@@ -5,7 +5,7 @@ use atsplat_tensors::{StoredTensors, TensorFile};
 use serde::Serialize;
 
 use super::architecture::Step;
-use super::convolution::Convolution;
+use super::convolution::{Convolution, rectify};
 use super::features::{Features, distances, normalised};
 use super::matrix::Activations;
 use super::{LoadError, Network, WeightsAbsent, WeightsFolders, embedded_heads, pooling};
@@ -146,7 +146,7 @@ impl Perceptual {
                     continue;
                 }
                 Layer::Other(_) => {
-                    at.values.iter_mut().for_each(|value| *value = if *value > 0.0 { *value } else { 0.0 });
+                    rectify(&mut at.values);
                     continue;
                 }
             };
@@ -157,15 +157,16 @@ impl Perceptual {
     /// Distance of two pictures by their features: 0 for identical pictures, larger for less similar ones.
     ///
     /// # Errors
-    /// [`MetricError::SizeMismatch`].
+    /// [`MetricError::SizeMismatch`]; [`MetricError::Overflow`] if a picture's features are not finite.
     pub fn distance(&self, render: &Features, truth: &Features) -> Result<f64, MetricError> {
         if truth.picture != render.picture {
             let (expected, found) = (render.picture, truth.picture);
-            return Err(MetricError::SizeMismatch { what: "truth", expected, found });
+            return Err(MetricError::SizeMismatch { expected, found });
         }
         let maps = render.maps.iter().zip(&truth.maps).zip(&self.heads);
         let distances = maps.map(|((render, truth), head)| distances(render, truth, head));
-        Ok(distances.map(|map| map.iter().sum::<f64>() / map.len() as f64).sum())
+        let distance: f64 = distances.map(|map| map.iter().sum::<f64>() / map.len() as f64).sum();
+        if distance.is_finite() { Ok(distance) } else { Err(MetricError::Overflow { measure: self.network.name() }) }
     }
 }
 

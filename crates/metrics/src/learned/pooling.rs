@@ -1,8 +1,9 @@
+use atsplat_numeric::Extremes as _;
 use rayon::prelude::*;
 
 use super::matrix::Activations;
 
-/// Max pooling without padding.
+/// Max pooling without padding; the largest of a square with NaN is NaN, as in PyTorch.
 pub(super) fn max_pool(input: &Activations, kernel: usize, stride: usize) -> Activations {
     let side = |side: usize| side.checked_sub(kernel).map_or(0, |room| room / stride + 1);
     let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
@@ -13,7 +14,7 @@ pub(super) fn max_pool(input: &Activations, kernel: usize, stride: usize) -> Act
             for (ky, kx) in (0..kernel).flat_map(|ky| (0..kernel).map(move |kx| (ky, kx))) {
                 let at = ((y * stride + ky) * input.width + x * stride + kx) * channels;
                 for (slot, value) in pixel.iter_mut().zip(&input.values[at..at + channels]) {
-                    *slot = if *value > *slot { *value } else { *slot };
+                    *slot = value.maximum_of(*slot);
                 }
             }
         }
@@ -75,6 +76,14 @@ mod tests {
         assert_values(&max_pool(&ramp(5, 5), 2, 2), &[6.0, 8.0, 16.0, 18.0]);
         assert_values(&max_pool(&ramp(3, 4), 3, 1), &[10.0, 11.0]);
         assert!(max_pool(&ramp(2, 2), 3, 1).values.is_empty());
+    }
+
+    #[test]
+    fn max_pooling_keeps_nan_wherever_it_is_in_a_square() {
+        let values = vec![f32::NAN, 1.0, 5.0, 6.0, 1.0, 2.0, 2.0, 3.0, 7.0, f32::NAN, 4.0, 3.0];
+        let pooled = max_pool(&Activations { height: 2, width: 6, channels: 1, values }, 2, 2);
+        assert!(pooled.values[0].is_nan() && pooled.values[1].is_nan(), "{pooled:?}");
+        Tolerance::EXACT.assert([f64::from(pooled.values[2])], [4.0], "the square without");
     }
 
     #[test]

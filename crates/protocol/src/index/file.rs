@@ -1,4 +1,5 @@
 use atsplat_files::{FileError, Malformed, Sha256Digest};
+use atsplat_scene::{WarningKind, Warnings};
 use std::fs;
 use std::path::Path;
 
@@ -48,6 +49,14 @@ impl IndexFile {
     /// The official file with the same bytes, or else the one with the same content.
     pub fn recognised(&self) -> Option<&'static KnownIndex> {
         KnownIndex::by_sha256(&self.sha256).or_else(|| KnownIndex::by_content(&self.index.content_hash()))
+    }
+
+    /// Warns of fields that a command which writes an index of its own does not carry over.
+    pub fn warn_of_unknown_fields(&self, path: &Path, warnings: &mut Warnings) {
+        for (name, count) in &self.notices.unknown_fields {
+            let detail = format!("{count} × field {name:?}, which the format does not define: not written");
+            warnings.push(WarningKind::UnknownIndexField, path.display().to_string(), detail);
+        }
     }
 
     /// The index, unless the file lists a scene twice.

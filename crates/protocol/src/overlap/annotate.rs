@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_pixels::DecodeLimits;
-use atsplat_scene::{Scene, SceneSource, Warnings};
+use atsplat_scene::{Frame, Scene, SceneSource, Warnings};
 use serde::Serialize;
 
 use super::{DepthFolder, LoadedDepth, OverlapEstimator, OverlapView};
@@ -126,8 +126,8 @@ pub(crate) fn context_overlap(
     };
     let depths: Vec<Option<LoadedDepth>> = match depth.filter(|_| estimator.needs_depth()) {
         Some(folder) => {
-            let load = |frame: &&atsplat_scene::Frame| folder.load(&scene.key, &frame.name).map(Some);
-            frames.iter().map(load).collect::<Result<_, _>>().map_err(|error| unreadable(&error))?
+            let load = |(position, frame): (&usize, &&Frame)| depth_of(folder, &scene.key, *position, frame).map(Some);
+            context.iter().zip(&frames).map(load).collect::<Result<_, _>>()?
         }
         None => vec![None; frames.len()],
     };
@@ -139,6 +139,18 @@ pub(crate) fn context_overlap(
     let needs_cameras_alone = frames.len() > 1 && !estimator.needs_pictures() && !estimator.needs_depth();
     let reason: fn(String) -> NoEntry = if needs_cameras_alone { NoEntry::Geometry } else { NoEntry::OverlapUndefined };
     views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| reason(error.to_string()))
+}
+
+/// The depth map of the frame at `position` of a scene. It has to fit the camera as a picture has to: with a crop of the
+/// frame, the camera's intrinsics would lift pixels to other points.
+fn depth_of(folder: &DepthFolder, scene: &str, position: usize, frame: &Frame) -> Result<LoadedDepth, NoEntry> {
+    let loaded = folder.load(scene, &frame.name).map_err(|error| NoEntry::Unreadable(error.to_string()))?;
+    match frame.mismatch(loaded.size()) {
+        Some(mismatch) if mismatch.is_fatal() => {
+            Err(NoEntry::Unreadable(format!("frame {position}: depth map: {mismatch}")))
+        }
+        _ => Ok(loaded),
+    }
 }
 
 /// The overlap of several views in frame order: the smallest overlap of two neighbours. For two views this is
@@ -162,12 +174,14 @@ pub fn chain_overlap(estimator: &OverlapEstimator, views: &[OverlapView<'_>]) ->
 
 #[cfg(test)]
 mod tests {
+    use atsplat_camera::{ImageSize, NormalizedIntrinsics};
     use atsplat_numeric::Tolerance;
+    use atsplat_pixels::exr::{self, Channel, Channels, Values};
     use atsplat_scene::WarningKind;
     use glam::{DMat3, DVec3};
 
     use super::*;
-    use crate::overlap::EpipolarRays;
+    use crate::overlap::{DepthCovisibility, EpipolarRays};
     use crate::samplers::test_scene::looking;
     use crate::test_source::{MemorySource, scene};
 
@@ -236,6 +250,38 @@ mod tests {
         let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());
         let reason = |context: &[usize]| context_overlap(&far, &entry(context), &estimator, None).unwrap_err().name();
         assert_eq!([reason(&[0, 1]), reason(&[0])], ["geometry", "overlap-undefined"]);
+    }
+
+    /// A wall at z = 4, seen by RE10K cameras of 640×360 that are a fifth of a picture apart: of a centre crop, four
+    /// fifths would be seen too. Not every source states the size of its frames.
+    #[test]
+    fn depth_maps_that_do_not_fit_the_camera_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("clip")).unwrap();
+        let mut clip = scene("clip", 3, 0);
+        for (frame, (x, [width, height])) in
+            clip.frames.iter_mut().zip([(0.0, [320u32, 180]), (1.6, [256, 256]), (1.6, [160, 90])])
+        {
+            frame.camera = looking(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
+            frame.camera.intrinsics = NormalizedIntrinsics::new(0.5, 0.889, 0.5, 0.5).unwrap();
+            let samples = vec![4.0; (width * height) as usize];
+            let channel = Channel { name: "Z".to_owned(), values: Values::Depth, samples };
+            let bytes = exr::write(&Channels::new(width, height, vec![channel]).unwrap()).unwrap();
+            std::fs::write(folder.path().join(format!("clip/{}.exr", frame.name)), bytes).unwrap();
+        }
+        let depths = DepthFolder::open(folder.path()).unwrap();
+        let estimator = OverlapEstimator::DepthCovisibility(DepthCovisibility::default());
+        for stated in [None, Some(ImageSize { width: 640, height: 360 })] {
+            for frame in &mut clip.frames {
+                frame.stated_size = stated;
+            }
+            let measure = |context: &[usize]| context_overlap(&clip, &entry(context), &estimator, Some(&depths));
+            Tolerance::EXACT.assert([measure(&[0, 2]).unwrap()], [0.8], "half and a quarter of the size");
+            let error = measure(&[1, 0]).unwrap_err();
+            let text = error.to_string();
+            assert!(error.name() == "unreadable" && text.starts_with("frame 1: depth map: expected"), "{error:?}");
+            assert!(text.contains("256×256"), "{text}");
+        }
     }
 
     /// Three views in a row: the overlap is that of the worse pair of neighbours, not of the ends.

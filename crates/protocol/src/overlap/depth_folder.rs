@@ -8,7 +8,7 @@ use super::DepthMap;
 use crate::ProtocolError;
 
 /// A folder of depth maps, `<scene key>/<frame name>.exr`: the channel `Z`, or the only channel, in scene units along
-/// the camera's z axis.
+/// the camera's z axis. A map may have any scale, but not another shape than the frame's picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DepthFolder {
     root: PathBuf,
@@ -57,6 +57,11 @@ impl DepthFolder {
 }
 
 impl LoadedDepth {
+    /// Columns and rows.
+    pub const fn size(&self) -> ImageSize {
+        self.size
+    }
+
     /// The depth map for an [`super::OverlapView`].
     ///
     /// # Errors

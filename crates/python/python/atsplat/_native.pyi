@@ -65,8 +65,12 @@ class Gaussians:
     log_scales: Any
     opacity_logits: Any
     sh: Any
+    scalars: Any | None
+    filter_3d: Any | None
     @staticmethod
-    def from_bytes(arrays: list[bytes], coefficients: int) -> Gaussians: ...
+    def from_bytes(
+        arrays: list[bytes], coefficients: int, scalars: bytes | None, filter_3d: bytes | None
+    ) -> Gaussians: ...
     @staticmethod
     def read(path: str, opacities_as_stored: bool) -> tuple[Gaussians, list[str]]: ...
     def write(self, path: str) -> None: ...

@@ -27,6 +27,8 @@ class Gaussians:
         opacity_logits: N, before the sigmoid.
         colours: N × 3, RGB in [0, 1], the same from everywhere; or
         sh: N × (degree + 1)² × 3, coefficients of spherical harmonics up to degree 4, in the order ``l² + l + m``.
+        scalars: N, a value that is composited like a colour, such as ATSplat's uncertainty; optional.
+        filter_3d: N, Mip-Splatting's 3D smoothing filter, as standard deviations in scene units; optional.
 
     Arrays are copied once, as float32.
     """
@@ -42,6 +44,8 @@ class Gaussians:
         opacity_logits: Any = None,
         colours: Any = None,
         sh: Any = None,
+        scalars: Any = None,
+        filter_3d: Any = None,
     ) -> None:
         centres = floats(means, "means", (None, 3))
         count = len(centres)
@@ -53,7 +57,11 @@ class Gaussians:
             _one_of("sh", sh, "colours", colours, _coefficients, (count, None, 3), (count, 3)),
         ]
         coefficients = parts[-1].shape[1]
-        self._native = _native.Gaussians.from_bytes([part.tobytes() for part in parts], coefficients)
+        optional = [
+            None if values is None else floats(values, field, (count,)).tobytes()
+            for field, values in (("scalars", scalars), ("filter_3d", filter_3d))
+        ]
+        self._native = _native.Gaussians.from_bytes([part.tobytes() for part in parts], coefficients, *optional)
 
     @classmethod
     def _of(cls, native: Any) -> Gaussians:
@@ -83,7 +91,8 @@ class Gaussians:
         return f"Gaussians({len(self)}, SH degree {self.sh_degree})"
 
     def __reduce__(self) -> tuple:
-        return _rebuilt, (self.means, self.quaternions, self.log_scales, self.opacity_logits, self.sh)
+        required = (self.means, self.quaternions, self.log_scales, self.opacity_logits, self.sh)
+        return _rebuilt, (*required, self.scalars, self.filter_3d)
 
     @property
     def sh_degree(self) -> int:
@@ -115,9 +124,28 @@ class Gaussians:
         """N × (degree + 1)² × 3, float32: coefficients of spherical harmonics."""
         return self._native.sh
 
+    @property
+    def scalars(self) -> np.ndarray | None:
+        """N, float32: a value that is composited like a colour, such as ATSplat's uncertainty."""
+        return self._native.scalars
 
-def _rebuilt(means, quaternions, log_scales, opacity_logits, sh) -> Gaussians:
-    return Gaussians(means, quaternions, log_scales=log_scales, opacity_logits=opacity_logits, sh=sh)
+    @property
+    def filter_3d(self) -> np.ndarray | None:
+        """N, float32: Mip-Splatting's 3D smoothing filter, as standard deviations in scene units."""
+        return self._native.filter_3d
+
+
+# Pickles of earlier versions have the first five arrays.
+def _rebuilt(means, quaternions, log_scales, opacity_logits, sh, scalars=None, filter_3d=None) -> Gaussians:
+    return Gaussians(
+        means,
+        quaternions,
+        log_scales=log_scales,
+        opacity_logits=opacity_logits,
+        sh=sh,
+        scalars=scalars,
+        filter_3d=filter_3d,
+    )
 
 
 def _one_of(stored, stored_value, plain, plain_value, convert, stored_shape, plain_shape) -> np.ndarray:

@@ -122,7 +122,10 @@ fn cells(table: &Table, row: &Row, labels: &[String], measured: bool) -> Vec<Str
 
 /// A row. Its end is not `\\`, to which `\raggedright` gives another meaning.
 fn line(cells: &[String]) -> String {
-    format!("{} \\tabularnewline\n", cells.join(" & "))
+    // The rule or row above would take a bracket or star as its argument.
+    let is_argument = cells.first().is_some_and(|cell| cell.trim_start().starts_with(['[', '*']));
+    let guard = if is_argument { "{}" } else { "" };
+    format!("{guard}{} \\tabularnewline\n", cells.join(" & "))
 }
 
 /// Escapes all of LaTeX's special characters.

@@ -91,6 +91,23 @@ fn escapes_hostile_names_in_every_format() {
     serde_json::from_str::<Value>(&write(TableFormat::Json)).unwrap();
 }
 
+/// `\tabularnewline` takes a star and a length in brackets, `\midrule` the latter.
+#[test]
+fn labels_are_no_arguments_of_the_latex_above_them() {
+    let methods = ["[9mm] own", "*own", "own [9mm]*"].map(|title| {
+        let mut method = floor();
+        (method.name, method.title) = (title.to_owned(), title.to_owned());
+        method
+    });
+    let results = results(vec![preset("re10k-2v-256")], methods.into());
+    let source = Source { label: "run", results: &results };
+    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let latex = TableFormat::Latex.write(&table).unwrap();
+    for expected in ["\\midrule\n{}[9mm] own & ", "\\tabularnewline\n{}*own & ", "\\tabularnewline\nown [9mm]* & "] {
+        assert!(latex.contains(expected), "{expected}\n{latex}");
+    }
+}
+
 /// Every table, with a hostile method among its rows, fits an A4 page.
 #[test]
 fn latex_compiles_and_no_table_is_wider_than_its_page() {
@@ -98,7 +115,9 @@ fn latex_compiles_and_no_table_is_wider_than_its_page() {
     let mut method = floor();
     method.title = format!("{HOSTILE} %{{}}$^~# & \\input{{/etc/passwd}} with a name of many words").replace('>', "> ");
     let presets = ["re10k-2v-256", "rooms-2v-128", "dl3dv-6v-256x448"].map(preset).into();
-    let results = results(presets, vec![method, atsplat("atsplat", |_| ())]);
+    let mut bracketed = floor();
+    (bracketed.name, bracketed.title) = ("bracketed".to_owned(), "[own]".to_owned());
+    let results = results(presets, vec![method, atsplat("atsplat", |_| ()), bracketed]);
     let mut pages = String::new();
     for name in TableDefinition::names() {
         let definition = TableDefinition::named(name).unwrap();

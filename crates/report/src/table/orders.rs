@@ -95,7 +95,7 @@ const fn metric_of(quantity: Quantity) -> Option<&'static Definition> {
 }
 
 /// Methods, each with the results of its store under one preset.
-type TrainedMethods<'a> = Vec<(&'a Part<'a>, &'a MethodRecord)>;
+pub(super) type TrainedMethods<'a> = Vec<(&'a Part<'a>, &'a MethodRecord)>;
 
 /// The first method that reproduces a published row, and its other trainings.
 fn reproducing_methods<'a>(
@@ -109,16 +109,25 @@ fn reproducing_methods<'a>(
     let Some(preset) = own.or(definition.groups[group].preset.as_ref()) else { return Vec::new() };
     let measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
     let answers = measured.filter(|other| other.answers.is_some() && other.answers == row.answers);
-    let found: TrainedMethods<'a> = answers.filter_map(|row| edition.method(preset, row)).collect();
-    let Some((part, first)) = found.first().copied() else { return found };
-    let is_training = |(own, record): &(&Part<'_>, &MethodRecord)| {
-        differs_only_in_seed(first, record) && own.is_consistent_with(part)
-    };
-    found.into_iter().enumerate().filter(|(at, own)| *at == 0 || is_training(own)).map(|(_, own)| own).collect()
+    let mut trainings: TrainedMethods<'a> = Vec::new();
+    for method in answers.filter_map(|row| edition.method(preset, row)) {
+        if is_further_training(&trainings, method) {
+            trainings.push(method);
+        }
+    }
+    trainings
+}
+
+/// Whether a method is another training of the network of `known`, from a seed that none of them has: stores may share some.
+pub(super) fn is_further_training(
+    known: &[(&Part<'_>, &MethodRecord)],
+    (part, record): (&Part<'_>, &MethodRecord),
+) -> bool {
+    known.iter().all(|(own, other)| differs_only_in_seed(other, record) && own.is_consistent_with(part))
 }
 
 /// Whether two methods are one network, trained on the same data from different seeds.
-pub(super) fn differs_only_in_seed(a: &MethodRecord, b: &MethodRecord) -> bool {
+fn differs_only_in_seed(a: &MethodRecord, b: &MethodRecord) -> bool {
     let (Some(first), Some(second)) = (&a.training, &b.training) else { return false };
     let differ = a.weights_sha256 != b.weights_sha256 && first.seed != second.seed;
     differ && first.data == second.data && a.kind == b.kind && a.parameters == b.parameters

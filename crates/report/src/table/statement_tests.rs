@@ -233,6 +233,22 @@ fn an_order_over_several_trainings_includes_their_spread() {
     assert!(outcome == Outcome::Undecided && low < -3.0 && high > 3.0, "{low} to {high}");
 }
 
+/// Two stores, as of two devices, with one network trained from seeds 1 and 2: no mean has a training twice.
+#[test]
+fn a_training_of_two_stores_is_in_a_mean_once() {
+    let own = |seed: &str| trained(&format!("seed {seed}"), seed, "simulated rooms");
+    let other = MethodRecord { weights_sha256: Some("of its own".to_owned()), ..random() };
+    let results = results_over(vec![preset("rooms-2v-128")], vec![own("1"), other, own("2")], 7);
+    let stores = ["run-cpu", "run-gpu"].map(|label| Source { label, results: &results });
+    let first_table =
+        |name: &str| tables(&TableDefinition::named(name).unwrap(), &stores, Mixing::Apart).unwrap().swap_remove(0);
+    let table = first_table("re10k");
+    let means = measured(&table).filter_map(|row| Some((row.store.as_deref()?, row.cells[0][0].trainings?.count)));
+    assert_eq!(means.collect::<Vec<_>>(), [("run-cpu", 2), ("run-gpu", 2)]);
+    let orders: Vec<[usize; 2]> = first_table("ablation_ate").orders.iter().map(|order| order.trainings).collect();
+    assert_eq!(orders, [[1, 2]], "random selection has one");
+}
+
 /// The paper has uncertainty 0.49 dB above random selection; the sample's random selection is 3 dB below, or above.
 #[test]
 fn orders_are_listed_with_what_the_paper_measured() {

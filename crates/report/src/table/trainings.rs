@@ -2,11 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_eval::MethodRecord;
 use atsplat_eval::statistics::{SceneMean, of_seeds};
 
-use super::edition::{Edition, Part};
-use super::orders::{differs_only_in_seed, means};
+use super::edition::Edition;
+use super::orders::{TrainedMethods, is_further_training, means};
 use super::{Cell, Counts, MeasuredOn, Place, Row, Trainings, Value, distinct};
 use crate::definition::{ColumnGroup, Quantity, TableDefinition};
 
@@ -14,7 +13,7 @@ use crate::definition::{ColumnGroup, Quantity, TableDefinition};
 pub(super) struct TrainingGroup<'a> {
     rows: Vec<&'a Row>,
     /// For each group of columns, the methods under its preset, if it has one and no bins.
-    groups: Vec<(&'a ColumnGroup, Vec<(&'a Part<'a>, &'a MethodRecord)>)>,
+    groups: Vec<(&'a ColumnGroup, TrainedMethods<'a>)>,
 }
 
 /// The sets of at least two trainings among measured rows.
@@ -25,14 +24,15 @@ pub(super) fn training_groups<'a>(
 ) -> Vec<TrainingGroup<'a>> {
     let preset = definition.groups.iter().find_map(|group| group.preset.as_deref());
     let Some(preset) = preset else { return Vec::new() };
-    let mut sets: Vec<(&Part<'_>, &MethodRecord, Vec<&Row>)> = Vec::new();
+    let mut sets: Vec<(TrainedMethods<'a>, Vec<&Row>)> = Vec::new();
     for row in rows.iter().filter(|row| !row.without_leaked) {
-        let Some((part, record)) = edition.method(preset, row) else { continue };
-        let fits =
-            |own: &Part<'_>, first: &MethodRecord| differs_only_in_seed(first, record) && own.is_consistent_with(part);
-        match sets.iter_mut().find(|(own, first, _)| fits(own, first)) {
-            Some((.., rows)) => rows.push(row),
-            None => sets.push((part, record, vec![row])),
+        let Some(method) = edition.method(preset, row) else { continue };
+        match sets.iter_mut().find(|(trainings, _)| is_further_training(trainings, method)) {
+            Some((trainings, rows)) => {
+                trainings.push(method);
+                rows.push(row);
+            }
+            None => sets.push((vec![method], vec![row])),
         }
     }
     let methods = |group: &'a ColumnGroup, rows: &[&Row]| {
@@ -41,9 +41,9 @@ pub(super) fn training_groups<'a>(
         let of_rows = |preset: &str| rows.iter().map(|row| edition.method(preset, row)).collect::<Option<Vec<_>>>();
         (group, preset.and_then(of_rows).unwrap_or_default())
     };
-    let several = sets.into_iter().filter(|(.., rows)| rows.len() > 1);
+    let several = sets.into_iter().filter(|(_, rows)| rows.len() > 1);
     several
-        .map(|(.., rows)| TrainingGroup {
+        .map(|(_, rows)| TrainingGroup {
             groups: definition.groups.iter().map(|group| methods(group, &rows)).collect(),
             rows,
         })

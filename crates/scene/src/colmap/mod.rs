@@ -84,7 +84,8 @@ pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BT
 /// skipped.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte, also for a repeated id; [`SceneError::Camera`] for an invalid pose.
+/// [`SceneError::Malformed`] with line or byte, also for a repeated id and for another number of images than the header
+/// states; [`SceneError::Camera`] for an invalid pose.
 pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     match encoding {
         Encoding::Text => text::images(bytes, path),

@@ -15,7 +15,7 @@ use crate::{Frame, PictureFolder, Scene, SceneError, SceneSource, WarningKind, W
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
 /// Length of a quaternion; tools that write three decimals are within this.
-const UNIT: Tolerance = Tolerance::absolute(1e-3);
+pub(super) const UNIT: Tolerance = Tolerance::absolute(1e-3);
 
 /// How COLMAP models are read.
 #[derive(Clone, Debug, Default)]

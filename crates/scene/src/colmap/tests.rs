@@ -120,6 +120,43 @@ fn image_lines_are_not_mistaken_for_keypoints() {
     assert!(broken.contains("line 2, "), "truncated keypoints are an error with their line: {broken}");
 }
 
+/// Its numbers could be three keypoints. Those are preferred where the file has keypoints, unless the ids of their points
+/// would not be whole.
+#[test]
+fn an_image_without_its_name_is_not_mistaken_for_keypoints() {
+    let [first, last] = [(1, "a"), (3, "c")].map(|(id, name)| format!("{id} 1 0 0 0 0 0 {id} 1 {name}.png\n"));
+    let nameless = |pose: &str, other: &str| format!("{first}2 {pose} 1\n{other}{last}");
+    let (whole, fraction) = ("1 0 0 0 1 0 0", "0.8 0 -0.6 0 0.5 0 0");
+    let (keypoints, header) = ("4 1 0 0 0 3 0 0 1 d.png\n10 20 -1\n", "#   POINTS2D[] as (X, Y, POINT3D_ID)\n");
+    for text in [nameless(whole, ""), nameless(whole, "# by hand\n"), nameless(fraction, keypoints)] {
+        let error = images_text(&text).unwrap_err().to_string();
+        assert!(error.contains("line 2, NAME: expected a UTF-8 name"), "{text}{error}");
+    }
+    for (text, expected) in [
+        (nameless(whole, keypoints), vec![1, 4, 3]),
+        (nameless(whole, header), vec![1, 3]),
+        (nameless("20.5 -1 30 40.5 7 50 60.5", ""), vec![1, 3]),
+    ] {
+        let ids: Vec<u32> = images_text(&text).unwrap().iter().map(|image| image.id).collect();
+        assert_eq!(ids, expected, "{text}");
+    }
+}
+
+#[test]
+fn a_file_with_another_number_of_images_than_its_header_states_is_an_error() {
+    let image = |id: u32| format!("{id} 1 0 0 0 0 0 {id} 1 {id}.png\n\n");
+    let read = |comment: &str| images_text(&format!("# Images\n#{comment}\n{}{}", image(1), image(2)));
+    let stated = |count: &str| format!(" Number of images: {count}, mean observations per image: 3.5");
+    for fitting in [stated("2").as_str(), "Number of images: 2\r", " Number of images"] {
+        assert_eq!(read(fitting).unwrap().len(), 2, "{fitting}");
+    }
+    for wrong in ["3", "1", "0", "20"] {
+        let error = read(&stated(wrong)).unwrap_err().to_string();
+        let expected = format!("line 2: expected {wrong} images, as the comment states, found 2");
+        assert!(error.contains(&expected), "{error}");
+    }
+}
+
 #[test]
 fn an_image_id_twice_is_an_error() {
     let image = |id: u32, name: &str| format!("{id} 1 0 0 0 0 0 0 1 {name}\n\n");

@@ -1,5 +1,6 @@
 //! `cameras.txt`, `images.txt`, `points3D.txt`: whitespace-separated columns, `#` comments.
 
+use std::cell::LazyCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -7,12 +8,13 @@ use atsplat_camera::ImageSize;
 use atsplat_files::quoted;
 use glam::DVec3;
 
+use super::source::UNIT;
 use super::{
     ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, length_of, malformed, pose_from,
     require_new_id,
 };
 use crate::SceneError;
-use crate::number::{Columns, parse_f64, parse_u64};
+use crate::number::{Columns, parse_f64, parse_i64, parse_u64};
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS…`
 pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
@@ -39,20 +41,44 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
 /// Names may contain spaces.
 ///
 /// Tools that have no keypoints may omit the second line, where COLMAP writes an empty one. Both are accepted: a line of
-/// keypoints holds only numbers, an image's line ends with a name.
+/// keypoints holds only numbers, an image's line ends with a name. One without is told from three keypoints by its
+/// quaternion, unless the file has keypoints elsewhere.
+///
+/// A file that was cut off between two images has fewer than its header states.
 pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     let mut images = Vec::new();
     let mut ids = BTreeSet::new();
+    let mut stated = None;
+    let with_keypoints = LazyCell::new(|| has_keypoints(text));
+    let is_second_line = |line: &[u8]| {
+        is_keypoints(line) && (!lacks_only_a_name(line) || (has_whole_point_ids(line) && *with_keypoints))
+    };
     let mut lines = numbered_lines(text).peekable();
     while let Some((number, line)) = lines.next() {
         if has_content(line) {
             let image = image(line, number, path)?;
             require_new_id(&mut ids, image.id, &format!("line {number}, IMAGE_ID"), path)?;
             images.push(image);
-            lines.next_if(|(_, line)| is_keypoints(line));
+            lines.next_if(|&(_, line)| is_second_line(line));
+        } else if stated.is_none() {
+            stated = stated_count(line).map(|count| (number, count));
         }
     }
+    if let Some((number, count)) = stated
+        && count != images.len() as u64
+    {
+        let (location, expected) = (format!("line {number}"), format!("{count} images, as the comment states"));
+        return Err(malformed(path, location, expected, images.len().to_string()));
+    }
     Ok(images)
+}
+
+/// The number of images in COLMAP's comment `# Number of images: 12, mean observations per image: 3.8`.
+fn stated_count(comment: &[u8]) -> Option<u64> {
+    let rest = comment.trim_ascii().strip_prefix(b"#")?.trim_ascii_start();
+    let rest = rest.strip_prefix(b"Number of images:")?.trim_ascii_start();
+    let digits = rest.iter().position(|byte| !byte.is_ascii_digit()).unwrap_or(rest.len());
+    parse_u64(rest.get(..digits)?)
 }
 
 /// Whether a line is `X Y POINT3D_ID` repeated any number of times.
@@ -60,6 +86,35 @@ fn is_keypoints(line: &[u8]) -> bool {
     let mut count = 0;
     let numbers = Columns::of(line).inspect(|_| count += 1).all(|column| parse_f64(column).is_some());
     numbers && count % 3 == 0
+}
+
+/// Whether a line of numbers is that of an image but for its name: nine columns with whole ids and a quaternion of
+/// length 1. Of three keypoints, the second would lie within a pixel of the picture's corner.
+fn lacks_only_a_name(line: &[u8]) -> bool {
+    let columns: Vec<&[u8]> = Columns::of(line).take(10).collect();
+    let [id, w, x, y, z, _, _, _, camera_id] = columns.as_slice() else { return false };
+    let [Some(w), Some(x), Some(y), Some(z)] = [w, x, y, z].map(|column| parse_f64(column)) else { return false };
+    let has_ids = parse_u64(id).is_some() && parse_u64(camera_id).is_some();
+    has_ids && UNIT.accepts(length_of([w, x, y, z]), 1.0)
+}
+
+/// Whether every `POINT3D_ID` of a line of keypoints is whole.
+fn has_whole_point_ids(line: &[u8]) -> bool {
+    Columns::of(line).skip(2).step_by(3).all(|column| parse_i64(column).is_some())
+}
+
+/// Whether a file shows that its images have lines of keypoints: by COLMAP's header, or by a line that can be nothing
+/// else.
+fn has_keypoints(text: &[u8]) -> bool {
+    const HEADER: &[u8] = b"POINTS2D";
+    numbered_lines(text).any(|(_, line)| {
+        let line = line.trim_ascii();
+        match line.first() {
+            None => false,
+            Some(b'#') => line.windows(HEADER.len()).any(|part| part == HEADER),
+            Some(_) => is_keypoints(line) && !lacks_only_a_name(line),
+        }
+    })
 }
 
 fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneError> {

@@ -153,6 +153,24 @@ fn a_duplicate_scene_is_skipped_with_a_warning() {
     assert!(warnings.kept()[0].detail.contains("2K"), "{:?}", warnings.kept());
 }
 
+#[test]
+fn a_second_trajectory_of_one_key_is_skipped_with_a_warning() {
+    let second = TRAJECTORY.replace("\n1 ", "\n2 ");
+    let folder = folder_of(&[
+        ("clip.txt", TRAJECTORY.as_bytes()),
+        ("clip/clip.txt", second.as_bytes()),
+        ("other/other.txt", second.as_bytes()),
+    ]);
+    let mut warnings = Warnings::new();
+    let dataset = open(folder.path(), &mut warnings).unwrap();
+    assert_eq!(dataset.keys(), ["clip", "other"]);
+    assert_eq!(warnings.counts().collect::<Vec<_>>(), [(crate::WarningKind::DuplicateScene, 1)]);
+    let [used, left] = ["clip.txt", "clip/clip.txt"].map(|name| folder.path().join(name).display().to_string());
+    assert_eq!(warnings.kept()[0].to_string(), format!("clip: {used} is used, not {left}"));
+    let read = |key: &str| dataset.load(key, &mut Warnings::new()).unwrap().frames[0].timestamp_micros;
+    assert_eq!([read("clip"), read("other")], [Some(1), Some(2)]);
+}
+
 const MODEL: [(&str, &[u8]); 2] =
     [("cameras.txt", b"1 PINHOLE 4 3 4 4 2 1.5\n"), ("images.txt", b"1 1 0 0 0 0 0 0 1 a.png\n\n")];
 

@@ -38,13 +38,19 @@ struct TrajectoryFile {
 }
 
 impl Re10kScenes {
-    /// Finds the trajectories of a file or folder without reading them.
+    /// Finds the trajectories of a file or folder without reading them. Of two with one key the first layout's is used,
+    /// with a warning.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without trajectories.
-    pub fn open(path: &Path, options: Re10kOptions) -> Result<Self, SceneError> {
-        let found =
-            if path.is_dir() { trajectory_files(path)? } else { BTreeMap::from([(stem(path), path.to_owned())]) };
+    pub fn open(path: &Path, options: Re10kOptions, warnings: &mut Warnings) -> Result<Self, SceneError> {
+        let found = if path.is_dir() {
+            let found = trajectory_files(path)?;
+            report_second_files(path, &found, warnings);
+            found
+        } else {
+            BTreeMap::from([(stem(path), path.to_owned())])
+        };
         if found.is_empty() {
             let expected = "<key>.txt or <key>/<key>.txt with RE10K trajectories";
             return Err(SceneError::unrecognized(path, expected, "no such files"));
@@ -116,7 +122,7 @@ pub(crate) fn trajectory_files(folder: &Path) -> Result<BTreeMap<String, PathBuf
     let mut found = BTreeMap::new();
     for (name, is_folder) in list(folder)? {
         if is_folder {
-            let file = folder.join(&name).join(format!("{name}.txt"));
+            let file = nested(folder, &name);
             if file.is_file() {
                 found.entry(name).or_insert(file);
             }
@@ -125,6 +131,21 @@ pub(crate) fn trajectory_files(folder: &Path) -> Result<BTreeMap<String, PathBuf
         }
     }
     Ok(found)
+}
+
+/// Warns about each `<key>/<key>.txt` that is not used because of a `<key>.txt`.
+fn report_second_files(folder: &Path, found: &BTreeMap<String, PathBuf>, warnings: &mut Warnings) {
+    for (key, used) in found {
+        let second = nested(folder, key);
+        if second != *used && second.is_file() {
+            let detail = format!("{} is used, not {}", used.display(), second.display());
+            warnings.push(WarningKind::DuplicateScene, key, detail);
+        }
+    }
+}
+
+fn nested(folder: &Path, key: &str) -> PathBuf {
+    folder.join(key).join(format!("{key}.txt"))
 }
 
 pub(crate) fn trajectory_key(name: &str) -> Option<&str> {

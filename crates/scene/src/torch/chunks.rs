@@ -32,7 +32,8 @@ pub struct TorchChunks {
 
 impl TorchChunks {
     /// Finds the scenes under `path`: a chunk, a folder of chunks, or a dataset whose chunks are in `test` (preferred,
-    /// because this toolkit evaluates) or `train`.
+    /// because this toolkit evaluates) or `train`. An `index.json` beside these folders that names no existing file is not
+    /// theirs, and is not read if they hold chunks.
     ///
     /// Without an `index.json` every chunk's list is read, but no pictures. A scene whose chunk is missing, a chunk that
     /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index does not
@@ -58,11 +59,19 @@ impl TorchChunks {
         }
     }
 
-    /// What [`Self::open`] reads in a folder: its index, or else every chunk.
+    /// What [`Self::open`] reads in a folder: the indices that decide where its chunks are, or every chunk of a folder
+    /// without one. No file need be here yet.
     pub(crate) fn read_to_open(path: &Path) -> Result<Vec<PathBuf>, SceneError> {
-        let folder = stage(path)?;
-        let index = folder.join(INDEX);
-        if index.is_file() { Ok(vec![index]) } else { chunks_in(&folder) }
+        let mut files = Vec::new();
+        for folder in stages(path) {
+            let (index, chunks) = (folder.join(INDEX), chunks_in(&folder)?);
+            let (has_index, has_chunks) = (index.is_file(), !chunks.is_empty());
+            files.extend(if has_index { vec![index] } else { chunks });
+            if has_chunks {
+                break;
+            }
+        }
+        Ok(files)
     }
 
     /// The opened folder, and that of the chunks; scenes of other formats may lie in both.
@@ -221,18 +230,36 @@ impl ChunkCache {
     }
 }
 
-/// The folder that holds chunks: `root` itself, its `test`, or its `train`.
+/// The folders that may hold chunks, in order of preference.
+fn stages(root: &Path) -> impl Iterator<Item = PathBuf> {
+    let below = ["test", "train"].map(|name| root.join(name)).into_iter().filter(|folder| folder.is_dir());
+    std::iter::once(root.to_owned()).chain(below)
+}
+
+/// The folder that holds chunks: `root` itself, its `test`, or its `train`; the first that has an index if none does.
 fn stage(root: &Path) -> Result<PathBuf, SceneError> {
-    for folder in [root.to_owned(), root.join("test"), root.join("train")] {
-        if folder == root || folder.is_dir() {
-            let holds_chunks = folder.join(INDEX).is_file() || !chunks_in(&folder)?.is_empty();
-            if holds_chunks {
-                return Ok(folder);
-            }
+    for folder in stages(root) {
+        if !chunks_in(&folder)?.is_empty() || indexes_a_file(&folder)? {
+            return Ok(folder);
         }
     }
-    let expected = format!("*.torch or {INDEX} in the folder, its test or its train");
-    Err(SceneError::malformed(FORMAT, root, "folder", expected, "neither"))
+    stages(root).find(|folder| folder.join(INDEX).is_file()).ok_or_else(|| {
+        let expected = format!("*.torch or {INDEX} in the folder, its test or its train");
+        SceneError::malformed(FORMAT, root, "folder", expected, "neither")
+    })
+}
+
+/// Whether a folder has an index that names an existing file. Other JSON, such as an evaluation index, is no such index.
+fn indexes_a_file(folder: &Path) -> Result<bool, SceneError> {
+    let index = folder.join(INDEX);
+    if !index.is_file() {
+        return Ok(false);
+    }
+    match read_index(&index) {
+        Ok(chunks) => Ok(chunks.values().filter_map(|chunk| inside(folder, chunk)).any(|chunk| chunk.is_file())),
+        Err(SceneError::Malformed(_)) => Ok(false),
+        Err(error) => Err(error),
+    }
 }
 
 /// The `.torch` files of a folder, sorted by name.

@@ -77,6 +77,33 @@ fn a_folder_is_read_with_and_without_an_index_and_below_its_split() {
     }
 }
 
+/// `index.json` is also the name of evaluation indices. One of chunks in a folder below is of this dataset.
+#[test]
+fn an_index_that_names_no_chunk_does_not_hide_the_chunks_below() {
+    let chunk = fixture_bytes("zip.torch");
+    let evaluation = format!(r#"{{"{}": {{"context": [0, 2], "target": [1]}}, "gone": null}}"#, KEYS[0]);
+    let gone = format!(r#"{{"{}": "000000.torch"}}"#, KEYS[0]);
+    let below = format!(r#"{{"gone": "000000.torch", "{}": "train/000000.torch"}}"#, KEYS[1]);
+    for (index, stage, keys, missing) in [
+        ("{}", "test", &KEYS[..], 0),
+        (evaluation.as_str(), "test", &KEYS[..], 0),
+        (gone.as_str(), "test", &KEYS[..], 0),
+        (below.as_str(), "train", &KEYS[1..], 1),
+    ] {
+        let folder =
+            folder(&[("index.json", index.as_bytes()), ("test/000000.torch", &chunk), ("train/000000.torch", &chunk)]);
+        let (source, warnings) = open(folder.path());
+        let source = source.unwrap();
+        assert_eq!(source.keys(), keys, "{index}");
+        assert_eq!(source.chunks(), [folder.path().join(stage).join("000000.torch")], "{index}");
+        assert_eq!((warnings.total(), warnings.count(WarningKind::SceneNotFound)), (missing, missing), "{index}");
+    }
+    let last = folder(&[("index.json", b"{}"), ("test/index.json", b"{}"), ("train/000000.torch", &chunk)]);
+    assert_eq!(open(last.path()).0.unwrap().keys(), KEYS, "in train");
+    let (alone, _) = open(folder(&[("index.json", gone.as_bytes()), ("test/x.txt", b"")]).path());
+    assert!(alone.unwrap().keys().is_empty(), "the last resort");
+}
+
 #[test]
 fn a_single_chunk_is_a_dataset() {
     let (source, warnings) = open(&fixture("legacy.torch"));

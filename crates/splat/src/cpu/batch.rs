@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::bins::Entry;
+use super::bins::{Entry, STEEPEST};
 use super::project::Splat;
 
 /// Side of a block in pixels; a block's state stays in registers while its splats are composited.
@@ -209,8 +209,9 @@ impl Group {
             let cut = row(&self.cut, at);
             let slope = simd.div_f32s(shear, down);
             let middle = {
-                let stretched = simd.mul_add_e_f32s(slope, slope, one);
-                simd.mul_f32s(slope, simd.sqrt_f32s(simd.div_f32s(cut, stretched)))
+                let bounded = simd.min_f32s(simd.max_f32s(slope, splat(-STEEPEST)), splat(STEEPEST));
+                let stretched = simd.mul_add_e_f32s(bounded, bounded, one);
+                simd.mul_f32s(bounded, simd.sqrt_f32s(simd.div_f32s(cut, stretched)))
             };
             let per_pixel = simd.div_f32s(one, along);
             // Pixels from the cell's left edge, where u is 0 in row v: (centre − v·slope) / along.

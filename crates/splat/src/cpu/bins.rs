@@ -8,6 +8,10 @@ use super::project::Splat;
 /// Gaussians per run: projected by one task, and listed together.
 pub(super) const RUN: usize = 4096;
 
+/// Slopes in whitened coordinates are clamped to this before they are squared, because the square of a long needle's slope
+/// overflows. From far smaller slopes on, the disc's extreme lies at `±√cut` in f32.
+pub(super) const STEEPEST: f32 = 1e15;
+
 /// Half-open range of tile columns, then of tile rows.
 pub(super) type Reach = [[u16; 2]; 2];
 
@@ -62,7 +66,8 @@ impl Tiling {
         let start = row as f32 * side - splat.base[1] as f32;
         let (top, bottom) = (down * (start - MARGIN) + shift_v, down * (start + side - 1.0 + MARGIN) + shift_v);
         let slope = shear / down;
-        let middle = slope * (splat.cut / (1.0 + slope * slope)).sqrt();
+        let bounded = slope.clamp(-STEEPEST, STEEPEST);
+        let middle = bounded * (splat.cut / (1.0 + bounded * bounded)).sqrt();
         let within = |v: f32| {
             if v < top {
                 top

@@ -76,6 +76,31 @@ fn a_lens_matches_the_reference() {
     assert_close(&actual, &expected, "lens");
 }
 
+/// The square of the needle's slope overflows f32.
+#[test]
+fn an_endless_oblique_needle_has_no_holes() {
+    let (view, options) = (view(200, 150), RenderOptions::default());
+    for sine in [0.382_683_43, -0.382_683_43] {
+        let mut parts = cloud(1, 0, 95).into_parts();
+        parts.means = vec![[0.0, 0.0, 2.0]];
+        parts.quaternions = vec![[0.923_879_5, 0.0, 0.0, sine]];
+        parts.log_scales = vec![[43.0, -5.0, -5.0]];
+        parts.opacity_logits = vec![3.0];
+        let gaussians = Gaussians::new(parts).unwrap();
+        let expected = reference::render(&gaussians, &view, &options).unwrap();
+        let opaque = expected.alpha.iter().filter(|alpha| **alpha > 0.5).count();
+        assert!(opaque > 150, "across the picture: {opaque} pixels");
+        for simd in SimdLevel::available() {
+            for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
+                let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
+                let actual = rendered(&gaussians, &view, &options, cpu);
+                let (_, largest) = beyond(&actual.alpha, &expected.alpha, 0.0);
+                assert!(largest < 0.01, "{sine}, {simd:?}, {tile:?}: {largest}");
+            }
+        }
+    }
+}
+
 #[test]
 fn tiles_threads_and_instruction_sets_do_not_change_images() {
     let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));

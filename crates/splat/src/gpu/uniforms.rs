@@ -1,8 +1,9 @@
+use atsplat_numeric::Extremes as _;
 use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
 use super::forward::TILE;
-use crate::constants::{ClampedGradient, Extent, ShAxes};
+use crate::constants::{ClampedGradient, Extent, LARGEST_CHANNEL, ShAxes};
 use crate::cpu::to_f32;
 use crate::view::Optics;
 use crate::{Exposure, RasterMode, RenderOptions, View};
@@ -90,7 +91,7 @@ impl ViewBlock {
             focal: two(optics.focal),
             principal: two(optics.principal),
             slopes: [least[0], least[1], greatest[0], greatest[1]],
-            depths: two(DVec2::new(constants.near, constants.far)),
+            depths: two(DVec2::new(constants.near, constants.far.minimum_of(LARGEST_CHANNEL))),
             rules: [
                 bounded(constants.blur),
                 bounded(constants.min_alpha.ln()),

@@ -6,7 +6,7 @@ use atsplat_splat::{
 };
 use glam::DVec3;
 
-use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, image_gradients, narrow, view};
+use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, image_gradients, narrow, straight, view};
 
 fn check(gpu: &mut GpuRenderer, gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let expected = reference::render(gaussians, view, options).unwrap();
@@ -128,6 +128,35 @@ fn matches_the_reference_for_extreme_shapes() {
     parts.means.iter_mut().for_each(|mean| *mean = [0.1, 0.2, 3.0]);
     let gaussians = Gaussians::new(parts).unwrap();
     check(&mut gpu, &gaussians, &view, &everything(), "coincident");
+}
+
+/// Gaussians that cover the picture, with centres on both sides of the limits that every renderer has.
+#[test]
+fn culls_centres_too_far_aside_or_too_deep() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = straight(24, 18);
+    for (preset, mean, log_scale, [drawn, outside_depth, outside_picture]) in [
+        ("exact", [1e6, 0.0, 0.02], 25.0, [1, 0, 0]),
+        ("exact", [1e9, 0.0, 0.02], 25.0, [0, 0, 1]),
+        ("exact", [0.0, -1e9, 0.02], 25.0, [0, 0, 1]),
+        ("inria", [0.0, 0.0, 1e11], 30.0, [1, 0, 0]),
+        ("inria", [0.0, 0.0, 1e13], 30.0, [0, 1, 0]),
+        ("pixelsplat-family", [0.0, 0.0, 1e13], 30.0, [0, 1, 0]),
+    ] {
+        let mut parts = cloud(1, 0, 37).into_parts();
+        parts.means = vec![mean];
+        parts.quaternions = vec![[1.0, 0.0, 0.0, 0.0]];
+        parts.log_scales = vec![[log_scale; 3]];
+        parts.opacity_logits = vec![3.0];
+        let gaussians = Gaussians::new(parts).unwrap();
+        let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };
+        let expected = CpuRenderer::default().render(&gaussians, &view, &options).unwrap().census;
+        let counts = [expected.drawn, expected.outside_depth, expected.outside_picture];
+        assert_eq!(counts, [drawn, outside_depth, outside_picture], "{preset}, {mean:?}");
+        let actual = gpu.render(&gaussians, &view, &options).unwrap();
+        assert_eq!(actual.census, expected, "{preset}, {mean:?}");
+        check(&mut gpu, &gaussians, &view, &options, &format!("{preset}, {mean:?}"));
+    }
 }
 
 /// Without blur, Gaussians may be arbitrarily narrow: points, and sheets seen edge-on.

@@ -2,13 +2,14 @@
 
 use std::num::NonZeroUsize;
 
-use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize as PixelSize, NormalizedIntrinsics};
 use atsplat_model::config::BlockExpansion;
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_numeric::SplitMix64;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::{NoEntry, Preset};
 use atsplat_rooms::Request;
+use atsplat_scene::preprocess::Step;
 use glam::{DMat3, DVec3};
 
 use super::{SourceConfig, TrainConfig, WHAT};
@@ -22,7 +23,7 @@ const MAX_RAYS: u32 = 256;
 
 impl TrainConfig {
     /// Every source with the path of its field.
-    fn sources(&self) -> impl Iterator<Item = (String, &SourceConfig)> {
+    pub(crate) fn sources(&self) -> impl Iterator<Item = (String, &SourceConfig)> {
         let data = self.data.iter().enumerate().map(|(at, data)| (format!("data[{at}].source"), &data.source));
         data.chain(self.evaluation.iter().map(|own| ("evaluation.source".to_owned(), &own.source)))
     }
@@ -69,12 +70,7 @@ impl TrainConfig {
         self.distance_patch()?;
         let model = self.model.config()?;
         for (field, source) in self.sources() {
-            let (field, size) = match source {
-                SourceConfig::Rooms(rooms) => (format!("{field}.rooms.size"), Some(rooms.size)),
-                SourceConfig::Dataset(dataset) => {
-                    (format!("{field}.dataset.preset"), size_of(&Preset::resolve(&dataset.preset)?))
-                }
-            };
+            let (field, size) = sized(&field, source)?;
             if let Some(size) = size {
                 check_size(field, size, &model)?;
             }
@@ -86,14 +82,13 @@ impl TrainConfig {
 impl TrainConfig {
     /// Checks the configuration against its network.
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
-        // Inference resizes pictures to the scale of the model's resolution, so simulated pictures must have that scale too.
+        // Inference resizes pictures to the scale of the model's resolution, so pictures of the training must have that scale too.
         let shorter = |size: ImageSize| size.height.min(size.width);
         for data in &self.data {
-            if let SourceConfig::Rooms(rooms) = &data.source
-                && shorter(rooms.size) != shorter(model.resolution)
-            {
+            let (field, size) = sized("data.source", &data.source)?;
+            if let Some(size) = size.filter(|size| shorter(*size) != shorter(model.resolution)) {
                 let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
-                return refuse("data.source.rooms.size".to_owned(), &expected, rooms.size);
+                return refuse(field, &expected, size);
             }
         }
         let expansions = model.decoder.blocks.iter().filter_map(|block| block.expansion.as_ref());
@@ -107,10 +102,25 @@ impl TrainConfig {
     }
 }
 
-/// Size of a protocol's preprocessed pictures, if the protocol states the source size.
+/// The field that decides the size of a source's pictures, and that size, if it is known before one is read.
+fn sized(field: &str, source: &SourceConfig) -> Result<(String, Option<ImageSize>), TrainError> {
+    Ok(match source {
+        SourceConfig::Rooms(rooms) => (format!("{field}.rooms.size"), Some(rooms.size)),
+        SourceConfig::Dataset(dataset) => {
+            (format!("{field}.dataset.preset"), size_of(&Preset::resolve(&dataset.preset)?))
+        }
+    })
+}
+
+/// Size of a protocol's preprocessed pictures, if the protocol states the source size or crops any picture to one size.
 fn size_of(preset: &Preset) -> Option<ImageSize> {
-    let source = preset.preprocessing.expected_size?;
-    Some(preset.preprocessing.plan(source).ok()?.output().into())
+    let preprocessing = &preset.preprocessing;
+    let size = match (preprocessing.expected_size, preprocessing.steps.last()) {
+        (Some(source), _) => preprocessing.plan(source).ok()?.output(),
+        (None, Some(Step::RescaleAndCrop(last))) => PixelSize { width: last.width, height: last.height },
+        (None, _) => return None,
+    };
+    Some(size.into())
 }
 
 fn check_size(field: String, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
@@ -188,6 +198,28 @@ fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, T
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// By the shorter side, as inference resizes; of any picture, as the preset scales and crops it to that size.
+    #[test]
+    fn pictures_of_a_dataset_have_the_scale_of_the_models_resolution() {
+        let check = |model: &str, preset: &str| {
+            let text = format!(
+                "title = 'a dataset'\nseed = 1\nsteps = 8\nbatch = 3\nmodel = {{ base = '{model}' }}\n[[data]]\n\
+                 [data.source.dataset]\npath = 'absent'\npreset = '{preset}'\n\
+                 views = {{ context = [2, 2], targets = 1, gaps = {{ min = 1, max = 2 }} }}"
+            );
+            let config = TrainConfig::from_toml(&text).unwrap();
+            config.check_model(&config.model.config().unwrap()).map_err(|error| error.to_string())
+        };
+        for (model, preset) in [("nano", "re10k-2v-256"), ("micro", "rooms-2v-128"), ("micro", "yards-2v-128x224")] {
+            check(model, preset).unwrap();
+        }
+        let error = check("nano", "rooms-2v-128").unwrap_err();
+        let expected = "the shorter side of the model's resolution, 256x256, found 128x128";
+        assert!(error.contains("data.source.dataset.preset") && error.contains(expected), "{error}");
+        let error = check("micro", "photos-3v-256").unwrap_err();
+        assert!(error.contains("128x128, found 256x256"), "{error}");
+    }
 
     #[test]
     fn samples_go_together_only_if_they_expand_as_many_tokens() {

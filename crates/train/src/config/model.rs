@@ -13,7 +13,8 @@ use crate::TrainError;
 pub struct ModelChoice {
     /// Built-in name, or a path that ends in `.toml`.
     pub base: String,
-    /// Pretrained DINOv2 weights, for a network whose backbone is frozen.
+    /// Pretrained DINOv2 weights, for a network whose backbone is frozen. A run from given weights has them instead of those in its
+    /// weights file, which must be the same up to the rounding of that file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backbone: Option<PathBuf>,
     /// Folder that caches the frozen backbone's features, so that each picture goes through it once. It grows with every new

@@ -7,7 +7,7 @@ use atsplat_model::ImageSize;
 use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
-use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
+use atsplat_protocol::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset, ProtocolError};
 use atsplat_scene::{OneScene, Scene, SceneSource, Warning, WarningKind, Warnings};
 use indexmap::IndexMap;
@@ -147,6 +147,13 @@ impl DatasetSource {
         }
     }
 
+    /// Counts a picture whose header or content cannot be read, unless an earlier sample had it.
+    fn count_unreadable(&self, key: &str, reason: &str) {
+        let mut warnings = Warnings::new();
+        warnings.push(WarningKind::UnreadablePicture, key, reason);
+        self.count_trial(&warnings);
+    }
+
     /// A sample of one scene by one draw of frames, or why there is none.
     fn try_sample(&self, key: &str, step: u64, random: &mut SplitMix64) -> Result<Sample, String> {
         let scene = self.load(key)?;
@@ -161,7 +168,12 @@ impl DatasetSource {
         self.count_trial(trials.warnings());
         let (trial, truths) = match trial {
             Some(Ok(trial)) => trial,
-            Some(Err(skipped)) => return Err(format!("{name}: {}", skipped.detail)),
+            Some(Err(skipped)) => {
+                if skipped.reason == SkipReason::PictureUnreadable {
+                    self.count_unreadable(key, &skipped.detail);
+                }
+                return Err(format!("{name}: {}", skipped.detail));
+            }
             None => return Err(format!("{name}: no trial")),
         };
         let context = trial.context().iter().map(|view| Ok((view.camera, view.picture()?)));
@@ -169,9 +181,13 @@ impl DatasetSource {
             let picture = truths.get(position)?;
             Some(picture.map(|picture| (target.camera, picture)))
         });
-        let message = |error: ProtocolError| format!("{name}: {error}");
-        let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(message)?);
-        let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(message)?);
+        let unreadable = |error: ProtocolError| {
+            let reason = error.to_string();
+            self.count_unreadable(key, &reason);
+            format!("{name}: {reason}")
+        };
+        let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(unreadable)?);
+        let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(unreadable)?);
         match (context, targets) {
             (Some(context), Some(targets)) => Ok(Sample { name, context, targets, distances: None }),
             _ => Err(format!("{name}: expected pictures of one size")),

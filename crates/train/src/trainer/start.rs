@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ModelConfig;
-use atsplat_model::weights::{ModelWeights, StoredTensors, read_backbone};
+use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, read_backbone};
 
 use super::STEPS;
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
+use crate::config::WHAT;
 use crate::parameters::Parameters;
 use crate::{TrainConfig, TrainError};
 
@@ -39,7 +40,7 @@ pub(super) fn state(
     adapter: Option<String>,
 ) -> Result<(State, Vec<String>), TrainError> {
     let (parameters, initial_weights) = initial(config, model, start)?;
-    let found = checkpoints.read(config, &parameters)?;
+    let found = checkpoints.read(config, &parameters, &|| frozen(config, model))?;
     let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
     tracing::info!(folder = %folder.display(), ?start, last_checkpoint, "opening the run");
     match (found, start) {
@@ -57,6 +58,8 @@ pub(super) fn state(
             Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found))
         }
         (None, _) => {
+            let parameters =
+                if *start == Start::Resume { parameters.with_frozen(frozen(config, model)?) } else { parameters };
             let state = State { initial_weights, adapter, ..State::new(parameters) };
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
@@ -66,23 +69,71 @@ pub(super) fn state(
     }
 }
 
-/// Parameters before the first step, and where they come from if they are given.
+/// Parameters before the first step, and where they come from if they are given. Those of a run that resumes are without frozen
+/// ones, which its checkpoint may hold.
 fn initial(
     config: &TrainConfig,
     model: &ModelConfig,
     start: &Start,
 ) -> Result<(Parameters, Option<InitialWeights>), TrainError> {
-    let Start::Weights(path) = start else {
-        let frozen = match &config.model.backbone {
-            Some(path) => read_backbone(path, model, None)?.tensors,
-            None => StoredTensors::default(),
-        };
-        return Ok((Parameters::fresh(model, config.seed, frozen), None));
+    let path = match start {
+        Start::Resume => return Ok((Parameters::fresh(model, config.seed, StoredTensors::default()), None)),
+        Start::Fresh => return Ok((Parameters::fresh(model, config.seed, frozen(config, model)?), None)),
+        Start::Weights(path) => path,
     };
     let weights = ModelWeights::read(path)?;
     #[expect(clippy::expect_used, reason = "weights that were read from a file have its hash")]
     let sha256 = weights.sha256.expect("the hash of the file");
     let data = weights.provenance.get("data").cloned();
-    let parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed)?;
+    let mut parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed)?;
+    if let Some(backbone) = &config.model.backbone {
+        let exact = frozen(config, model)?;
+        require_same(parameters.frozen(), &exact, (path, backbone))?;
+        parameters = parameters.with_frozen(exact);
+    }
     Ok((parameters, Some(InitialWeights { sha256, data })))
+}
+
+/// The weights of the configuration's backbone, if it names a file of them.
+fn frozen(config: &TrainConfig, model: &ModelConfig) -> Result<StoredTensors, TrainError> {
+    Ok(match &config.model.backbone {
+        Some(path) => read_backbone(path, model, None)?.tensors,
+        None => StoredTensors::default(),
+    })
+}
+
+/// Refuses given weights whose frozen tensors are not those of the backbone's file, exactly or rounded as weights files are.
+fn require_same(
+    given: &StoredTensors,
+    exact: &StoredTensors,
+    (weights, backbone): (&Path, &Path),
+) -> Result<(), TrainError> {
+    const NAMED: usize = 4;
+    let mut others = Vec::new();
+    for (name, own) in &given.tensors {
+        let is_same = exact.tensors.get(name).is_some_and(|exact| is_rounding_of(own, exact));
+        if !is_same {
+            others.push(name.as_str());
+        }
+    }
+    if others.is_empty() {
+        return Ok(());
+    }
+    let more = match others.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    others.truncate(NAMED);
+    let expected = format!("the frozen weights that {} holds, rounded or not", weights.display());
+    let found = format!("others in {}: {}{more}", backbone.display(), others.join(", "));
+    Err(TrainError::malformed(WHAT, "model.backbone", expected, found))
+}
+
+/// Whether values are the exact ones, or these rounded to f16 or bf16.
+fn is_rounding_of(values: &StoredTensor, exact: &StoredTensor) -> bool {
+    let same = |rounded: &StoredTensor| {
+        let [values, rounded] = [values, rounded].map(StoredTensor::to_f32);
+        matches!((values, rounded), (Ok(values), Ok(rounded)) if values == rounded)
+    };
+    values.shape() == exact.shape() && (same(exact) || [exact.to_f16(), exact.to_bf16()].iter().flatten().any(same))
 }

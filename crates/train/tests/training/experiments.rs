@@ -74,13 +74,16 @@ fn the_papers_ablations_are_configured() {
 
 /// So that `--init` can start from the embedded weights, and their scores are those of their training.
 #[test]
-fn the_embedded_weights_fit_the_experiments_network() {
+fn the_embedded_weights_fit_the_experiments_networks() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
-    let weights = ModelWeights::read(&folder.join("checkpoints/micro-rooms.safetensors")).unwrap();
-    let model = TrainConfig::read(&folder.join("experiments/micro-rooms.toml")).unwrap().model.config().unwrap();
-    assert_eq!(weights.config.hash().unwrap(), model.hash().unwrap());
-    assert_eq!(weights.config.resolution, model.resolution);
-    assert_eq!(weights.config.head.frame, HeadFrame::Patch);
+    for name in ["micro-rooms", "micro-yards"] {
+        let weights = ModelWeights::read(&folder.join(format!("checkpoints/{name}.safetensors"))).unwrap();
+        let model =
+            TrainConfig::read(&folder.join(format!("experiments/{name}.toml"))).unwrap().model.config().unwrap();
+        assert_eq!(weights.config.hash().unwrap(), model.hash().unwrap(), "{name}");
+        assert_eq!((&weights.config.name, weights.config.resolution), (&name.to_owned(), model.resolution), "{name}");
+        assert_eq!(weights.config.head.frame, HeadFrame::Patch, "{name}");
+    }
 }
 
 /// The rows behind the paper's claims: each goes on from the embedded weights, and they differ in nothing but their model, the losses

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ModelConfig;
-use atsplat_model::network::{Device, Network, f32_values};
+use atsplat_model::network::{Device, MatmulPrecision, Network, f32_values};
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, generated};
-use atsplat_train::{FeatureCache, Start, TrainConfig};
+use atsplat_model::weights::{ModelWeights, Precision, StoredTensor, StoredTensors, generated};
+use atsplat_train::{FeatureCache, Start, TrainConfig, Trainer};
 use tempfile::tempdir;
 
 use crate::common::{Noise, bits, config, sample, trainer};
@@ -46,7 +46,9 @@ fn features_from_disk_equal_the_backbones() {
     let expected = means(sample.context.views().unwrap());
 
     let folder = tempdir().unwrap();
-    let open = |frozen: &StoredTensors| FeatureCache::open(folder.path(), &config, frozen).unwrap();
+    let open_in =
+        |frozen: &StoredTensors, products| FeatureCache::open(folder.path(), &config, frozen, products).unwrap();
+    let open = |frozen: &StoredTensors| open_in(frozen, MatmulPrecision::F32);
     let cache = open(&backbone(&weights));
     assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "when written");
     let kept = files(folder.path());
@@ -66,6 +68,12 @@ fn features_from_disk_equal_the_backbones() {
     let other = backbone(&generated(&parameters(&config), 2));
     open(&other).views(&network, &sample.context).unwrap();
     assert_eq!(files(folder.path()).len(), 2 * kept.len(), "other weights have other files");
+
+    let rounded = open_in(&backbone(&weights), MatmulPrecision::Bf16);
+    let of_rounded = MatmulPrecision::Bf16.scope(|| rounded.views(&network, &sample.context).unwrap());
+    assert_eq!(files(folder.path()).len(), 3 * kept.len(), "products in bfloat16 have other files");
+    assert!(means(of_rounded) != expected, "made of other features");
+    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "and leave those of f32");
 }
 
 #[test]
@@ -93,7 +101,8 @@ fn training_with_the_cache_gives_identical_weights() {
 #[test]
 fn rejects_the_cache_of_a_trained_backbone() {
     let config = ModelConfig::named("nano").unwrap();
-    let error = FeatureCache::open(tempdir().unwrap().path(), &config, &StoredTensors::default()).unwrap_err();
+    let (folder, frozen) = (tempdir().unwrap(), StoredTensors::default());
+    let error = FeatureCache::open(folder.path(), &config, &frozen, MatmulPrecision::F32).unwrap_err();
     assert!(error.to_string().contains("model.feature-cache: expected a frozen backbone, found Patch"), "{error}");
 }
 
@@ -113,4 +122,41 @@ fn a_run_from_given_weights_resumes_with_their_backbone() {
     resumed.step(&mut |_| ()).unwrap();
     assert_eq!((killed.state().skipped(), resumed.state().skipped()), (0, 0));
     assert!(bits(&resumed) == bits(&killed));
+}
+
+/// Weights files hold the backbone rounded to f16; the exact one is used if the configuration names it, and resumed without its file.
+#[test]
+fn a_backbone_next_to_given_weights_is_used_and_has_to_be_theirs() {
+    let folder = tempdir().unwrap();
+    let [start, exact, other] =
+        ["start", "exact", "other"].map(|name| folder.path().join(format!("{name}.safetensors")));
+    let mut config = with_dino();
+    let model = config.model.config().unwrap();
+    let weights = generated(&parameters(&model), 1);
+    ModelWeights::new(model, BTreeMap::new(), &weights).unwrap().write(&start, Precision::Half).unwrap();
+    let mut frozen = backbone(&weights);
+    frozen.write(&exact).unwrap();
+    let digest = frozen.digest();
+    config.model.backbone = Some(exact.clone());
+    let opened = |config: &TrainConfig, run: &str, start: &Start| {
+        Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), &folder.path().join(run), start)
+    };
+    let digest_of = |trainer: &Trainer| trainer.state().parameters.frozen().digest();
+    let given = Start::Weights(start);
+    assert_eq!(digest_of(&opened(&config, "given", &given).unwrap()), digest, "without the rounding");
+    let fresh = opened(&config, "fresh", &Start::Fresh).unwrap();
+    fresh.write_checkpoint().unwrap();
+    assert_eq!(digest_of(&opened(&config, "fresh", &Start::Resume).unwrap()), digest, "from the file");
+    std::fs::remove_file(exact).unwrap();
+    assert_eq!(digest_of(&opened(&config, "given", &Start::Resume).unwrap()), digest, "from the checkpoint");
+    assert!(opened(&config, "fresh", &Start::Resume).unwrap_err().to_string().contains("exact.safetensors"));
+
+    let (name, tensor) = frozen.tensors.last().map(|(name, tensor)| (name.clone(), tensor.clone())).unwrap();
+    let mut values = tensor.to_f32().unwrap();
+    values[0] += 0.01;
+    frozen.tensors.insert(name.clone(), StoredTensor::from_f32(tensor.shape().to_vec(), &values).unwrap());
+    frozen.write(&other).unwrap();
+    config.model.backbone = Some(other.clone());
+    let error = opened(&config, "refused", &given).unwrap_err().to_string();
+    assert!(error.ends_with(&format!("others in {}: {name}", other.display())), "{error}");
 }

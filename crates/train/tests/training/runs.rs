@@ -5,6 +5,7 @@ use std::num::NonZeroU64;
 use std::path::Path;
 
 use crate::common::{Noise, bits, config, trainer};
+use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, Precision};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
@@ -187,6 +188,26 @@ fn a_run_is_not_overwritten_or_mixed_with_another() {
     let other = TrainConfig { clip: 2.0, ..tiny.clone() };
     assert!(open(&other, &Start::Resume).unwrap_err().to_string().contains("configuration"));
     open(&tiny, &Start::Resume).unwrap();
+}
+
+/// The configuration names the model by the same path.
+#[test]
+fn a_run_does_not_resume_with_another_model_in_the_same_file() {
+    let (mut config, folder) = (config(""), tempdir().unwrap());
+    let (model, run) = (folder.path().join("own.toml"), folder.path().join("run"));
+    let text = ModelConfig::text_of("nano").unwrap();
+    std::fs::write(&model, text).unwrap();
+    config.model.base = model.to_string_lossy().into_owned();
+    trainer(config.clone(), &run, &Start::Fresh, Noise::CLEAN).write_checkpoint().unwrap();
+    let resumed = || Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), &run, &Start::Resume).map(drop);
+    std::fs::write(&model, text.replace("title = \"", "title = \"Renamed: ")).unwrap();
+    resumed().unwrap();
+    // With parameters of the same shapes.
+    let changed = text.replace("neighbours = 16", "neighbours = 8");
+    assert_ne!(changed, text);
+    std::fs::write(&model, changed).unwrap();
+    let error = resumed().unwrap_err().to_string();
+    assert!(error.contains("model-sha256") && error.contains("start a new run from its weights"), "{error}");
 }
 
 #[test]

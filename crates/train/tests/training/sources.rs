@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::{ImageSize, MeanCameraScale, PoseNormalisation};
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_protocol::Preset;
 use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
-use atsplat_scene::Warnings;
+use atsplat_scene::{WarningKind, Warnings};
 use atsplat_train::samples::{
     DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, RoomsConfig, RoomsSource, Sample, SampleId,
     Source, ViewChoice, mirrored,
@@ -119,21 +119,8 @@ fn a_mixture_follows_its_shares_mirrors_half_and_repeats() {
 #[test]
 fn a_dataset_on_disk_gives_samples() {
     let folder = tempdir().unwrap();
-    let (data, preset) = (folder.path().join("data"), folder.path().join("tiny.toml"));
-    write_rooms(&data);
-    // The published preset at the test's picture size, so that nothing is cropped.
-    let text = Preset::text_of("re10k-2v-256").unwrap();
-    let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
-    let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
-    std::fs::write(&preset, text).unwrap();
-    let views = VIEWS.replace("min = 3, max = 5", "min = 4, max = 9");
-    let views: BTreeMap<String, ViewChoice> = toml::from_str(&format!("v = {views}")).unwrap();
-    let config = DatasetConfig {
-        path: data.join("train"),
-        preset: preset.to_string_lossy().into_owned(),
-        views: views["v"].clone(),
-        exclude: Vec::new(),
-    };
+    let data = folder.path().join("data");
+    let config = rooms_on_disk(folder.path());
     let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
     let simulated = rooms(1, "").sample(id(0)).unwrap();
     for number in 0..4 {
@@ -196,6 +183,58 @@ fn scenes_are_excluded_with_and_without_the_prefix_of_dl3dv() {
         assert_eq!(source.notices(), std::slice::from_ref(&expected));
         let mixture = Mixture::new(vec![(1.0, Box::new(source))], false, None).unwrap();
         assert_eq!(mixture.notices(), [expected], "of a run's data");
+    }
+}
+
+/// Whether its header or its content is damaged, a picture is counted once, and the samples are of other frames.
+#[test]
+fn unreadable_pictures_of_a_dataset_are_counted_once_each() {
+    let folder = tempdir().unwrap();
+    let config = rooms_on_disk(folder.path());
+    let picture = |key: &str, frame: usize| -> PathBuf {
+        let entries = std::fs::read_dir(config.path.join(key)).unwrap().map(|entry| entry.unwrap().path());
+        let numbered = |path: PathBuf| Some((path.file_stem()?.to_str()?.parse::<u64>().ok()?, path));
+        let frames: BTreeMap<u64, PathBuf> = entries.filter_map(numbered).collect();
+        assert_eq!(frames.len(), 12, "{key}");
+        frames.into_values().nth(frame).unwrap()
+    };
+    let keys = ["rooms-train-00000000", "rooms-train-00000001"];
+    std::fs::write(picture(keys[0], 5), b"no picture").unwrap();
+    let (cut, whole) = (picture(keys[1], 6), std::fs::read(picture(keys[1], 6)).unwrap());
+    std::fs::write(cut, &whole[..whole.len() / 2]).unwrap();
+    let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
+    let before = source.warnings().total();
+    let names: Vec<String> = (0..40).map(|number| source.sample(id(number)).unwrap().name).collect();
+    assert!(keys.iter().all(|key| names.iter().any(|name| name.starts_with(*key))), "{names:?}");
+    let warnings = source.warnings();
+    assert_eq!((before, warnings.count(WarningKind::UnreadablePicture)), (0, 2), "{:?}", warnings.kept());
+    let unreadable = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnreadablePicture);
+    let mut found: Vec<(&str, bool)> = unreadable
+        .map(|warning| {
+            let frame = if warning.scene == keys[0] { "frame 5 " } else { "frame 6 " };
+            (warning.scene.as_str(), warning.detail.starts_with(frame))
+        })
+        .collect();
+    found.sort_unstable();
+    assert_eq!(found, keys.map(|key| (key, true)));
+}
+
+/// Two scenes in `data`, and a preset for their pictures.
+fn rooms_on_disk(folder: &Path) -> DatasetConfig {
+    let (data, preset) = (folder.join("data"), folder.join("tiny.toml"));
+    write_rooms(&data);
+    // The published preset at the test's picture size, so that nothing is cropped.
+    let text = Preset::text_of("re10k-2v-256").unwrap();
+    let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
+    let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
+    std::fs::write(&preset, text).unwrap();
+    let views = VIEWS.replace("min = 3, max = 5", "min = 4, max = 9");
+    let views: BTreeMap<String, ViewChoice> = toml::from_str(&format!("v = {views}")).unwrap();
+    DatasetConfig {
+        path: data.join("train"),
+        preset: preset.to_string_lossy().into_owned(),
+        views: views["v"].clone(),
+        exclude: Vec::new(),
     }
 }
 

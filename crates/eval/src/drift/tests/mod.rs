@@ -8,6 +8,7 @@ use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
 mod data;
 mod directions;
 mod planted;
+mod repetition;
 
 fn acceptance(reason: &str) -> Acceptance {
     Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
@@ -375,6 +376,19 @@ fn a_probe_that_was_not_accepted_with_its_baseline_is_refused() {
     old.write_with_probe(&path, &others).unwrap();
     let read = Baseline::read(&path).unwrap();
     assert!(read == old && read.read_probe(&path).unwrap().is_some());
+}
+
+#[test]
+fn a_baseline_without_a_probe_removes_that_of_an_older_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("quick.json");
+    let ([(first, values), _], _) = probed_twice();
+    first.write_with_probe(&path, &values).unwrap();
+    first.write(&path).unwrap();
+    assert!(Baseline::probe_path(&path).exists(), "it still belongs to the baseline");
+    Baseline { probe: None, ..first }.write(&path).unwrap();
+    assert!(!Baseline::probe_path(&path).exists());
+    assert_eq!(Baseline::read(&path).unwrap().read_probe(&path).unwrap(), None);
 }
 
 #[test]

@@ -82,7 +82,7 @@ impl Exec {
         if name.trim().is_empty() || [TRUTH, CONTEXT].contains(&name.as_str()) {
             return Err(refused(format!("the name {name:?}")));
         }
-        let record = record(name, &command, &words, &hello, &splatting)?;
+        let record = record(name, &command, &words, &hello, opacities_as_stored, &splatting)?;
         let folder = tempfile::Builder::new().prefix("atsplat-method-").tempdir();
         let folder = folder.map_err(EvalError::io("creating a folder for a method", &std::env::temp_dir()))?;
         let (requests, pool) = (AtomicU64::new(0), Pool::new(processes, process));
@@ -158,6 +158,7 @@ fn record(
     command: &str,
     words: &[String],
     hello: &Hello,
+    opacities_as_stored: bool,
     splatting: &Splatting,
 ) -> Result<MethodRecord, EvalError> {
     let mut files = BTreeMap::new();
@@ -184,6 +185,9 @@ fn record(
     };
     if hello.gives == OutputKind::Gaussians {
         splatting.describe(&mut record);
+        if opacities_as_stored {
+            record.parameters.insert("opacities-as-stored".to_owned(), true.into());
+        }
     }
     record.deterministic = hello.deterministic && (hello.gives == OutputKind::Pictures || record.deterministic);
     Ok(record)

@@ -78,6 +78,14 @@ fn rotation_of(q: vec4<f32>) -> mat3x3<f32> {
     );
 }
 
+// Largest distance in pixels from the image corner to a drawn centre: `FARTHEST` of reach.rs.
+const FARTHEST_CENTRE: f32 = 1e10;
+
+fn is_near_image(centre: vec2<f32>) -> bool {
+    let most = vec2(FARTHEST_CENTRE, 0.0);
+    return at_most(centre, most) && at_most(-centre, most);
+}
+
 // Distance from the camera beyond which f32 arithmetic would overflow: 2^60.
 const FARTHEST: f32 = 1.152921504606847e18;
 
@@ -228,7 +236,11 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
         g.compensation = max(root(g.inner_determinant / g.determinant), view.rules.w);
     }
     g.opacity = sigmoid * filtering * g.compensation;
-    g.outcome = select(FAINT, DRAWN, g.opacity >= view.rules.z);
+    if !(g.opacity >= view.rules.z) {
+        g.outcome = FAINT;
+        return g;
+    }
+    g.outcome = select(OUTSIDE_PICTURE, DRAWN, is_near_image(g.centre_x) && is_near_image(g.centre_y));
     return g;
 }
 

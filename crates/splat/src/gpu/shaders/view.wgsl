@@ -11,7 +11,7 @@ struct View {
     principal: vec4<f32>,
     // Range to which slopes are clamped for the Jacobian: smallest x and y, largest x and y.
     slopes: vec4<f32>,
-    // near, far, and their low parts.
+    // near, far (at most the largest depth that is composited), and their low parts.
     depths: vec4<f32>,
     // Blur, logarithm of min_alpha, min_alpha, min_compensation.
     rules: vec4<f32>,

@@ -1,0 +1,142 @@
+//! Pictures and times belong to the rows that they were made with: they are removed before a row is replaced, so that a run that
+//! is killed leaves them out rather than beside another row.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, PoisonError};
+
+use atsplat_protocol::trial::Trial;
+
+use super::pictures::{self, CONTEXT, KeepPictures, TRUTH, picture_path};
+use super::walk::to_u32;
+use crate::{EvalError, Store, TrialKey, TrialRow};
+
+/// What a store had beside its rows when a run began.
+#[derive(Debug)]
+pub(super) struct Extras<'a> {
+    store: &'a Store,
+    /// The frames of each result of which a picture is to be kept; empty unless the run keeps all pictures.
+    frames: BTreeMap<TrialKey, Vec<u64>>,
+    /// Results whose times are in the store. The lock is held while the table of times is written.
+    timed: Mutex<BTreeSet<TrialKey>>,
+    /// Trials whose pictures of other data were removed, each with an empty name of the method.
+    renewed: Mutex<BTreeSet<TrialKey>>,
+}
+
+impl<'a> Extras<'a> {
+    pub(super) fn of(store: &'a Store, keep: KeepPictures) -> Result<Self, EvalError> {
+        let frames = if keep == KeepPictures::All { store.compared_frames()? } else { BTreeMap::new() };
+        let timed = store.timings()?.into_iter().map(|row| row.key).collect();
+        Ok(Self { store, frames, timed: Mutex::new(timed), renewed: Mutex::default() })
+    }
+
+    /// Whether the run keeps all pictures, and the store has a result without one of its pictures.
+    pub(super) fn lacks_pictures(&self, key: &TrialKey) -> bool {
+        let is_stored = |frame: &u64| picture_path(self.store.folder(), key, *frame).is_file();
+        self.frames.get(key).is_some_and(|frames| !frames.iter().all(is_stored))
+    }
+
+    /// Removes the pictures of a trial's results that were computed from other data, and the pictures of that data.
+    pub(super) fn remove_outdated_pictures(
+        &self,
+        preset: &str,
+        trial: &Trial,
+        data_hash: &str,
+    ) -> Result<(), EvalError> {
+        let (scene, entry) = (trial.scene().to_owned(), to_u32(trial.entry_number()));
+        self.remove_pictures_of(&TrialKey { preset: preset.to_owned(), method: String::new(), scene, entry }, data_hash)
+    }
+
+    fn remove_pictures_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), EvalError> {
+        let known = self.store.known();
+        let outdated: Vec<&str> = known.outdated(trial, data_hash).collect();
+        // Once in a run: methods with other poses evaluate the trial after those that have replaced their pictures.
+        if outdated.is_empty() || !self.renewed.lock().unwrap_or_else(PoisonError::into_inner).insert(trial.clone()) {
+            return Ok(());
+        }
+        // If a run was killed after it had replaced some of the results, it had removed the pictures of the old data before.
+        let is_all = known.methods(&trial.preset, &trial.scene, trial.entry).count() == outdated.len();
+        let of_data = [TRUTH, CONTEXT].into_iter().filter(|_| is_all);
+        let mut names = outdated.iter().copied().chain(of_data);
+        names.try_for_each(|name| pictures::remove(self.store.folder(), &trial.of_method(name)))
+    }
+
+    /// Removes the times of the row that this one replaces, unless that was made from the same data and files.
+    pub(super) fn remove_outdated_times(&self, row: &TrialRow) -> Result<(), EvalError> {
+        let TrialRow { key, trial_hash, data_hash, input_hash, .. } = row;
+        let data_hash = data_hash.as_deref().unwrap_or_default();
+        if self.store.known().contains(key, trial_hash, data_hash, input_hash.as_deref()) {
+            return Ok(());
+        }
+        let mut timed = self.timed.lock().unwrap_or_else(PoisonError::into_inner);
+        if timed.remove(key) { self.store.remove_timings(key) } else { Ok(()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::*;
+    use crate::Provenance;
+    use crate::sample_rows::{key, target, trial};
+
+    const NAMES: [&str; 4] = ["a", "b", TRUTH, CONTEXT];
+
+    fn write(store: &Store, scene: &str, names: &[&str]) {
+        for name in names {
+            let path = picture_path(store.folder(), &key(name, scene, 0), 0);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "a picture").unwrap();
+        }
+    }
+
+    fn stored(store: &Store, scene: &str) -> [bool; 4] {
+        NAMES.map(|name| picture_path(store.folder(), &key(name, scene, 0), 0).exists())
+    }
+
+    /// Scenes x and y under methods a and b, all with pictures; the result of a in x was computed from this data.
+    fn store(folder: &Path, data_of_a: &str) -> Store {
+        let store = Store::create(folder, Provenance::default()).unwrap();
+        for scene in ["x", "y"] {
+            for name in ["a", "b"] {
+                let mut row = trial(name, scene, 0, 1);
+                if (scene, name) == ("x", "a") {
+                    row.data_hash = Some(data_of_a.to_owned());
+                }
+                store.append(&row, &[target(name, scene, 0, 0, "psnr", 20.0)]).unwrap();
+            }
+        }
+        drop(store);
+        let store = Store::open(folder).unwrap();
+        for scene in ["x", "y"] {
+            write(&store, scene, &NAMES);
+        }
+        store
+    }
+
+    #[test]
+    fn pictures_of_other_data_are_removed_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = store(folder.path(), "data x 0");
+        let extras = Extras::of(&store, KeepPictures::Nothing).unwrap();
+        let of_x = key("", "x", 0);
+        extras.remove_pictures_of(&of_x, "data x 0").unwrap();
+        assert_eq!(stored(&store, "x"), [true; 4], "the same data");
+        extras.remove_pictures_of(&of_x, "other").unwrap();
+        assert_eq!((stored(&store, "x"), stored(&store, "y")), ([false; 4], [true; 4]));
+        // a was evaluated again; b has other poses, and follows.
+        write(&store, "x", &["a", TRUTH]);
+        extras.remove_pictures_of(&of_x, "other").unwrap();
+        assert_eq!(stored(&store, "x"), [true, false, true, false]);
+    }
+
+    #[test]
+    fn pictures_of_new_data_stay_if_a_run_was_killed_between_two_methods() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = store(folder.path(), "other");
+        let extras = Extras::of(&store, KeepPictures::Nothing).unwrap();
+        extras.remove_pictures_of(&key("", "x", 0), "other").unwrap();
+        assert_eq!(stored(&store, "x"), [true, false, true, true]);
+    }
+}

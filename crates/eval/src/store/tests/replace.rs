@@ -1,0 +1,115 @@
+//! Methods without a score, whose rows another method of their name does not take over.
+
+use super::*;
+use crate::MethodRecord;
+
+/// Methods m, in this version, and n.
+fn run_of(version: u32) -> Provenance {
+    let method = |name: &str, version: u32| MethodRecord {
+        name: name.to_owned(),
+        parameters: [("version".to_owned(), version.into())].into(),
+        ..MethodRecord::default()
+    };
+    Provenance { methods: vec![method("m", version), method("n", 1)], ..Provenance::default() }
+}
+
+fn scored(method: &str, scene: &str) -> (TrialRow, Vec<TargetRow>) {
+    let key = key(scene).of_method(method);
+    let of_method = |target: TargetRow| TargetRow { key: key.clone(), ..target };
+    (TrialRow { key: key.clone(), ..trial(scene) }, targets(scene).into_iter().map(of_method).collect())
+}
+
+/// What m has in a scene.
+fn failed(scene: &str) -> (TrialRow, Vec<TargetRow>) {
+    let fail = |target: TargetRow| TargetRow { status: TargetStatus::Failed, scores: BTreeMap::new(), ..target };
+    let (trial, targets) = scored("m", scene);
+    (TrialRow { status: TrialStatus::Failed, ..trial }, targets.into_iter().map(fail).collect())
+}
+
+/// m failed in scenes a and b and was timed in a; `more` are rows of n, which was timed in a too.
+fn with_failures(folder: &Path, more: Option<(TrialRow, Vec<TargetRow>)>) -> Store {
+    let store = Store::create(folder, run_of(1)).unwrap();
+    for (trial, targets) in [failed("b"), failed("a")].into_iter().chain(more) {
+        store.append(&trial, &targets).unwrap();
+    }
+    let of_method = |name: &str| TimingRow { key: key("a").of_method(name), ..timing("a", 1) };
+    store.add_timings(vec![of_method("m"), of_method("n")]).unwrap();
+    store
+}
+
+fn is_known(store: &Store, method: &str, scene: &str) -> bool {
+    let key = key(scene).of_method(method);
+    store.known().contains(&key, &format!("trial {scene} 0"), &format!("data {scene} 0"), None)
+}
+
+/// Which rows a run of m in this version finds, of m in scenes a and b, and of n in a. It ends at once, as if it was killed.
+fn found(folder: &Path, version: u32) -> [bool; 3] {
+    let store = Store::resume(folder, run_of(version)).unwrap();
+    [("m", "a"), ("m", "b"), ("n", "a")].map(|(method, scene)| is_known(&store, method, scene))
+}
+
+#[test]
+fn failures_of_a_replaced_method_do_not_return_after_a_kill() {
+    for is_finished in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let store = with_failures(folder.path(), Some(scored("n", "a")));
+        if is_finished {
+            store.finish().unwrap();
+        } else {
+            drop(store);
+        }
+        assert_eq!(found(folder.path(), 1), [true, true, true], "the same method keeps its failures");
+        assert_eq!(found(folder.path(), 2), [false, false, true], "another one does not take them over");
+        assert_eq!(found(folder.path(), 2), [false, false, true], "nor does it after a kill");
+        let store = Store::resume(folder.path(), run_of(2)).unwrap();
+        let (trial, targets) = scored("m", "b");
+        store.append(&trial, &targets).unwrap();
+        drop(store);
+        assert_eq!(found(folder.path(), 2), [false, true, true], "one of two trials was run again");
+        let results = Results::read(folder.path()).unwrap();
+        assert_eq!(results.trials, [trial, scored("n", "a").0]);
+        assert_eq!(results.targets.len(), 4);
+        let timed: Vec<&str> = results.timings.iter().map(|row| row.key.method.as_str()).collect();
+        assert_eq!((timed, results.provenance.methods), (vec!["n"], run_of(2).methods));
+    }
+}
+
+/// Killed between the two tables, after them, and between the parts that stand for them meanwhile.
+#[test]
+fn a_replacement_can_be_interrupted() {
+    let [torn, whole] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    for folder in [&torn, &whole] {
+        with_failures(folder.path(), Some(scored("n", "a"))).finish().unwrap();
+    }
+    drop(Store::resume(whole.path(), run_of(2)).unwrap());
+    let before = Results::read(torn.path()).unwrap();
+    fs::create_dir(parts::folder(torn.path())).unwrap();
+    for (trial, targets) in ["a", "b"].map(failed) {
+        parts::write(torn.path(), &trial, &targets).unwrap();
+    }
+    for table in [TARGETS, TRIALS] {
+        fs::copy(whole.path().join(table), torn.path().join(table)).unwrap();
+        assert_eq!(Results::read(torn.path()).unwrap(), before, "{table}");
+    }
+    fs::remove_file(parts::path(torn.path(), &key("a"))).unwrap();
+    assert_eq!(found(torn.path(), 1), [false, true, true], "still the first version's");
+    assert_eq!(found(torn.path(), 2), [false, false, true]);
+    assert_eq!(disk::files(&parts::folder(torn.path())).unwrap(), [] as [PathBuf; 0]);
+}
+
+/// Nothing has a score, and the next run has other scenes.
+#[test]
+fn a_restarted_store_keeps_neither_rows_nor_times() {
+    for is_finished in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let store = with_failures(folder.path(), None);
+        if is_finished {
+            store.finish().unwrap();
+        } else {
+            drop(store);
+        }
+        drop(Store::resume(folder.path(), Provenance { limit: Some(7), ..run_of(1) }).unwrap());
+        let Results { provenance, trials, targets, timings } = Results::read(folder.path()).unwrap();
+        assert_eq!((provenance.limit, trials.len(), targets.len(), timings.len()), (Some(7), 0, 0, 0));
+    }
+}

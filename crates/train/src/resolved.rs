@@ -1,0 +1,106 @@
+use atsplat_model::ModelConfig;
+use atsplat_model::weights::StoredTensors;
+use atsplat_protocol::Preset;
+
+use crate::{Objective, SourceConfig, TrainConfig, TrainError};
+
+/// Identities of what a configuration only names: the network, the perceptual loss with its weights, and presets. Checkpoints
+/// hold them, and a run resumes with no others, although the configuration still names them in the same way.
+#[derive(Clone, Debug, Default)]
+pub struct Resolved {
+    /// Key in a checkpoint's metadata, and identity.
+    entries: Vec<(String, String)>,
+}
+
+impl Resolved {
+    /// The identities as of now.
+    ///
+    /// # Errors
+    /// [`TrainError::Protocol`] for a preset that cannot be read, and errors of hashes.
+    pub fn new(config: &TrainConfig, model: &ModelConfig, objective: &Objective) -> Result<Self, TrainError> {
+        let mut entries = vec![
+            ("model-sha256".to_owned(), model.hash()?),
+            // The hash is that of what can change a Gaussian.
+            ("model-resolution".to_owned(), model.resolution.to_string()),
+            ("perceptual-loss".to_owned(), objective.perceptual()),
+        ];
+        for (field, source) in config.sources() {
+            if let SourceConfig::Dataset(dataset) = source {
+                let preset = Preset::resolve(&dataset.preset)?;
+                entries.push((format!("{field}.dataset.preset-sha256"), preset.hash()?.to_string()));
+            }
+        }
+        Ok(Self { entries })
+    }
+
+    /// Adds the identities to a checkpoint's metadata.
+    pub(crate) fn add_to(&self, stored: &mut StoredTensors) {
+        stored.metadata.extend(self.entries.iter().cloned());
+    }
+
+    /// Refuses a checkpoint of a run with other identities; one of an earlier version does not state them.
+    pub(crate) fn check(&self, stored: &StoredTensors) -> Result<(), TrainError> {
+        for (key, found) in &self.entries {
+            if let Some(recorded) = stored.metadata.get(key).filter(|recorded| *recorded != found) {
+                let expected =
+                    format!("{recorded}, with which the run was started; start a new run from its weights instead");
+                return Err(TrainError::malformed("checkpoint", key, expected, found));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CONFIG: &str = "
+        title = 'a preset by path'
+        seed = 1
+        steps = 8
+        batch = 3
+        model = { base = 'micro' }
+        [[data]]
+        source.rooms = { scenes-of = 'rooms', scenes = 1, size = [128, 128], views = VIEWS }
+        [[data]]
+        source.dataset = { path = 'absent', preset = 'PRESET', views = VIEWS }
+    ";
+    const VIEWS: &str = "{ context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }";
+
+    #[test]
+    fn another_model_loss_or_preset_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("own.toml");
+        let text = Preset::text_of("rooms-2v-128").unwrap();
+        std::fs::write(&path, text).unwrap();
+        let config = CONFIG.replace("VIEWS", VIEWS).replace("PRESET", &path.to_string_lossy());
+        let config = TrainConfig::from_toml(&config).unwrap();
+        let (model, objective) = (config.model.config().unwrap(), Objective::new(config.losses.clone()).unwrap());
+        let now = |model: &ModelConfig| Resolved::new(&config, model, &objective).unwrap();
+        let mut stored = StoredTensors::default();
+        now(&model).check(&stored).unwrap();
+        now(&model).add_to(&mut stored);
+        assert_eq!(stored.metadata.len(), 4);
+        now(&model).check(&stored).unwrap();
+
+        let refused = |resolved: &Resolved, stored: &StoredTensors, key: &str| {
+            let error = resolved.check(stored).unwrap_err().to_string();
+            let advice = format!("{}, with which the run was started; start a new run", stored.metadata[key]);
+            assert!(error.contains(key) && error.contains(&advice), "{key}: {error}");
+        };
+        let larger = ModelConfig { resolution: atsplat_model::ImageSize::new(256, 256), ..model.clone() };
+        refused(&now(&larger), &stored, "model-resolution");
+        refused(&now(&model.with_expansion_in_first(1)), &stored, "model-sha256");
+        let mut other_loss = stored.clone();
+        other_loss.metadata.insert("perceptual-loss".to_owned(), "lpips, weights 00ff".to_owned());
+        refused(&now(&model), &other_loss, "perceptual-loss");
+
+        std::fs::write(&path, text.replace("title = \"", "title = \"Renamed: ")).unwrap();
+        now(&model).check(&stored).unwrap();
+        let changed = text.replace("principal-point = \"frozen\"", "principal-point = \"corrected\"");
+        assert_ne!(changed, text);
+        std::fs::write(&path, changed).unwrap();
+        refused(&now(&model), &stored, "data[1].source.dataset.preset-sha256");
+    }
+}
