@@ -66,7 +66,7 @@ fn fields_that_a_new_index_does_not_carry_over_are_counted() {
     let here = folder.path();
     let entry = r#"{"context": [20, 70], "target": [40], "overlap": 0.2, "note": "blurred", "weight": 2}"#;
     std::fs::write(here.join("index.json"), format!(r#"{{"a": {entry}, "b": {entry}}}"#)).unwrap();
-    let expected = ["2 × field \"note\"", "2 × field \"weight\"", "2 unknown-index-field"];
+    let expected = ["2 × field \"note\"", "2 × field \"weight\"", "2 × unknown-index-field"];
     for command in ["overlap", "extrapolate"] {
         let outcome = atsplat(here, &["protocol", command, "index.json", "-o", "out.json"]);
         let output = format!("{}{}", outcome.stdout, outcome.stderr);

@@ -124,7 +124,7 @@ mod tests {
         publish(root.path(), &other).unwrap();
         assert!(!path.exists(), "another trial's");
         publish(root.path(), &key).unwrap();
-        assert_eq!(disk::files(&folder(root.path(), &key)).unwrap(), [path.clone()]);
+        assert_eq!(disk::files(&folder(root.path(), &key)).unwrap(), std::slice::from_ref(&path));
         remove(root.path(), &other).unwrap();
         assert!(path.is_file(), "nothing of the other trial was stored");
         remove(root.path(), &key).unwrap();

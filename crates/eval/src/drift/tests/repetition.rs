@@ -2,6 +2,9 @@
 
 use super::*;
 
+/// Something that makes results another run than the one they repeat.
+type Change = fn(&mut Results);
+
 #[test]
 fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
     let run = store(false, 4, 0.5, 1);
@@ -14,7 +17,7 @@ fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
     };
     with(|_| ()).unwrap();
     with(|repeat| repeat.targets.reverse()).unwrap();
-    let cases: [(fn(&mut Results), &str); 9] = [
+    let cases: [(Change, &str); 9] = [
         (|repeat| repeat.provenance.presets[0].entries = 5, "a finished run, found a store is not done: 4 of 5"),
         (|repeat| repeat.targets.iter_mut().for_each(|row| row.scores.clear()), "expected results with scores"),
         (|repeat| repeat.provenance.presets[0].hash = "b".to_owned(), "preset sampled, hash: b instead of a"),
