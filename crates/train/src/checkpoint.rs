@@ -262,7 +262,7 @@ impl Checkpoints {
         &self,
         config: &TrainConfig,
         fresh: &Parameters,
-        backbone: &dyn Fn() -> Result<StoredTensors, TrainError>,
+        backbone: ReadBackbone<'_>,
     ) -> Result<Option<(State, Vec<String>)>, TrainError> {
         let (mut messages, mut first) = (Vec::new(), None);
         for path in self.all()?.into_values().rev() {
