@@ -47,7 +47,7 @@ pub enum Verdict {
 pub enum Basis {
     /// Bit by bit: a deterministic method on the same machine type.
     Exact,
-    /// Target by target within [`super::metric_bound`]: a deterministic method on another machine type.
+    /// Target by target within [`super::metric_bound`], or else as [`Self::Interval`]: a deterministic method on another machine type.
     Bound,
     /// The paired interval against a limit: drift if the whole interval is beyond the limit.
     Interval,
