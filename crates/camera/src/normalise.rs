@@ -3,7 +3,7 @@ mod mean_camera;
 use std::fmt;
 
 use atsplat_numeric::{Extremes, Tolerance};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::{CameraError, Similarity, WorldFromCamera};
 pub use mean_camera::MeanCameraScale;
@@ -22,6 +22,7 @@ const MAX_PAIRWISE: &str = "max-pairwise";
 pub enum PoseNormalisation {
     /// The dataset's own world: MVSplat, DepthSplat.
     #[default]
+    #[serde(deserialize_with = "no_parameters")]
     None,
     /// Divides lengths by the distance between the first and the last context view, without moving the world.
     /// pixelSplat `src/dataset/dataset_re10k.py:141-154`, NoPoSplat `:163-179`.
@@ -34,6 +35,7 @@ pub enum PoseNormalisation {
         maximum: Option<f64>,
     },
     /// The first context view becomes the world: `E ← E₀⁻¹ · E`. NoPoSplat `misc/cam_utils.py:27-41`.
+    #[serde(deserialize_with = "no_parameters")]
     FirstViewRelative,
     /// Divides lengths by the largest distance between two context views, without moving the world. YoNoSplat
     /// `src/dataset/norm_scale.py:20-55`, method `max_pairwise_d`.
@@ -68,6 +70,18 @@ pub enum PoseNormalisation {
 
 const fn baseline_minimum() -> f64 {
     BASELINE_MINIMUM
+}
+
+/// Refuses parameters of a rule that has none, which serde would ignore.
+fn no_parameters<'de, D: Deserializer<'de>>(table: D) -> Result<(), D::Error> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(
+        clippy::empty_structs_with_brackets,
+        reason = "without them, it would be read from a unit and not from a table"
+    )]
+    struct Nothing {}
+    Nothing::deserialize(table).map(|Nothing {}| ())
 }
 
 const fn one() -> f64 {
@@ -246,14 +260,18 @@ impl PoseNormalisation {
         Self::MeanCamera { scale, scene_scale: 1.0 }
     }
 
-    /// The rule's name as in a file; for a sequence, the names of its steps.
+    /// The rule's name as in a file, with what changes lengths; for a sequence, the names of its steps. Rules of the same
+    /// name transform a scene alike, unless one rejects it.
     pub fn name(&self) -> String {
         match self {
             Self::None => "none".to_owned(),
             Self::BaselineOne { .. } => BASELINE_ONE.to_owned(),
             Self::FirstViewRelative => "first-view-relative".to_owned(),
             Self::MaxPairwise { .. } => MAX_PAIRWISE.to_owned(),
-            Self::MeanCamera { scale, .. } => format!("mean-camera ({})", scale.name()),
+            Self::MeanCamera { scale, scene_scale } if is_one(scene_scale) => format!("mean-camera ({})", scale.name()),
+            Self::MeanCamera { scale, scene_scale } => {
+                format!("mean-camera ({}, scene_scale {scene_scale})", scale.name())
+            }
             Self::Sequence { steps } => steps.iter().map(Self::name).collect::<Vec<_>>().join(", then "),
         }
     }

@@ -321,6 +321,13 @@ fn near_and_far_scale_with_baselines_but_not_with_mean_cameras() {
     Tolerance::F64.assert(rules.map(multiplier), [1.0, 0.25, 1.0], "near and far");
 }
 
+/// Weights record the name of the rule that they were trained with.
+#[test]
+fn another_scale_of_the_scene_is_another_name() {
+    let of = |scene_scale| PoseNormalisation::MeanCamera { scale: MeanCameraScale::LongLrm, scene_scale }.name();
+    assert_eq!([of(1.0), of(1.35)], ["mean-camera (long-lrm)", "mean-camera (long-lrm, scene_scale 1.35)"]);
+}
+
 #[test]
 fn rules_are_parsed_by_kebab_case_names() {
     let parse = |text: &str| serde_json::from_str::<PoseNormalisation>(text);
@@ -335,6 +342,10 @@ fn rules_are_parsed_by_kebab_case_names() {
     assert_eq!(parse(sequence).unwrap(), PoseNormalisation::noposplat());
     assert_eq!(PoseNormalisation::noposplat().name(), "baseline-one, then first-view-relative");
     assert!(parse(r#"{"rule": "mean-camera", "scael": "lvsm"}"#).is_err(), "a misspelt parameter is an error");
+    for rule in ["none", "first-view-relative"] {
+        let error = parse(&format!(r#"{{"rule": "{rule}", "minimum": 0.5}}"#)).unwrap_err().to_string();
+        assert!(error.contains("unknown field `minimum`"), "{rule}: {error}");
+    }
     for rule in invariant_rules() {
         let text = serde_json::to_string(&rule).unwrap();
         assert_eq!(parse(&text).unwrap(), rule, "{text}");

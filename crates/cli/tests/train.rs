@@ -136,6 +136,40 @@ fn a_run_writes_all_its_outputs() {
     assert_eq!(wrong.code, 2);
 }
 
+#[test]
+fn a_run_starts_from_embedded_weights_by_their_name() {
+    const MICRO: &str = r#"
+title = "on from embedded weights"
+seed = 1
+steps = 8
+batch = 1
+
+[model]
+base = "micro"
+
+[[data]]
+[data.source.rooms]
+scenes-of = "rooms"
+scenes = 1
+size = [128, 128]
+samples = 1
+views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }
+"#;
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("micro.toml"), MICRO).unwrap();
+    let train = ["train", "--config", "micro.toml", "--out", "out", "--steps", "0", "--init"];
+    let unknown = atsplat(folder.path(), &[&train[..], &["micro-gardens"]].concat());
+    assert_eq!(unknown.code, 1);
+    assert!(
+        unknown.stderr.contains("micro-gardens") && unknown.stderr.contains("weights import"),
+        "{}",
+        unknown.stderr
+    );
+    succeed(folder.path(), &[&train[..], &["micro-rooms"]].concat());
+    let message = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
+    assert!(message.contains("before: 6000 rooms of the train split"), "{message}");
+}
+
 /// Reported before a scene is simulated or a folder created.
 #[test]
 fn rejects_an_untrainable_configuration_with_file_and_field() {

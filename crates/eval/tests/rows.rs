@@ -255,6 +255,32 @@ fn pictures_that_are_asked_for_later_are_added() {
     assert!(picture(1, 6).is_file());
 }
 
+/// In object storage, after a writer was killed between two uploads.
+#[test]
+fn old_pictures_beside_new_rows_are_replaced() {
+    let store = tempfile::tempdir().unwrap();
+    let run = |replaced: &[(usize, usize)]| {
+        let walls = Walls { replaced: replaced.to_vec(), ..Walls::new(2, 8) };
+        let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[6])])], nearest());
+        Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap().1.evaluated
+    };
+    let files = [("truth", 6), ("nearest-view", 6), ("context", 4)];
+    let files = files.map(|(method, frame)| stored(store.path(), method, 1, frame));
+    let read = || files.each_ref().map(|file| std::fs::read(file).unwrap());
+    let replaced = [(1, 4), (1, 6)];
+    assert_eq!(run(&[]), 2);
+    let before = read();
+    assert_eq!(run(&replaced), 1);
+    let after = read();
+    for ((file, old), new) in files.iter().zip(&before).zip(&after) {
+        assert_ne!(old, new);
+        std::fs::write(file, old).unwrap();
+        assert_eq!(run(&replaced), 1, "{}", file.display());
+        assert_eq!(std::fs::read(file).unwrap(), *new);
+    }
+    assert_eq!(run(&replaced), 0);
+}
+
 /// A page shows a row with the picture in its place, so that may not be another row's.
 #[test]
 fn pictures_of_replaced_rows_are_removed() {

@@ -116,7 +116,8 @@ pub struct FitConfig {
     pub max_gaussians: usize,
     /// Limit on the bytes of parameters, gradients, pictures and the CPU's renderer; that of a graphics adapter has its own.
     pub memory_limit: u64,
-    /// Thresholds of the renderer; Mip-Splatting replaces the blur by 0.1 square pixels.
+    /// Thresholds of the renderer, near and far in the unit of length of the views; Mip-Splatting replaces the blur by 0.1 square
+    /// pixels.
     pub constants: RendererConstants,
 }
 

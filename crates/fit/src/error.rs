@@ -37,7 +37,7 @@ pub enum FitError {
         /// What was found.
         found: String,
     },
-    /// A step cannot be used; the scene is the last good one.
+    /// A step cannot be used, or density control failed after it.
     #[error("{0}")]
     Stopped(Box<Diagnosis>),
     /// A checkpoint does not belong to this run, or is damaged.
@@ -77,7 +77,8 @@ impl FitError {
 /// Why an optimisation stopped, and the state it stopped in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
-    /// The step that failed, counted from 1; the scene is that of the step before.
+    /// The step that failed, counted from 1. The scene is that of the step before, or has this step's update too if what follows the
+    /// update failed: [`Fault::Runaway`], [`Fault::Empty`], [`Fault::Unseen`].
     pub step: u64,
     /// Name of the training view of this step.
     pub view: String,

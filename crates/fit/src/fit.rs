@@ -208,7 +208,8 @@ impl Fit {
         RenderOptions { max_sh_degree, background: self.background(None), ..self.options.clone() }
     }
 
-    /// Takes the next step. After an error the scene is that of the last good step.
+    /// Takes the next step. If density control fails, the optimiser's update stays, and the step counts as done; after any other error
+    /// the scene is that of the step before.
     ///
     /// # Errors
     /// [`FitError::Stopped`] with a diagnosis, such as that of a lost device; [`FitError::Splat`] if the renderer needs more
@@ -252,7 +253,12 @@ impl Fit {
             seed: self.config.seed,
             limit: self.limit,
         };
-        let changes = self.density.after_step(&mut self.scene, &at).map_err(|error| match error {
+        let density = self.density.after_step(&mut self.scene, &at);
+        let changes = density.as_ref().copied().unwrap_or_default();
+        self.step = step;
+        let record = StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes };
+        self.history.add_step(&record);
+        density.map_err(|error| match error {
             DensityError::Fault(fault) => self.stopped(step, number, fault),
             DensityError::Splat(error) => error.into(),
         })?;
@@ -260,9 +266,6 @@ impl Fit {
         if changes.of_gaussians() || (late && step.is_multiple_of(FILTER_EVERY)) {
             self.filter().map_err(|fault| self.stopped(step, number, fault))?;
         }
-        self.step = step;
-        let record = StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes };
-        self.history.add_step(&record);
         Ok(record)
     }
 

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_camera::{CameraError, CameraFromWorld, Similarity};
+use atsplat_camera::Similarity;
 use serde::Serialize;
 
 use crate::{Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
@@ -24,6 +24,8 @@ pub struct FitRecord {
     pub dropped: usize,
     /// Of the scene, in units of the data.
     pub extent: f64,
+    /// Its extent is in units of the data; near and far of its renderer's constants are in the unit of length of the views, which is
+    /// the network's after `--refine`.
     pub configuration: FitConfig,
     /// Graphics adapter and driver, or `cpu`.
     pub device: String,
@@ -63,20 +65,16 @@ impl Fit {
         if self.config.pose_rate.is_none() && self.config.exposure_rate.is_none() {
             return Ok(Vec::new());
         }
+        let old_from_new = new_from_old.inverse();
         let correction = |(number, view): (usize, &TrainingView)| {
             let found = self.optimised_view(number)?.unwrap_or(view.view);
             let exposure = self.exposure(number).map(|exposure| exposure.to_3dgs());
-            let camera_from_world = in_old_world(&found.camera.camera_from_world, new_from_old)?.to_rows().to_vec();
+            let pose = old_from_new.new_pose_from_old(&found.camera.camera_from_world.inverse())?;
+            let camera_from_world = pose.inverse().to_rows().to_vec();
             Ok(Correction { view: view.name.clone(), camera_from_world, exposure })
         };
         self.views.iter().enumerate().map(correction).collect()
     }
-}
-
-/// The same camera in the old world, in whose unit of length its translation is then.
-fn in_old_world(pose: &CameraFromWorld, new_from_old: &Similarity) -> Result<CameraFromWorld, CameraError> {
-    let rotation = pose.rotation() * new_from_old.rotation;
-    CameraFromWorld::new(rotation, pose.translation() / new_from_old.scale - rotation * new_from_old.origin)
 }
 
 /// A run for its reader.

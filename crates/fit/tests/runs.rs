@@ -254,14 +254,48 @@ fn a_runaway_count_stops_with_the_last_good_state() {
     let config = FitConfig { max_gaussians: 152, ..config(Strategy::Gaussians3d, 300) };
     let mut fit = Fit::new(config, views().0, &start(Strategy::Gaussians3d, 150)).unwrap();
     let error = (0..300).find_map(|_| fit.step().err()).expect("growth beyond two Gaussians");
-    match error {
-        FitError::Stopped(diagnosis) => match diagnosis.fault {
-            Fault::Runaway { wanted, limit } => assert!(wanted > 152 && limit == 152, "{wanted} of {limit}"),
-            other => panic!("{other}"),
-        },
+    let FitError::Stopped(diagnosis) = error else { panic!("{error}") };
+    match diagnosis.fault {
+        Fault::Runaway { wanted, limit } => assert!(wanted > 152 && limit == 152, "{wanted} of {limit}"),
         other => panic!("{other}"),
     }
     assert!(fit.len() <= 152 && fit.gaussians().validate().is_clean());
+    // The first change of density fails, and all before it is what refinement does. The step counts, as its update is there.
+    let steps = fit.step_count();
+    assert_eq!((steps, fit.history().losses.len() as u64), (diagnosis.step, diagnosis.step));
+    let refinement = FitConfig { strategy: Strategy::Fixed, ..fit.config().clone() };
+    let mut fixed = Fit::new(refinement, views().0, &start(Strategy::Gaussians3d, 150)).unwrap();
+    run(&mut fixed, steps);
+    assert!(fit.gaussians() == fixed.gaussians(), "after {steps} steps");
+}
+
+/// Gaussians of a Mip-Splatting file have filters. Of two, one is dead: it becomes a copy of the other.
+#[test]
+fn relocated_gaussians_have_the_filter_of_their_source() {
+    let parts = GaussianParts {
+        means: vec![[0.0; 3], [1.0; 3]],
+        quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+        log_scales: vec![[-2.0; 3]; 2],
+        opacity_logits: vec![-9.0, 1.0],
+        sh: vec![[0.5; 3]; 2],
+        filter_3d: Some(vec![0.5, 0.125]),
+        ..GaussianParts::default()
+    };
+    let mut scene = atsplat_fit::Scene::new(Gaussians::new(parts).unwrap());
+    let at = atsplat_fit::density::StepContext {
+        step: 100,
+        schedule: atsplat_fit::Schedule::of(3000),
+        extent: 4.0,
+        means_rate: 0.0,
+        white: false,
+        seed: 0,
+        limit: 2,
+    };
+    let changes =
+        atsplat_fit::density::DensityControl::after_step(&mut atsplat_fit::density::Mcmc, &mut scene, &at).unwrap();
+    assert_eq!((changes.relocated, changes.added), (1, 0));
+    let found = scene.gaussians().into_parts();
+    assert_eq!((found.means, found.filter_3d), (vec![[1.0; 3]; 2], Some(vec![0.125; 2])));
 }
 
 #[test]

@@ -61,16 +61,15 @@ fn identity(url: &str, Object { name, bytes, tag }: &Object) -> String {
 /// Puts a blob into a tree, in place of the empty file.
 pub(crate) fn link(blob: &Path, file: &Path) -> Result<(), ObjectError> {
     let linked = || -> io::Result<()> {
-        let hash = atsplat_files::name_of(blob);
-        let temporary = file.with_file_name(format!(".{hash}-{}.{}", std::process::id(), atsplat_files::PARTIAL));
+        // A name that nobody else uses: a copy over another link to the blob would empty the blob first.
+        let folder = tempfile::tempdir_in(file.parent().unwrap_or(file))?;
+        let temporary = folder.path().join("content");
         if fs::hard_link(blob, &temporary).is_err() {
             // Not every file system has links, and none has any number of them.
             fs::copy(blob, &temporary)?;
         }
-        fs::rename(&temporary, file)?;
-        // Renaming between links to one file does nothing.
-        fs::remove_file(&temporary)
-            .or_else(|error| if error.kind() == io::ErrorKind::NotFound { Ok(()) } else { Err(error) })
+        // Renaming between links to one file does nothing; what is left is removed with its folder.
+        fs::rename(&temporary, file)
     };
     linked().map_err(FileError::during("placing a copy of an object", file))
 }
@@ -105,5 +104,23 @@ mod unit_tests {
             assert_eq!(fs::read(&file).unwrap(), b"content");
             assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
         }
+    }
+
+    /// Two mirrors of one URL in a process, for example.
+    #[test]
+    fn links_that_are_made_at_once_leave_the_content() {
+        let folder = tempfile::tempdir().unwrap();
+        let [blob, file] = ["blob", "file"].map(|name| folder.path().join(name));
+        fs::write(&blob, "content").unwrap();
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..50 {
+                        link(&blob, &file).unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!([&blob, &file].map(|path| fs::read_to_string(path).unwrap()), ["content"; 2]);
     }
 }

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use atsplat_camera::Camera;
-use atsplat_scene::{Picture, Scene, SceneSource, Warnings};
+use atsplat_scene::{Picture, Scene, SceneSource, WarningKind, Warnings};
 use serde::{Deserialize, Serialize};
 
 use crate::loading::{in_parallel, load};
@@ -49,7 +49,8 @@ pub struct BuiltIndex {
     pub entries: usize,
     /// Number of scenes without an entry, by [`NoEntry::name`].
     pub nulls: BTreeMap<&'static str, usize>,
-    /// Sampled entries that the overlap rule rejected. A scene that lost all of them is counted in `nulls` too.
+    /// Sampled entries that the overlap rule rejected, or whose overlap could not be measured. A scene that lost all of them
+    /// is counted in `nulls` too.
     pub refused_entries: usize,
     /// Frames excluded from sampling because their picture files are missing.
     pub missing_pictures: usize,
@@ -68,7 +69,8 @@ impl IndexBuilder {
     /// missing picture file are excluded from sampling, but frame numbers still count them.
     ///
     /// `progress` is called once per scene, from any thread. Unreadable scenes become `null` and add a
-    /// [`atsplat_scene::WarningKind::UnreadableScene`].
+    /// [`WarningKind::UnreadableScene`]; an entry whose pictures cannot be read for its overlap is rejected and adds a
+    /// [`WarningKind::UnreadablePicture`].
     pub fn build(&self, source: &dyn SceneSource, progress: &(dyn Fn() + Sync), warnings: &mut Warnings) -> BuiltIndex {
         let outcomes = in_parallel(source.keys(), warnings, |key, warnings| {
             let outcome = self.build_scene(key, source, warnings);
@@ -96,25 +98,25 @@ impl IndexBuilder {
     }
 
     fn build_scene(&self, key: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Outcome {
-        let mut scene = match load(source, key, warnings) {
+        let scene = match load(source, key, warnings) {
             Ok(scene) => scene,
             Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0 },
         };
-        let all = scene.frames.len();
-        let frame_numbers = remove_missing_pictures(&mut scene);
-        let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
+        let frames = scene.frames.iter().enumerate();
+        let present = frames.filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_)));
+        let (frame_numbers, cameras): (Vec<usize>, Vec<Camera>) =
+            present.map(|(number, frame)| (number, frame.camera)).unzip();
         let mut refused = 0;
         let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
+            let sampled: Vec<_> = sampled.into_iter().map(|entry| renumbered(entry, &frame_numbers)).collect();
             let Some(rule) = self.overlap else { return Ok(sampled) };
             let sampled_count = sampled.len();
-            let (kept, last_reason) = rule.keep(&scene, sampled);
+            let (kept, last_reason) = rule.keep(&scene, sampled, warnings);
             refused = sampled_count - kept.len();
             // No reason means that nothing was sampled, which samplers report as an error of their own.
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
-        let entries =
-            entries.map(|entries| entries.into_iter().map(|entry| renumbered(entry, &frame_numbers)).collect());
-        Outcome { entries, refused, missing: all - frame_numbers.len() }
+        Outcome { entries, refused, missing: scene.frames.len() - frame_numbers.len() }
     }
 }
 
@@ -128,15 +130,7 @@ struct Outcome {
     missing: usize,
 }
 
-/// Removes frames with a missing picture file; returns the original numbers of the others.
-fn remove_missing_pictures(scene: &mut Scene) -> Vec<usize> {
-    let frames = std::mem::take(&mut scene.frames).into_iter().enumerate();
-    let (numbers, present) = frames.filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_))).unzip();
-    scene.frames = present;
-    numbers
-}
-
-/// The entry with the original frame numbers of the scene.
+/// The entry with the scene's numbers of the frames that the sampler was given.
 fn renumbered(entry: IndexEntry, frame_numbers: &[usize]) -> IndexEntry {
     #[expect(clippy::expect_used, reason = "samplers choose among the frames that they are given")]
     let original = |frame: usize| *frame_numbers.get(frame).expect("a frame that the sampler was given");
@@ -149,7 +143,12 @@ fn renumbered(entry: IndexEntry, frame_numbers: &[usize]) -> IndexEntry {
 
 impl OverlapRule {
     /// The entries within the bounds, with their overlap, and why the last of the others was rejected.
-    fn keep(&self, scene: &Scene, sampled: Vec<IndexEntry>) -> (Vec<IndexEntry>, Option<NoEntry>) {
+    fn keep(
+        &self,
+        scene: &Scene,
+        sampled: Vec<IndexEntry>,
+        warnings: &mut Warnings,
+    ) -> (Vec<IndexEntry>, Option<NoEntry>) {
         let mut kept = Vec::new();
         let mut last_reason = None;
         for mut entry in sampled {
@@ -166,7 +165,12 @@ impl OverlapRule {
                         maximum: self.maximum.to_string(),
                     });
                 }
-                Err(reason) => last_reason = Some(reason),
+                Err(reason) => {
+                    if let NoEntry::Unreadable(detail) = &reason {
+                        warnings.push(WarningKind::UnreadablePicture, scene.key.as_str(), detail.as_str());
+                    }
+                    last_reason = Some(reason);
+                }
             }
         }
         (kept, last_reason)
@@ -177,7 +181,7 @@ impl OverlapRule {
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    use atsplat_scene::WarningKind;
+    use atsplat_scene::SharedBytes;
 
     use super::*;
     use crate::test_source::{MemorySource, scene};
@@ -267,5 +271,23 @@ mod tests {
         assert_eq!((built.scenes, built.nulls["unreadable"]), (1, 1));
         assert!(built.index.scenes["lost"].is_empty());
         assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
+    }
+
+    #[test]
+    fn entries_rejected_for_an_unreadable_picture_are_warned_of() {
+        let mut garbled = scene("garbled", 12, 0);
+        garbled.frames[1].picture = Picture::Missing("1.png".into());
+        garbled.frames[10].picture = Picture::Encoded(SharedBytes::new(b"no picture".to_vec()));
+        let source = MemorySource::new([garbled, scene("whole", 12, 0)]);
+        let half: FeatureOverlap = |_, _| Ok(0.5);
+        let rule = builder(&format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'feature-coverage' }}\n"));
+        let mut warnings = Warnings::new();
+        let built = rule.with_features(Some(half)).build(&source, &|| (), &mut warnings);
+        let measured = Overlap { value: 0.5, estimator: Some("feature-coverage".to_owned()) };
+        assert_eq!(built.index.scenes["whole"][0].overlap, Some(measured));
+        assert_eq!((built.nulls["unreadable"], built.refused_entries), (1, 1));
+        assert_eq!(warnings.count(WarningKind::UnreadablePicture), 1);
+        let named = warnings.kept().iter().any(|warning| warning.detail.starts_with("frame 10 of scene \"garbled\": "));
+        assert!(named, "counted with the missing frame: {:?}", warnings.kept());
     }
 }

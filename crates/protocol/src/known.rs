@@ -17,7 +17,7 @@ pub struct KnownIndex {
     pub sha256: Sha256Digest,
     /// [`crate::EvaluationIndex::content_hash`], so that a reformatted copy is recognised too.
     pub content: Sha256Digest,
-    /// [`crate::EvaluationIndex::context_gaps_hash`], which identifies a split that shifted this index's windows.
+    /// [`crate::EvaluationIndex::context_gaps_hash`], which is also that of any split that shifts this index's windows.
     pub gaps: Sha256Digest,
     /// What to know before comparing numbers on it.
     pub notes: &'static str,

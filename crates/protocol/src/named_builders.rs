@@ -99,13 +99,17 @@ impl IndexBuilder {
                 let (least, most) = (pairs.min_distance.get(), pairs.max_distance);
                 checks.push(gaps("min-distance and max-distance", least, most));
             }
-            Sampler::Bounded(Bounded { context_views, gaps: schedule, .. }) => {
+            Sampler::Bounded(Bounded { context_views, gaps: schedule, min_distance_to_context, .. }) => {
                 let views = context_views.get();
                 let expected = "at least the two ends of the window";
                 checks.push((views >= 2, "context-views".to_owned(), expected, views.to_string()));
                 checks.push(gaps("gaps, min and max", schedule.min, schedule.max));
                 let (least, most) = (schedule.initial_min, schedule.initial_max);
                 checks.push(gaps("gaps, initial-min and initial-max", least, most));
+                let least = min_distance_to_context.saturating_mul(2).max(views.saturating_sub(1));
+                let expected = "a gap that holds the context views and twice min-distance-to-context";
+                let found = format!("{}, where {least} are needed", schedule.max);
+                checks.push((schedule.max >= least, "gaps, max".to_owned(), expected, found));
                 if let Some((names, initial, last)) = schedule.falling() {
                     let (field, found) = (format!("gaps, {names}"), format!("{initial} and {last}"));
                     checks.push((false, field, "a bound that does not fall during the warm-up", found));
@@ -158,6 +162,8 @@ mod tests {
         for (text, expected) in [
             (bounded.replace("views = 2", "views = 1"), "context-views"),
             (bounded.replace("max = 9", "max = 3"), "4 and 3"),
+            (bounded.replace("context-views = 2", "context-views = 12"), "found 9, where 11 are needed"),
+            (format!("{bounded}min-distance-to-context = 5\n"), "found 9, where 10 are needed"),
             (bounded.replace("max = 9", "max = 9, initial-min = 8, initial-max = 7"), "8 and 7"),
             (
                 bounded.replace("max = 9", "max = 9, initial-min = 6, initial-max = 7, warm-up-steps = 100"),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
+use atsplat_splat::{Field, GaussianParts, MAX_SH_DEGREE, Problem, sh_coefficients};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -57,8 +57,20 @@ impl Gaussians {
             let mut notes = Vec::new();
             if opacities_as_stored {
                 gaussians = gaussians.with_linear_opacities();
+                // Import has dropped those that were NaN before.
+                let lost = gaussians.validate().count(Field::OpacityLogits, Problem::NotANumber);
+                if lost > 0 {
+                    let all = gaussians.len();
+                    notes.push(format!("{lost} of {all} opacities are not in [0, 1], but NaN now: they may be logits"));
+                }
             } else if import.opacities_may_be_no_logits {
                 notes.push("every stored opacity is in [0, 1]: they may be opacities, not logits".to_owned());
+            }
+            if import.antialiased == Some(true) {
+                notes.push("trained with antialiasing: render it with antialiased=True".to_owned());
+            }
+            if !import.unused.is_empty() {
+                notes.push(format!("unused fields of the file: {}", import.unused.join(", ")));
             }
             notes.extend(import.validation.findings.iter().map(ToString::to_string));
             Ok((Self(Arc::new(gaussians)), notes))
@@ -66,10 +78,13 @@ impl Gaussians {
     }
 
     /// Writes a file by its extension.
-    fn write(&self, py: Python<'_>, path: PathBuf) -> Result<(), Failure> {
+    fn write(&self, py: Python<'_>, path: PathBuf, antialiased: bool) -> Result<(), Failure> {
         let output = match path.extension().and_then(|extension| extension.to_str()) {
+            Some("ply") if antialiased => {
+                return Err(Failure::invalid("antialiased", "expected a path that ends in .spz, found .ply"));
+            }
             Some("ply") => Output::Ply(Encoding::BinaryLittleEndian),
-            Some("spz") => Output::Spz3 { antialiased: false },
+            Some("spz") => Output::Spz3 { antialiased },
             other => {
                 let found = other.unwrap_or("no extension");
                 return Err(Failure::invalid("path", format!("expected .ply or .spz, found {found}")));

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
 use atsplat_protocol::{IndexBuilder, Preset};
 use atsplat_scene::{
-    ColmapOptions, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, SceneSource, Warnings,
+    ColmapOptions, Format, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, SceneSource, Warnings,
 };
 use pyo3::prelude::*;
 
@@ -81,6 +81,7 @@ impl Protocol {
     ) -> Result<Data, Failure> {
         work(py, || {
             let mut warnings = Warnings::new();
+            let (has_frames, has_images) = (frames.is_some(), images.is_some());
             let pictures = match images {
                 None => PictureFolder::default(),
                 Some(1) => PictureFolder::Listed,
@@ -92,10 +93,15 @@ impl Protocol {
                 colmap: ColmapOptions { pictures, images_root: frames },
                 ..OpenOptions::default()
             };
-            let source: Arc<dyn SceneSource> = Arc::new(atsplat_scene::open_with(&data, &options, &mut warnings)?);
+            let opened = atsplat_scene::open_with(&data, &options, &mut warnings)?;
+            check_is_read(opened.format, has_frames, has_images)?;
+            let source: Arc<dyn SceneSource> = Arc::new(opened);
             let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;
             let index = match (sampler.as_deref().zip(rule.as_ref()), &index) {
-                (Some((name, rule)), _) => IndexChoice::Sampled(name, rule),
+                (Some(_), Some(_)) => {
+                    return Err(Failure::invalid("sampler", "expected an index or a sampler, found both"));
+                }
+                (Some((name, rule)), None) => IndexChoice::Sampled(name, rule),
                 (None, Some(path)) => IndexChoice::At(path),
                 (None, None) => IndexChoice::NextToData,
             };
@@ -104,6 +110,20 @@ impl Protocol {
             Ok(Data { dataset: Arc::new(dataset), warnings })
         })
     }
+}
+
+/// Refuses arguments that datasets of this format do not read.
+fn check_is_read(format: Format, has_frames: bool, has_images: bool) -> Result<(), Failure> {
+    let (is_re10k, is_colmap) = (format == Format::Re10k, format == Format::Colmap);
+    for (name, given, is_read, what) in [
+        ("frames", has_frames, is_re10k || is_colmap, "RE10K trajectories or a COLMAP model"),
+        ("images", has_images, is_colmap || format == Format::Nerfstudio, "captures of nerfstudio or COLMAP"),
+    ] {
+        if given && !is_read {
+            return Err(Failure::invalid(name, format!("expected {what}, found a dataset in the format {format}")));
+        }
+    }
+    Ok(())
 }
 
 #[pymethods]

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -140,6 +141,35 @@ def test_filter_and_uncertainty_survive_copies_and_pickling(tmp_path):
         assert same(found, read)
     without = gaussians()
     assert without.filter_3d is None and without.scalars is None and not same(without, read)
+
+
+def test_what_gaussians_cannot_keep_of_a_file_is_a_warning(tmp_path):
+    made = gaussians()
+    made.write(tmp_path / "smooth.spz", antialiased=True)
+    with pytest.warns(UserWarning, match="antialiased=True"):
+        atsplat.Gaussians.read(tmp_path / "smooth.spz")
+    made.write(tmp_path / "classic.spz")
+    made.write(tmp_path / "classic.ply")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        atsplat.Gaussians.read(tmp_path / "classic.spz")
+        atsplat.Gaussians.read(tmp_path / "classic.ply")
+    with pytest.raises(atsplat.InvalidError) as raised:
+        made.write(tmp_path / "smooth.ply", antialiased=True)
+    assert raised.value.field == "antialiased" and not (tmp_path / "smooth.ply").exists()
+    stored = (tmp_path / "classic.ply").read_bytes()
+    (tmp_path / "named.ply").write_bytes(stored.replace(b"property float nx", b"property float age"))
+    with pytest.warns(UserWarning, match="property age"):
+        atsplat.Gaussians.read(tmp_path / "named.ply")
+
+
+def test_logits_that_are_read_as_opacities_are_a_warning(tmp_path):
+    shape = {"scales": np.ones((2, 3)), "colours": np.zeros((2, 3))}
+    made = atsplat.Gaussians(np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, opacity_logits=[2.0, 0.75], **shape)
+    made.write(tmp_path / "logits.ply")
+    with pytest.warns(UserWarning, match="1 of 2 opacities"):
+        read = atsplat.Gaussians.read(tmp_path / "logits.ply", opacities_as_stored=True)
+    assert np.isnan(read.opacity_logits).tolist() == [True, False] and np.isclose(read.opacity_logits[1], np.log(3))
 
 
 def test_plain_parameters_are_converted():

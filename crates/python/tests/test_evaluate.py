@@ -13,6 +13,7 @@ import pytest
 from conftest import INDEX, PROTOCOL, SCENES, nearest
 
 import atsplat
+from atsplat import _methods
 
 
 def scores(store, method):
@@ -207,6 +208,16 @@ def test_an_interrupted_trial_is_never_stored(rooms, tmp_path):
         with pytest.raises(KeyboardInterrupt):
             atsplat.evaluate(interrupted, PROTOCOL, data=rooms, index=INDEX, out=store)
         assert atsplat.open_store(store).trials() == []
+
+
+@pytest.mark.parametrize("field, given", [("name", "mine"), ("title", "Mine"), ("parameters", {"depth": 3}), ("setting", "NoPoSplat")])
+def test_what_a_built_in_method_would_ignore_is_an_error(field, given):
+    plain = {"name": None, "title": None, "parameters": {}, "setting": "atsplat", "deterministic": False}
+    assert json.loads(_methods.record("warp", **plain))["title"] == "plane warp"
+    assert json.loads(_methods.record(nearest, **{**plain, field: given}))["kind"] == "python"
+    with pytest.raises(atsplat.InvalidError) as raised:
+        _methods.record("warp", **{**plain, field: given})
+    assert raised.value.field == field
 
 
 def test_settings_are_checked(rooms, tmp_path):

@@ -43,6 +43,12 @@ def test_a_data_loader_gives_the_trials(trials, rooms, workers):
     assert "target_images" not in TrialDataset(PROTOCOL, rooms, index=INDEX, limit=1)[0]
 
 
+def test_entries_without_a_trial_are_a_warning(rooms):
+    with pytest.warns(UserWarning, match=f"{SCENES} of {SCENES} entries"):
+        dataset = TrialDataset("re10k-2v-256", rooms, index=INDEX)
+    assert len(dataset) == 0 and len(dataset.skipped) == SCENES and "128" in dataset.skipped[0].detail
+
+
 def baseline_of(rooms, folder):
     # One mean over three scenes has no interval: methods that are deterministic are compared bit by bit.
     store = atsplat.evaluate(Blend(), PROTOCOL, data=rooms, index=INDEX, out=folder / "good", deterministic=True)

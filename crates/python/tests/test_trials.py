@@ -98,6 +98,16 @@ def test_open_data_keeps_its_protocol_and_index(data):
         assert raised.value.field == "data"
 
 
+@pytest.mark.parametrize("options, field", [
+    ({"index": INDEX, "sampler": "re10k-2v"}, "sampler"),
+    ({"index": INDEX, "images": 8}, "images"),
+])
+def test_options_that_would_be_ignored_are_errors(rooms, options, field):
+    with pytest.raises(atsplat.InvalidError) as raised:
+        atsplat.protocol(PROTOCOL).open(rooms, **options)
+    assert raised.value.field == field
+
+
 def test_errors_name_file_and_field(rooms, tmp_path):
     with pytest.raises(atsplat.InvalidError, match="re10k-2v-256") as raised:
         atsplat.protocol("re10k")

@@ -138,14 +138,18 @@ fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
     Ok(path)
 }
 
-/// Labels of stores: the folder's name, with a number if several have the same.
+/// Labels of stores, all different: the folder's name, with a number if several have the same.
 pub fn store_labels(stores: &[PathBuf]) -> Vec<String> {
     let names: Vec<String> = stores.iter().map(|path| atsplat_files::name_of(path)).collect();
-    let label = |(at, own): (usize, &String)| {
+    let mut labels: Vec<String> = Vec::new();
+    for (at, own) in names.iter().enumerate() {
         let twins = names.iter().filter(|other| *other == own).count();
-        if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() }
-    };
-    names.iter().enumerate().map(label).collect()
+        let label = if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() };
+        // A folder may have the name that another label got.
+        let label = unused(&label, |label| labels.iter().any(|other| other == label));
+        labels.push(label);
+    }
+    labels
 }
 
 #[cfg(test)]
@@ -157,6 +161,8 @@ mod tests {
     fn stores_of_the_same_name_get_distinct_labels() {
         let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
         assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "other"]);
+        let stores = ["a/run", "b/run", "c/run (1)"].map(PathBuf::from);
+        assert_eq!(store_labels(&stores), ["run (1)", "run (2)", "run (1)-2"]);
     }
 
     /// Both labels are `a-b` in file names.

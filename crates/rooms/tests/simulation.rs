@@ -224,6 +224,18 @@ fn a_given_route_keeps_its_shape() {
     Tolerance::F64.assert([up.z], [-1.0], "the first camera is upright");
 }
 
+/// The second camera lies far outside at every scale, so that the first place is as good as any.
+#[test]
+fn the_share_of_the_given_speed_is_that_of_the_chosen_place() {
+    let k = NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap();
+    let at = |z: f64| Camera::pinhole(CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(0.0, 0.0, z)).unwrap(), k);
+    let route = Route::Given(vec![(0, at(0.0)), (33_333, at(-1e6))]);
+    let request = Request { route, effects: EffectChoice::None, ..request(SceneKind::Rooms, 8) };
+    let simulation = Simulation::new(request).unwrap();
+    let [first, last] = [0, 1].map(|shot: usize| simulation.shots()[shot].camera.camera_from_world.inverse().centre());
+    Tolerance::relative(1e-9).assert([first.distance(last)], [1e6 * simulation.slowed_to()], "length of the path");
+}
+
 #[test]
 fn paths_keep_clear_of_objects_at_almost_the_drawn_speed() {
     let mut slowed = 0;

@@ -17,7 +17,7 @@ use std::time::Instant;
 
 use atsplat_camera::ImageSize;
 use atsplat_model::network::{Device, Forward, GaussianTensors, Network};
-use atsplat_model::weights::{ModelWeights, StoredTensors};
+use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 use atsplat_scene::Warnings;
 use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
 use atsplat_train::samples::{Sample, SampleId, Source as _};
@@ -34,10 +34,11 @@ type Failure = Box<dyn Error + Send + Sync>;
 fn main() -> Result<(), Failure> {
     let mut args = std::env::args().skip(1).map(PathBuf::from);
     let config = TrainConfig::read(&args.next().ok_or("usage: time_step EXPERIMENT [WEIGHTS]")?)?;
-    let start = args.next().map_or(Start::Fresh, Start::Weights);
+    let given = args.next().map(|path| TensorFile::open(&path)).transpose()?;
+    let start = given.map_or(Start::Fresh, Start::Weights);
     let model = config.model.config()?;
     let weights = match &start {
-        Start::Weights(path) => ModelWeights::read(path)?.tensors,
+        Start::Weights(file) => ModelWeights::of_file(file)?.tensors,
         _ => Parameters::fresh(&model, config.seed, StoredTensors::default()).stored()?,
     };
     let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&weights)?;

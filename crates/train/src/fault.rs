@@ -41,7 +41,9 @@ pub enum FaultKind {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Diagnosis {
-    /// The faults in a row, oldest first.
+    /// Number of the latest steps that were skipped in a row.
+    pub in_a_row: u32,
+    /// Their faults, oldest first, without those of before the run was resumed, which its log holds.
     pub faults: Vec<Fault>,
     /// Parameters with values that are not finite, and how many values.
     pub parameters: Vec<(String, usize)>,
@@ -66,7 +68,11 @@ impl fmt::Display for Fault {
 
 impl fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "training stopped: {} steps in a row could not be used", self.faults.len())?;
+        write!(f, "training stopped: {} steps in a row could not be used", self.in_a_row)?;
+        match (self.in_a_row as usize).saturating_sub(self.faults.len()) {
+            0 => {}
+            before => write!(f, ", {before} of them before the run was resumed")?,
+        }
         for fault in &self.faults {
             write!(f, "\n  {fault}")?;
         }

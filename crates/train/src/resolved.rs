@@ -2,10 +2,12 @@ use atsplat_model::ModelConfig;
 use atsplat_model::weights::StoredTensors;
 use atsplat_protocol::Preset;
 
+use crate::samples::Source;
 use crate::{Objective, SourceConfig, TrainConfig, TrainError};
 
-/// Identities of what a configuration only names: the network, the perceptual loss with its weights, and presets. Checkpoints
-/// hold them, and a run resumes with no others, although the configuration still names them in the same way.
+/// Identities of what a configuration only names: the network, the perceptual loss with its weights, presets, and the lists of a
+/// dataset's scenes. Checkpoints hold them, and a run resumes with no others, although the configuration still names them in the same
+/// way.
 #[derive(Clone, Debug, Default)]
 pub struct Resolved {
     /// Key in a checkpoint's metadata, and identity.
@@ -31,6 +33,17 @@ impl Resolved {
             }
         }
         Ok(Self { entries })
+    }
+
+    /// The same with the lists of scenes that samples of the training and of the evaluation are drawn from: in a longer list, the same
+    /// draw is of another scene.
+    #[must_use]
+    pub fn with_scenes(mut self, samples: &dyn Source, evaluation: Option<&dyn Source>) -> Self {
+        let of_training = samples.scene_lists().into_iter();
+        let of_evaluation = evaluation.into_iter().flat_map(Source::scene_lists);
+        let of_evaluation = of_evaluation.map(|(field, sha256)| (format!("evaluation.source.{field}"), sha256));
+        self.entries.extend(of_training.chain(of_evaluation).map(|(field, sha256)| (field, sha256.to_string())));
+        self
     }
 
     /// Adds the identities to a checkpoint's metadata.

@@ -80,6 +80,8 @@ pub struct Trainer {
     opening_warnings: Warnings,
     /// Warnings that were reported.
     reported_warnings: Warnings,
+    /// Number of scenes whose refused draws were reported.
+    reported_refusals: usize,
     folder: PathBuf,
 }
 
@@ -140,7 +142,12 @@ impl Trainer {
         let template = Network::new(&model, &device.clone().autodiff())?;
         let objective = objective_on(processor, &config, &template)?;
         let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
-        let resolved = Resolved::new(&config, &model, &objective)?;
+        let mut opening_warnings = Warnings::new();
+        let evaluated = match &config.evaluation {
+            Some(own) => Some(own.source.open(&config.pose_normalisation, None, &mut opening_warnings)?),
+            None => None,
+        };
+        let resolved = Resolved::new(&config, &model, &objective)?.with_scenes(samples.as_ref(), evaluated.as_deref());
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved)?;
         let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
         let features = match &config.model.feature_cache {
@@ -158,13 +165,12 @@ impl Trainer {
             notices.push(slow.to_owned());
         }
         notices.extend(samples.notices());
-        let mut opening_warnings = Warnings::new();
-        let evaluation = evaluation_of(&config, &mut notices, &mut opening_warnings)?;
+        let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
         let resident = match processor {
             Processor::Cpu => None,
             Processor::Wgpu(_) => Some(Resident::new(&state, &template)?),
         };
-        if let Start::Weights(_) = start {
+        if start.file().is_some() {
             // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
             checkpoints.write(&state, &config)?;
         }
@@ -188,6 +194,7 @@ impl Trainer {
             notices,
             opening_warnings,
             reported_warnings: Warnings::new(),
+            reported_refusals: 0,
             folder: folder.to_owned(),
         })
     }
@@ -282,7 +289,8 @@ impl Trainer {
         self.report_checkpoint(on_event)
     }
 
-    /// Reports each kind of warning whose count grew since the last report, with its first example.
+    /// Reports each kind of warning whose count grew since the last report, with its first example, and refused draws if they are of
+    /// more scenes.
     fn report_warnings(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) {
         let warnings = self.warnings();
         for (kind, count) in warnings.counts().filter(|(kind, count)| *count > self.reported_warnings.count(*kind)) {
@@ -291,6 +299,11 @@ impl Trainer {
             on_event(&Event::Notice(&format!("warning: {count} × {kind}{example}")));
         }
         self.reported_warnings = warnings;
+        let refused = self.samples.refused();
+        if refused.scenes.len() > self.reported_refusals {
+            self.reported_refusals = refused.scenes.len();
+            on_event(&Event::Notice(&refused.to_string()));
+        }
     }
 
     fn evaluate(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
@@ -379,15 +392,17 @@ fn objective_on(processor: Processor, config: &TrainConfig, template: &Network) 
 /// The evaluation on fixed samples, if the configuration has one.
 fn evaluation_of(
     config: &TrainConfig,
+    source: Option<&dyn Source>,
     notices: &mut Vec<String>,
     warnings: &mut Warnings,
 ) -> Result<Option<Evaluation>, TrainError> {
-    let Some(settings) = &config.evaluation else { return Ok(None) };
-    let source = settings.source.open(&config.pose_normalisation, None, warnings)?;
+    let (Some(settings), Some(source)) = (&config.evaluation, source) else { return Ok(None) };
     let background = config.losses.background;
-    let evaluation = Evaluation::new(source.as_ref(), config.seed, settings.samples.get(), background)?;
+    let evaluation = Evaluation::new(source, config.seed, settings.samples.get(), background)?;
     warnings.merge(source.warnings());
-    notices.extend(source.notices().into_iter().map(|notice| format!("evaluation: {notice}")));
+    let refused = Some(source.refused()).filter(|refused| refused.count > 0);
+    let own = source.notices().into_iter().chain(refused.map(|refused| refused.to_string()));
+    notices.extend(own.map(|notice| format!("evaluation: {notice}")));
     Ok(Some(evaluation))
 }
 

@@ -10,9 +10,12 @@ use atsplat_model::network::Processor;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
 
+use crate::embedded;
 use crate::output::{PendingFile, print_text};
 use report::Live;
 
+/// What `--init` expects.
+const INITIAL: &str = "a weights file of this toolkit, which `atsplat weights import` makes from a PyTorch checkpoint";
 /// Rows of the contact sheet, and targets of each.
 const SHEET: (usize, usize) = (8, 3);
 
@@ -30,7 +33,7 @@ pub(crate) struct Args {
     #[arg(long)]
     resume: bool,
 
-    /// Start with the weights in this file.
+    /// Start with the weights in this file, or with embedded ones by their name.
     #[arg(long, value_name = "WEIGHTS", conflicts_with = "resume")]
     init: Option<PathBuf>,
 
@@ -59,7 +62,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.processor.check_build().with_context(|| format!("--device {}", args.processor))?;
     let config = TrainConfig::read(&args.config)?;
     let start = match (&args.init, args.resume) {
-        (Some(weights), _) => Start::Weights(weights.clone()),
+        (Some(weights), _) => Start::Weights(embedded::find(weights, || INITIAL.to_owned())?),
         (None, true) => Start::Resume,
         (None, false) => Start::Fresh,
     };

@@ -120,7 +120,7 @@ impl Evaluation<'_> {
         let [psnr, ..] = metric_ids(&self.preset.metrics);
         if let Some(store) = self.pictures.worst(key, &result.rows, psnr) {
             write_inputs(store, key, decoded)?;
-            write_renders(store, key, decoded, prediction)?;
+            write_renders(store, &result.rows, prediction)?;
         }
         Ok(())
     }
@@ -163,7 +163,7 @@ impl Evaluation<'_> {
         let scored = truth.as_ref().ok().filter(|_| row.status == TargetStatus::Scored);
         let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
         if let Some(store) = self.pictures.all() {
-            pictures::write_render(store, &row.key, row.frame, &image)?;
+            pictures::write_render(store, &row, &image)?;
         }
         Ok(ScoredTarget { row, drawn, effects, suspicion })
     }
@@ -208,18 +208,12 @@ fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<
 }
 
 /// Renders again and stores the renders: whether they are needed is known only after the first renders are dropped.
-fn write_renders(
-    store: &Path,
-    key: &TrialKey,
-    decoded: &DecodedTrial,
-    prediction: &dyn Prediction,
-) -> Result<(), Failure> {
-    let targets = decoded.trial.targets();
-    let positions: Vec<usize> = (0..targets.len()).collect();
+fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) -> Result<(), Failure> {
+    let positions: Vec<usize> = (0..rows.len()).collect();
     for batch in positions.chunks(BATCH) {
         for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
-            if let (Some(target), Ok(rendered)) = (targets.get(*position), rendered) {
-                pictures::write_render(store, key, target.frame as u64, &rendered.image)?;
+            if let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) {
+                pictures::write_render(store, row, &rendered.image)?;
             }
         }
     }

@@ -6,16 +6,17 @@ use std::sync::{Mutex, PoisonError};
 
 use atsplat_protocol::trial::Trial;
 
-use super::pictures::{self, CONTEXT, KeepPictures, TRUTH, picture_path};
+use super::pictures::{self, CONTEXT, KeepPictures, TRUTH};
 use super::walk::to_u32;
+use crate::store::OwnPicture;
 use crate::{EvalError, Store, TrialKey, TrialRow};
 
 /// What a store had beside its rows when a run began.
 #[derive(Debug)]
 pub(super) struct Extras<'a> {
     store: &'a Store,
-    /// The frames of each result of which a picture is to be kept; empty unless the run keeps all pictures.
-    frames: BTreeMap<TrialKey, Vec<u64>>,
+    /// The pictures of each result that are to be kept; empty unless the run keeps all pictures.
+    own: BTreeMap<TrialKey, Vec<OwnPicture>>,
     /// Results whose times are in the store. The lock is held while the table of times is written.
     timed: Mutex<BTreeSet<TrialKey>>,
     /// Trials whose pictures of other data were removed, each with an empty name of the method.
@@ -24,15 +25,17 @@ pub(super) struct Extras<'a> {
 
 impl<'a> Extras<'a> {
     pub(super) fn of(store: &'a Store, keep: KeepPictures) -> Result<Self, EvalError> {
-        let frames = if keep == KeepPictures::All { store.compared_frames()? } else { BTreeMap::new() };
+        let own = if keep == KeepPictures::All { store.own_pictures()? } else { BTreeMap::new() };
         let timed = store.timings()?.into_iter().map(|row| row.key).collect();
-        Ok(Self { store, frames, timed: Mutex::new(timed), renewed: Mutex::default() })
+        Ok(Self { store, own, timed: Mutex::new(timed), renewed: Mutex::default() })
     }
 
-    /// Whether the run keeps all pictures, and the store has a result without one of its pictures.
+    /// Whether the run keeps all pictures, and the store has a result without one of its pictures, or with another result's.
     pub(super) fn lacks_pictures(&self, key: &TrialKey) -> bool {
-        let is_stored = |frame: &u64| picture_path(self.store.folder(), key, *frame).is_file();
-        self.frames.get(key).is_some_and(|frames| !frames.iter().all(is_stored))
+        let is_stored = |OwnPicture { key, frame, hash }: &OwnPicture| {
+            pictures::is_stored(self.store.folder(), key, *frame, hash.as_deref())
+        };
+        self.own.get(key).is_some_and(|own| !own.iter().all(is_stored))
     }
 
     /// Removes the pictures of a trial's results that were computed from other data, and the pictures of that data.
@@ -77,6 +80,7 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
+    use super::pictures::picture_path;
     use super::*;
     use crate::Provenance;
     use crate::sample_rows::{key, target, trial};

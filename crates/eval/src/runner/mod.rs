@@ -26,7 +26,7 @@ pub use dataset::IndexChoice;
 pub use findings::Findings;
 pub use index::PlannedIndex;
 pub use metrics::{metric_ids, metric_records, named_metrics, suite};
-pub use pictures::{CONTEXT, KeepPictures, TRUTH, picture_path};
+pub use pictures::{CONTEXT, KeepPictures, TRUTH, is_picture_of, picture_path};
 pub use plan::{Dataset, Plan, Summary, current_provenance};
 pub use run::{run, run_until};
 pub use selection::{Selection, spread};

@@ -1,9 +1,11 @@
+use std::fs::{self, File};
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
-use std::{fs, io};
 
 use atsplat_files::PARTIAL;
 use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
 
+use super::scored::hash_of_bytes;
 use super::worst::WorstSoFar;
 use crate::file_name::file_name;
 use crate::store::disk;
@@ -13,6 +15,11 @@ use crate::{EvalError, TargetRow, TrialKey};
 pub const TRUTH: &str = "truth";
 /// The method name under which context pictures are stored.
 pub const CONTEXT: &str = "context";
+
+/// Bytes of a PNG file before its first chunk after the header.
+const HEADER: usize = 33;
+/// The keyword of a PNG text that holds the hash of a picture's samples.
+const KEYWORD: &[u8] = b"atsplat-samples\0";
 
 /// Which pictures a store keeps in addition to its rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,6 +39,28 @@ pub enum KeepPictures {
 /// are changed, so that no two keys share a path.
 pub fn picture_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
     folder(store, key).join(format!("{frame:06}.png"))
+}
+
+/// Whether a store's PNG file is the picture of a row with this hash: [`TargetRow::render_hash`], [`TargetRow::truth_hash`] or
+/// one of [`crate::TrialRow::context_hashes`]. Files say which hash they belong to, because in object storage a writer that is
+/// killed between two uploads leaves old pictures beside new rows. Files of older versions do not say it and are accepted.
+pub fn is_picture_of(png: &[u8], hash: Option<&str>) -> bool {
+    stated_hash(png).is_none_or(|stated| hash.map(str::as_bytes) == Some(stated))
+}
+
+fn stated_hash(png: &[u8]) -> Option<&[u8]> {
+    let (length, chunk) = png.get(HEADER..)?.split_first_chunk::<4>()?;
+    let text = chunk.strip_prefix(b"tEXt")?.get(..u32::from_be_bytes(*length) as usize)?;
+    text.strip_prefix(KEYWORD)
+}
+
+/// Whether a store has the picture of a row with this hash.
+pub(super) fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> bool {
+    /// The beginning of a file, with its hash.
+    const BEGINNING: u64 = 256;
+    let mut bytes = Vec::new();
+    let file = File::open(picture_path(store, key, frame));
+    file.and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes)).is_ok() && is_picture_of(&bytes, hash)
 }
 
 /// Folder of a trial's pictures.
@@ -64,10 +93,12 @@ impl<'a> PictureSink<'a> {
     }
 }
 
-/// Stores a render, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples is not stored.
-pub(super) fn write_render(store: &Path, key: &TrialKey, frame: u64, render: &Image) -> Result<(), EvalError> {
+/// Stores the render of a row, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples
+/// is not stored.
+pub(super) fn write_render(store: &Path, row: &TargetRow, render: &Image) -> Result<(), EvalError> {
+    let path = picture_path(store, &row.key, row.frame).with_extension(format!("png.{PARTIAL}"));
     match render.to_u8(Rounding::Nearest) {
-        Ok(picture) => write(&picture_path(store, key, frame).with_extension(format!("png.{PARTIAL}")), &picture),
+        Ok(picture) => write(&path, &picture, row.render_hash.as_deref()),
         Err(_non_finite) => Ok(()),
     }
 }
@@ -96,21 +127,59 @@ pub(super) fn remove(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
 
 /// Stores an 8-bit picture.
 pub(super) fn write_picture(store: &Path, key: &TrialKey, frame: u64, picture: &ImageU8) -> Result<(), EvalError> {
-    write(&picture_path(store, key, frame), picture)
+    write(&picture_path(store, key, frame), picture, Some(&hash_of_bytes(picture)))
 }
 
-fn write(path: &Path, picture: &ImageU8) -> Result<(), EvalError> {
+fn write(path: &Path, picture: &ImageU8, hash: Option<&str>) -> Result<(), EvalError> {
     let folder = path.parent().unwrap_or(path);
     fs::create_dir_all(folder).map_err(EvalError::io("creating a folder for pictures", folder))?;
     let png = encode_png(picture);
     let png = png.map_err(|error| EvalError::malformed(path, "picture", "one that PNG can store", error))?;
-    disk::write_unsynced(path, &png)
+    match hash {
+        Some(hash) => disk::write_unsynced(path, &with_hash(&png, hash)),
+        None => disk::write_unsynced(path, &png),
+    }
+}
+
+/// A PNG file with the hash that it belongs to in a text chunk.
+fn with_hash(png: &[u8], hash: &str) -> Vec<u8> {
+    let chunk = [&b"tEXt"[..], KEYWORD, hash.as_bytes()].concat();
+    #[expect(clippy::cast_possible_truncation, reason = "a keyword and a hash")]
+    let length = (KEYWORD.len() + hash.len()) as u32;
+    let (header, rest) = png.split_at(HEADER.min(png.len()));
+    let (length, checksum) = (length.to_be_bytes(), checksum(&chunk).to_be_bytes());
+    [header, &length[..], chunk.as_slice(), &checksum[..], rest].concat()
+}
+
+/// CRC-32, with which PNG chunks end.
+fn checksum(bytes: &[u8]) -> u32 {
+    let shifted = |crc: u32| if crc & 1 == 1 { (crc >> 1) ^ 0xedb8_8320 } else { crc >> 1 };
+    !bytes.iter().fold(u32::MAX, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc, _| shifted(crc)))
 }
 
 #[cfg(test)]
 mod tests {
+    use atsplat_pixels::{DecodeLimits, decode};
+
     use super::*;
     use crate::sample_rows;
+
+    #[test]
+    fn a_picture_says_which_row_it_belongs_to() {
+        let root = tempfile::tempdir().unwrap();
+        let key = sample_rows::key("m", "x", 0);
+        let picture = ImageU8::new(1, 1, vec![10, 20, 30]).unwrap();
+        write_picture(root.path(), &key, 4, &picture).unwrap();
+        let png = fs::read(picture_path(root.path(), &key, 4)).unwrap();
+        assert_eq!(decode(&png, &DecodeLimits::default()).unwrap(), picture);
+        let own = hash_of_bytes(&picture);
+        let is_of = |hash: Option<&str>| (is_picture_of(&png, hash), is_stored(root.path(), &key, 4, hash));
+        assert_eq!(is_of(Some(&own)), (true, true));
+        assert_eq!([Some("another"), None].map(is_of), [(false, false); 2]);
+        assert!(!is_stored(root.path(), &key, 5, Some(&own)));
+        assert!(is_picture_of(&encode_png(&picture).unwrap(), Some("another")), "older versions do not say it");
+        assert_eq!(checksum(b"123456789"), 0xcbf4_3926, "the published check value of CRC-32");
+    }
 
     #[test]
     fn a_render_has_its_name_once_the_rows_are_stored() {
@@ -118,8 +187,9 @@ mod tests {
         let [key, other] = ["x", "y"].map(|scene| sample_rows::key("m", scene, 0));
         let render = |samples: [f32; 3]| Image::new(1, 1, samples.to_vec()).unwrap();
         let path = picture_path(root.path(), &key, 7);
-        write_render(root.path(), &key, 7, &render([0.0, 0.5, 1.0])).unwrap();
-        write_render(root.path(), &key, 8, &render([f32::NAN; 3])).unwrap();
+        let row = |frame| TargetRow { frame, ..sample_rows::target("m", "x", 0, 0, "psnr", 20.0) };
+        write_render(root.path(), &row(7), &render([0.0, 0.5, 1.0])).unwrap();
+        write_render(root.path(), &row(8), &render([f32::NAN; 3])).unwrap();
         assert!(!path.exists());
         publish(root.path(), &other).unwrap();
         assert!(!path.exists(), "another trial's");

@@ -12,8 +12,11 @@ use crate::Results;
 pub struct SceneMean {
     /// Key of the scene.
     pub scene: String,
-    /// The mean over targets; if the index has several entries for the scene, the mean of the entries' means.
+    /// The mean over targets; if the index has several entries for the scene, the mean of the entries' means, unless all
+    /// pictures count alike.
     pub mean: f64,
+    /// Its weight in the protocol's mean: the number of its entries, or of its targets.
+    pub weight: f64,
     /// Targets that were compared.
     pub targets: u64,
     /// Those that are bit-identical to the ground truth.
@@ -22,11 +25,18 @@ pub struct SceneMean {
 
 /// Means of scenes with at least one score, ordered by key.
 pub fn scene_means(results: &Results, query: &MetricQuery) -> Vec<SceneMean> {
+    weighted_scene_means(results, query, Aggregation::SceneMeans)
+}
+
+/// Like [`scene_means`], over entries or over targets as the protocol averages them: their weighted mean is that of
+/// [`super::summary()`].
+pub fn weighted_scene_means(results: &Results, query: &MetricQuery, aggregation: Aggregation) -> Vec<SceneMean> {
     let selected = select(results, query);
-    let clusters = clusters(&selected, Aggregation::SceneMeans).into_iter();
+    let clusters = clusters(&selected, aggregation).into_iter();
     let mean = |cluster: Cluster| SceneMean {
         scene: cluster.scene.to_owned(),
         mean: cluster.sum / cluster.weight,
+        weight: cluster.weight,
         targets: cluster.targets,
         identical: cluster.identical,
     };

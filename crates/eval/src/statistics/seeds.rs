@@ -12,7 +12,7 @@ use super::significance::student_quantile;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Seeds {
-    /// The mean over the scenes that every training has a score for.
+    /// The mean over the scenes that every training has a score for, each with its weight in the protocol's mean.
     pub mean: f64,
     /// Its 95 % interval for other scenes and other trainings; `None` with fewer than [`MIN_SCENES`] scenes.
     pub interval: Option<[f64; 2]>,
@@ -32,23 +32,23 @@ pub struct Seeds {
 /// The interval is Student's, with the variances of scenes and of trainings added and Satterthwaite's degrees of freedom:
 /// two or three trainings are too few to be resampled.
 pub fn of_seeds(trainings: &[Vec<SceneMean>]) -> Option<Seeds> {
-    let table = matrix(trainings)?;
+    let Matrix { table, weights } = matrix(trainings)?;
     let scenes = over_scenes(&table);
-    let seeds = spread(&over_seeds(&table)).filter(|_| table.len() > 1)?;
-    Some(combined(spread(&scenes)?, &[seeds], table.len() as u64))
+    let seeds = spread(&over_seeds(&table, &weights)).filter(|_| table.len() > 1)?;
+    Some(combined(weighted_spread(&scenes, &weights)?, &[seeds], table.len() as u64))
 }
 
 /// The difference between the means of two networks, `a - b`, of which at least one was trained several times. `None` without
 /// common scenes.
 pub fn difference_of_seeds(a: &[Vec<SceneMean>], b: &[Vec<SceneMean>]) -> Option<Seeds> {
     let both: Vec<Vec<SceneMean>> = a.iter().chain(b).cloned().collect();
-    let table = matrix(&both)?;
+    let Matrix { table, weights } = matrix(&both)?;
     let (first, second) = table.split_at_checked(a.len())?;
     let differences: Vec<f64> =
         over_scenes(first).iter().zip(over_scenes(second)).map(|(one, other)| one - other).collect();
-    let trainings: Vec<Spread> =
-        [first, second].into_iter().filter(|own| own.len() > 1).filter_map(|own| spread(&over_seeds(own))).collect();
-    Some(combined(spread(&differences)?, &trainings, both.len() as u64))
+    let several = [first, second].into_iter().filter(|own| own.len() > 1);
+    let trainings: Vec<Spread> = several.filter_map(|own| spread(&over_seeds(own, &weights))).collect();
+    Some(combined(weighted_spread(&differences, &weights)?, &trainings, both.len() as u64))
 }
 
 /// Mean, variance and number of values.
@@ -60,9 +60,16 @@ struct Spread {
 }
 
 fn spread(values: &[f64]) -> Option<Spread> {
+    weighted_spread(values, &vec![1.0; values.len()])
+}
+
+/// The spread of the values' contributions to their weighted mean, a ratio of sums.
+fn weighted_spread(values: &[f64], weights: &[f64]) -> Option<Spread> {
     let count = values.len();
-    let mean = values.iter().sum::<f64>() / count as f64;
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    let mean = weighted_mean(values, weights);
+    let average = weights.iter().sum::<f64>() / count as f64;
+    let squares: f64 =
+        values.iter().zip(weights).map(|(value, weight)| (weight / average * (value - mean)).powi(2)).sum();
     let freedom = count.checked_sub(1)?;
     let variance = if freedom == 0 { 0.0 } else { squares / freedom as f64 };
     Some(Spread { mean, variance, count })
@@ -92,22 +99,68 @@ fn combined(scenes: Spread, trainings: &[Spread], seeds: u64) -> Seeds {
     }
 }
 
-/// The means of the scenes that every training has, training by training; `None` without any.
-fn matrix(trainings: &[Vec<SceneMean>]) -> Option<Vec<Vec<f64>>> {
-    let by_scene: Vec<BTreeMap<&str, f64>> =
-        trainings.iter().map(|own| own.iter().map(|scene| (scene.scene.as_str(), scene.mean)).collect()).collect();
-    let mut common: BTreeSet<&str> = by_scene.first()?.keys().copied().collect();
-    common.retain(|scene| by_scene.iter().all(|own| own.contains_key(scene)));
-    let row = |own: &BTreeMap<&str, f64>| common.iter().filter_map(|scene| own.get(scene).copied()).collect();
-    (!common.is_empty()).then(|| by_scene.iter().map(row).collect())
+fn weighted_mean(values: &[f64], weights: &[f64]) -> f64 {
+    let sum: f64 = values.iter().zip(weights).map(|(value, weight)| value * weight).sum();
+    sum / weights.iter().sum::<f64>()
 }
 
-fn over_seeds(table: &[Vec<f64>]) -> Vec<f64> {
-    table.iter().map(|scenes| scenes.iter().sum::<f64>() / scenes.len() as f64).collect()
+/// The scenes that every training has.
+struct Matrix {
+    /// Their means, training by training.
+    table: Vec<Vec<f64>>,
+    /// Their weights, averaged over the trainings, some of which may lack targets.
+    weights: Vec<f64>,
+}
+
+/// `None` without a common scene.
+fn matrix(trainings: &[Vec<SceneMean>]) -> Option<Matrix> {
+    let by_scene: Vec<BTreeMap<&str, &SceneMean>> =
+        trainings.iter().map(|own| own.iter().map(|scene| (scene.scene.as_str(), scene)).collect()).collect();
+    let mut common: BTreeSet<&str> = by_scene.first()?.keys().copied().collect();
+    common.retain(|scene| by_scene.iter().all(|own| own.contains_key(scene)));
+    let row = |own: &BTreeMap<&str, &SceneMean>| {
+        common.iter().filter_map(|scene| own.get(scene)).map(|scene| scene.mean).collect::<Vec<f64>>()
+    };
+    let weight = |scene: &&str| {
+        let weights = by_scene.iter().filter_map(|own| own.get(scene)).map(|scene| scene.weight);
+        weights.sum::<f64>() / by_scene.len() as f64
+    };
+    (!common.is_empty())
+        .then(|| Matrix { table: by_scene.iter().map(row).collect(), weights: common.iter().map(weight).collect() })
+}
+
+fn over_seeds(table: &[Vec<f64>], weights: &[f64]) -> Vec<f64> {
+    table.iter().map(|scenes| weighted_mean(scenes, weights)).collect()
 }
 
 fn over_scenes(table: &[Vec<f64>]) -> Vec<f64> {
     let scenes = table.first().map_or(0, Vec::len);
     let mean = |scene: usize| table.iter().filter_map(|own| own.get(scene)).sum::<f64>() / table.len() as f64;
     (0..scenes).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    /// A scene with three entries at 10 dB and one with a single entry at 30 dB: 15, as the protocol averages them, not 20.
+    #[test]
+    fn a_scene_counts_as_in_the_protocols_mean() {
+        let scene = |name: &str, weight: f64, mean: f64| SceneMean {
+            scene: name.to_owned(),
+            mean,
+            weight,
+            targets: 1,
+            identical: 0,
+        };
+        let training = |offset: f64| vec![scene("a", 3.0, 10.0 + offset), scene("b", 1.0, 30.0 - offset)];
+        let found = of_seeds(&[training(-1.0), training(1.0)]).unwrap();
+        Tolerance::F64.assert([found.mean, found.training_deviation], [15.0, 0.5f64.sqrt()], "14.5 and 15.5");
+        // Contributions 3/2 · (10 − 15) and 1/2 · (30 − 15).
+        Tolerance::F64.assert([found.scene_deviation], [2.0f64.sqrt() * 7.5], "scenes");
+        let found = difference_of_seeds(&[training(2.0)], &[training(0.0)]).unwrap();
+        Tolerance::F64.assert([found.mean], [1.0], "3/4 · 2 − 1/4 · 2");
+    }
 }

@@ -380,7 +380,7 @@ fn distances_are_selected_on_both_sides() {
 }
 
 fn scene_mean(scene: &str, mean: f64) -> SceneMean {
-    SceneMean { scene: scene.to_owned(), mean, targets: 1, identical: 0 }
+    SceneMean { scene: scene.to_owned(), mean, weight: 1.0, targets: 1, identical: 0 }
 }
 
 /// Scenes differ by 10 dB in height and every one of them falls by 2 dB per doubling: pooled, the missing points would tilt

@@ -4,16 +4,27 @@ use std::collections::BTreeMap;
 
 use super::read::Content;
 use super::{Store, timings};
-use crate::{EvalError, TargetRow, TargetStatus, TrialKey};
+use crate::runner::{CONTEXT, TRUTH};
+use crate::{EvalError, TargetRow, TargetStatus, TrialKey, TrialRow};
+
+/// A picture that belongs to a result.
+#[derive(Debug)]
+pub(crate) struct OwnPicture {
+    /// The result, or its trial's ground truth or context.
+    pub(crate) key: TrialKey,
+    pub(crate) frame: u64,
+    /// The hash of its samples in the rows.
+    pub(crate) hash: Option<String>,
+}
 
 impl Store {
-    /// The frames of each result that were compared, whose renders can therefore be stored as pictures.
+    /// The pictures of each result: the renders that were compared, and what they were compared with and made from.
     ///
     /// # Errors
     /// Those of [`Self::open`].
-    pub(crate) fn compared_frames(&self) -> Result<BTreeMap<TrialKey, Vec<u64>>, EvalError> {
+    pub(crate) fn own_pictures(&self) -> Result<BTreeMap<TrialKey, Vec<OwnPicture>>, EvalError> {
         let rows = Content::read(&self.folder)?.rows;
-        Ok(rows.into_iter().map(|(key, (_, targets))| (key, compared(&targets))).collect())
+        Ok(rows.into_iter().map(|(key, (trial, targets))| (key, own_pictures(&trial, &targets))).collect())
     }
 
     /// Removes the times of one result, on every machine. Not to be called by two threads at once.
@@ -27,7 +38,19 @@ impl Store {
     }
 }
 
-fn compared(targets: &[TargetRow]) -> Vec<u64> {
+fn own_pictures(trial: &TrialRow, targets: &[TargetRow]) -> Vec<OwnPicture> {
     let is_compared = |row: &&TargetRow| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical);
-    targets.iter().filter(is_compared).map(|row| row.frame).collect()
+    let mut own = Vec::new();
+    for TargetRow { key, frame, render_hash, truth_hash, .. } in targets.iter().filter(is_compared) {
+        own.push(OwnPicture { key: key.clone(), frame: *frame, hash: render_hash.clone() });
+        own.push(OwnPicture { key: key.of_method(TRUTH), frame: *frame, hash: truth_hash.clone() });
+    }
+    if !own.is_empty() {
+        let context = trial.context.iter().zip(&trial.context_hashes);
+        let key = trial.key.of_method(CONTEXT);
+        for (frame, hash) in context {
+            own.push(OwnPicture { key: key.clone(), frame: *frame, hash: Some(hash.clone()) });
+        }
+    }
+    own
 }

@@ -6,7 +6,7 @@
 //! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
 //! | `timings.parquet` | the rows of timing passes, if there were any |
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
-//! | `pictures/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png` |
+//! | `pictures/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
 //! | `digests.txt` | SHA-256 of the pictures that were read, by path, size and modification time |
 //! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
 //!
@@ -36,6 +36,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_protocol::trial::PictureDigests;
+pub(crate) use extras::OwnPicture;
 pub use lock::this_process;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};

@@ -106,6 +106,9 @@ fn relocate(scene: &mut Scene, at: &StepContext) -> Result<usize, DensityError> 
         copy(&copies.quaternions, from, &mut parts.quaternions, to);
         copy(&copies.log_scales, from, &mut parts.log_scales, to);
         copy(&copies.opacity_logits, from, &mut parts.opacity_logits, to);
+        if let (Some(source), Some(filters)) = (&copies.filter_3d, &mut parts.filter_3d) {
+            copy(source, from, filters, to);
+        }
         for at in 0..coefficients {
             copy(&copies.sh, from * coefficients + at, &mut parts.sh, to * coefficients + at);
         }

@@ -68,13 +68,43 @@ impl<'a> Tokens<'a> {
         &self.data[start..]
     }
 
+    /// One head's part of some tokens of a sample, tokens in rows, without gaps: in the packed tensor, each row would lie on a memory
+    /// page of its own, and products read them again and again.
+    pub(super) fn rows(&self, sample: usize, head: usize, first: usize, count: usize, sizes: &Sizes) -> Vec<f32> {
+        let source = self.from(sample, head, first, sizes);
+        let mut out = vec![0.0; count * sizes.head_width];
+        for (token, row) in out.chunks_exact_mut(sizes.head_width).enumerate() {
+            row.copy_from_slice(&source[token * self.stride..][..sizes.head_width]);
+        }
+        out
+    }
+
+    /// [`Self::rows`] with tokens in columns.
+    pub(super) fn columns(&self, sample: usize, head: usize, first: usize, count: usize, sizes: &Sizes) -> Vec<f32> {
+        let mut out = vec![0.0; count * sizes.head_width];
+        self.transpose(&mut out, (sample, head, first), (count, count), 1.0, sizes);
+        out
+    }
+
     /// Writes a tile with tokens in columns, times `scale`; columns without a token are zero.
     pub(super) fn transpose_into(&self, out: &mut [f32], at: Tile, scale: f32, sizes: &Sizes) {
-        let source = self.from(at.sample, at.head, at.first, sizes);
         out.fill(0.0);
-        for token in 0..at.count {
+        self.transpose(out, (at.sample, at.head, at.first), (at.count, at.lanes()), scale, sizes);
+    }
+
+    /// Writes `count` tokens into the first of `columns` columns, times `scale`.
+    fn transpose(
+        &self,
+        out: &mut [f32],
+        (sample, head, first): (usize, usize, usize),
+        (count, columns): (usize, usize),
+        scale: f32,
+        sizes: &Sizes,
+    ) {
+        let source = self.from(sample, head, first, sizes);
+        for token in 0..count {
             let row = &source[token * self.stride..][..sizes.head_width];
-            for (column, &value) in out.chunks_exact_mut(at.lanes()).zip(row) {
+            for (column, &value) in out.chunks_exact_mut(columns).zip(row) {
                 column[token] = value * scale;
             }
         }
@@ -115,11 +145,6 @@ impl<'a> Inputs<'a> {
         (0..keys).step_by(tile).map(move |first| (first, tile.min(keys - first)))
     }
 
-    /// Some keys of one head as the left factor of logits.
-    pub(super) fn keys(&self, sample: usize, head: usize, first: usize, count: usize) -> Factor<'a> {
-        Factor::left(self.keys.tile(sample, head, first, count, &self.sizes), self.products)
-    }
-
     /// The logits of a tile, keys in rows and queries in columns; −∞ at ignored keys.
     pub(super) fn logits(&self, out: &mut [f32], queries: &Factor<'_>, at: Tile, keys: &Factor<'_>, first_key: usize) {
         let lanes = at.lanes();
@@ -148,8 +173,8 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     }
     let samples = out.par_chunks_mut(queries * width).zip(log_sums.par_chunks_mut(queries * heads));
     samples.enumerate().for_each(|(sample, (out, log_sums))| {
-        let keys: Vec<Vec<KeyTile<'_>>> =
-            (0..heads).into_par_iter().map(|head| KeyTile::all(inputs, sample, head)).collect();
+        let packed: Vec<Head> = (0..heads).into_par_iter().map(|head| Head::new(inputs, sample, head)).collect();
+        let keys: Vec<Vec<KeyTile<'_>>> = packed.par_iter().map(|head| head.tiles(inputs)).collect();
         let tiles = out.par_chunks_mut(QUERIES * width).zip(log_sums.par_chunks_mut(QUERIES * heads));
         tiles.enumerate().for_each_init(
             || Scratch::new(&sizes),
@@ -165,24 +190,41 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     (out, log_sums)
 }
 
-/// Keys and values of one head, ready for all of its queries.
+/// Keys of one head of a sample in rows, and values in columns, tile by tile.
+struct Head {
+    keys: Vec<f32>,
+    values: Vec<f32>,
+}
+
+impl Head {
+    fn new(inputs: &Inputs<'_>, sample: usize, head: usize) -> Self {
+        let sizes = &inputs.sizes;
+        let values = |(first, count)| inputs.values.columns(sample, head, first, count, sizes);
+        Self {
+            keys: inputs.keys.rows(sample, head, 0, sizes.keys, sizes),
+            values: inputs.key_tiles().flat_map(values).collect(),
+        }
+    }
+
+    fn tiles(&self, inputs: &Inputs<'_>) -> Vec<KeyTile<'_>> {
+        let width = inputs.sizes.head_width;
+        let tile = |(first, count)| {
+            let keys = Matrix::new(&self.keys[first * width..], count, width, width);
+            let values = Matrix::new(&self.values[first * width..], width, count, count);
+            let (keys, values) = (Factor::left(keys, inputs.products), Factor::left(values, inputs.products));
+            KeyTile { first, count, keys, values }
+        };
+        inputs.key_tiles().map(tile).collect()
+    }
+}
+
+/// Some keys and values of one head, ready for all of its queries.
 struct KeyTile<'a> {
     first: usize,
     count: usize,
     keys: Factor<'a>,
     /// Values in columns.
     values: Factor<'a>,
-}
-
-impl<'a> KeyTile<'a> {
-    fn all(inputs: &Inputs<'a>, sample: usize, head: usize) -> Vec<Self> {
-        let tile = |(first, count)| {
-            let values = inputs.values.tile(sample, head, first, count, &inputs.sizes).transposed();
-            let keys = inputs.keys(sample, head, first, count);
-            Self { first, count, keys, values: Factor::left(values, inputs.products) }
-        };
-        inputs.key_tiles().map(tile).collect()
-    }
 }
 
 /// Buffers for one tile of queries, with one column per query.

@@ -74,10 +74,14 @@ fn differentiate(
     let mut slopes = vec![0.0; tile * QUERIES];
     let keys_of = gradients.keys.chunks_mut(tile * head_width).zip(gradients.values.chunks_mut(tile * head_width));
     for ((first, count), (by_keys, by_values)) in inputs.key_tiles().zip(keys_of) {
-        let values = Factor::left(inputs.values.tile(sample, head, first, count, sizes), inputs.products);
-        let own = inputs.keys.tile(sample, head, first, count, sizes);
-        let columns = Factor::left(own.transposed(), inputs.products);
-        let keys = KeyTile { first, rows: inputs.keys(sample, head, first, count), columns, values };
+        let [rows, values] =
+            [&inputs.keys, &inputs.values].map(|tokens| tokens.rows(sample, head, first, count, sizes));
+        let columns = inputs.keys.columns(sample, head, first, count, sizes);
+        let [rows_of, values_of] = [&rows, &values].map(|data| Matrix::new(data, count, head_width, head_width));
+        let columns_of = Matrix::new(&columns, head_width, count, count);
+        let [rows, columns, values] =
+            [rows_of, columns_of, values_of].map(|matrix| Factor::left(matrix, inputs.products));
+        let keys = KeyTile { first, rows, columns, values };
         for query_tile in &mut tiles {
             let lanes = query_tile.at.lanes();
             let (weights, slopes) = (&mut weights[..count * lanes], &mut slopes[..count * lanes]);

@@ -44,7 +44,7 @@ impl TargetDistances {
 
 impl fmt::Display for TargetDistances {
     /// `-10 to -1: 140 each, 0: 7, 1 to 10: 140 each`, or the range of the counts if they differ:
-    /// `-45 to -1: 96 to 240 each`.
+    /// `-45 to -1: 96 to 240 each`, from 0 if no target is at one of these distances.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sides: [fn(i64) -> bool; 3] = [|d| d < 0, |d| d == 0, |d| d > 0];
         let mut separator = "";
@@ -53,12 +53,14 @@ impl fmt::Display for TargetDistances {
             let distances = (on_side().next(), on_side().next_back());
             let counts = (on_side().map(|(_, n)| n).min(), on_side().map(|(_, n)| n).max());
             let ((Some((near, _)), Some((far, _))), (Some(fewest), Some(most))) = (distances, counts) else { continue };
+            let is_complete = on_side().count() as u64 > far.abs_diff(*near);
+            let fewest = if is_complete { *fewest } else { 0 };
             write!(f, "{separator}{near}")?;
             if near != far {
                 write!(f, " to {far}")?;
             }
             write!(f, ": {fewest}")?;
-            if fewest != most {
+            if fewest != *most {
                 write!(f, " to {most}")?;
             }
             if near != far {
@@ -94,6 +96,8 @@ mod tests {
         assert_eq!(distances.0, BTreeMap::from([(-2, 1), (-1, 2), (0, 2), (1, 2), (2, 1)]));
         assert_eq!(distances.to_string(), "-2 to -1: 1 to 2 each, 0: 2, 1 to 2: 1 to 2 each");
         assert_eq!(TargetDistances::of(&entries[2..]).to_string(), "none");
+        let sparse = TargetDistances::of(&[entry(&[10, 20], &[0, 9, 21, 22])]);
+        assert_eq!(sparse.to_string(), "-10 to -1: 0 to 1 each, 1 to 2: 1 each", "two of the ten distances before");
         assert_eq!(serde_json::to_string(&TargetDistances::of(&entries[1..2])).unwrap(), r#"{"-1":1,"1":1,"2":1}"#);
     }
 }

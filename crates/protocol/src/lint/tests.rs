@@ -8,7 +8,7 @@ use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
 use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
-use super::{DatasetCheck, LintOptions, Spread, lint, lint_file};
+use super::{DatasetCheck, LintOptions, PresetMatch, Spread, lint, lint_file};
 use crate::test_source::{MemorySource, scene};
 use crate::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
 use crate::{DropReason, EvaluationIndex, IndexEntry, IndexFile, LintReport, Preset};
@@ -191,4 +191,13 @@ fn overlaps_of_another_estimator_get_their_own_bins() {
     let overlap = report.overlap.unwrap();
     assert_eq!(overlap.strict.to_string(), "low 1, middle 1, high 1");
     assert!(overlap.definition.contains("epipolar-ray"), "{}", overlap.definition);
+}
+
+/// Readers of JSON keep one of two fields of the same name.
+#[test]
+fn a_match_names_its_preset_and_its_index() {
+    let preset = Preset::named("rooms-2v-128").unwrap();
+    let file = IndexFile::embedded("rooms-2v").unwrap().unwrap();
+    let json = serde_json::to_string(&PresetMatch::new(&preset, &file)).unwrap();
+    assert_eq!(json, r#"{"name":"rooms-2v-128","match":"default","index":"rooms-2v"}"#);
 }

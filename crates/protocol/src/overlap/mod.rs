@@ -28,7 +28,7 @@ use crate::ProtocolError;
 
 /// A named definition of overlap with its settings; in TOML and JSON, `estimator = "epipolar-ray"` and its settings.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-#[serde(tag = "estimator", rename_all = "kebab-case")]
+#[serde(tag = "estimator", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum OverlapEstimator {
     /// Rays of one view whose epipolar line crosses the other view (pixelSplat). Needs cameras only.
     EpipolarRay(EpipolarRays),
@@ -124,6 +124,19 @@ impl OverlapEstimator {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn settings_that_an_estimator_does_not_have_are_errors() {
+        for name in ["epipolar-ray", "feature-coverage", "depth-covisibility"] {
+            let read = |rest: &str| {
+                let json = format!(r#"{{"estimator": "{name}"{rest}}}"#);
+                serde_json::from_str::<OverlapEstimator>(&json).map_err(|error| error.to_string())
+            };
+            assert_eq!(read("").unwrap().name(), name);
+            let error = read(r#", "cells": 9"#).unwrap_err();
+            assert!(error.contains("unknown field `cells`"), "{name}: {error}");
+        }
+    }
 
     #[test]
     fn each_estimator_says_what_it_measures_and_needs() {

@@ -52,6 +52,16 @@ pub enum Derivation {
     },
 }
 
+/// Content hashes of the splits that `protocol extrapolate` makes of published files: the file, the margin, the hash.
+///
+/// They do not depend on the lengths of scenes, because every scene is long enough: no target is beyond the targets of
+/// `depthsplat-dl3dv-12v` in the same scene.
+const SPLITS: &[(&str, Margin, Sha256Digest)] = &[(
+    "depthsplat-dl3dv-6v",
+    Margin::TEN,
+    Sha256Digest::literal("4fdda257b6c4b08d51f9334efbd7558918026b89d9bcc1bbda0080b695514bee"),
+)];
+
 /// How an index file relates to the files that a protocol accepts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "match", rename_all = "kebab-case")]
@@ -59,29 +69,34 @@ pub enum IndexMatch<'a> {
     /// The default file, or one of the same content.
     Default {
         /// Name of the file.
+        #[serde(rename = "index")]
         name: &'a str,
     },
     /// Another accepted file, which some papers use under this protocol; report its name with the number.
     Alternative {
         /// Name of the file.
+        #[serde(rename = "index")]
         name: &'a str,
         /// What the preset says about it.
         note: Option<&'a str>,
     },
-    /// The preset's derivation of the default file, with all scenes.
+    /// What `protocol extrapolate` makes of the default file by the preset's derivation.
     Derived {
         /// Name of the file that it was derived from.
+        #[serde(rename = "index")]
         name: &'a str,
     },
     /// The preset's derivation applied to other scenes or other context frames than the default file's, or to only
-    /// some of them.
+    /// some of them; or its windows are not known to be where `protocol extrapolate` places them.
     DerivedFromOther {
         /// Name of the file that the protocol's own split is derived from.
+        #[serde(rename = "index")]
         name: &'a str,
     },
     /// The published file itself, from which the protocol's split still has to be derived.
     Underived {
         /// Name of the file.
+        #[serde(rename = "index")]
         name: &'a str,
     },
     /// Not a published file: numbers are only comparable with numbers on the same index.
@@ -97,8 +112,8 @@ impl fmt::Display for IndexMatch<'_> {
             Self::Derived { name } => write!(f, "its index, derived from {name}"),
             Self::DerivedFromOther { name } => write!(
                 f,
-                "derived by its rule, but not from all scenes and context frames of {name}: numbers compare only on this \
-                 file"
+                "derived by its rule, but not from all scenes and context frames of {name}, or its windows are not \
+                 known to be where `protocol extrapolate` places them: numbers compare only on this file"
             ),
             Self::Underived { name } => write!(f, "{name}, from which `protocol extrapolate` makes its index"),
             Self::Unpublished => f.write_str("not one of its indices: numbers compare only on this file"),
@@ -107,8 +122,8 @@ impl fmt::Display for IndexMatch<'_> {
 }
 
 impl IndexRule {
-    /// Whether `file` is one of the accepted files, by its bytes or else by its content; or a derivation of one, by the
-    /// gaps between its context frames and the targets around them.
+    /// Whether `file` is one of the accepted files, by its bytes or else by its content; or derived from one, by the
+    /// targets around its context frames.
     pub fn recognise(&self, file: &IndexFile) -> IndexMatch<'_> {
         self.recognise_hashes(&file.sha256, &file.index)
     }
@@ -121,14 +136,18 @@ impl IndexRule {
         };
         let position = by_bytes.or_else(by_content);
         match position.and_then(|at| self.accepted.get(at).map(|accepted| (at, accepted))) {
-            None => self.recognise_derived(index).unwrap_or(IndexMatch::Unpublished),
-            Some((0, accepted)) if self.derivation.is_some() => IndexMatch::Underived { name: &accepted.name },
+            None => self.recognise_derived(index, SPLITS).unwrap_or(IndexMatch::Unpublished),
+            Some((_, accepted)) if self.derivation.is_some() => IndexMatch::Underived { name: &accepted.name },
             Some((0, accepted)) => IndexMatch::Default { name: &accepted.name },
             Some((_, accepted)) => IndexMatch::Alternative { name: &accepted.name, note: accepted.note.as_deref() },
         }
     }
 
-    fn recognise_derived(&self, index: &EvaluationIndex) -> Option<IndexMatch<'_>> {
+    fn recognise_derived(
+        &self,
+        index: &EvaluationIndex,
+        splits: &[(&str, Margin, Sha256Digest)],
+    ) -> Option<IndexMatch<'_>> {
         let (derivation, base) = (self.derivation?, self.accepted.first()?);
         let entries = || index.entries().map(|(_, _, entry)| entry);
         let derived = |entry: &IndexEntry| entry.context.len() == self.context_views && derivation.matches(entry);
@@ -136,9 +155,14 @@ impl IndexRule {
             return None;
         }
         let name = &base.name;
-        let known = crate::KnownIndex::by_name(name).filter(|known| known.sha256 == base.sha256);
-        let complete = known.is_some_and(|known| known.gaps == index.context_gaps_hash());
-        Some(if complete { IndexMatch::Derived { name } } else { IndexMatch::DerivedFromOther { name } })
+        // A measured overlap does not change the trials.
+        let mut bare = index.clone();
+        for entry in bare.scenes.values_mut().flatten() {
+            entry.overlap = None;
+        }
+        let Derivation::ShiftedWindow { margin } = derivation;
+        let split = (name.as_str(), margin, bare.content_hash());
+        Some(if splits.contains(&split) { IndexMatch::Derived { name } } else { IndexMatch::DerivedFromOther { name } })
     }
 }
 
@@ -156,8 +180,11 @@ impl Derivation {
 
 #[cfg(test)]
 mod tests {
+    use indexmap::IndexMap;
+
     use super::*;
     use crate::Preset;
+    use crate::extrapolation::Extrapolation;
 
     #[test]
     fn recognises_default_alternative_and_unpublished_files() {
@@ -174,7 +201,7 @@ mod tests {
     fn recognises_derived_indices() {
         let preset = Preset::named("dl3dv-6v-extrapolation").unwrap();
         let recognised =
-            |json: &str| preset.index.recognise_derived(&EvaluationIndex::from_json(json.as_bytes()).unwrap());
+            |json: &str| preset.index.recognise_derived(&EvaluationIndex::from_json(json.as_bytes()).unwrap(), SPLITS);
         let entry = |context: &str, target: std::ops::RangeInclusive<usize>| {
             let targets: Vec<usize> = (0..10).chain(target).collect();
             format!(r#"{{"s": {{"context": {context}, "target": {targets:?}}}, "short": null}}"#)
@@ -186,5 +213,41 @@ mod tests {
         assert_eq!(recognised(&entry(six, 61..=70)), None, "a gap before the targets");
         assert_eq!(recognised(&entry("[10, 20, 30, 40, 59]", 60..=69)), None, "five views");
         assert_eq!(recognised("{}"), None);
+    }
+
+    /// Windows that were all shifted alike have the same gaps and the same targets around them.
+    #[test]
+    fn only_the_toolkits_own_split_is_the_derived_index() {
+        let preset = Preset::named("dl3dv-6v-extrapolation").unwrap();
+        let published = br#"{"zero": {"context": [0, 10, 20, 30, 40, 49], "target": [5]},
+                             "later": {"context": [12, 20, 28, 36, 44, 50], "target": [15]}}"#;
+        let published = EvaluationIndex::from_json(published).unwrap();
+        let split = Extrapolation::from(preset.index.derivation.unwrap()).split(&published, &IndexMap::new()).index;
+        let name = "depthsplat-dl3dv-6v";
+        let splits = [(name, Margin::TEN, split.content_hash())];
+        let recognised = |index: &EvaluationIndex| preset.index.recognise_derived(index, &splits).unwrap();
+        assert_eq!(recognised(&split), IndexMatch::Derived { name });
+        let mut measured = split.clone();
+        measured.scenes["zero"][0].overlap = Some(0.5.into());
+        assert_eq!(recognised(&measured), IndexMatch::Derived { name }, "an overlap is no other trial");
+        let mut moved = split.clone();
+        for entry in moved.scenes.values_mut().flatten() {
+            for frame in entry.context.iter_mut().chain(&mut entry.target) {
+                *frame += 5;
+            }
+        }
+        assert_eq!(moved.context_gaps_hash(), split.context_gaps_hash());
+        let found = recognised(&moved);
+        assert_eq!(found, IndexMatch::DerivedFromOther { name });
+        assert!(found.to_string().contains("where `protocol extrapolate` places them"), "{found}");
+    }
+
+    #[test]
+    fn every_accepted_file_of_a_derivation_is_underived() {
+        let mut rule = Preset::named("dl3dv-6v-extrapolation").unwrap().index;
+        let other = Sha256Digest::of(b"another file");
+        rule.accepted.push(AcceptedIndex { name: "mine".to_owned(), sha256: other, note: None });
+        let index = EvaluationIndex::default();
+        assert_eq!(rule.recognise_hashes(&other, &index), IndexMatch::Underived { name: "mine" });
     }
 }

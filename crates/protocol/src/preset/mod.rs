@@ -144,7 +144,8 @@ impl Preset {
     }
 
     /// Hash of everything that can change a number: the preset's fields as compact JSON in declaration order, without
-    /// name, title, notes, inferences and sources. Results with different protocol hashes do not share a table.
+    /// name, title, notes, inferences, sources, the preset that it stands for, the sampler and the estimator of the bins.
+    /// Results with different protocol hashes do not share a table.
     ///
     /// # Errors
     /// [`ProtocolError::Malformed`] for a value that JSON cannot represent; impossible if it was read from TOML.

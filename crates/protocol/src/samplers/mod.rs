@@ -12,7 +12,7 @@ pub use overlap_pairs::{OverlapPairs, PairTargets};
 
 use atsplat_camera::Camera;
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use thiserror::Error;
 
 use crate::IndexEntry;
@@ -50,7 +50,20 @@ pub enum Sampler {
     /// A random window of bounded width (the papers' training sampler, at the end of its schedule).
     Bounded(Bounded),
     /// Every frame is context and target (pixelSplat's `view_sampler_all.py`).
+    #[serde(deserialize_with = "no_settings")]
     AllFrames,
+}
+
+/// Refuses settings of a variant that has none, which serde would ignore.
+fn no_settings<'de, D: Deserializer<'de>>(table: D) -> Result<(), D::Error> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[expect(
+        clippy::empty_structs_with_brackets,
+        reason = "without them, it would be read from a unit and not from a table"
+    )]
+    struct Nothing {}
+    Nothing::deserialize(table).map(|Nothing {}| ())
 }
 
 impl Sampler {
@@ -193,6 +206,21 @@ mod tests {
         assert_eq!(toml::from_str::<Sampler>(&toml::to_string(&sampler).unwrap()).unwrap(), sampler);
         assert!(toml::from_str::<Sampler>(&format!("{text}windw = 3\n")).is_err(), "a misspelt field");
         assert!(toml::from_str::<Sampler>(&text.replace("50", "0")).is_err(), "an empty window");
+    }
+
+    #[test]
+    fn settings_of_another_rule_are_errors() {
+        let farthest = "sampler = 'farthest-point'\nwindow = 50\ncontext-views = 6\n";
+        for (valid, rest) in [
+            ("sampler = 'all-frames'\n".to_owned(), "seed = 3\n"),
+            (format!("{farthest}targets.rule = 'window'\n"), "targets.count = 8\n"),
+            (format!("{farthest}targets.rule = 'between-context'\n"), "targets.seed = 1\n"),
+        ] {
+            let sampler: Sampler = toml::from_str(&valid).unwrap_or_else(|error| panic!("{valid}: {error}"));
+            assert_eq!(toml::from_str::<Sampler>(&toml::to_string(&sampler).unwrap()).unwrap(), sampler);
+            let error = toml::from_str::<Sampler>(&format!("{valid}{rest}")).unwrap_err().to_string();
+            assert!(error.contains("unknown field `"), "{rest}: {error}");
+        }
     }
 
     #[test]

@@ -88,7 +88,8 @@ impl OverlapPairs {
     /// A pair with too few frames for its targets is skipped, as in latentSplat; pixelSplat's loop would not terminate.
     ///
     /// # Errors
-    /// [`NoEntry::NoPair`], [`NoEntry::TooFewFrames`] or [`NoEntry::Geometry`].
+    /// [`NoEntry::NoPair`], [`NoEntry::TooFewFrames`] or [`NoEntry::Geometry`]; [`NoEntry::TooFewTargets`] if every pair has
+    /// too few frames for its targets.
     pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
         let frames = scene.cameras.len();
         if frames <= self.min_distance.get() {
@@ -96,19 +97,22 @@ impl OverlapPairs {
         }
         let mut random = SplitMix64::for_scene(self.seed, scene.key);
         let mut entries = Vec::new();
+        let mut reason = NoEntry::NoPair;
         for first in random.permutation(frames) {
             let partners = self.partners(scene, first)?;
             let Some(partner) = random.distinct(&partners, 1).and_then(|drawn| drawn.first().copied()) else {
                 continue;
             };
             let (left, right) = (first.min(partner), first.max(partner));
-            let Some(target) = self.targets.draw(left, right, frames, &mut random) else { continue };
-            entries.push(entry(vec![left, right], target));
+            match self.targets.draw(left, right, frames, &mut random) {
+                Ok(target) => entries.push(entry(vec![left, right], target)),
+                Err(too_few) => reason = too_few,
+            }
             if entries.len() == self.pairs_per_scene.get() {
                 break;
             }
         }
-        if entries.is_empty() { Err(NoEntry::NoPair) } else { Ok(entries) }
+        if entries.is_empty() { Err(reason) } else { Ok(entries) }
     }
 
     /// The accepted partners of `first`, in the order visited.
@@ -142,7 +146,7 @@ impl OverlapPairs {
 }
 
 impl PairTargets {
-    fn draw(self, left: usize, right: usize, frames: usize, random: &mut SplitMix64) -> Option<Vec<usize>> {
+    fn draw(self, left: usize, right: usize, frames: usize, random: &mut SplitMix64) -> Result<Vec<usize>, NoEntry> {
         let (candidates, count): (Vec<usize>, usize) = match self {
             Self::Inside { count } => ((left..=right).collect(), count.get()),
             Self::Outside { count, reach } => {
@@ -151,9 +155,10 @@ impl PairTargets {
                 (before.chain(after).collect(), count.get())
             }
         };
-        let mut target = random.distinct(&candidates, count)?;
+        let too_few = NoEntry::TooFewTargets { needed: count, found: candidates.len() };
+        let mut target = random.distinct(&candidates, count).ok_or(too_few)?;
         target.sort_unstable();
-        Some(target)
+        Ok(target)
     }
 }
 
@@ -218,6 +223,15 @@ mod tests {
         let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
         let outcome = sampler.sample(&SceneViews { key: "short", cameras: &cameras });
         assert_eq!(outcome, Err(NoEntry::TooFewFrames { needed: 46, found: 45 }));
+    }
+
+    /// Only the first and the last frame are far enough apart, and no frame is outside their window.
+    #[test]
+    fn pairs_without_room_for_their_targets_are_not_missing_pairs() {
+        let cameras = pan(46, 0.0);
+        let sampler = pairs(PairTargets::Outside { count: THREE, reach: 45 }, 1);
+        let outcome = sampler.sample(&SceneViews { key: "exact", cameras: &cameras });
+        assert_eq!(outcome, Err(NoEntry::TooFewTargets { needed: 3, found: 0 }));
     }
 
     /// Cameras at rest always overlap, so that the search ends one frame beyond the largest distance.

@@ -37,6 +37,10 @@ def record(
     if isinstance(method, str):
         if method not in BUILT_IN:
             raise invalid("method", f"expected a callable, or one of {', '.join(BUILT_IN)}, found {method!r}")
+        other = None if setting.lower() == "atsplat" else setting
+        for field, given in (("name", name), ("title", title), ("parameters", dict(parameters) or None), ("setting", other)):
+            if given is not None:
+                raise invalid(field, f"expected none for {method}, which has its own, found {given!r}")
         name, kind, title = method, method, BUILT_IN[method]
     elif callable(method):
         name, kind = name or name_of(method), "python"

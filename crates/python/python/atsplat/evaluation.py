@@ -76,7 +76,8 @@ def evaluate(
         protocols: names, paths of ``.toml`` files, or :class:`~atsplat.Protocol`.
         data: the dataset, as for :meth:`atsplat.Protocol.open`.
         out: folder of the store.
-        name: the method's name in the results; by default that of the function or class.
+        name: the method's name in the results; by default that of the function or class. A baseline has its own name, title,
+            parameters and setting: others are an error.
         title: its title in tables.
         parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
         resume: keep results that the store already has, if trial and data are unchanged; else the folder must hold no store.

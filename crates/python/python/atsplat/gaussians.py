@@ -71,7 +71,7 @@ class Gaussians:
 
     @classmethod
     def read(cls, path: str | PathLike, *, opacities_as_stored: bool = False) -> Gaussians:
-        """Reads PLY, compressed PLY, SPZ or ``.splat``; problems are warnings.
+        """Reads PLY, compressed PLY, SPZ or ``.splat``; problems, and fields of the file that are not read, are warnings.
 
         ``opacities_as_stored`` reads opacities, not logits, as the exporters of pixelSplat and NoPoSplat write them.
         """
@@ -80,9 +80,12 @@ class Gaussians:
             warnings.warn(f"{fspath(path)}: {note}", stacklevel=2)
         return cls._of(native)
 
-    def write(self, path: str | PathLike) -> None:
-        """Writes ``.ply`` (lossless, but infinite opacity logits become ±20) or ``.spz`` (quantised)."""
-        self._native.write(fspath(path))
+    def write(self, path: str | PathLike, *, antialiased: bool = False) -> None:
+        """Writes ``.ply`` (lossless, but infinite opacity logits become ±20) or ``.spz`` (quantised).
+
+        ``antialiased`` records in SPZ that they were trained, and should be rendered, with ``antialiased=True``.
+        """
+        self._native.write(fspath(path), antialiased)
 
     def __len__(self) -> int:
         return len(self._native)

@@ -75,10 +75,13 @@ class Protocol:
             data: RE10K trajectories, ``.torch`` chunks, a ``transforms.json``, a COLMAP model, or a folder of them.
             index: the evaluation index (JSON), or a folder in which the published one is found by its hash; by default
                 ``PROTOCOL.json`` or ``evaluation_index.json`` next to the data.
-            sampler: for data without a published index: a rule that chooses frames, by name or as a ``.toml``.
+            sampler: instead of an index, for data without a published one: a rule that chooses frames, by name or as a ``.toml``.
             any_size: accept images of any size, which changes the protocol's hash.
-            frames: folder of the frames, if they are not next to the poses.
+            frames: folder of the frames of trajectories or a COLMAP model, if they are not next to the poses.
             images: which copy of a capture's images: 1 for ``images``, 2, 4 or 8 for ``images_2`` …
+
+        Raises:
+            InvalidError: also for an argument that data of the detected format does not read.
         """
         if isinstance(data, Data):
             if data.protocol.hash != self.hash:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import warnings
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from typing import Any
@@ -17,7 +18,7 @@ from .drift import Drift, drift
 from .errors import DriftedError
 from .evaluation import evaluate
 from .metrics import metrics
-from .protocols import Data, Protocol, check_setting, protocol
+from .protocols import Data, Protocol, Skipped, check_setting, protocol
 from .stores import Store
 
 Path = str | PathLike
@@ -28,8 +29,8 @@ class TrialDataset(Dataset):
 
     An item is a dict of ``scene`` and ``entry``, ``near_far`` (2), and for ``context`` and ``target`` each: ``context_images``
     (V × 3 × H × W, float32 in [0, 1]), ``context_world_from_camera`` (V × 4 × 4, float32, OpenCV axes) and ``context_intrinsics``
-    (V × 3 × 3, float32, in units of the image's size). ``target_images`` are only there with ``supervise=True``, for training: a
-    method under evaluation may not see them.
+    (V × 3 × 3, float32, in units of the image's size); lens distortion is left out. ``target_images`` are only there with
+    ``supervise=True``, for training: a method under evaluation may not see them.
 
     Args:
         of: a protocol, by name or opened.
@@ -55,13 +56,22 @@ class TrialDataset(Dataset):
         self._setting, self._supervise = setting, supervise
         self._data: Data | None = None
         check_setting(self._opened().protocol, setting)
-        # Entries without a trial are left out; no image is decoded for that.
+        # No image is decoded for that.
         trials = self._opened()._native.trials(setting, limit, None, False)
         self._entries: list[tuple[str, int]] = []
+        #: Entries of the index that have no trial, and so no item, with the reason.
+        self.skipped: list[Skipped] = []
         while (outcome := trials.next()) is not None:
-            if outcome[0] is not None:
-                trial = outcome[0].input()
-                self._entries.append((trial.scene, trial.entry))
+            trial, skipped = outcome
+            if trial is None:
+                self.skipped.append(Skipped(*skipped))
+            else:
+                seen = trial.input()
+                self._entries.append((seen.scene, seen.entry))
+        if self.skipped:
+            count, first = len(self.skipped), self.skipped[0]
+            text = f"{count} of {count + len(self)} entries of the index have no trial, first {first.scene}: {first.detail}"
+            warnings.warn(text, stacklevel=2)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_data": None}

@@ -21,7 +21,7 @@ pub use of_trial::of_trial;
 
 use std::collections::BTreeSet;
 
-use atsplat_eval::{PresetRecord, Results};
+use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
 
 use crate::definition::Quantity;
@@ -48,6 +48,12 @@ fn estimate(cell: &Cell) -> Option<Estimate> {
 pub(crate) fn first_metric(results: &Results, preset: &str) -> Option<&'static Definition> {
     let targets = || results.targets.iter().filter(|row| row.key.preset == preset);
     definitions().iter().find(|metric| targets().any(|row| row.scores.contains_key(metric.id)))
+}
+
+/// A method's title, with its name if other methods of the results have the same title, as trainings of one network do.
+pub(crate) fn title_of(results: &Results, method: &MethodRecord) -> String {
+    let twins = results.provenance.methods.iter().filter(|other| other.title == method.title).count();
+    if twins > 1 { format!("{} ({})", method.title, method.name) } else { method.title.clone() }
 }
 
 /// Protocol, data and scenes, for a plot's heading: `RealEstate10K, 2 views (re10k-2v-256); 8 scenes of 7194 in the index`.

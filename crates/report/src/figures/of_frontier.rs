@@ -1,29 +1,38 @@
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
 use atsplat_eval::tradeoff::{Axis, Frontier, Point, Tradeoff, tradeoffs};
 use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TrialKey};
 
-use super::{first_metric, subject};
+use super::{first_metric, subject, title_of};
 use crate::ReportError;
 use crate::file_names::{plain, unused};
 use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin};
-use crate::table::{BUSY, Source};
+use crate::table::{BUSY, Source, is_same_data};
 
 /// Accuracy against time and against Gaussians, by name: one plot for each protocol with at least two methods or settings
-/// in all stores together.
+/// in all stores together. Stores of different pictures under one name do not share a plot.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
 pub fn of_frontier(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, ReportError> {
-    let mut seen = BTreeSet::new();
-    let mut plots: Vec<(String, Drawing)> = Vec::new();
-    for preset in sources.iter().flat_map(|source| &source.results.provenance.presets) {
-        if !seen.insert(identity(preset)) {
-            continue;
+    let mut groups: Vec<(&PresetRecord, Vec<Source<'_>>)> = Vec::new();
+    for source in sources {
+        for preset in &source.results.provenance.presets {
+            let name = preset.name.as_str();
+            let has_same_data = |other: &Source<'_>| is_same_data([(other.results, name), (source.results, name)]);
+            let is_own = |first: &PresetRecord| identity(first) == identity(preset);
+            let fits = groups.iter().position(|(first, others)| is_own(first) && others.iter().all(has_same_data));
+            match fits {
+                Some(at) => groups[at].1.push(*source),
+                None => groups.push((preset, vec![*source])),
+            }
         }
-        if let Some(plot) = frontier(&merged_results(sources, preset), preset)? {
-            // Stores may have other protocols under the same name.
+    }
+    let mut plots: Vec<(String, Drawing)> = Vec::new();
+    for (preset, stores) in groups {
+        if let Some(plot) = frontier(&merged_results(&stores, preset), preset)? {
+            // Stores may have other protocols or pictures under the same name.
             let is_taken = |name: &str| plots.iter().any(|(own, _)| own == name);
             let name = unused(&format!("frontier-{}", plain(&preset.name)), is_taken);
             plots.push((name, plot));
@@ -40,9 +49,10 @@ fn identity(preset: &PresetRecord) -> (&str, &str, &str) {
 fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>, ReportError> {
     let Some(metric) = first_metric(results, &preset.name) else { return Ok(None) };
     let aggregation = preset.protocol()?.aggregation;
-    let titles: BTreeMap<&str, &str> =
-        results.provenance.methods.iter().map(|method| (method.name.as_str(), method.title.as_str())).collect();
-    let title = |name: &str| titles.get(name).map_or_else(|| name.to_owned(), |title| (*title).to_owned());
+    let title = |name: &str| {
+        let method = results.provenance.methods.iter().find(|method| method.name == name);
+        method.map_or_else(|| name.to_owned(), |method| title_of(results, method))
+    };
     let point = |frontier: &Frontier, point: &Point| {
         let query = MetricQuery {
             preset: &preset.name,
@@ -129,14 +139,12 @@ const fn cost(axis: Axis) -> CostAxis {
     }
 }
 
-/// The rows of a protocol from all stores. A method whose name an earlier store also has gets the name of its store added.
+/// The rows of a protocol from stores that have it. A method whose name an earlier store also has gets the name of its store
+/// added.
 fn merged_results(sources: &[Source<'_>], preset: &PresetRecord) -> Results {
     let mut all = Results::default();
     for source in sources {
         let Results { provenance, trials, targets, timings } = source.results;
-        if !provenance.presets.iter().any(|own| identity(own) == identity(preset)) {
-            continue;
-        }
         if all.provenance.presets.is_empty() {
             all.provenance = Provenance { presets: vec![preset.clone()], methods: Vec::new(), ..provenance.clone() };
         }
@@ -192,8 +200,16 @@ mod tests {
         let own = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), atsplat("b", |_| ())]);
         let mut changed = own.clone();
         changed.provenance.presets[0].hash = "another".to_owned();
-        let sources = [Source { label: "own", results: &own }, Source { label: "changed", results: &changed }];
-        let names: Vec<String> = of_frontier(&sources).unwrap().into_iter().map(|(name, _)| name).collect();
-        assert_eq!(names, ["frontier-re10k-2v-256", "frontier-re10k-2v-256-2"]);
+        let mut repainted = own.clone();
+        repainted.trials.iter_mut().for_each(|row| row.data_hash = Some("other pictures".to_owned()));
+        for other in [changed, repainted] {
+            let sources = [Source { label: "own", results: &own }, Source { label: "elsewhere", results: &other }];
+            let plots = of_frontier(&sources).unwrap();
+            let names: Vec<&str> = plots.iter().map(|(name, _)| name.as_str()).collect();
+            assert_eq!(names, ["frontier-re10k-2v-256", "frontier-re10k-2v-256-2"]);
+            let texts: Vec<&str> = plots[0].1.texts().collect();
+            assert!(texts.iter().any(|text| text.contains("ATSplat (a)")), "of one title: {texts:?}");
+            assert!(!texts.iter().any(|text| text.contains("elsewhere")), "{texts:?}");
+        }
     }
 }

@@ -16,7 +16,7 @@ use crate::plot::{
 };
 use crate::table::{BUSY, Source, has_trials};
 
-use super::{first_metric, subject};
+use super::{first_metric, subject, title_of};
 
 /// The plots of each protocol in a store, by name: the first computed metric by overlap, by distance from the window and
 /// by scene, and the time.
@@ -55,6 +55,10 @@ impl<'a> ProtocolResults<'a> {
         self.results.provenance.methods.iter().filter(ran)
     }
 
+    fn title(&self, method: &MethodRecord) -> String {
+        title_of(self.results, method)
+    }
+
     fn metric(&self) -> Option<&'static Definition> {
         first_metric(self.results, &self.preset.name)
     }
@@ -84,7 +88,7 @@ impl<'a> ProtocolResults<'a> {
             let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
             let points =
                 middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
-            OverlapSeries { label: method.title.clone(), points: points.collect() }
+            OverlapSeries { label: self.title(method), points: points.collect() }
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         let first_method = self.methods().next().map(|method| method.name.as_str());
@@ -117,7 +121,7 @@ impl<'a> ProtocolResults<'a> {
         let distances: BTreeSet<i64> = own.map(|row| row.signed_distance).filter(|distance| *distance != 0).collect();
         let step = step_of(&distances)?;
         let series = |method: &'a MethodRecord| ExtrapolationSeries {
-            label: method.title.clone(),
+            label: self.title(method),
             points: by_distance_steps(self.results, &self.query(&method.name, metric), step)
                 .iter()
                 .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
@@ -149,19 +153,20 @@ impl<'a> ProtocolResults<'a> {
             };
             let pair = paired(self.results, &self.query(&own.name, metric), &self.query(&other.name, metric))?;
             let interval = pair.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.2}, {high:+.2}]"));
+            let x = self.title(other);
             let difference = format!(
-                "{:+.2}{interval} to {}; better in {} of {} scenes, sign test p = {:.3}",
-                pair.difference, other.title, pair.wins, pair.scenes, pair.sign_test
+                "{:+.2}{interval} to {x}; better in {} of {} scenes, sign test p = {:.3}",
+                pair.difference, pair.wins, pair.scenes, pair.sign_test
             );
             let points: Vec<ScatterPoint> = own_means.iter().filter_map(point).collect();
             let difference = difference.replace('-', "−");
-            (!points.is_empty()).then(|| ScatterPanel { x: other.title.clone(), difference, points })
+            (!points.is_empty()).then_some(ScatterPanel { x, difference, points })
         };
         let plot = SceneScatter {
-            title: format!("{} scene by scene: {} against the others", metric.name, own.title),
+            title: format!("{} scene by scene: {} against the others", metric.name, self.title(own)),
             subtitle: format!("{}; mean differences with their 95 % intervals over scenes", self.subject()),
             quality: metric.into(),
-            y: own.title.clone(),
+            y: self.title(own),
             panels: methods.iter().filter(|other| other.name != own.name).filter_map(against).collect(),
             named: NAMED,
         };
@@ -181,14 +186,13 @@ impl<'a> ProtocolResults<'a> {
         let plot = StageTime {
             title: "Where the time goes until the first picture".to_owned(),
             subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.subject()),
-            rows: methods.into_iter().map(|(method, times)| stage_time_row(method, times)).collect(),
+            rows: methods.into_iter().map(|(method, times)| stage_time_row(self.title(method), times)).collect(),
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
     }
 }
 
-fn stage_time_row(method: &MethodRecord, times: Result<Times, String>) -> StageTimeRow {
-    let label = method.title.clone();
+fn stage_time_row(label: String, times: Result<Times, String>) -> StageTimeRow {
     let times = match times {
         Ok(times) => times,
         Err(reason) => return StageTimeRow { label, stages: Vec::new(), spread: None, untimed: Some(reason) },
@@ -230,6 +234,18 @@ fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sample::{atsplat, preset, results};
+
+    #[test]
+    fn trainings_of_one_title_are_told_apart() {
+        let results = results(vec![preset("re10k-2v-256")], ["one", "two"].map(|name| atsplat(name, |_| ())).to_vec());
+        let plots = of_store(&Source { label: "run", results: &results }).unwrap();
+        assert!(plots.len() > 2, "distances, scenes and times");
+        for (name, plot) in plots {
+            let texts = plot.texts().collect::<Vec<_>>().join("\n");
+            assert!(["ATSplat (one)", "ATSplat (two)"].iter().all(|title| texts.contains(title)), "{name}: {texts}");
+        }
+    }
 
     #[test]
     fn far_distances_go_together_in_round_steps() {

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use atsplat_eval::runner::picture_path;
+use atsplat_eval::runner::{is_picture_of, picture_path};
 use atsplat_eval::{TargetRow, TrialKey};
 use atsplat_metrics::{Definition, Direction};
 use atsplat_pixels::{DecodeLimits, decode};
@@ -22,6 +22,7 @@ pub(super) struct Album {
     context: BTreeMap<(usize, TrialKey), Vec<(u64, usize)>>,
     found: u64,
     unreadable: u64,
+    replaced: u64,
     over_budget: u64,
 }
 
@@ -41,12 +42,19 @@ impl Album {
                 continue;
             }
             album.found += 1;
-            let uris = [path(TRUTH, row.frame), render].map(|path| uri(&path));
-            let [Some(truth), Some(render)] = uris else {
-                album.unreadable += 1;
-                continue;
+            let truth = uri(&path(TRUTH, row.frame), row.truth_hash.as_deref());
+            let pictures = match (truth, uri(&render, row.render_hash.as_deref())) {
+                (Ok(truth), Ok(render)) => [truth, render],
+                (Err(Unusable::Replaced), _) | (_, Err(Unusable::Replaced)) => {
+                    album.replaced += 1;
+                    continue;
+                }
+                _ => {
+                    album.unreadable += 1;
+                    continue;
+                }
             };
-            let Some(places) = album.add([truth, render]) else {
+            let Some(places) = album.add(pictures) else {
                 album.over_budget += 1;
                 continue;
             };
@@ -55,8 +63,12 @@ impl Album {
             if !album.context.contains_key(&place) {
                 let trial = store.source.results.trials.iter().find(|trial| trial.key == row.key);
                 let frames = trial.map_or(&[][..], |trial| &trial.context);
-                let ends = frames.first().into_iter().chain(frames.last().filter(|_| frames.len() > 1));
-                let seen = ends.filter_map(|&frame| Some((frame, album.add([uri(&path(CONTEXT, frame))?])?[0])));
+                let hash = |at: usize| trial?.context_hashes.get(at).map(String::as_str);
+                let ends = frames.iter().enumerate().filter(|(at, _)| *at == 0 || at + 1 == frames.len());
+                let seen = ends.filter_map(|(at, &frame)| {
+                    let picture = uri(&path(CONTEXT, frame), hash(at)).ok()?;
+                    Some((frame, album.add([picture])?[0]))
+                });
                 let seen = seen.collect();
                 album.context.insert(place, seen);
             }
@@ -89,7 +101,11 @@ impl Album {
             self.places.len(),
             self.found
         );
-        for (count, why) in [(self.over_budget, "would make it too large"), (self.unreadable, "cannot be read")] {
+        for (count, why) in [
+            (self.over_budget, "would make it too large"),
+            (self.unreadable, "cannot be read"),
+            (self.replaced, "belong to results that were replaced"),
+        ] {
             if count > 0 {
                 text.push_str(&format!(" {count} {why}."));
             }
@@ -166,9 +182,23 @@ fn quality(rows: &[(usize, &TargetRow)], metric: Option<&Definition>) -> f64 {
     }
 }
 
-/// A picture file as a data URI. The file must decode within limits, so that nothing but pictures is embedded.
-fn uri(path: &Path) -> Option<String> {
-    let bytes = std::fs::read(path).ok()?;
-    decode(&bytes, &DecodeLimits::default()).ok()?;
-    bytes.starts_with(b"\x89PNG").then(|| format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
+/// Why a picture is not shown.
+enum Unusable {
+    /// It cannot be read or decoded.
+    Unreadable,
+    /// It belongs to another result.
+    Replaced,
+}
+
+/// The picture file of a row with this hash as a data URI. The file must decode within limits, so that nothing but pictures is
+/// embedded.
+fn uri(path: &Path, hash: Option<&str>) -> Result<String, Unusable> {
+    let Ok(bytes) = std::fs::read(path) else { return Err(Unusable::Unreadable) };
+    if !bytes.starts_with(b"\x89PNG") || decode(&bytes, &DecodeLimits::default()).is_err() {
+        return Err(Unusable::Unreadable);
+    }
+    if !is_picture_of(&bytes, hash) {
+        return Err(Unusable::Replaced);
+    }
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
 }

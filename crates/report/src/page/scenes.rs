@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use super::PageStore;
 use super::pictures::Album;
+use crate::figures::title_of;
 
 /// Metrics for which any target has a score, in the order of their definitions.
 pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
@@ -48,12 +49,8 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
             by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(trial_json);
         }
         for ((preset, method), trials) in by_run {
-            let title = results
-                .provenance
-                .methods
-                .iter()
-                .find(|record| record.name == method)
-                .map_or(method, |record| &record.title);
+            let record = results.provenance.methods.iter().find(|record| record.name == method);
+            let title = record.map_or_else(|| method.to_owned(), |record| title_of(results, record));
             let store = if stores.len() > 1 { format!(" · {}", store.source.label) } else { String::new() };
             runs.push(json!({ "label": format!("{preset} · {title}{store}"), "protocol": preset, "title": format!("{title}{store}"), "trials": trials }));
         }
@@ -153,8 +150,17 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     use super::*;
-    use crate::sample::{floor, preset, results};
+    use crate::sample::{atsplat, floor, preset, results};
     use crate::table::Source;
+
+    #[test]
+    fn trainings_of_one_title_are_runs_of_their_own() {
+        let results = results(vec![preset("re10k-2v-256")], ["one", "two"].map(|name| atsplat(name, |_| ())).to_vec());
+        let store = PageStore { source: Source { label: "run", results: &results }, folder: None };
+        let runs = runs(&[store], &Album::default());
+        let titles: Vec<&str> = runs.iter().filter_map(|run| run["title"].as_str()).collect();
+        assert_eq!(titles, ["ATSplat (one)", "ATSplat (two)"]);
+    }
 
     /// A target of 20 dB beside one whose render equals the truth, as tables average them: 20, not 60.
     #[test]

@@ -200,6 +200,23 @@ fn files_that_are_not_pictures_are_not_embedded() {
 }
 
 #[test]
+fn pictures_of_other_results_are_not_shown() {
+    let mut sample = Sample::new();
+    let row = sample.results.targets[0].clone();
+    let path = picture_path(sample.folder.path(), &row.key, row.frame);
+    let png = std::fs::read(&path).unwrap();
+    let (header, rest) = png.split_at(33);
+    // The text says which row the picture belongs to.
+    let text = b"\0\0\0\x11tEXtatsplat-samples\0x\x4d\xaa\x05\x2e";
+    std::fs::write(&path, [header, &text[..], rest].concat()).unwrap();
+    let mut said = |hash: &str| {
+        sample.results.targets[0].render_hash = Some(hash.to_owned());
+        sample.write(usize::MAX, None).contains("1 belong to results that were replaced")
+    };
+    assert_eq!((said("x"), said("y")), (false, true));
+}
+
+#[test]
 fn slots_are_filled_in_one_pass() {
     assert_eq!(filled("a {{x}} b {{y}}{{z}}", &[("x", "{{y}}".to_owned()), ("y", "1".to_owned())]), "a {{y}} b 1");
     assert_eq!(filled("open {{x", &[]), "open {{x");

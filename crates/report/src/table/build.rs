@@ -7,7 +7,7 @@ use super::measure::{cells, has_leaked};
 use super::measured_on::{MeasuredOn, ProtocolRun};
 use super::orders::orders;
 use super::rank::rank;
-use super::trainings::{mean_row, training_groups};
+use super::trainings::{distinguish, mean_rows};
 use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials};
 use crate::ReportError;
 use crate::definition::{
@@ -56,6 +56,7 @@ pub fn tables(definition: &TableDefinition, sources: &[Source<'_>], mixing: Mixi
 pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Option<&Edition<'_>>) -> Table {
     let mut rows = Vec::new();
     let mut claimed: Vec<(&str, &str)> = Vec::new();
+    let mut means: Vec<(usize, String)> = Vec::new();
     for (at, row) in published.iter().enumerate() {
         let known = definition.row(&row.labels);
         rows.push(published_row(row, at, known));
@@ -68,8 +69,10 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
             rows.extend(measured(definition, edition, Some((at, row, known)), *method));
         }
         let own = rows.iter().rposition(|row| row.origin == Origin::Published).map_or(0, |at| at + 1);
-        let means: Vec<Row> = training_groups(definition, edition, &rows[own..]).iter().filter_map(mean_row).collect();
-        rows.extend(means);
+        for (row, trainings) in mean_rows(definition, edition, &rows[own..]) {
+            means.push((rows.len(), trainings));
+            rows.push(row);
+        }
     }
     if let Some(edition) = edition.filter(|_| definition.others) {
         let others = all_methods(edition)
@@ -80,13 +83,15 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
         for method in others {
             rows.extend(measured(definition, edition, None, Some(method)));
         }
-        let means: Vec<Row> =
-            training_groups(definition, edition, &rows[first..]).iter().filter_map(mean_row).collect();
-        rows.extend(means);
+        for (row, trainings) in mean_rows(definition, edition, &rows[first..]) {
+            means.push((rows.len(), trainings));
+            rows.push(row);
+        }
         if let Some(row) = rows.get_mut(first) {
             row.rule_above = true;
         }
     }
+    distinguish(&mut rows, &means);
     let mut table = Table {
         name: definition.name.clone(),
         title: definition.title.clone(),
@@ -218,7 +223,19 @@ fn measured(
     method: Option<Candidate<'_>>,
 ) -> Vec<Row> {
     let runs = runs(definition, edition, reproduced.map(|(_, _, row)| row), method);
-    runs.iter().flat_map(|chosen| measured_once(definition, edition, reproduced, method, chosen)).collect()
+    let mut rows = Vec::new();
+    for chosen in &runs {
+        let mut own = measured_once(definition, edition, reproduced, method, chosen);
+        // Data, size and number of scenes may be the same.
+        if runs.len() > 1 {
+            let presets = distinct(chosen.iter().flatten().map(|(part, _)| part.preset.name.as_str())).join(", ");
+            for row in &mut own {
+                row.remarks.push(format!("under {presets}"));
+            }
+        }
+        rows.extend(own);
+    }
+    rows
 }
 
 /// The results that fill each group of columns, once for each row of the method.
@@ -362,21 +379,21 @@ fn labels(
         all.iter().filter(twin).count()
     };
     let twins = named(None) > 1;
-    let title = match (twins, named(Some(&method.record.name)) > 1) {
-        (false, _) => method.record.title.clone(),
-        (true, false) => format!("{} ({})", method.record.title, method.record.name),
-        (true, true) => format!("{} ({}: {})", method.record.title, method.store, method.record.name),
+    let name = match (twins, named(Some(&method.record.name)) > 1) {
+        (false, _) => String::new(),
+        (true, false) => format!(" ({})", method.record.name),
+        (true, true) => format!(" ({}: {})", method.store, method.record.name),
     };
     match (definition.measured_label, reproduced) {
         (MeasuredLabel::Published, Some(row)) => {
             labels.clone_from(&row.labels);
-            if let Some(last) = labels.last_mut().filter(|_| twins) {
-                *last = format!("{last} ({})", method.record.name);
+            if let Some(last) = labels.last_mut() {
+                last.push_str(&name);
             }
         }
         _ => {
             if let Some(first) = labels.first_mut() {
-                *first = title;
+                *first = format!("{}{name}", method.record.title);
             }
         }
     }

@@ -1,6 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::{MethodRecord, PresetRecord};
+use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_protocol::{OverlapBins, Preset};
 
 use super::{Row, Source, StoreProtocol};
@@ -59,6 +59,17 @@ pub(super) fn editions<'a>(
     Ok(editions)
 }
 
+/// Whether the trials that two stores have in common, each under a preset of this name, read the same pictures and cameras.
+pub(crate) fn is_same_data(stores: [(&Results, &str); 2]) -> bool {
+    let [own, others] = stores.map(|(results, preset)| {
+        let trials = results.trials.iter().filter(|trial| trial.key.preset == preset);
+        trials
+            .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
+            .collect::<BTreeMap<_, _>>()
+    });
+    others.iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+}
+
 /// The parts of a store by suffix; parts of one suffix that may not share an edition are in groups of their own.
 fn consistent_groups<'a>(parts: Vec<Part<'a>>) -> Vec<(&'a str, Vec<Part<'a>>)> {
     let mut groups: Vec<(&'a str, Vec<Part<'a>>)> = Vec::new();
@@ -115,18 +126,8 @@ impl Part<'_> {
         own.published() != others.published() || (is_same_protocol && self.has_same_data(other))
     }
 
-    /// Whether the trials that both have in common read the same pictures and cameras.
     fn has_same_data(&self, other: &Part<'_>) -> bool {
-        let own = self.data_hashes();
-        other.data_hashes().iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
-    }
-
-    /// The data hashes of the trials that have one, by scene and entry.
-    fn data_hashes(&self) -> BTreeMap<(&str, u32), &str> {
-        let trials = self.source.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
-        trials
-            .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
-            .collect()
+        is_same_data([self, other].map(|part| (part.source.results, part.preset.name.as_str())))
     }
 
     fn is(&self, protocol: &StoreProtocol) -> bool {

@@ -21,6 +21,7 @@ use atsplat_metrics::Direction;
 use serde::Serialize;
 
 pub use build::{Mixing, tables};
+pub(crate) use edition::is_same_data;
 pub(crate) use footer::short;
 pub use measured_on::MeasuredOn;
 pub use orders::{Order, Outcome};
@@ -121,7 +122,7 @@ pub struct Row {
     pub remarks: Vec<String>,
     /// Name of the method in its store; `None` for published rows and for rows of several methods.
     pub method: Option<String>,
-    /// Label of its store.
+    /// Label of its store; labels of all its stores, for a mean over trainings.
     pub store: Option<String>,
     /// For each group of columns, the protocol that was measured; empty for published rows.
     #[serde(skip)]

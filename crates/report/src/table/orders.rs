@@ -165,7 +165,10 @@ fn compared(
     })
 }
 
-fn query<'a>((part, record): &(&'a Part<'a>, &'a MethodRecord), metric: &'static Definition) -> MetricQuery<'a> {
+pub(super) fn query<'a>(
+    (part, record): &(&'a Part<'a>, &'a MethodRecord),
+    metric: &'static Definition,
+) -> MetricQuery<'a> {
     let (leaked, identical) = (Leaked::Included, Identical::Excluded);
     MetricQuery { preset: &part.preset.name, method: &record.name, metric: metric.id, leaked, identical }
 }

@@ -1,6 +1,6 @@
 //! What a table says where it is pasted: data, sizes, scenes, verdicts, trainings, trends.
 
-use atsplat_eval::{MethodRecord, Results, TargetStatus, TrainingRecord};
+use atsplat_eval::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord};
 use atsplat_numeric::Tolerance;
 use serde_json::json;
 
@@ -247,6 +247,67 @@ fn a_training_of_two_stores_is_in_a_mean_once() {
     assert_eq!(means.collect::<Vec<_>>(), [("run-cpu", 2), ("run-gpu", 2)]);
     let orders: Vec<[usize; 2]> = first_table("ablation_ate").orders.iter().map(|order| order.trainings).collect();
     assert_eq!(orders, [[1, 2]], "random selection has one");
+    let of_store = |store: &str| format!("mean of 2 trainings ({store}: seed 1, {store}: seed 2)");
+    let means = measured(&table).filter(|row| row.method.is_none());
+    let remarks: Vec<&String> = means.map(|row| &row.remarks[0]).collect();
+    assert_eq!(remarks, [&of_store("run-cpu"), &of_store("run-gpu")]);
+    for name in ["re10k", "ablation_ate"] {
+        let table = first_table(name);
+        let labels: Vec<Vec<String>> = measured(&table).map(Row::printed_labels).collect();
+        assert_eq!(distinct(labels.iter()).len(), labels.len(), "{labels:?}");
+    }
+}
+
+#[test]
+fn means_over_trainings_of_different_networks_have_labels_of_their_own() {
+    let network = |(name, data): (&str, &str)| ["1", "2"].map(|seed| trained(&format!("{name} {seed}"), seed, data));
+    let networks = [("few", "rooms train 0 to 9"), ("many", "rooms train 0 to 99")];
+    let all = networks.into_iter().flat_map(network).collect();
+    let results = results_over(vec![preset("rooms-2v-128")], all, 7);
+    let means = |table: &Table| -> Vec<String> {
+        measured(table).filter(|row| row.method.is_none()).map(|row| row.printed_labels().remove(0)).collect()
+    };
+    let expected = ["few", "many"].map(|name| format!("ATSplat, mean of 2 trainings ({name} 1, {name} 2)"));
+    assert_eq!(means(&built("re10k", &results)), expected);
+    // Titles of their own, and trainings in stores of their own.
+    let [mut first, mut second] = ["1", "2"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
+    first.title = "ATSplat (a)".to_owned();
+    second.title = "ATSplat (b)".to_owned();
+    let stores = [first, second].map(|own| results_over(vec![preset("rooms-2v-128")], vec![own], 7));
+    let sources = [Source { label: "one", results: &stores[0] }, Source { label: "two", results: &stores[1] }];
+    let definition = TableDefinition::named("re10k").unwrap();
+    let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+    assert_eq!(means(&table), ["ATSplat (a) and ATSplat (b), mean of 2 trainings"]);
+    let mean = measured(&table).find(|row| row.method.is_none()).unwrap();
+    assert_eq!(mean.store.as_deref(), Some("one, two"));
+}
+
+/// A scene with two index entries has two votes, in the mean over trainings too.
+#[test]
+fn a_mean_over_trainings_averages_as_its_rows_do() {
+    let [first, second] = ["1", "2"].map(|seed| trained(&format!("seed {seed}"), seed, "simulated rooms"));
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![first, floor(), second], 7);
+    let worst = results.targets.iter().filter(|row| row.key.scene == "scene 6").cloned();
+    let mut more: Vec<_> = worst.collect();
+    for row in &mut more {
+        row.key.entry = 1;
+    }
+    results.targets.extend(more);
+    let table = built("re10k", &results);
+    let of_network = measured(&table).filter(|row| !row.without_leaked && row.labels[0].starts_with("ATSplat"));
+    let (means, single): (Vec<&Row>, Vec<&Row>) = of_network.partition(|row| row.method.is_none());
+    assert_eq!((means.len(), single.len()), (1, 2));
+    let psnr = |row: &Row| row.cells[0][0].value.number().unwrap();
+    Tolerance::F64.assert([psnr(means[0])], [f64::midpoint(psnr(single[0]), psnr(single[1]))], "entries");
+}
+
+#[test]
+fn an_entry_that_is_skipped_for_two_reasons_counts_once() {
+    let mut results = store();
+    let other = results.provenance.skipped[0].clone();
+    results.provenance.skipped.push(SkippedEntry { reason: "baseline".to_owned(), ..other });
+    let said = notes(&built("re10k", &results), NoteKind::Counts);
+    assert!(said.contains("1 index entries skipped (missing-frame 1, baseline 1)"), "{said}");
 }
 
 /// The paper has uncertainty 0.49 dB above random selection; the sample's random selection is 3 dB below, or above.

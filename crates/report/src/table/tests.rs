@@ -188,6 +188,10 @@ fn two_protocols_of_one_store_get_tables_of_their_own() {
     let mixed = built("re10k", &[("run", &results)], Mixing::Forced);
     assert_eq!((mixed.len(), mixed[0].forced), (1, true));
     Tolerance::F64.assert(psnrs(&mixed[0]), [24.25, 19.25], "a row for each");
+    let labels: Vec<String> = mixed[0].rows.iter().filter_map(|row| row.printed_labels().pop()).collect();
+    for preset in ["rooms-2v-128", "rooms-2v-64"] {
+        assert!(labels.contains(&format!("ATSplat, under {preset}")), "{labels:?}");
+    }
 }
 
 /// Each setting of a sweep over resolutions runs under a preset of its own; one of them is the protocol's resolution.

@@ -2,22 +2,51 @@
 
 use std::collections::BTreeMap;
 
-use atsplat_eval::statistics::{SceneMean, of_seeds};
+use atsplat_eval::MethodRecord;
+use atsplat_eval::statistics::{SceneMean, of_seeds, weighted_scene_means};
+use atsplat_metrics::Definition;
 
-use super::edition::Edition;
-use super::orders::{TrainedMethods, is_further_training, means};
+use super::edition::{Edition, Part};
+use super::orders::{TrainedMethods, is_further_training, query};
 use super::{Cell, Counts, MeasuredOn, Place, Row, Trainings, Value, distinct};
 use crate::definition::{ColumnGroup, Quantity, TableDefinition};
 
 /// Measured rows that are trainings of one network from different seeds, and what they were measured with.
-pub(super) struct TrainingGroup<'a> {
+struct TrainingGroup<'a> {
+    trainings: TrainedMethods<'a>,
     rows: Vec<&'a Row>,
     /// For each group of columns, the methods under its preset, if it has one and no bins.
     groups: Vec<(&'a ColumnGroup, TrainedMethods<'a>)>,
 }
 
+/// A row over the trainings of each network among measured rows that was trained several times, and their names.
+pub(super) fn mean_rows(definition: &TableDefinition, edition: &Edition<'_>, rows: &[Row]) -> Vec<(Row, String)> {
+    let stores = distinct(edition.parts.iter().map(|part| part.source.label)).len();
+    let name = |(part, record): &(&Part<'_>, &MethodRecord)| {
+        let store = if stores > 1 { format!("{}: ", part.source.label) } else { String::new() };
+        let protocol = if edition.mixed { format!(" under {}", part.preset.name) } else { String::new() };
+        format!("{store}{}{protocol}", record.name)
+    };
+    let named = |training: &TrainingGroup<'_>| {
+        let names = training.trainings.iter().map(name).collect::<Vec<_>>().join(", ");
+        Some((mean_row(training)?, names))
+    };
+    training_groups(definition, edition, rows).iter().filter_map(named).collect()
+}
+
+/// Adds the names of the trainings to mean rows that print the same labels. `means` are their positions with these names.
+pub(super) fn distinguish(rows: &mut [Row], means: &[(usize, String)]) {
+    let printed: Vec<Vec<String>> = means.iter().map(|(at, _)| rows[*at].printed_labels()).collect();
+    for ((at, trainings), labels) in means.iter().zip(&printed) {
+        let has_twin = printed.iter().filter(|other| *other == labels).count() > 1;
+        if let Some(remark) = rows[*at].remarks.first_mut().filter(|_| has_twin) {
+            remark.push_str(&format!(" ({trainings})"));
+        }
+    }
+}
+
 /// The sets of at least two trainings among measured rows.
-pub(super) fn training_groups<'a>(
+fn training_groups<'a>(
     definition: &'a TableDefinition,
     edition: &'a Edition<'a>,
     rows: &'a [Row],
@@ -43,7 +72,8 @@ pub(super) fn training_groups<'a>(
     };
     let several = sets.into_iter().filter(|(_, rows)| rows.len() > 1);
     several
-        .map(|(_, rows)| TrainingGroup {
+        .map(|(trainings, rows)| TrainingGroup {
+            trainings,
             groups: definition.groups.iter().map(|group| methods(group, &rows)).collect(),
             rows,
         })
@@ -51,7 +81,7 @@ pub(super) fn training_groups<'a>(
 }
 
 /// The mean over trainings: scores with their spread over trainings and over scenes, means of sizes; no times.
-pub(super) fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
+fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
     let first = *training.rows.first()?;
     let cells = training.groups.iter().enumerate().map(|(group, (columns, methods))| {
         let cell = |(at, column): (usize, &crate::definition::ColumnDefinition)| match column.quantity {
@@ -81,14 +111,34 @@ pub(super) fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
     let mut remarks = vec![format!("mean of {} trainings", training.rows.len())];
     remarks.extend(first.remarks.iter().cloned());
     let mut labels = first.labels.clone();
-    // A label ends with the name in parentheses that tells the trainings apart.
     if let Some(label) = labels.iter_mut().rev().find(|label| !label.is_empty()) {
-        label.truncate(label.rfind(" (").unwrap_or(label.len()));
+        *label = common_label(label, &training.trainings);
     }
     let texts = training.rows.iter().filter_map(|row| Some(row.measured_on.as_ref()?.text.as_str()));
     let text = distinct(texts).join("; ");
     let measured_on = first.measured_on.clone().map(|measured_on| MeasuredOn { text, ..measured_on });
-    Some(Row { labels, measured_on, remarks, method: None, cells: cells.collect(), ..first.clone() })
+    let stores = distinct(training.trainings.iter().map(|(part, _)| part.source.label)).join(", ");
+    let (method, store) = (None, Some(stores));
+    Some(Row { labels, measured_on, remarks, method, store, cells: cells.collect(), ..first.clone() })
+}
+
+/// The label of the first training without what tells it apart from the others: its name in parentheses, or its own title.
+fn common_label(label: &str, trainings: &[(&Part<'_>, &MethodRecord)]) -> String {
+    let Some((part, record)) = trainings.first() else { return label.to_owned() };
+    let names = [format!(" ({})", record.name), format!(" ({}: {})", part.source.label, record.name)];
+    if let Some(common) = names.iter().find_map(|name| label.strip_suffix(name.as_str())) {
+        return common.to_owned();
+    }
+    if label == record.title {
+        return distinct(trainings.iter().map(|(_, record)| record.title.as_str())).join(" and ");
+    }
+    label.to_owned()
+}
+
+/// The scene means of a method under a protocol, with their weights in its mean.
+fn means<'a>(own: &(&'a Part<'a>, &'a MethodRecord), metric: &'static Definition) -> Vec<SceneMean> {
+    let (part, _) = own;
+    weighted_scene_means(part.source.results, &query(own, metric), part.protocol.aggregation)
 }
 
 /// The counts behind a mean over trainings: scenes that all of them have, and the targets of all of them.

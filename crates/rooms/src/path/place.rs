@@ -11,17 +11,18 @@ use crate::world::World;
 
 const TRIES: usize = 400;
 
-/// Moves a given path so that its first camera, assumed upright, is at a free position of the world. Of many random positions
-/// the one with the most free cameras is chosen; lengths are scaled down to 0.6, 0.36 … while none has all cameras free.
+/// Moves a given path so that its first camera, assumed upright, is at a free position of the world. Lengths are scaled down to
+/// 0.6, 0.36 … while none of many random positions has all cameras free; if none ever has, the first with the most is chosen.
 pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result<CameraPath, RoomsError> {
     let empty = || RoomsError::Request { field: "trajectory", expected: "cameras", found: "none".to_owned() };
     let (_, first) = given.first().ok_or_else(empty)?;
     let poses: Vec<WorldFromCamera> = given.iter().map(|(_, camera)| camera.camera_from_world.inverse()).collect();
     let rng = &mut Rng::for_part(seed, "place");
     let [low, high] = world.space;
-    let mut slowed_to = 1.0;
-    let mut best: Option<(usize, Vec<WorldFromCamera>)> = None;
-    while slowed_to > 0.01 {
+    let mut scale = 1.0;
+    // Number of free cameras, scale and poses.
+    let mut best: Option<(usize, f64, Vec<WorldFromCamera>)> = None;
+    while scale > 0.01 {
         for _ in 0..TRIES {
             let at = DVec3::new(rng.within(low.x, high.x), rng.within(low.y, high.y), low.z + rng.within(1.2, 1.7));
             let yaw = rng.within(0.0, std::f64::consts::TAU);
@@ -32,23 +33,23 @@ pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result
             }
             let relative = |pose: &WorldFromCamera| {
                 let seen = first.camera_from_world.inverse().camera_from_other(pose);
-                seen.scaled_by(slowed_to).moved_by(&start)
+                seen.scaled_by(scale).moved_by(&start)
             };
             let moved: Vec<WorldFromCamera> = poses.iter().map(relative).collect();
             let free = moved.iter().filter(|pose| is_free(world, pose.centre())).count();
-            if best.as_ref().is_none_or(|(most, _)| free > *most) {
-                best = Some((free, moved));
+            if best.as_ref().is_none_or(|(most, ..)| free > *most) {
+                best = Some((free, scale, moved));
             }
             if free == poses.len() {
                 break;
             }
         }
-        if best.as_ref().is_some_and(|(free, _)| *free == poses.len()) {
+        if best.as_ref().is_some_and(|(free, ..)| *free == poses.len()) {
             break;
         }
-        slowed_to *= 0.6;
+        scale *= 0.6;
     }
-    let (_, moved) = best.ok_or_else(|| RoomsError::Request {
+    let (_, slowed_to, moved) = best.ok_or_else(|| RoomsError::Request {
         field: "trajectory",
         expected: "a scene with room for it",
         found: "no free place".to_owned(),

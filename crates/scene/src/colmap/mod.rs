@@ -96,7 +96,8 @@ pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec
 /// Parses `points3D.txt` or `points3D.bin`, in the file's order; `path` is for messages only.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte, also for coordinates that are not finite.
+/// [`SceneError::Malformed`] with line or byte, also for coordinates that are not finite and for another number of points
+/// than the header states.
 pub fn parse_points(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
     match encoding {
         Encoding::Text => text::points(bytes, path),

@@ -157,6 +157,18 @@ fn a_file_with_another_number_of_images_than_its_header_states_is_an_error() {
     }
 }
 
+/// As when a copy was interrupted: Gaussians would start from a part of the points.
+#[test]
+fn a_file_with_fewer_points_than_its_header_states_is_an_error() {
+    let text = "# 3D point list\n# Number of points: 2, mean track length: 0\n7 0 0 1 1 2 3 -1\n8 0 0 2 1 2 3 -1\n";
+    assert_eq!(points_text(text).unwrap().len(), 2);
+    let cut = text.split_inclusive('\n').take(3).collect::<String>();
+    let error = points_text(&cut).unwrap_err().to_string();
+    assert!(error.contains("points3D.txt") && error.contains("line 2: expected 2 points"), "{error}");
+    let no_comment = cut.replace("Number of points", "Number of images");
+    assert_eq!(points_text(&no_comment).unwrap().len(), 1, "a count of something else");
+}
+
 #[test]
 fn an_image_id_twice_is_an_error() {
     let image = |id: u32, name: &str| format!("{id} 1 0 0 0 0 0 0 1 {name}\n\n");

@@ -48,7 +48,6 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
 pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     let mut images = Vec::new();
     let mut ids = BTreeSet::new();
-    let mut stated = None;
     let with_keypoints = LazyCell::new(|| has_keypoints(text));
     let is_second_line = |line: &[u8]| {
         is_keypoints(line) && (!lacks_only_a_name(line) || (has_whole_point_ids(line) && *with_keypoints))
@@ -60,23 +59,29 @@ pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scene
             require_new_id(&mut ids, image.id, &format!("line {number}, IMAGE_ID"), path)?;
             images.push(image);
             lines.next_if(|&(_, line)| is_second_line(line));
-        } else if stated.is_none() {
-            stated = stated_count(line).map(|count| (number, count));
         }
     }
-    if let Some((number, count)) = stated
-        && count != images.len() as u64
-    {
-        let (location, expected) = (format!("line {number}"), format!("{count} images, as the comment states"));
-        return Err(malformed(path, location, expected, images.len().to_string()));
-    }
+    require_stated(text, "images", images.len(), path)?;
     Ok(images)
 }
 
-/// The number of images in COLMAP's comment `# Number of images: 12, mean observations per image: 3.8`.
-fn stated_count(comment: &[u8]) -> Option<u64> {
-    let rest = comment.trim_ascii().strip_prefix(b"#")?.trim_ascii_start();
-    let rest = rest.strip_prefix(b"Number of images:")?.trim_ascii_start();
+/// An error if the comments at the start of a file state another number of items than it holds.
+fn require_stated(text: &[u8], items: &str, found: usize, path: &Path) -> Result<(), SceneError> {
+    let mut comments = numbered_lines(text).take_while(|(_, line)| !has_content(line));
+    let stated = comments.find_map(|(number, line)| Some((number, stated_count(line, items)?)));
+    match stated {
+        Some((number, count)) if count != found as u64 => {
+            let (location, expected) = (format!("line {number}"), format!("{count} {items}, as the comment states"));
+            Err(malformed(path, location, expected, found.to_string()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The number of `items` in COLMAP's comment, such as `# Number of images: 12, mean observations per image: 3.8`.
+fn stated_count(comment: &[u8], items: &str) -> Option<u64> {
+    let rest = comment.trim_ascii().strip_prefix(b"#")?.trim_ascii_start().strip_prefix(b"Number of ")?;
+    let rest = rest.strip_prefix(items.as_bytes())?.strip_prefix(b":")?.trim_ascii_start();
     let digits = rest.iter().position(|byte| !byte.is_ascii_digit()).unwrap_or(rest.len());
     parse_u64(rest.get(..digits)?)
 }
@@ -136,6 +141,8 @@ fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneEr
 }
 
 /// `POINT3D_ID X Y Z R G B ERROR TRACK…`, where the track is pairs of `IMAGE_ID POINT2D_IDX`.
+///
+/// A file that was cut off between two points has fewer than its header states.
 pub(super) fn points(text: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
     let point = |(number, line)| {
         let mut row = Row::new(line, number, path);
@@ -149,7 +156,9 @@ pub(super) fn points(text: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, Scene
         }
         Ok(ColmapPoint { id, position, color, error, track })
     };
-    content_lines(text).map(point).collect()
+    let points: Vec<_> = content_lines(text).map(point).collect::<Result<_, SceneError>>()?;
+    require_stated(text, "points", points.len(), path)?;
+    Ok(points)
 }
 
 /// Lines with their numbers, from 1.

@@ -19,7 +19,7 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `url` | Utf8? | source of the capture |
 /// | `frame` | `UInt64` | position in the scene, from 0, as in evaluation indices |
 /// | `name` | Utf8 | the frame's name in the source: a timestamp or a file stem |
-/// | `timestamp_micros` | `Int64`? | microseconds since the start of the video |
+/// | `timestamp_micros` | `Int64`? | microseconds since the start of the video; of captures, the number of the file |
 /// | `fx` `fy` | `Float64` | focal lengths over picture width and height |
 /// | `cx` `cy` | `Float64` | principal point over picture width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
@@ -52,13 +52,17 @@ const TRANSLATION: [&str; 3] = ["t0", "t1", "t2"];
 /// Camera centre columns.
 pub(super) const CENTRE: [&str; 3] = ["centre_x", "centre_y", "centre_z"];
 
+/// [`crate::Frame::timestamp_micros`].
+const TIMESTAMP: &str =
+    "microseconds since the start of the video; of captures, the number at the end of a file's name";
+
 fn build() -> Schema {
     let mut fields = vec![
         field("scene", DataType::Utf8, false, "scene key"),
         field("url", DataType::Utf8, true, "where the capture came from"),
         field("frame", DataType::UInt64, false, "position in the scene, from 0"),
         field("name", DataType::Utf8, false, "the source's name of the frame"),
-        field("timestamp_micros", DataType::Int64, true, "microseconds since the start of the video"),
+        field("timestamp_micros", DataType::Int64, true, TIMESTAMP),
     ];
     fields.extend(floats(&INTRINSICS, false, "pinhole intrinsics over picture width (x) or height (y)"));
     fields.push(field("distortion", DataType::Utf8, false, "none, opencv or fisheye"));
@@ -69,7 +73,7 @@ fn build() -> Schema {
     fields.extend([
         field("stated_width", DataType::UInt32, true, "picture width in pixels that the metadata states"),
         field("stated_height", DataType::UInt32, true, "picture height in pixels that the metadata states"),
-        field("picture", DataType::Utf8, false, "absent, missing, file or encoded"),
+        field("picture", DataType::Utf8, false, "absent, missing, file, encoded or generated"),
         field("picture_path", DataType::Utf8, true, "picture file, found or missing"),
         field("picture_bytes", DataType::UInt64, true, "length of a picture encoded in a chunk"),
     ]);

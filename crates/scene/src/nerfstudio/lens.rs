@@ -34,7 +34,8 @@ pub struct LensFields {
     pub cx: Option<f64>,
     /// Principal point row; the centre if absent.
     pub cy: Option<f64>,
-    /// Radial coefficients k1…k4, absent ones zero; `None` if all are absent.
+    /// Radial coefficients k1…k4, absent ones zero; `None` if all are absent. Nerfstudio's list `distortion_params` holds
+    /// them, then p1 and p2.
     pub radial: Option<[f64; 4]>,
     /// Tangential coefficients p1, p2, an absent one zero; `None` if both are absent.
     pub tangential: Option<[f64; 2]>,
@@ -66,8 +67,7 @@ pub(super) struct ResolvedLens {
 
 impl LensFields {
     pub(super) fn read(object: &Object<'_>) -> Result<Self, SceneError> {
-        let radial = read_all(object, ["k1", "k2", "k3", "k4"])?;
-        let tangential = read_all(object, ["p1", "p2"])?;
+        let (radial, tangential) = read_coefficients(object)?;
         let fisheye = match object.text("camera_model")? {
             Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "PERSPECTIVE") => Some(false),
             Some("OPENCV_FISHEYE") => Some(true),
@@ -248,6 +248,24 @@ impl Focal {
 /// The focal length of a field of view in radians over a side of a picture, in the unit of the side.
 fn focal_of(angle: f64, side: f64) -> f64 {
     0.5 * side / (0.5 * angle).tan()
+}
+
+/// Radial coefficients k1…k4 and tangential ones p1, p2.
+type Coefficients = (Option<[f64; 4]>, Option<[f64; 2]>);
+
+/// The radial and the tangential coefficients, by name or in nerfstudio's list (`data/dataparsers/nerfstudio_dataparser.py`);
+/// `None` if all of a kind are absent.
+fn read_coefficients(object: &Object<'_>) -> Result<Coefficients, SceneError> {
+    const LIST: &str = "distortion_params";
+    let radial = read_all(object, ["k1", "k2", "k3", "k4"])?;
+    let tangential = read_all(object, ["p1", "p2"])?;
+    match object.numbers::<6>(LIST)? {
+        None => Ok((radial, tangential)),
+        Some([k1, k2, k3, k4, p1, p2]) if radial.is_none() && tangential.is_none() => {
+            Ok((Some([k1, k2, k3, k4]), Some([p1, p2])))
+        }
+        Some(_) => Err(object.wrong(LIST, "either this list or k1, k2, k3, k4, p1 and p2", "both")),
+    }
 }
 
 /// The numbers with these names, absent ones zero; `None` if all are absent.

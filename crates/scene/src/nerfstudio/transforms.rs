@@ -129,6 +129,17 @@ impl<'a> Object<'a> {
             .transpose()
     }
 
+    /// A list of `N` numbers.
+    pub(super) fn numbers<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, SceneError> {
+        let Some(list) = self.array(name)? else { return Ok(None) };
+        let numbers: Vec<f64> = list.iter().filter_map(Value::as_f64).collect();
+        <[f64; N]>::try_from(numbers).ok().filter(|_| list.len() == N).map(Some).ok_or_else(|| {
+            let other = list.iter().find(|item| !item.is_number());
+            let found = other.map_or_else(|| format!("a list of {}", list.len()), shown);
+            self.wrong(name, &format!("a list of {N} numbers"), &found)
+        })
+    }
+
     /// The upper 3×4 part of a 3×4 or 4×4 matrix; a fourth row must be 0 0 0 1.
     fn matrix(&self, name: &str) -> Result<[f64; 12], SceneError> {
         let rows = self.array(name)?.ok_or_else(|| self.wrong(name, "a 4×4 or 3×4 matrix", "nothing"))?;

@@ -12,7 +12,7 @@ use atsplat_rooms::Request;
 use atsplat_scene::preprocess::Step;
 use glam::{DMat3, DVec3};
 
-use super::{SourceConfig, TrainConfig, WHAT};
+use super::{DataConfig, SourceConfig, TrainConfig, WHAT};
 use crate::TrainError;
 use crate::samples::{RoomsConfig, ViewChoice};
 
@@ -32,6 +32,11 @@ impl TrainConfig {
     pub(super) fn check_sources(&self) -> Result<(), TrainError> {
         if self.data.is_empty() {
             return refuse("data".to_owned(), "at least one source", "none");
+        }
+        for (at, DataConfig { share, .. }) in self.data.iter().enumerate() {
+            if !(*share > 0.0 && share.is_finite()) {
+                return refuse(format!("data[{at}].share"), "a positive number", share);
+            }
         }
         for (field, source) in self.sources() {
             match source {
@@ -65,28 +70,20 @@ impl TrainConfig {
         Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
     }
 
-    /// Checks that the network's patches divide the pictures of every source of known picture size.
-    pub(super) fn check_sizes(&self) -> Result<(), TrainError> {
-        self.distance_patch()?;
-        let model = self.model.config()?;
-        for (field, source) in self.sources() {
-            let (field, size) = sized(&field, source)?;
-            if let Some(size) = size {
-                check_size(field, size, &model)?;
-            }
-        }
-        Ok(())
-    }
-}
-
-impl TrainConfig {
-    /// Checks the configuration against its network.
+    /// Checks the configuration against its network: patches divide the pictures of every source of known picture size, those of the
+    /// training have the scale of the network's resolution, and samples that go together expand as many tokens.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] with the field; [`TrainError::Protocol`] for a preset that cannot be read.
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
-        // Inference resizes pictures to the scale of the model's resolution, so pictures of the training must have that scale too.
+        self.distance_patch()?;
         let shorter = |size: ImageSize| size.height.min(size.width);
-        for data in &self.data {
-            let (field, size) = sized("data.source", &data.source)?;
-            if let Some(size) = size.filter(|size| shorter(*size) != shorter(model.resolution)) {
+        for (field, source) in self.sources() {
+            let is_training = field.starts_with("data");
+            let (field, Some(size)) = sized(&field, source)? else { continue };
+            check_size(&field, size, model)?;
+            // Inference resizes pictures to the scale of the model's resolution, so those of the training must have that scale too.
+            if is_training && shorter(size) != shorter(model.resolution) {
                 let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
                 return refuse(field, &expected, size);
             }
@@ -123,11 +120,11 @@ fn size_of(preset: &Preset) -> Option<ImageSize> {
     Some(size.into())
 }
 
-fn check_size(field: String, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
+fn check_size(field: &str, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
     match model.coarse_grid(size).and_then(|_| model.fine_grid(size)) {
         Err(ModelError::Indivisible { branch, step, found }) => {
             let expected = format!("height and width that the {branch} branch's patches of {step} pixels divide");
-            refuse(field, &expected, found)
+            refuse(field.to_owned(), &expected, found)
         }
         Err(other) => Err(other.into()),
         Ok(_) => Ok(()),
@@ -216,9 +213,43 @@ mod tests {
         }
         let error = check("nano", "rooms-2v-128").unwrap_err();
         let expected = "the shorter side of the model's resolution, 256x256, found 128x128";
-        assert!(error.contains("data.source.dataset.preset") && error.contains(expected), "{error}");
+        assert!(error.contains("data[0].source.dataset.preset") && error.contains(expected), "{error}");
         let error = check("micro", "photos-3v-256").unwrap_err();
         assert!(error.contains("128x128, found 256x256"), "{error}");
+    }
+
+    /// Of several sources, the one that is wrong is named, and so is the file when the configuration is read from one. Pictures of an
+    /// evaluation may have another scale, but patches must divide them.
+    #[test]
+    fn the_source_with_pictures_of_another_scale_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.toml");
+        let read = |first: &str, second: &str, evaluation: &str, share: &str| {
+            let rooms = |size: &str| {
+                format!(
+                    "source.rooms = {{ scenes-of = 'rooms', scenes = 1, size = [{size}], \
+                     views = {{ context = [2, 2], targets = 1, gaps = {{ min = 1, max = 2 }} }} }}"
+                )
+            };
+            let (first, second, evaluation) = (rooms(first), rooms(second), rooms(evaluation));
+            let text = format!(
+                "title = 'two sources'\nseed = 1\nsteps = 8\nbatch = 1\nmodel = {{ base = 'micro' }}\n\
+                 [[data]]\n{first}\n[[data]]\nshare = {share}\n{second}\n\
+                 [evaluation]\nevery = 1\nsamples = 1\n{evaluation}"
+            );
+            std::fs::write(&path, text).unwrap();
+            TrainConfig::read(&path).map(drop).map_err(|error| error.to_string())
+        };
+        read("128, 128", "224, 128", "64, 64", "2.0").unwrap();
+        for (second, evaluation, share, field, expected) in [
+            ("64, 64", "64, 64", "2.0", "data[1].source.rooms.size", "resolution, 128x128, found 64x64"),
+            ("128, 128", "60, 64", "2.0", "evaluation.source.rooms.size", "found 60x64"),
+            ("128, 128", "64, 64", "-2.0", "data[1].share", "a positive number, found -2"),
+        ] {
+            let error = read("128, 128", second, evaluation, share).unwrap_err();
+            let field = format!("run.toml, field {field}: ");
+            assert!(error.contains(&field) && error.contains(expected), "{error}");
+        }
     }
 
     #[test]

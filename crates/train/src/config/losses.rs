@@ -20,7 +20,7 @@ pub struct LossConfig {
     pub late_perceptual_weight: Option<f64>,
     /// `λint`.
     pub intermediate_weight: f64,
-    /// `λs`, which the paper does not state; by default the value of `λp`.
+    /// `λs`, which the paper does not state; 0.5 by default, as `λp`, but it does not follow another value of that.
     pub intermediate_d_ssim_weight: f64,
     /// `λunc`.
     pub uncertainty_weight: f64,
@@ -32,7 +32,7 @@ pub struct LossConfig {
     /// Number of targets that the intermediate sets are rendered to; by default all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intermediate_targets: Option<NonZeroUsize>,
-    /// RGB behind the Gaussians.
+    /// RGB behind the Gaussians, from 0 to 1.
     pub background: [f64; 3],
 }
 
@@ -96,6 +96,9 @@ impl LossConfig {
         if !(self.distance_until > 0.0 && self.distance_until <= 1.0) {
             let expected = "a share of the run, above 0, at most 1";
             return Err(TrainError::malformed(WHAT, "losses.distance-until", expected, self.distance_until));
+        }
+        if let Some(channel) = self.background.into_iter().find(|channel| !(0.0..=1.0).contains(channel)) {
+            return Err(TrainError::malformed(WHAT, "losses.background", "channels from 0 to 1", channel));
         }
         match weights.into_iter().find(|(_, weight)| !(*weight >= 0.0 && weight.is_finite())) {
             Some((field, weight)) => Err(TrainError::malformed(WHAT, field, "a number of at least 0", weight)),

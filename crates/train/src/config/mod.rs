@@ -185,10 +185,11 @@ impl TrainConfig {
     ///
     /// # Errors
     /// [`TrainError::Io`]; [`TrainError::Malformed`] with file and field if the text is not a configuration or cannot
-    /// train: views that no clip offers, pictures that the network's patches do not divide.
+    /// train: views that no clip offers, pictures that the network's patches do not divide or of another scale than its resolution.
     pub fn read(path: &Path) -> Result<Self, TrainError> {
         let config: Self = derived::read(path)?;
-        config.validate().and_then(|()| config.check_sizes()).map_err(|error| error.in_file(path))?;
+        let checked = config.validate().and_then(|()| config.check_model(&config.model.config()?));
+        checked.map_err(|error| error.in_file(path))?;
         Ok(config)
     }
 

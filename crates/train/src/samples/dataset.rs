@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use atsplat_camera::{Camera, PoseNormalisation};
+use atsplat_files::Sha256Digest;
 use atsplat_model::ImageSize;
 use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
@@ -14,7 +15,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use super::exclude::scene_name;
-use super::{ExcludedScenes, PosedPictures, Sample, SampleId, Source, ViewChoice, first_sample};
+use super::{ExcludedScenes, PosedPictures, RefusedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -79,6 +80,7 @@ struct Counted {
     scenes: BTreeSet<String>,
     /// Warnings of trials that were counted: kind, scene, detail.
     of_trials: BTreeSet<(WarningKind, String, String)>,
+    refused: RefusedDraws,
 }
 
 impl DatasetSource {
@@ -156,7 +158,7 @@ impl DatasetSource {
 
     /// A sample of one scene by one draw of frames, or why there is none.
     fn try_sample(&self, key: &str, step: u64, random: &mut SplitMix64) -> Result<Sample, String> {
-        let scene = self.load(key)?;
+        let scene = self.load(key).map_err(|error| format!("{key}: {error}"))?;
         let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
         let entry = self.config.views.draw(&SceneViews { key, cameras: &cameras }, step, random);
         let entry = entry.map_err(|error| format!("{key}: {error}"))?;
@@ -216,6 +218,14 @@ impl Source for DatasetSource {
         self.counted().warnings.clone()
     }
 
+    fn refused(&self) -> RefusedDraws {
+        self.counted().refused.clone()
+    }
+
+    fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {
+        vec![("dataset.scenes-sha256".to_owned(), Sha256Digest::of(self.keys.join("\n").as_bytes()))]
+    }
+
     fn notices(&self) -> Vec<String> {
         self.notices.clone()
     }
@@ -226,7 +236,11 @@ impl Source for DatasetSource {
         first_sample(self, "dataset", id, |random| {
             #[expect(clippy::expect_used, reason = "a dataset without scenes to draw is rejected when it is opened")]
             let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
-            Ok(self.try_sample(key, id.step, random))
+            let outcome = self.try_sample(key, id.step, random);
+            if let Err(reason) = &outcome {
+                self.counted().refused.add(key, reason);
+            }
+            Ok(outcome)
         })
     }
 }

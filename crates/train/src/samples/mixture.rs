@@ -1,7 +1,8 @@
+use atsplat_files::Sha256Digest;
 use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
-use super::{Sample, SampleId, Source, mirrored};
+use super::{RefusedDraws, Sample, SampleId, Source, mirrored};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -66,6 +67,23 @@ impl Source for Mixture {
         let mut warnings = Warnings::new();
         self.sources.iter().for_each(|(_, source)| warnings.merge(source.warnings()));
         warnings
+    }
+
+    fn refused(&self) -> RefusedDraws {
+        let mut refused = RefusedDraws::default();
+        for (_, source) in &self.sources {
+            refused.merge(source.refused());
+        }
+        refused
+    }
+
+    fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {
+        let mut all = Vec::new();
+        for (at, (_, source)) in self.sources.iter().enumerate() {
+            let named = source.scene_lists().into_iter();
+            all.extend(named.map(|(field, sha256)| (format!("data[{at}].source.{field}"), sha256)));
+        }
+        all
     }
 
     fn notices(&self) -> Vec<String> {

@@ -6,10 +6,12 @@ mod distances;
 mod exclude;
 mod flip;
 mod mixture;
+mod refused;
 mod rooms;
 mod views;
 
 use atsplat_camera::{Camera, PoseNormalisation, WorldFromCamera, normalise};
+use atsplat_files::Sha256Digest;
 use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
 use atsplat_numeric::SplitMix64;
@@ -20,6 +22,7 @@ pub use distances::PatchDistances;
 pub use exclude::ExcludedScenes;
 pub use flip::mirrored;
 pub use mixture::Mixture;
+pub use refused::RefusedDraws;
 pub use rooms::{RoomsConfig, RoomsSource};
 pub use views::ViewChoice;
 
@@ -76,6 +79,17 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     /// What was wrong with the scenes loaded so far without stopping, each scene counted once.
     fn warnings(&self) -> Warnings {
         Warnings::new()
+    }
+
+    /// Draws so far that gave no sample, such as those of scenes with too few frames, and were replaced by others.
+    fn refused(&self) -> RefusedDraws {
+        RefusedDraws::default()
+    }
+
+    /// Hashes of the lists of scenes that samples are drawn from, each under its field in the configuration, for lists that can change
+    /// although the configuration does not.
+    fn scene_lists(&self) -> Vec<(String, Sha256Digest)> {
+        Vec::new()
     }
 
     /// What a reader of the run must know about the data, such as how many scenes are excluded.

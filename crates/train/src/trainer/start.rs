@@ -1,9 +1,9 @@
 //! What a run goes on from: new weights, given ones, or its last checkpoint.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use atsplat_model::ModelConfig;
-use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, read_backbone};
+use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
 
 use super::STEPS;
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
@@ -12,19 +12,33 @@ use crate::parameters::Parameters;
 use crate::{TrainConfig, TrainError};
 
 /// How a run starts.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub enum Start {
     /// From newly initialised weights, in a folder without a run.
     Fresh,
-    /// From the weights in a file, in a folder without a run. A checkpoint at step 0 keeps them.
-    Weights(PathBuf),
+    /// From the weights in a file of this toolkit, in a folder without a run. A checkpoint at step 0 keeps them.
+    Weights(TensorFile),
     /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice.
     Resume,
 }
 
+impl Start {
+    const fn is_resumed(&self) -> bool {
+        matches!(self, Self::Resume)
+    }
+
+    /// The file of the weights that a run starts from.
+    pub(super) fn file(&self) -> Option<&TensorFile> {
+        match self {
+            Self::Weights(file) => Some(file),
+            Self::Fresh | Self::Resume => None,
+        }
+    }
+}
+
 /// Resuming needs a folder in which a run was started: its log follows the checkpoint of given weights.
 pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), TrainError> {
-    if *start != Start::Resume || folder.join(STEPS).is_file() || Checkpoints::exist_in(folder) {
+    if !start.is_resumed() || folder.join(STEPS).is_file() || Checkpoints::exist_in(folder) {
         return Ok(());
     }
     let expected = "a run that was started there; start one without `--resume`";
@@ -42,7 +56,8 @@ pub(super) fn state(
     let (parameters, initial_weights) = initial(config, model, start)?;
     let found = checkpoints.read(config, &parameters, &|| frozen(config, model))?;
     let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
-    tracing::info!(folder = %folder.display(), ?start, last_checkpoint, "opening the run");
+    let weights = start.file().map(|file| file.path.display().to_string());
+    tracing::info!(folder = %folder.display(), weights, last_checkpoint, "opening the run");
     match (found, start) {
         (Some((state, skipped)), Start::Resume) => {
             if state.adapter != adapter {
@@ -59,11 +74,11 @@ pub(super) fn state(
         }
         (None, _) => {
             let parameters =
-                if *start == Start::Resume { parameters.with_frozen(frozen(config, model)?) } else { parameters };
+                if start.is_resumed() { parameters.with_frozen(frozen(config, model)?) } else { parameters };
             let state = State { initial_weights, adapter, ..State::new(parameters) };
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
-            let notices = (*start == Start::Resume).then(|| notice.to_owned());
+            let notices = start.is_resumed().then(|| notice.to_owned());
             Ok((state, notices.into_iter().collect()))
         }
     }
@@ -76,19 +91,19 @@ fn initial(
     model: &ModelConfig,
     start: &Start,
 ) -> Result<(Parameters, Option<InitialWeights>), TrainError> {
-    let path = match start {
+    let file = match start {
         Start::Resume => return Ok((Parameters::fresh(model, config.seed, StoredTensors::default()), None)),
         Start::Fresh => return Ok((Parameters::fresh(model, config.seed, frozen(config, model)?), None)),
-        Start::Weights(path) => path,
+        Start::Weights(file) => file,
     };
-    let weights = ModelWeights::read(path)?;
+    let weights = ModelWeights::of_file(file)?;
     #[expect(clippy::expect_used, reason = "weights that were read from a file have its hash")]
     let sha256 = weights.sha256.expect("the hash of the file");
     let data = weights.provenance.get("data").cloned();
     let mut parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed)?;
     if let Some(backbone) = &config.model.backbone {
         let exact = frozen(config, model)?;
-        require_same(parameters.frozen(), &exact, (path, backbone))?;
+        require_same(parameters.frozen(), &exact, (&file.path, backbone))?;
         parameters = parameters.with_frozen(exact);
     }
     Ok((parameters, Some(InitialWeights { sha256, data })))

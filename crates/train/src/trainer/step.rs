@@ -67,8 +67,8 @@ impl Trainer {
         on_event(&Event::Step(&record));
         if self.state.faults_in_a_row >= self.config.most_faults.get() {
             let parameters = self.current_state()?.parameters.non_finite();
-            let faults = std::mem::take(&mut self.faults);
-            return Err(TrainError::Stopped(Box::new(Diagnosis { faults, parameters })));
+            let (in_a_row, faults) = (self.state.faults_in_a_row, std::mem::take(&mut self.faults));
+            return Err(TrainError::Stopped(Box::new(Diagnosis { in_a_row, faults, parameters })));
         }
         Ok(())
     }

@@ -33,27 +33,20 @@ const CONFIG: &str = r#"
 #[test]
 fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     let folder = tempfile::tempdir().unwrap();
-    let (data, preset) = (folder.path().join("data"), folder.path().join("tiny.toml"));
+    let data = folder.path().join("data");
+    write_scenes(&data, 1);
     let seed = SceneSeed { split: Split::Train, number: 0 };
-    let size = atsplat_camera::ImageSize { width: 32, height: 32 };
-    let request = Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) };
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
-    write_dataset(&data, [request], &options, &mut Warnings::new(), |_, _| ()).unwrap();
     let name = "66667.png";
     std::fs::remove_file(data.join("train").join(seed.key(SceneKind::Rooms)).join(name)).unwrap();
-    let text = Preset::text_of("re10k-2v-256").unwrap();
-    let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
-    let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
-    std::fs::write(&preset, text).unwrap();
     let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
-    let config = TrainConfig::from_toml(&config.replace("PRESET", &preset.to_string_lossy())).unwrap();
+    let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
 
     let mut trainer = Trainer::new(config, &folder.path().join("run"), &Start::Fresh).unwrap();
     assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 1, "the evaluation's source");
     let mut notices = Vec::new();
     let mut evaluated = Vec::new();
     let mut on_event = |event: &Event<'_>| match event {
-        Event::Notice(text) => notices.push((*text).to_owned()),
+        Event::Notice(text) if text.starts_with("warning: ") => notices.push((*text).to_owned()),
         Event::Evaluation(record) => evaluated.push((*record).clone()),
         _ => {}
     };
@@ -65,6 +58,32 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
         let expected =
             format!("warning: {count} × missing-picture; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
         assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
+    }
+}
+
+/// Of a longer list, a draw is of another scene: those of the training and of the evaluation are compared, each under its field.
+#[test]
+fn a_run_resumes_on_no_other_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let [first, second, other, run] = ["first", "second", "other", "run"].map(|name| folder.path().join(name));
+    for (path, scenes) in [(&first, 1), (&second, 1), (&other, 2)] {
+        write_scenes(path, scenes);
+    }
+    let config = CONFIG.replacen("DATA", &first.join("train").to_string_lossy(), 1);
+    let config = config.replace("DATA", &second.join("train").to_string_lossy());
+    let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
+    let open = |start: &Start| Trainer::new(config.clone(), &run, start);
+    open(&Start::Fresh).unwrap().write_checkpoint().unwrap();
+    for (path, field) in [(&first, "data[0]"), (&second, "evaluation")] {
+        let hidden = folder.path().join("hidden");
+        std::fs::rename(path, &hidden).unwrap();
+        std::fs::rename(&other, path).unwrap();
+        let error = open(&Start::Resume).unwrap_err().to_string();
+        let expected = format!("checkpoint: {field}.source.dataset.scenes-sha256: expected ");
+        assert!(error.contains(&expected) && error.contains("start a new run"), "{error}");
+        std::fs::rename(path, &other).unwrap();
+        std::fs::rename(&hidden, path).unwrap();
+        open(&Start::Resume).unwrap();
     }
 }
 
@@ -125,6 +144,27 @@ fn training_on_chunks_beside_test_scenes_is_allowed() {
     let train = folder.path().join("train");
     std::fs::rename(folder.path().join("test"), train.join("test")).unwrap();
     samples_of(&train).unwrap();
+}
+
+/// Simulated scenes as folders of pictures in `train`.
+fn write_scenes(folder: &Path, count: u32) {
+    let size = atsplat_camera::ImageSize { width: 32, height: 32 };
+    let scenes = (0..count).map(|number| {
+        let seed = SceneSeed { split: Split::Train, number };
+        Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
+    });
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
+    write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
+}
+
+/// Path of a preset for their pictures: the published one at their size, so that nothing is cropped.
+fn tiny_preset(folder: &Path) -> String {
+    let text = Preset::text_of("re10k-2v-256").unwrap();
+    let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
+    let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
+    let path = folder.join("tiny.toml");
+    std::fs::write(&path, text).unwrap();
+    path.to_string_lossy().into_owned()
 }
 
 /// One simulated scene of each split, as chunks in `train` and `test`.

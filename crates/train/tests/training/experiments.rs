@@ -216,6 +216,8 @@ fn errors_of_a_configuration_name_file_and_field() {
             "losses.distance-until",
             "a share of the run, above 0, at most 1, found 0",
         ),
+        // White, as 8-bit pictures have it.
+        ("[losses]", "[losses]\nbackground = [1, 1, 255]", "losses.background", "channels from 0 to 1, found 255"),
     ] {
         let changed = nano.replacen(from, to, 1);
         assert_ne!(changed, nano, "{from} was replaced");

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use atsplat_model::ModelConfig;
 use atsplat_model::network::{Device, MatmulPrecision, Network, f32_values};
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ModelWeights, Precision, StoredTensor, StoredTensors, generated};
+use atsplat_model::weights::{ModelWeights, Precision, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_train::{FeatureCache, Start, TrainConfig, Trainer};
 use tempfile::tempdir;
 
@@ -87,7 +87,12 @@ fn training_with_the_cache_gives_identical_weights() {
     let weights = ModelWeights::new(model.clone(), BTreeMap::new(), &generated(&parameters(&model), 1)).unwrap();
     weights.write(&start, Precision::Single).unwrap();
     let trained = |config: TrainConfig, name: &str| {
-        let mut trainer = trainer(config, &folder.path().join(name), &Start::Weights(start.clone()), Noise::CLEAN);
+        let mut trainer = trainer(
+            config,
+            &folder.path().join(name),
+            &Start::Weights(TensorFile::open(&start).unwrap()),
+            Noise::CLEAN,
+        );
         for _ in 0..3 {
             trainer.step(&mut |_| ()).unwrap();
         }
@@ -114,7 +119,7 @@ fn a_run_from_given_weights_resumes_with_their_backbone() {
     let model = config.model.config().unwrap();
     let weights = ModelWeights::new(model.clone(), BTreeMap::new(), &generated(&parameters(&model), 1)).unwrap();
     weights.write(&start, Precision::Half).unwrap();
-    let mut killed = trainer(config.clone(), &run, &Start::Weights(start.clone()), Noise::CLEAN);
+    let mut killed = trainer(config.clone(), &run, &Start::Weights(TensorFile::open(&start).unwrap()), Noise::CLEAN);
     killed.step(&mut |_| ()).unwrap();
     std::fs::remove_file(start).unwrap();
     let mut resumed = trainer(config, &run, &Start::Resume, Noise::CLEAN);
@@ -142,7 +147,7 @@ fn a_backbone_next_to_given_weights_is_used_and_has_to_be_theirs() {
         Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), &folder.path().join(run), start)
     };
     let digest_of = |trainer: &Trainer| trainer.state().parameters.frozen().digest();
-    let given = Start::Weights(start);
+    let given = Start::Weights(TensorFile::open(&start).unwrap());
     assert_eq!(digest_of(&opened(&config, "given", &given).unwrap()), digest, "without the rounding");
     let fresh = opened(&config, "fresh", &Start::Fresh).unwrap();
     fresh.write_checkpoint().unwrap();

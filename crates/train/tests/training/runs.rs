@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::common::{Noise, bits, config, trainer};
 use atsplat_model::ModelConfig;
-use atsplat_model::weights::{ModelWeights, Precision};
+use atsplat_model::weights::{ModelWeights, Precision, TensorFile};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
@@ -112,12 +112,22 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     let error = run(&mut stopped, None).unwrap_err();
     let TrainError::Stopped(diagnosis) = &error else { panic!("{error}") };
     assert_eq!(diagnosis.faults.iter().map(|fault| fault.step).collect::<Vec<_>>(), [3, 4, 5]);
+    assert_eq!(diagnosis.in_a_row, 3);
     assert!(diagnosis.parameters.is_empty());
     let text = error.to_string();
     assert!(text.contains("context picture 0") && text.contains("all weights are finite"), "{text}");
+    assert!(text.contains("3 steps in a row could not be used\n"), "{text}");
     // The checkpoint before the faults is kept.
     let resumed = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, Noise::CLEAN);
     assert_eq!(resumed.state().step, 4);
+    drop(resumed);
+    // It counts one of them, which is not described again.
+    let mut again = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, broken);
+    let error = run(&mut again, None).unwrap_err();
+    let TrainError::Stopped(diagnosis) = &error else { panic!("{error}") };
+    assert_eq!((diagnosis.in_a_row, diagnosis.faults.len()), (3, 2));
+    let text = error.to_string();
+    assert!(text.contains("3 steps in a row could not be used, 1 of them before the run was resumed"), "{text}");
 }
 
 #[test]
@@ -215,7 +225,7 @@ fn a_run_can_start_from_the_weights_of_another() {
     let (config, folder, second) = (config(""), tempdir().unwrap(), tempdir().unwrap());
     let mut first = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut first, None).unwrap();
-    let start = Start::Weights(folder.path().join("weights.safetensors"));
+    let start = Start::Weights(TensorFile::open(&folder.path().join("weights.safetensors")).unwrap());
     let second = trainer(config, second.path(), &start, Noise::CLEAN);
     let far =
         first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
@@ -342,7 +352,7 @@ fn provenance_keeps_hash_and_data_of_the_initial_weights() {
     let not_stated = [("data", None), ("data-of-this-run", Some("noise")), ("data-before", Some("not stated"))];
     for (path, sha256, expected) in [(path, initial.sha256, stated), (silent, of_silent, not_stated)] {
         let folder = tempdir().unwrap();
-        for start in [Start::Weights(path), Start::Resume] {
+        for start in [Start::Weights(TensorFile::open(&path).unwrap()), Start::Resume] {
             let mut trainer = trainer(config(""), folder.path(), &start, Noise::CLEAN);
             let steps = trainer.state().step + 3;
             run(&mut trainer, Some(steps)).unwrap();
@@ -361,7 +371,8 @@ fn given_weights_outlive_a_kill_before_the_first_checkpoint() {
     let (first, folder) = (tempdir().unwrap(), tempdir().unwrap());
     run(&mut trainer(config(""), first.path(), &Start::Fresh, Noise::CLEAN), None).unwrap();
     let path = first.path().join("weights.safetensors");
-    let mut killed = trainer(config(""), folder.path(), &Start::Weights(path.clone()), Noise::CLEAN);
+    let mut killed =
+        trainer(config(""), folder.path(), &Start::Weights(TensorFile::open(&path).unwrap()), Noise::CLEAN);
     let given = (bits(&killed), killed.state().initial_weights.clone());
     assert!(given.1.is_some());
     killed.step(&mut |_| ()).unwrap();
@@ -378,5 +389,5 @@ fn rejects_rooms_of_another_scale_than_the_models() {
     let folder = tempdir().unwrap();
     let error =
         Trainer::new(TrainConfig::from_toml(&text).unwrap(), folder.path(), &Start::Fresh).unwrap_err().to_string();
-    assert!(error.contains("data.source.rooms.size") && error.contains("64x64, found 32x32"), "{error}");
+    assert!(error.contains("data[0].source.rooms.size") && error.contains("64x64, found 32x32"), "{error}");
 }

@@ -11,8 +11,8 @@ use atsplat_protocol::Preset;
 use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::{WarningKind, Warnings};
 use atsplat_train::samples::{
-    DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, RoomsConfig, RoomsSource, Sample, SampleId,
-    Source, ViewChoice, mirrored,
+    DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, RefusedDraws, RoomsConfig, RoomsSource,
+    Sample, SampleId, Source, ViewChoice, mirrored,
 };
 use glam::{DVec2, DVec3};
 use tempfile::tempdir;
@@ -219,10 +219,33 @@ fn unreadable_pictures_of_a_dataset_are_counted_once_each() {
     assert_eq!(found, keys.map(|key| (key, true)));
 }
 
-/// Two scenes in `data`, and a preset for their pictures.
+/// Other scenes take the place of one that no window fits, and it is counted.
+#[test]
+fn draws_of_scenes_with_too_few_frames_are_counted() {
+    let folder = tempdir().unwrap();
+    let config = rooms_of(folder.path(), [12, 4]);
+    let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
+    assert_eq!(source.refused(), RefusedDraws::default());
+    let names: Vec<String> = (0..20).map(|number| source.sample(id(number)).unwrap().name).collect();
+    assert!(names.iter().all(|name| name.starts_with("rooms-train-00000000")), "{names:?}");
+    let refused = source.refused();
+    assert!((2..100).contains(&refused.count), "{refused}");
+    let reason = "rooms-train-00000001: needs 5 frames, has 4";
+    assert_eq!(refused.scenes, BTreeMap::from([("rooms-train-00000001".to_owned(), reason.to_owned())]));
+    assert!(refused.to_string().ends_with(&format!("were replaced; their scenes: 1, such as {reason}")), "{refused}");
+    let mixture = Mixture::new(vec![(1.0, Box::new(source))], false, None).unwrap();
+    assert_eq!(mixture.refused(), refused, "of a run's data");
+}
+
+/// Two scenes of 12 frames in `data`, and a preset for their pictures.
 fn rooms_on_disk(folder: &Path) -> DatasetConfig {
+    rooms_of(folder, [12, 12])
+}
+
+/// Two scenes of so many frames each.
+fn rooms_of(folder: &Path, frames: [usize; 2]) -> DatasetConfig {
     let (data, preset) = (folder.join("data"), folder.join("tiny.toml"));
-    write_rooms(&data);
+    write_rooms(&data, frames);
     // The published preset at the test's picture size, so that nothing is cropped.
     let text = Preset::text_of("re10k-2v-256").unwrap();
     let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
@@ -238,12 +261,12 @@ fn rooms_on_disk(folder: &Path) -> DatasetConfig {
     }
 }
 
-fn write_rooms(folder: &Path) {
-    let requests: Vec<Request> = [0, 1]
-        .map(|number| {
+fn write_rooms(folder: &Path, frames: [usize; 2]) {
+    let requests: Vec<Request> = [(0, frames[0]), (1, frames[1])]
+        .map(|(number, frames)| {
             let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
             request.size = ImageSize { width: 32, height: 32 };
-            (request.samples, request.frames) = (1, 12);
+            (request.samples, request.frames) = (1, frames);
             request
         })
         .into();

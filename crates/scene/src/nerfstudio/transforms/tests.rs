@@ -115,6 +115,29 @@ fn intrinsics_of_a_frame_override_the_global_ones() {
 }
 
 #[test]
+fn nerfstudios_list_of_coefficients_is_read() {
+    let listed = |list: Value| transforms(|root| root["distortion_params"] = list);
+    let lens = |root: &Value| load(root, &[], PictureFolder::Listed).unwrap().0.frames[0].camera.distortion;
+    let list = json!([0.1, 0.02, 0.003, 0.0, 0.001, -0.002]);
+    let expected = Distortion::OpenCv { k1: 0.1, k2: 0.02, k3: 0.003, p1: 0.001, p2: -0.002 };
+    assert_eq!(lens(&listed(list.clone())), expected);
+    let own = transforms(|root| {
+        root["k1"] = json!(0.5);
+        root["frames"][0]["distortion_params"] = list.clone();
+    });
+    assert_eq!(lens(&own), expected, "the frame's own");
+    for (wrong, found) in [(json!([0.1, 0.2]), "a list of 2"), (json!([0, 0, 0, 0, 0, "x"]), "\"x\"")] {
+        let error = message(&listed(wrong));
+        assert!(error.contains("distortion_params") && error.contains(found), "{error}");
+    }
+    let twice = transforms(|root| {
+        root["distortion_params"] = list;
+        root["p2"] = json!(0.0);
+    });
+    assert!(message(&twice).contains("distortion_params: expected either this list or k1"), "{}", message(&twice));
+}
+
+#[test]
 fn angles_are_converted_to_focal_lengths() {
     let root = json!({ "camera_angle_x": std::f64::consts::FRAC_PI_2, "frames": [frame("./train/r_0")] });
     let (scene, warnings) = load(&root, &["train/r_0.png"], PictureFolder::Listed).unwrap();

@@ -1,0 +1,35 @@
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Draws of a dataset's scenes that gave no sample, each replaced by another draw.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RefusedDraws {
+    /// How many there were.
+    pub count: u64,
+    /// Their scenes, each with the reason of its first one.
+    pub scenes: BTreeMap<String, String>,
+}
+
+impl RefusedDraws {
+    pub(super) fn add(&mut self, scene: &str, reason: &str) {
+        self.count += 1;
+        self.scenes.entry(scene.to_owned()).or_insert_with(|| reason.to_owned());
+    }
+
+    pub(super) fn merge(&mut self, other: Self) {
+        self.count += other.count;
+        for (scene, reason) in other.scenes {
+            self.scenes.entry(scene).or_insert(reason);
+        }
+    }
+}
+
+impl fmt::Display for RefusedDraws {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} draws gave no sample and were replaced; their scenes: {}", self.count, self.scenes.len())?;
+        match self.scenes.first_key_value() {
+            Some((_, reason)) => write!(f, ", such as {reason}"),
+            None => Ok(()),
+        }
+    }
+}
