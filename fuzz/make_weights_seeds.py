@@ -2,9 +2,10 @@
 
     python make_weights_seeds.py
 
-Checkpoints and configurations are copies of the model crate's fixtures; the rest are safetensors written by hand.
+Checkpoints and configurations are copies of the model crate's fixtures, without their CRCs; the rest are safetensors written by hand.
 """
 
+import re
 import shutil
 import struct
 from pathlib import Path
@@ -18,12 +19,18 @@ def safetensors(header, data):
     return struct.pack("<Q", len(header)) + header + data
 
 
+def without_crcs(file):
+    """A zip file as after torch.serialization.set_crc32_options(False): a fuzzer that changes an entry cannot mend its CRC-32."""
+    return re.sub(rb"(PK\x01\x02.{12}).{4}", rb"\g<1>\0\0\0\0", file, flags=re.DOTALL)
+
+
 def main():
     weights, configurations = HERE / "corpus/weights_file", HERE / "corpus/model_toml"
     for folder in (weights, configurations):
         folder.mkdir(parents=True, exist_ok=True)
     for name in ("files/training.pt", "files/legacy.pt", "dinov2/tiny_2x5.safetensors"):
-        shutil.copy(MODEL / "tests/fixtures" / name, weights)
+        source = MODEL / "tests/fixtures" / name
+        (weights / source.name).write_bytes(without_crcs(source.read_bytes()))
     for path in (MODEL / "oracle/tiny.toml", MODEL / "key-maps/dinov2-hugging-face.toml",
                  HERE / "../eval/models/paper-dl3dv-hr.toml"):
         shutil.copy(path, configurations)

@@ -37,10 +37,15 @@ pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, TensorError>> {
 /// The network with the weights in a file, or with embedded ones by their name; by default with those trained on rooms.
 pub(crate) fn trained(path: Option<&Path>) -> Result<TrainedNetwork, EvalError> {
     let path = path.unwrap_or(Path::new(MICRO_ROOMS));
-    let expected = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
+    let expected = || or_a_file("a weights file that `atsplat train` or `atsplat weights import` wrote");
     let file = find(path, expected)?;
     let origin = if is_embedded(path) { ", embedded in the binary" } else { "" };
     TrainedNetwork::new(&file, format!("{}{origin}", path.display()))
+}
+
+/// What was expected where neither a file nor embedded weights have the given name.
+pub(crate) fn or_a_file(file: &str) -> String {
+    format!("{}, embedded in the binary, or {file}", NAMES.join(" or "))
 }
 
 /// Whether a path is a name of embedded weights, and not a file.

@@ -7,7 +7,7 @@ use anyhow::{Context as _, anyhow, bail};
 use atsplat_eval::EvalError;
 use atsplat_eval::runner::named_metrics;
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
-use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
+use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError, malformed_toml};
 use atsplat_splat::RendererConstants;
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -105,7 +105,9 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     }
     let reading = || format!("reading renderer constants from {text}");
     let file = std::fs::read_to_string(text).with_context(reading)?;
-    let constants: RendererConstants = toml::from_str(&file).with_context(reading)?;
+    let whole = "a table of renderer constants";
+    let constants: RendererConstants = toml::from_str(&file)
+        .map_err(|error| malformed_toml("renderer constants", whole, &file, &error).in_file(text))?;
     constants.check().with_context(|| text.to_owned())?;
     Ok(constants)
 }
@@ -256,6 +258,9 @@ mod tests {
         std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
         let message = format!("{:#}", constants(text).unwrap_err());
         assert!(message.contains("mine.toml: ") && message.contains(", found "), "{message}");
+        std::fs::write(&path, "name = 'mine'\nnear = 'x'\n").unwrap();
+        let message = format!("{:#}", constants(text).unwrap_err());
+        assert!(message.contains("line 2 column 8: expected f64") && !message.contains('\n'), "{message}");
         assert!(constants("no/such.toml").is_err());
     }
 

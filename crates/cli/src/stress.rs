@@ -1,12 +1,15 @@
 //! `atsplat stress`: runs every hard case on every renderer and tabulates the errors.
 
+use std::fmt;
+
 use atsplat_report::plot::{StressError, StressErrors};
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
 use atsplat_splat::stress::{self, RendererUnderTest, StressReport, StressRow};
+use serde::Serialize;
 
 use crate::adapter_tests::AdapterTests;
-use crate::output::{print_report, print_text, warn};
+use crate::output::{print_report, warn};
 use crate::parse::{once, usage_error};
 use crate::plot::PlotFile;
 use crate::progress::Progress;
@@ -23,7 +26,7 @@ pub(crate) struct Args {
     path: Vec<String>,
 
     /// List the cases and their descriptions without running them.
-    #[arg(long, conflicts_with_all = ["path", "plot", "json"])]
+    #[arg(long, conflicts_with_all = ["path", "plot"])]
     list: bool,
 
     /// Plot the errors by case, .svg or .png.
@@ -41,7 +44,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         once(option, values).map_err(usage_error)?;
     }
     if args.list {
-        print_text(&list(&args.case))?;
+        print_report(&CaseList::of(&args.case), args.json)?;
         return Ok(true);
     }
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
@@ -107,11 +110,29 @@ fn run_cases(cases: &[String], names: &[String]) -> anyhow::Result<Vec<StressRow
     Ok(rows)
 }
 
-/// One line per case with name and description.
-fn list(cases: &[String]) -> String {
-    let lines: Vec<String> =
-        selected(cases).iter().map(|case| format!("{:<24} {}", case.name, case.description)).collect();
-    lines.join("\n") + "\n"
+/// The hard cases by name.
+#[derive(Serialize)]
+struct CaseList {
+    cases: Vec<ListedCase>,
+}
+
+#[derive(Serialize)]
+struct ListedCase {
+    name: &'static str,
+    description: &'static str,
+}
+
+impl CaseList {
+    fn of(cases: &[String]) -> Self {
+        let listed = |case: HardCase| ListedCase { name: case.name, description: case.description };
+        Self { cases: selected(cases).into_iter().map(listed).collect() }
+    }
+}
+
+impl fmt::Display for CaseList {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.cases.iter().try_for_each(|case| writeln!(f, "{:<24} {}", case.name, case.description))
+    }
 }
 
 fn selected(cases: &[String]) -> Vec<HardCase> {

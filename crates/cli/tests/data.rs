@@ -39,6 +39,29 @@ fn inspects_and_exports_a_trajectory_folder() {
 }
 
 #[test]
+fn data_without_a_readable_scene_are_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/a.txt"), 3);
+    std::fs::create_dir(here.join("cut")).unwrap();
+    // A line of numbers that is cut off looks like a trajectory until it is read.
+    let text = std::fs::read_to_string(here.join("data/a.txt")).unwrap();
+    std::fs::write(here.join("cut/a.txt"), format!("{text}7 0.5\n")).unwrap();
+    for (args, message) in [
+        (&["data", "export", "cut", "cameras.csv"][..], "no scene of cut could be exported"),
+        (&["data", "export", "cut", "chunks", "--chunks"], "no scene of cut could be exported"),
+        (&["data", "inspect", "cut"], "no scene of cut can be read"),
+    ] {
+        let outcome = atsplat(here, args);
+        assert!(outcome.code == 1 && outcome.stderr.contains(message), "{args:?}: {}", outcome.stderr);
+    }
+    assert!(!here.join("cameras.csv").exists() && !here.join("chunks/index.json").exists());
+    succeed(here, &["data", "export", "data", "cameras.csv", "--strict"]);
+    assert_eq!(atsplat(here, &["data", "inspect", "data", "--strict"]).code, 0);
+}
+
+#[test]
 fn errors_name_unknown_data_and_outputs() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
@@ -63,6 +86,20 @@ fn write_scene(folder: &Path, key: &str, frames: usize) {
     for frame in 0..frames {
         std::fs::write(folder.join(key).join(format!("{}.png", frame * 33_367)), picture()).unwrap();
     }
+}
+
+#[test]
+fn frames_elsewhere_are_found_by_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir_all(here.join("frames/test")).unwrap();
+    write_scene(&here.join("frames/test"), "a", 2);
+    std::fs::rename(here.join("frames/test/a.txt"), here.join("a.txt")).unwrap();
+    let report = succeed(here, &["data", "inspect", "a.txt", "--frames", "frames/test", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["pictures"]["files"], 2, "{report}");
+    let above = atsplat(here, &["data", "inspect", "a.txt", "--frames", "frames"]);
+    assert!(above.code == 1 && above.stderr.contains("such as a/, found no such folder (frames)"), "{}", above.stderr);
 }
 
 /// A broken image affects only its own scene.

@@ -315,4 +315,9 @@ fn a_frontier_lists_prices() {
     let report: serde_json::Value = serde_json::from_str(&json).unwrap();
     let points = report["tradeoffs"][0]["frontiers"][0]["points"].as_array().unwrap();
     assert!(points.len() == 2 && points.iter().all(|point| point["standing"] == "frontier"), "{report}");
+
+    store_of(&folder.path().join("few"), 0.0, |results| keep(results, 5));
+    let table = succeed(folder.path(), &["tradeoff", "few"]);
+    let unclear = "+2.0000 (no interval with fewer than 6 scenes) from coarse, not distinguishable";
+    assert!(table.contains(unclear) && table.contains("no price"), "{table}");
 }

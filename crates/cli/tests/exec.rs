@@ -70,7 +70,10 @@ fn a_command_that_is_no_method_is_an_error_before_the_run() {
     let run =
         |method: &str| atsplat(here, &["run", "tiny.toml", "--data", "data", "--out", "store", "--method", method]);
     let silent = run("exec:sh -c 'echo missing module >&2; exit 4'");
-    assert!(silent.code == 1 && silent.stderr.contains("exit status: 4"), "{}", silent.stderr);
+    let ended = "method exec: the command \"sh -c '";
+    assert!(silent.stderr.contains(ended), "{}", silent.stderr);
+    let ended = "exit 4'\": the method's process: it ended with exit status: 4";
+    assert!(silent.code == 1 && silent.stderr.contains(ended), "{}", silent.stderr);
     assert!(silent.stderr.contains("missing module") && !here.join("store").exists(), "{}", silent.stderr);
     assert_eq!(run("exec:").code, 2);
 }

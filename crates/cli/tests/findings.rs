@@ -131,10 +131,12 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
     };
     assert!(!report("shipped", &[]).contains("published for roma"));
     let plot = here.join("reports/latest/plots/re10k_overlap.svg");
+    let own = here.join("reports/latest/plots/own.svg");
+    std::fs::write(&own, "of the user").unwrap();
     assert!(plot.exists());
-    std::fs::remove_file(&plot).unwrap();
     let estimated = report("estimated", &[]);
-    assert!(!plot.exists(), "a plot of published numbers alone");
+    assert!(!plot.exists(), "a plot of published numbers alone, and of the report before");
+    assert!(own.exists());
     assert!(estimated.contains("measured by epipolar-ray") && estimated.contains("n/c"), "{estimated}");
     let forced = report("estimated", &["--force"]);
     assert!(forced.contains("because of --force") && !forced.contains("n/c PSNR"), "{forced}");
@@ -226,6 +228,40 @@ fn renders_without_a_score_fail_the_command() {
     write(2, 0.25);
     let one = score("one");
     assert!(one.code == 0 && one.stdout.contains("1 with non-finite samples"), "{}{}", one.stdout, one.stderr);
+    let strict = atsplat(here, &["report", "one", "--strict", "--out", "page"]);
+    let expected = "one: tiny: 1 target of renders has samples that are no numbers: scene a, frame 1: 1 in the render";
+    assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
+}
+
+/// Entries without a trial leave no row: the record of the run tells of them.
+#[test]
+fn a_strict_report_finds_entries_that_were_not_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a"], 5);
+    let there = r#"{"context": [0, 3], "target": [1]}"#;
+    let elsewhere = r#"{"context": [0, 4], "target": [2]}"#;
+    let report = |store, format| atsplat(here, &["report", store, "--strict", "--out", "page", "--format", format]);
+    std::fs::write(here.join("whole.json"), format!("{{\"a\": {there}}}")).unwrap();
+    assert_eq!(run(here, &["--index", "whole.json", "--out", "whole"]).code, 0);
+    let whole = report("whole", "csv");
+    assert!(whole.code == 0 && !whole.stderr.contains("warning"), "{}", whole.stderr);
+
+    let frame = 4 * 33_367;
+    std::fs::remove_file(here.join(format!("data/a/{frame}.png"))).unwrap();
+    let index = format!("{{\"a\": [{elsewhere}, {there}], \"gone\": {elsewhere}}}");
+    std::fs::write(here.join("index.json"), index).unwrap();
+    assert_eq!(run(here, &["--index", "index.json", "--out", "part"]).code, 0);
+    let part = report("part", "markdown");
+    assert_eq!(part.code, 4, "{}", part.stderr);
+    for expected in [
+        "warning: part: tiny: 1 scene of the index is not in the data: gone\n",
+        "warning: part: tiny: 1 index entry was skipped: scene a, entry 0: picture-missing: frame 4 (",
+    ] {
+        assert!(part.stderr.contains(expected), "{expected}: {}", part.stderr);
+    }
+    assert!(part.stderr.contains("1 file of an earlier report removed from page\n"), "{}", part.stderr);
+    assert!(!here.join("page/tables/protocol-tiny.csv").exists(), "the table of the report before");
 }
 
 #[test]
@@ -284,7 +320,7 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     assert!(small.stderr.contains("all of 4 targets failed"), "{}", small.stderr);
     for line in [
         "tiny: 3 targets of theirs failed: scene one, frame 1: expected a picture of 40×40, found 8×8\n",
-        "tiny: 1 targets of theirs failed: scene two, frame 1: no file for frame 1 of scene two: expected two/000001.png",
+        "tiny: 1 target of theirs failed: scene two, frame 1: no file for frame 1 of scene two: expected two/000001.png",
     ] {
         assert!(small.stdout.contains(line), "{line}: {}", small.stdout);
     }

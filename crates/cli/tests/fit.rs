@@ -3,6 +3,9 @@
 mod common;
 
 use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::adapters;
@@ -128,6 +131,70 @@ fn a_refinement_records_cameras_and_extent_in_the_frame_of_the_photos() {
     Tolerance::relative(1e-12).assert(extents, [2.5; 2], "extent");
 }
 
+/// Of five Gaussians, two cannot be repaired.
+#[test]
+fn broken_gaussians_of_a_start_are_warned_of_and_counted() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fields = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let mut text = "ply\nformat ascii 1.0\nelement vertex 5\n".to_owned();
+    text.extend(fields.split(' ').flat_map(|field| ["property float ", field, "\n"]));
+    text.push_str("end_header\n");
+    for (x, w) in [("0.5", "1"), ("nan", "1"), ("0", "0"), ("inf", "1"), ("0.25", "1")] {
+        text.extend([x, " 0 0 1 0 0 2 -3 -3 -3 ", w, " 0 0 0\n"]);
+    }
+    std::fs::write(here.join("start.ply"), text).unwrap();
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", "start.ply", "--strategy", "fixed"];
+    let fitted = atsplat(here, &[&fit[..], &["--steps", "1", "--extent", "1", "--out", "fitted.ply"]].concat());
+    assert_eq!(fitted.code, 0, "{}", fitted.stderr);
+    let expected = "warning: --start start.ply: 3 of 5 Gaussians are broken, of which 2 are removed and 1 repaired: ";
+    assert!(fitted.stderr.contains(expected), "{}", fitted.stderr);
+    let record: Value = serde_json::from_slice(&std::fs::read(here.join("fitted.ply.json")).unwrap()).unwrap();
+    let counts = ["start-gaussians", "dropped", "gaussians"].map(|field| record[field].as_u64());
+    assert_eq!(counts, [Some(5), Some(2), Some(3)]);
+}
+
+#[test]
+fn errors_name_the_option_that_mends_them() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "0,4,6", "--strategy", "fixed", "--steps", "1", "--out", "fitted.ply"];
+    for (more, expected) in [
+        (&["--size", "96x80"][..], "error: --size 96x80: "),
+        (&["--refine", "micro-rooms"], "error: --refine without --size scales photos to 128x128: "),
+        (&["--held-out", "0,4", "--start", "random:9"], "error: --start random:9 needs --depths NEAR,FAR: "),
+    ] {
+        let refused = atsplat(here, &[&fit[..], more].concat());
+        assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+    }
+    let one = atsplat(here, &[&fit[..], &["--held-out", "0,4"]].concat());
+    assert!(one.stderr.contains(" is the only view"), "{}", one.stderr);
+}
+
+/// Killed long before its last step, and long after its first checkpoint.
+#[test]
+fn an_interrupted_run_leaves_no_incomplete_file() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    let run = ["--steps", "1000000", "--checkpoint", "state", "--checkpoint-every", "100", "--out", "fitted.ply"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let mut fit = command.args([&fit[..], &run].concat()).current_dir(here).stderr(Stdio::null()).spawn().unwrap();
+    let begin = Instant::now();
+    while !here.join("state").exists() && begin.elapsed() < Duration::from_mins(1) {
+        assert!(fit.try_wait().unwrap().is_none(), "it ended");
+        sleep(Duration::from_millis(5));
+    }
+    fit.kill().unwrap();
+    fit.wait().unwrap();
+    let mut names: Vec<_> = std::fs::read_dir(here).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["photos", "state"]);
+}
+
 #[test]
 fn options_that_nothing_reads_are_usage_errors() {
     let folder = tempdir().unwrap();
@@ -135,6 +202,8 @@ fn options_that_nothing_reads_are_usage_errors() {
     for (more, expected) in [
         (&["--depths", "1,9", "--refine", "micro-rooms"][..], "'--refine <WEIGHTS>'"),
         (&["--depths", "1,9", "--start", "points"], "--depths is for random points, found --start points"),
+        (&["--opacities-as-stored"], "--opacities-as-stored is for a file of Gaussians, found --start random:10000"),
+        (&["--opacities-as-stored", "--refine", "micro-rooms"], "'--refine <WEIGHTS>'"),
         (&["--evaluate-every", "2"], "--held-out <SEL>"),
         (&["--checkpoint-every", "2"], "--checkpoint <FILE>"),
     ] {

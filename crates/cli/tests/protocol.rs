@@ -35,7 +35,7 @@ fn builds_measures_lints_and_extrapolates_an_index() {
     }
 
     let built = succeed(here, &["protocol", "build", "data", "--sampler", "dl3dv-6v", "-o", "index.json"]);
-    assert!(built.contains("2 scenes"), "{built}");
+    assert!(built.starts_with("sampler dl3dv-6v (farthest-point): 2 scenes, 2 entries"), "{built}");
 
     let lint = succeed(here, &["protocol", "lint", "index.json", "--json"]);
     let lint: serde_json::Value = serde_json::from_str(&lint).unwrap();
@@ -111,6 +111,34 @@ fn exit_codes_of_usage_errors_broken_files_and_strict_skips() {
     write_trajectory(&here.join("data/long.txt"), 200);
     assert_eq!(atsplat(here, &args).code, 0);
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
+}
+
+/// A leak, a repetition or another protocol's index fails under `--strict`; what the protocol has published does not.
+#[test]
+fn a_strict_lint_refuses_an_unfit_index() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let entry = r#"{"context": [5, 20], "target": [9, 30]}"#;
+    for (name, index, fault) in [
+        ("outside", format!(r#"{{"a": {entry}, "b": null}}"#), None),
+        ("leak", format!(r#"{{"a": {}}}"#, entry.replace('9', "20")), Some("unfit for an evaluation: 1 target is a")),
+        ("twice", format!(r#"{{"a": {}}}"#, entry.replace("30", "9")), Some("1 target repeated in its entry")),
+        ("keys", format!(r#"{{"a": {entry}, "a": {entry}}}"#), Some("1 repeated scene key")),
+    ] {
+        std::fs::write(here.join(name), index).unwrap();
+        let strict = atsplat(here, &["protocol", "lint", name, "--strict"]);
+        assert_eq!(strict.code, if fault.is_some() { 4 } else { 0 }, "{name}: {}", strict.stderr);
+        assert_eq!(strict.stderr.contains("unfit"), fault.is_some(), "{name}: {}", strict.stderr);
+        assert!(strict.stderr.contains(fault.unwrap_or_default()), "{name}: {}", strict.stderr);
+        succeed(here, &["protocol", "lint", name]);
+    }
+    let exit = |args: &[&str]| atsplat(here, &[&["protocol", "lint", "--strict"], args].concat()).code;
+    assert_eq!(exit(&["outside", "--preset", "dl3dv-6v-256x448"]), 4, "two views instead of six");
+    assert_eq!((exit(&["outside", "--against", "outside"]), exit(&["outside", "--against", "twice"])), (0, 4));
+    let published = repository().join("eval/indices/rooms-2v.json");
+    let published = published.to_str().unwrap();
+    assert_eq!((exit(&[published]), exit(&[published, "--preset", "rooms-2v-128"])), (4, 0));
+    assert!(succeed(here, &["protocol", "lint", "--help"]).contains("unfit"));
 }
 
 #[test]

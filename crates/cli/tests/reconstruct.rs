@@ -299,10 +299,29 @@ fn missing_weights_are_reported_with_advice() {
     ] {
         assert!(outcome.stderr.contains(message), "{message}: {}", outcome.stderr);
     }
+    let typo = atsplat(here, &reconstruct(&["--weights", "micro-room"])).stderr;
+    let expected = "expected micro-rooms or micro-yards, embedded in the binary, or a weights file of this toolkit";
+    assert!(typo.contains(expected) && typo.contains("(micro-room)") && !typo.contains("paper-re10k"), "{typo}");
     fs::write(here.join("text.safetensors"), "not weights").unwrap();
     let outcome = atsplat(here, &reconstruct(&["--weights", "text.safetensors"]));
     assert!(outcome.code == 1 && outcome.stderr.contains("torch.save"), "{}", outcome.stderr);
     assert!(!here.join("scene.ply").exists() && !here.join("scene.ply.json").exists());
+}
+
+/// Photos of the size that a protocol crops to count as cropped, but only on request.
+#[test]
+fn photos_that_were_cropped_before_are_taken_on_request() {
+    let folder = capture();
+    let here = folder.path();
+    let presets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/presets");
+    let preset = fs::read_to_string(presets.join("re10k-2v-256.toml")).unwrap();
+    fs::write(here.join("mine.toml"), preset.replace("height = 256, width = 256", "height = 32, width = 48")).unwrap();
+    let tiny = tiny();
+    let args = untrained(tiny.to_str().unwrap(), &["--protocol", "mine.toml"]);
+    let refused = atsplat(here, &args);
+    assert!(refused.code == 1 && refused.stderr.contains("640×360"), "{}", refused.stderr);
+    succeed(here, &[&args[..], &["--any-size"]].concat());
+    assert_eq!(record(here)["input"]["protocol"], "mine.toml, images of any size");
 }
 
 #[test]
@@ -317,6 +336,7 @@ fn rejects_input_that_cannot_be_reconstructed() {
         (&["--views", "0,2,0"], "selected twice"),
         (&["--views", "0,2", "--size", "40x32"], "divides"),
         (&["--views", "0,2", "--size", "96x64"], "48×32"),
+        (&["--views", "0,2", "--size", "96x64"], "photos at 96×64, as --size or the model says: "),
         (&["--views", "0,2", "--protocol", "re10k-2v-256"], "640×360"),
         (&["--views", "0,2", "--thresholds", "0.1"], "3 thresholds"),
         (&["--views", "0,2", "--key", "other"], "other"),

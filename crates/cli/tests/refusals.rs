@@ -54,7 +54,7 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         assert!(refused.code == 2 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
     }
     let refused = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
-    assert!(refused.code == 2 && refused.stderr.contains("--weights is needed"), "{}", refused.stderr);
+    assert!(refused.code == 2 && refused.stderr.contains("--weights is needed: micro-rooms,"), "{}", refused.stderr);
     assert!(!here.join("store").exists());
     succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white"]].concat());
 }
@@ -110,9 +110,10 @@ fn strict_finds_failed_rows_and_empty_renders() {
     let here = folder.path();
     write_noise(here, 2);
     fs::create_dir(here.join("behind")).unwrap();
-    // One Gaussian, far behind every camera.
+    // A Gaussian far behind every camera, and a broken one.
     let (header, _) = SCENE.split_once("end_header").unwrap();
-    let text = header.replace("vertex 6", "vertex 1") + "end_header\n0 0 -9000 0 0 0 1 -4 -4 -4 1 0 0 0 0\n";
+    let rows = "0 0 -9000 0 0 0 1 -4 -4 -4 1 0 0 0 0\nnan 0 3 1 1 1 3 -1 -1 -1 1 0 0 0 1\n";
+    let text = format!("{}end_header\n{rows}", header.replace("vertex 6", "vertex 2"));
     let write = |scene: &str| fs::write(here.join("behind").join(scene), &text).unwrap();
     let score = |store: &str| {
         atsplat(here, &["score", "tiny.toml", "--data", "data", "--strict", "--ply", "behind", "--out", store])
@@ -121,14 +122,22 @@ fn strict_finds_failed_rows_and_empty_renders() {
     write("scene-00.ply");
     assert_eq!(score("failing").code, 4);
     let strict = report("failing", &["--strict"]);
-    let expected = "failing: tiny: 1 trials of behind are incomplete: scene-01 failed:";
+    let expected = "failing: tiny: 1 trial of behind is incomplete: scene-01 failed:";
     assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
     assert_eq!(report("failing", &[]).code, 0);
 
     write("scene-01.ply");
     let empty = score("empty");
     assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
-    assert_eq!(report("empty", &["--strict"]).code, 0, "its rows have numbers");
+    let strict = report("empty", &["--strict"]);
+    let expected = "empty: tiny: 2 trials of behind have no Gaussian in any target: scene scene-00, entry 0";
+    assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
+    let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
+    for expected in
+        ["no Gaussian is drawn in 2 of 2 trials", "broken Gaussians were skipped or repaired in 2 of 2 trials"]
+    {
+        assert!(table.contains(expected), "{expected}: {table}");
+    }
 }
 
 #[test]

@@ -134,7 +134,7 @@ fn an_empty_scene_renders_as_background() {
     let folder = folder();
     let here = folder.path();
     let empty = SCENE.replace("vertex 6", "vertex 0").split_inclusive("end_header\n").next().unwrap().to_owned();
-    fs::write(here.join("empty.ply"), empty).unwrap();
+    fs::write(here.join("empty.ply"), &empty).unwrap();
     let args =
         ["render", "empty.ply", "--cameras", "path.txt", "--frames", "3", "--size", "4x3", "--background", "0,1,0.2"];
     let outcome = atsplat(here, &[&args[..], &["--out", "out"]].concat());
@@ -145,6 +145,10 @@ fn an_empty_scene_renders_as_background() {
     let outcome = atsplat(here, &["render", "empty.ply", "--orbit", "--out", "out"]);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("no visible Gaussian"), "{}", outcome.stderr);
+    let only_nan = empty.replace("vertex 0", "vertex 1") + SCENE.lines().next_back().unwrap() + "\n";
+    fs::write(here.join("nan.ply"), only_nan).unwrap();
+    let outcome = atsplat(here, &["render", "nan.ply", "--orbit", "--out", "out"]);
+    assert!(outcome.stderr.contains("1 removed, 0 repaired; 1  means: not-a-number"), "{}", outcome.stderr);
 }
 
 #[test]
@@ -173,6 +177,8 @@ fn usage_errors_are_reported_before_anything_is_written() {
         &["--orbit", "--round-trip", "splat"],
         &["--orbit", "--effects", "fog"],
         &["--orbit", "--tolerance", "-1"],
+        &["--orbit", "--tolerance", "0.1", "--effects", "all"],
+        &["--orbit", "--rounding", "truncate", "--formats", "exr"],
         &["--orbit", "--preview", "out/000000.png"],
         &["--orbit", "--adapter", "0"],
         &["--orbit", "--adapter", "0", "--backend", "reference"],
@@ -191,6 +197,7 @@ fn usage_errors_are_reported_before_anything_is_written() {
     assert!(swallowed.code == 2 && swallowed.stderr.contains("comes before"), "{}", swallowed.stderr);
     let help = succeed(here, &["render", "--help"]);
     assert!(help.find("<SCENE>").unwrap() < help.find("--orbit").unwrap(), "{help}");
+    assert!(help.contains("on a circle around the scene; 60 by default"), "{help}");
 }
 
 /// The record replaces nothing that it was made from.

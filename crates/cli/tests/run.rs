@@ -64,6 +64,8 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
 
     // The ground-truth images, as written by any other method.
     let truth = "floors/pictures/tiny/truth";
+    let unnamed = atsplat(here, &["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--out", "oracle"]);
+    assert!(unnamed.code == 1 && unnamed.stderr.contains("--name that of score"), "{}", unnamed.stderr);
     let score =
         ["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--name", "oracle", "--out", "oracle"];
     let message = succeed(here, &[&score[..], &["--strict"]].concat());
@@ -202,21 +204,24 @@ fn merges_shards_and_reports_missing_ones() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 5);
-    let run = |out: &str, more: &[&str]| {
-        let args = ["run", "tiny.toml", "--data", "data/test", "--out", out];
+    let run = |out: &str, data: &str, more: &[&str]| {
+        let args = ["run", "tiny.toml", "--data", data, "--out", out];
         succeed(here, &[&args[..], &FLOORS, more].concat());
         Results::read(&here.join(out)).unwrap()
     };
-    let whole = run("whole", &[]);
-    for shard in ["1/3", "2/3", "3/3"] {
-        run(&format!("part-{}", &shard[..1]), &["--shard", shard]);
+    let whole = run("whole", "data/test", &[]);
+    let absolute = here.join("data/test").display().to_string();
+    assert_eq!(run("whole", &absolute, &[]), whole, "resumed, whatever path leads to the data");
+    for (shard, data) in [("1/3", "data/test"), ("2/3", "./data/test/"), ("3/3", absolute.as_str())] {
+        run(&format!("part-{}", &shard[..1]), data, &["--shard", shard]);
     }
     let missing = atsplat(here, &["merge", "part-1", "part-3", "--out", "merged"]);
     assert!(missing.code == 1 && missing.stderr.contains("shards 2 are missing"), "{}", missing.stderr);
     succeed(here, &["merge", "part-1", "part-3", "part-2", "--out", "merged"]);
     assert_eq!(bare(&Results::read(&here.join("merged")).unwrap()), bare(&whole));
     let twice = atsplat(here, &["merge", "part-1", "part-2", "part-3", "--out", "merged"]);
-    assert!(twice.code == 1 && twice.stderr.contains("choose another folder"), "{}", twice.stderr);
+    let why = "folder of the results: expected one without results, found results in merged; choose another folder";
+    assert!(twice.code == 1 && twice.stderr.contains(why), "{}", twice.stderr);
     assert_eq!(atsplat(here, &["run", "tiny.toml", "--data", "data/test", "--out", "x", "--shard", "4/3"]).code, 2);
 }
 
@@ -265,11 +270,16 @@ fn errors_are_reported_before_the_work_starts() {
     assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
     let metric = run(&[&["--out", "store", "--metrics", "psnrs"], &FLOORS[..]].concat());
     assert!(metric.code == 2 && metric.stderr.contains("psnr-unclipped"), "{}", metric.stderr);
+    let idle = run(&["--out", "store", "--method", "3dgs:2", "--effects", "all", "--tolerance", "0.1"]);
+    assert!(idle.code == 2 && idle.stderr.contains("--tolerance is for --effects auto"), "{}", idle.stderr);
     assert_eq!(run(&["--out", "store", "--method", "guess"]).code, 2);
     assert_eq!(run(&["--out", "store"]).code, 2, "a method is needed");
     std::fs::remove_file(here.join("data/test/evaluation_index.json")).unwrap();
     let unindexed = run(&[&["--out", "store"], &FLOORS[..]].concat());
-    assert!(unindexed.code == 1 && unindexed.stderr.contains("--sampler"), "{}", unindexed.stderr);
+    assert!(unindexed.code == 1 && unindexed.stderr.contains("the file of pixelsplat-re10k"), "{}", unindexed.stderr);
+    let photos = ["run", "photos-3v-256", "--data", "data/test", "--out", "store", "--method", "warp"];
+    let photos = atsplat(here, &photos).stderr;
+    assert!(photos.contains("give an index (--index)") && photos.contains("(--sampler photos-3v)"), "{photos}");
     assert!(!here.join("store").exists(), "nothing was started");
 }
 
@@ -315,7 +325,7 @@ fn reports_data_that_contradicts_its_description() {
     write_index(&here.join("data"), &keys, "[0, 2]", "[1]");
     let args = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "nearest-view"];
     let outcome = atsplat(here, &args);
-    let skipped = "entries skipped, picture-misfit: scene cropped: frame 1: expected a picture of 64×48";
+    let skipped = "1 entry skipped, picture-misfit: scene cropped: frame 1: expected a picture of 64×48";
     assert!(outcome.stdout.contains(skipped) && outcome.stdout.contains("found 48×48"), "{}", outcome.stdout);
     assert!(outcome.stderr.contains("2 × lens-distortion"), "{}", outcome.stderr);
     let results = Results::read(&here.join("store")).unwrap();

@@ -44,6 +44,9 @@ fn lists_names_and_rejects_unknown_ones() {
     let folder = tempfile::tempdir().unwrap();
     let list = succeed(folder.path(), &["stress", "--list"]);
     assert!(list.lines().count() > 50 && list.contains("needle-end-on"), "{list}");
+    let listed = succeed(folder.path(), &["stress", "--list", "--json", "--case", "needle-end-on"]);
+    let listed: serde_json::Value = serde_json::from_str(&listed).unwrap();
+    assert_eq!(listed["cases"][0]["name"], "needle-end-on", "{listed}");
     let outcome = atsplat(folder.path(), &["stress", "--case", "kittens"]);
     assert!(outcome.code == 2 && outcome.stderr.contains("--list"), "{}", outcome.stderr);
     let outcome = atsplat(folder.path(), &["stress", "--path", "abacus"]);

@@ -165,6 +165,15 @@ views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }
         "{}",
         unknown.stderr
     );
+    // Weights of another network, and a folder of another use.
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    let other = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out", "--init", "micro-rooms"]);
+    assert_eq!(other.code, 1, "{}", other.stderr);
+    assert!(!folder.path().join("out").exists(), "a failure leaves no folder");
+    std::fs::create_dir(folder.path().join("store")).unwrap();
+    std::fs::write(folder.path().join("store/provenance.json"), "{}").unwrap();
+    let store = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "store"]);
+    assert!(store.code == 1 && store.stderr.contains("--out store: expected a folder for"), "{}", store.stderr);
     succeed(folder.path(), &[&train[..], &["micro-rooms"]].concat());
     let message = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
     assert!(message.contains("before: 6000 rooms of the train split"), "{message}");

@@ -85,15 +85,22 @@ pub enum EvalError {
         source: Box<atsplat_protocol::ProtocolError>,
     },
     /// Data without an index next to it.
-    #[error(
-        "no evaluation index in {}: give the file of {} (--index), or a sampling rule for data without an index (--sampler)",
-        data.display(), accepted.join(" or ")
-    )]
+    #[error("no evaluation index in {}: {}", data.display(), ways_to_an_index(accepted, sampler.as_deref()))]
     NoIndex {
         /// The dataset.
         data: PathBuf,
         /// Names of the protocol's published indices.
         accepted: Vec<String>,
+        /// The rule that chooses frames as the protocol does.
+        sampler: Option<String>,
+    },
+    /// A command that does not start a method.
+    #[error("method exec: the command {command:?}: {why}")]
+    NoMethod {
+        /// The command.
+        command: String,
+        /// What its process did instead.
+        why: String,
     },
     /// The caller stopped the run.
     #[error("the run was stopped; another one into the same folder resumes it")]
@@ -177,6 +184,15 @@ pub enum EvalError {
     /// A learned metric cannot be loaded.
     #[error(transparent)]
     Metrics(#[from] atsplat_metrics::learned::LoadError),
+}
+
+fn ways_to_an_index(accepted: &[String], sampler: Option<&str>) -> String {
+    let file = match accepted {
+        [] => "an index".to_owned(),
+        names => format!("the file of {}", names.join(" or ")),
+    };
+    let rule = sampler.map_or_else(String::new, |name| format!(" {name}"));
+    format!("give {file} (--index), or a sampling rule for data without an index (--sampler{rule})")
 }
 
 impl EvalError {

@@ -1,6 +1,6 @@
 //! The summary of a run: means over scenes. `atsplat report` makes tables, intervals and plots.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::runner::Summary;
 use crate::statistics::{Identical, Leaked, MetricQuery, summary};
 use crate::timing::{Spread, Times, times};
-use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
+use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, WarningCount};
 
 /// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
 /// table.
@@ -66,6 +66,8 @@ struct Row {
     scenes: usize,
     targets: usize,
     failed: usize,
+    /// Targets of trials that the method does not support.
+    not_applicable: usize,
     non_finite: usize,
     identical: usize,
     /// The protocol's means; renders that are identical to the truth are left out.
@@ -127,15 +129,22 @@ fn unscored(results: &Results) -> Vec<Unscored> {
         let example = format!("scene {}: {}", entry.scene, entry.detail);
         (&entry.preset, format!("entries skipped, {}", entry.reason), String::new(), example)
     });
+    let refused = results.not_applicable().map(|trial| {
+        let detail = trial.detail.as_deref().unwrap_or("unknown reason");
+        let example = format!("scene {}: {detail}", trial.key.scene);
+        let what = format!("trials of {} not applicable", trial.key.method);
+        (&trial.key.preset, what, kind_of(detail, &trial.key.scene), example)
+    });
+    let unsupported = unsupported(results);
     let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
-    let failed = failed.map(|row| {
+    let failed = failed.filter(|row| !unsupported.contains(&row.key)).map(|row| {
         let detail = row.detail.as_deref().unwrap_or("unknown reason");
         let example = format!("scene {}, frame {}: {detail}", row.key.scene, row.frame);
         let what = format!("targets of {} failed", row.key.method);
         (&row.key.preset, what, kind_of(detail, &row.key.scene), example)
     });
     let mut kinds: BTreeMap<(&String, String, String), (usize, String)> = BTreeMap::new();
-    for (preset, what, kind, example) in skipped.chain(failed) {
+    for (preset, what, kind, example) in skipped.chain(refused).chain(failed) {
         kinds.entry((preset, what, kind)).or_insert((0, example)).0 += 1;
     }
     let row = |((preset, what, _), (count, example)): ((&String, String, _), (usize, String))| Unscored {
@@ -145,6 +154,11 @@ fn unscored(results: &Results) -> Vec<Unscored> {
         example,
     };
     kinds.into_iter().map(row).collect()
+}
+
+/// The trials that their method does not support.
+fn unsupported(results: &Results) -> BTreeSet<&TrialKey> {
+    results.not_applicable().map(|trial| &trial.key).collect()
 }
 
 /// The kind of a failure, by which failures are grouped; not shown. It is the text without paths, numbers and the
@@ -177,8 +191,11 @@ impl Row {
     fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord, targets: &[&TargetRow]) -> Self {
         let means = results.provenance.metrics.iter().map(|metric| &metric.id);
         let means = means.filter_map(|id| Some((id.clone(), mean(results, preset, &method.name, id)?)));
-        let count = |status| targets.iter().filter(|row| row.status == status).count();
-        let scenes: std::collections::BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
+        let unsupported = unsupported(results);
+        let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            targets.iter().copied().partition(|row| unsupported.contains(&row.key));
+        let count = |status| supported.iter().filter(|row| row.status == status).count();
+        let scenes: BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
         Self {
             preset: preset.name.clone(),
             method: method.name.clone(),
@@ -186,6 +203,7 @@ impl Row {
             scenes: scenes.len(),
             targets: targets.len(),
             failed: count(TargetStatus::Failed),
+            not_applicable: unsupported.len(),
             non_finite: count(TargetStatus::NonFinite),
             identical: count(TargetStatus::Identical),
             means: means.collect(),
@@ -224,6 +242,7 @@ impl fmt::Display for RunReport {
             }
             for (count, what) in [
                 (row.failed, "failed"),
+                (row.not_applicable, "not applicable"),
                 (row.non_finite, "with non-finite samples"),
                 (row.identical, "identical, not in the means"),
             ] {
@@ -241,7 +260,7 @@ impl fmt::Display for RunReport {
         }
         self.write_times(f)?;
         for Unscored { preset, what, count, example } in &self.without {
-            writeln!(f, "{preset}: {count} {what}: {example}")?;
+            writeln!(f, "{preset}: {}: {example}", counted(*count as u64, what))?;
         }
         self.advice.iter().try_for_each(|advice| writeln!(f, "{advice}"))?;
         for WarningCount { preset, kind, count, example } in &self.warnings {
@@ -300,23 +319,52 @@ fn name(id: &str) -> &str {
     definition(id).map_or(id, |metric| metric.name)
 }
 
+/// The number of `what`, which begins with a plural: `2 targets of warp failed`, `1 target of warp failed`.
+fn counted(count: u64, what: &str) -> String {
+    const ONE: [(&str, &str); 7] = [
+        ("entries", "entry"),
+        ("index entries", "index entry"),
+        ("results", "result"),
+        ("scenes", "scene"),
+        ("targets", "target"),
+        ("trials", "trial"),
+        ("were", "was"),
+    ];
+    let one = ONE.into_iter().filter(|_| count == 1);
+    let mut one = one.filter_map(|(many, one)| Some(format!("{one}{}", what.strip_prefix(many)?)));
+    format!("{count} {}", one.next().unwrap_or_else(|| what.to_owned()))
+}
+
 fn summary_text(summary: &Summary) -> String {
-    let Summary { evaluated, resumed, incomplete, non_finite, undrawn, skipped, missing_scenes } = *summary;
+    let Summary { evaluated, resumed, incomplete, not_applicable, non_finite, undrawn, skipped, missing_scenes } =
+        *summary;
     let parts = [
         (resumed, "were there before"),
         (incomplete, "incomplete, each with its reason"),
+        (not_applicable, "not applicable, each with its reason"),
         (non_finite, "targets with non-finite samples"),
         (undrawn, "without a Gaussian in any target"),
         (skipped, "index entries skipped, each with its reason"),
         (missing_scenes, "scenes of the index missing from the data"),
     ];
-    let parts = parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
-    format!("{evaluated} results computed{}", parts.collect::<String>())
+    let parts = parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
+    let all: Vec<String> = [counted(evaluated, "results computed")].into_iter().chain(parts).collect();
+    all.join("; ")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_counted_agrees_with_its_number() {
+        let summary = Summary { evaluated: 1, resumed: 1, non_finite: 2, skipped: 1, ..Summary::default() };
+        let expected = "1 result computed; 1 was there before; 2 targets with non-finite samples; 1 index entry skipped, each \
+                        with its reason";
+        assert_eq!(summary_text(&summary), expected);
+        assert_eq!(counted(1, "targets of targets failed"), "1 target of targets failed");
+        assert_eq!(counted(1, "without a Gaussian in any target"), "1 without a Gaussian in any target");
+    }
 
     #[test]
     fn failures_of_one_kind_have_the_same_text() {

@@ -192,6 +192,9 @@ fn a_frame_in_two_layouts_fails_alone() {
     let stale = trial.render(&renders, 1).unwrap_err();
     assert!(stale.contains("000007.exr and ") && stale.contains("of another frame: "), "{stale}");
     assert!(trial.render(&renders, 0).is_ok());
+    write(&folder.path().join("wall-0-0/5.png"), &png);
+    let mixed = trial.render(&renders, 0).unwrap_err();
+    assert!(mixed.contains("wall-0/color/000005.png and ") && mixed.ends_with("wall-0-0/5.png"), "{mixed}");
 }
 
 #[test]
@@ -367,6 +370,9 @@ fn two_files_of_a_scenes_gaussians_are_ambiguous() {
     let refused = trial.render(&ply, 0).unwrap_err();
     assert!(refused.starts_with("two files of Gaussians of scene wall-0: "), "{refused}");
     assert!(refused.contains("wall-0.ply and ") && refused.ends_with("wall-0/point_cloud.ply"), "{refused}");
+    std::fs::rename(folder.path().join("wall-0/point_cloud.ply"), folder.path().join("wall-0-0.ply")).unwrap();
+    let refused = trial.render(&ply, 0).unwrap_err();
+    assert!(refused.contains("wall-0.ply and ") && refused.ends_with("wall-0-0.ply"), "{refused}");
 }
 
 /// A file without Gaussians, one with other axes, whose Gaussians are behind the cameras, and a good one.

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
 use atsplat_eval::runner::{KeepPictures, PlannedIndex, current_provenance, picture_path};
-use atsplat_eval::{IDENTICAL, MethodRecord, Results, Shard, TargetStatus, TrialKey, TrialStatus};
+use atsplat_eval::{IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
 use atsplat_protocol::IndexBuilder;
 use atsplat_scene::Warnings;
@@ -142,8 +142,33 @@ fn every_outcome_is_a_row() {
     assert!(refused.detail.as_ref().unwrap().contains("too few"));
     let nan = results.targets.iter().find(|row| row.key == key("faulty", 4)).unwrap();
     assert_eq!((nan.status, nan.non_finite, nan.scores.len()), (TargetStatus::NonFinite, 64 * 64 * 3, 0));
-    assert_eq!((summary.incomplete, summary.non_finite), (6, 1));
+    assert_eq!((summary.incomplete, summary.not_applicable, summary.non_finite), (5, 1, 1));
     assert!(!summary.is_complete());
+}
+
+/// One scene that the method does not support, and then one in which it fails.
+#[test]
+fn what_a_method_does_not_support_is_no_failure() {
+    let run_on = |scenes| {
+        let folder = tempfile::tempdir().unwrap();
+        let run = settings(Walls::new(scenes, 8), vec![Arc::new(Faulty::default())]);
+        let (results, summary) = run.run(folder.path()).unwrap();
+        let text = RunReport::of(&results, Some(summary), folder.path()).to_string();
+        (text, summary, run.plan().nothing_evaluated(&results))
+    };
+    let (text, summary, why) = run_on(1);
+    assert_eq!((summary.incomplete, summary.not_applicable, summary.is_complete(), why), (0, 1, true, None));
+    for line in [
+        "  3 not applicable\n",
+        "walls: 1 trial of faulty not applicable: scene wall-0: two views are too few\n",
+        "; 1 not applicable, each with its reason",
+    ] {
+        assert!(text.contains(line) && !text.contains("of faulty failed"), "{line}: {text}");
+    }
+    let (text, summary, why) = run_on(2);
+    assert_eq!((summary.incomplete, summary.not_applicable, summary.is_complete()), (1, 1, false));
+    assert_eq!(why.as_deref(), Some("all of 3 targets failed, the first with: out of memory"));
+    assert!(text.contains("  3 failed  3 not applicable\n") && text.contains("3 targets of faulty failed: "), "{text}");
 }
 
 /// Renders are scored whatever they show, and the trial notes which are hardly meant.
@@ -323,6 +348,9 @@ fn a_sampled_index_contains_only_existing_pictures() {
     assert_eq!(entry.target.last(), Some(&57), "50 pictures reach beyond frame 49");
     let whole = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(1, 60), &mut Warnings::new());
     assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
+    assert_eq!(whole.description, "sampled by dl3dv-6v");
+    let none = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(2, 5), &mut Warnings::new());
+    assert_eq!(none.description, "sampled by dl3dv-6v; scenes without an entry: 2 too-few-frames");
 }
 
 /// Changes a context picture and then a target picture: drift names exactly that scene and frame. Ten reruns on the same

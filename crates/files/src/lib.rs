@@ -1,4 +1,4 @@
-//! Atomic file writes, SHA-256 digests, and the parts that errors about files share.
+//! Atomic file writes, SHA-256 digests, changes of records, and the parts that errors about files share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -6,11 +6,13 @@
 
 mod atomic;
 mod cache;
+mod changes;
 mod digest;
 mod error;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
 pub use cache::cache_folder;
+pub use changes::changes;
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 

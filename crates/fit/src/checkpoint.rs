@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use atsplat_files::{FileError, Sha256Digest};
+use atsplat_files::{FileError, Sha256Digest, changes};
 use atsplat_splat::{GaussianParts, Gaussians, sh_coefficients};
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, TensorView};
@@ -21,6 +21,9 @@ struct Metadata {
     step: u64,
     /// Hash of configuration and views.
     run: String,
+    /// The configuration, to say what has changed; earlier versions did not write it.
+    #[serde(default)]
+    configuration: Option<serde_json::Value>,
     /// Hash of the start, on which extent and first degree depend too.
     start: String,
     /// Name of the device, as bits differ between them.
@@ -56,6 +59,7 @@ impl Fit {
         let metadata = Metadata {
             step: self.step,
             run: run_hash(&self.config, &self.views),
+            configuration: serde_json::to_value(&self.config).ok(),
             start: self.start.clone(),
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
@@ -102,7 +106,7 @@ impl Fit {
         let metadata: Metadata = serde_json::from_str(text)
             .map_err(|error| wrong(METADATA, "metadata as this version writes it", error.to_string()))?;
         if metadata.run != run_hash(&config, &views) {
-            return Err(wrong("run", "the configuration and views of this run", "others".to_owned()));
+            return Err(other_run(metadata.configuration.as_ref(), &config, path));
         }
         if metadata.device != device.name() {
             return Err(wrong("device", device.name(), metadata.device));
@@ -155,6 +159,20 @@ impl Fit {
 
 fn wrong(path: &Path, field: &str, expected: &str, found: String) -> FitError {
     FitError::Checkpoint { field: field.to_owned(), expected: expected.to_owned(), found, path: path.to_owned() }
+}
+
+/// The error for a checkpoint of a run with another configuration or other views.
+fn other_run(recorded: Option<&serde_json::Value>, config: &FitConfig, path: &Path) -> FitError {
+    let Some(recorded) = recorded else {
+        return wrong(path, "run", "the configuration and views of this run", "others".to_owned());
+    };
+    match changes(recorded, config) {
+        Ok(changed) if changed.is_empty() => wrong(path, "views", "those that this run trains on", "others".to_owned()),
+        changed => {
+            let changed = changed.unwrap_or_else(|error| error.to_string());
+            wrong(path, "configuration", "the settings of this run", format!("others: {changed}"))
+        }
+    }
 }
 
 /// The tensors of a file, and the bytes of those that were read, in order.

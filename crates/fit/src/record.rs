@@ -20,7 +20,7 @@ pub struct FitRecord {
     pub held_out: Vec<String>,
     pub start: String,
     pub start_gaussians: usize,
-    /// Gaussians of the start that were invalid, and dropped.
+    /// Gaussians of the start that were invalid, and dropped, as their file was read or later.
     pub dropped: usize,
     /// Of the scene, in units of the data.
     pub extent: f64,

@@ -143,7 +143,11 @@ fn a_checkpoint_of_another_run_or_a_damaged_one_is_rejected() {
     Fit::new(config.clone(), views.clone(), &start).unwrap().checkpoint(&path).unwrap();
     let other = FitConfig { seed: 12, ..config.clone() };
     let error = Fit::resume(other, views.clone(), &[], &start, FitDevice::default(), &path).unwrap_err().to_string();
-    assert!(error.contains("expected the configuration and views of this run"), "{error}");
+    let expected = "configuration: expected the settings of this run, found others: seed: 11, now 12";
+    assert!(error.contains(expected), "{error}");
+    let fewer = views[1..].to_vec();
+    let error = Fit::resume(config.clone(), fewer, &[], &start, FitDevice::default(), &path).unwrap_err().to_string();
+    assert!(error.contains("views: expected those that this run trains on, found others"), "{error}");
     let mut bytes = std::fs::read(&path).unwrap();
     let last = bytes.len() - 30;
     bytes[last] ^= 1;

@@ -46,7 +46,8 @@ pub fn is_lfs_pointer(file: &[u8]) -> bool {
 
 /// Parses a `torch.save` file in either format.
 ///
-/// The elements of tensors are not read before [`Tensor::to_bytes`] and the like are called.
+/// The elements of tensors are not read before [`Tensor::to_bytes`] and the like are called. What is read from a zip file is
+/// compared with its CRC-32, if the file has CRCs.
 ///
 /// # Errors
 /// [`TorchError`] if the bytes do not consist of tensors and plain containers.

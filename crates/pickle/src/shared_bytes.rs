@@ -1,19 +1,53 @@
 use std::fmt;
 use std::ops::{Deref, Range};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::TorchError;
 
 /// A range of bytes of a memory-mapped file or buffer, shared without a copy.
 #[derive(Clone)]
 pub struct SharedBytes {
     owner: Arc<dyn AsRef<[u8]> + Send + Sync>,
     range: Range<usize>,
+    /// Of the zip entry that the bytes are in.
+    checksum: Option<Arc<Checksum>>,
+}
+
+/// The CRC-32 of a zip entry, which is compared once.
+#[derive(Debug)]
+pub(crate) struct Checksum {
+    /// The entry, for messages.
+    location: String,
+    content: SharedBytes,
+    crc: u32,
+    is_verified: AtomicBool,
+}
+
+impl Checksum {
+    pub(crate) fn new(location: String, content: SharedBytes, crc: u32) -> Self {
+        Self { location, content, crc, is_verified: AtomicBool::new(false) }
+    }
+
+    fn verify(&self) -> Result<(), TorchError> {
+        if self.is_verified.load(Ordering::Relaxed) {
+            return Ok(());
+        }
+        let crc = crc32fast::hash(&self.content);
+        if crc != self.crc {
+            let expected = format!("content with the CRC-32 {:08x} of the zip directory", self.crc);
+            return Err(TorchError::malformed(&self.location, expected, format!("damaged content with {crc:08x}")));
+        }
+        self.is_verified.store(true, Ordering::Relaxed);
+        Ok(())
+    }
 }
 
 impl SharedBytes {
     /// All of `owner`'s bytes.
     pub fn new(owner: impl AsRef<[u8]> + Send + Sync + 'static) -> Self {
         let range = 0..owner.as_ref().len();
-        Self { owner: Arc::new(owner), range }
+        Self { owner: Arc::new(owner), range, checksum: None }
     }
 
     /// A part of these bytes with the same owner; `None` if `range` is not inside.
@@ -21,7 +55,22 @@ impl SharedBytes {
     pub fn slice(&self, range: Range<usize>) -> Option<Self> {
         let start = self.range.start.checked_add(range.start)?;
         let end = self.range.start.checked_add(range.end)?;
-        (start <= end && end <= self.range.end).then(|| Self { owner: Arc::clone(&self.owner), range: start..end })
+        (start <= end && end <= self.range.end).then(|| Self { range: start..end, ..self.clone() })
+    }
+
+    /// Compares the zip entry that the bytes are in with its CRC-32, if they are in one that has it: bytes of
+    /// [`Tensor::to_unread_bytes`](crate::Tensor::to_unread_bytes) must be verified before they are used. The first call reads
+    /// the entry, later ones for the same entry do not.
+    ///
+    /// # Errors
+    /// [`TorchError::Malformed`] for an entry that was damaged after it was written.
+    pub fn verify(&self) -> Result<(), TorchError> {
+        self.checksum.as_ref().map_or(Ok(()), |checksum| checksum.verify())
+    }
+
+    /// These bytes as a part of the entry with this checksum.
+    pub(crate) fn with_checksum(self, checksum: Arc<Checksum>) -> Self {
+        Self { checksum: Some(checksum), ..self }
     }
 }
 
@@ -78,5 +127,21 @@ mod tests {
         assert_eq!(&*middle.slice(1..3).unwrap(), &[2, 3]);
         assert!(middle.slice(0..4).is_none(), "outside the slice, but inside the owner");
         assert!(all.slice(usize::MAX..usize::MAX).is_none());
+    }
+
+    #[test]
+    fn parts_are_verified_with_the_entry_that_they_are_in() {
+        // The CRC-32 of "123456789" is the check value of its catalogues.
+        let entry = SharedBytes::new(*b"x123456789").slice(1..10).unwrap();
+        let with = |crc| {
+            let checksum = Checksum::new("entry".to_owned(), entry.clone(), crc);
+            entry.clone().with_checksum(Arc::new(checksum)).slice(2..4).unwrap()
+        };
+        let part = with(0xcbf4_3926);
+        assert_eq!((&*part, part.verify(), part.verify()), (&b"34"[..], Ok(()), Ok(())));
+        let message = with(0xcbf4_3927).verify().unwrap_err().to_string();
+        let expected = "content with the CRC-32 cbf43927 of the zip directory, found damaged content with cbf43926";
+        assert_eq!(message, format!("entry: expected {expected}"));
+        assert_eq!(entry.verify(), Ok(()), "bytes without a checksum");
     }
 }

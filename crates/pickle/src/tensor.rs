@@ -139,9 +139,20 @@ impl Tensor {
     /// The elements as row-major little-endian bytes: a part of the mapped file if contiguous, a copy otherwise.
     ///
     /// # Errors
-    /// [`TorchError`] if the storage's zip entry is malformed, or if the tensor repeats its storage (an expanded tensor),
-    /// so that a copy would be larger than the storage.
+    /// [`TorchError`] if the storage's zip entry is malformed or has another CRC-32, or if the tensor repeats its storage (an
+    /// expanded tensor), so that a copy would be larger than the storage.
     pub fn to_bytes(&self) -> Result<SharedBytes, TorchError> {
+        let bytes = self.to_unread_bytes()?;
+        bytes.verify()?;
+        Ok(bytes)
+    }
+
+    /// [`Self::to_bytes`] for bytes that may stay unused: those of a contiguous tensor are not read from disk, and
+    /// [`SharedBytes::verify`] must be called before they are.
+    ///
+    /// # Errors
+    /// Those of [`Self::to_bytes`] except another CRC-32 of a contiguous tensor.
+    pub fn to_unread_bytes(&self) -> Result<SharedBytes, TorchError> {
         let storage = self.storage.container.bytes(&self.storage.key)?;
         let (start, count) = (index(self.offset)?, index(self.elements)?);
         let size = self.dtype().bytes();
@@ -152,6 +163,7 @@ impl Tensor {
         if self.elements > self.storage.len {
             return Err(TorchError::unsupported(self.to_string(), "a tensor that repeats its storage"));
         }
+        storage.verify()?;
         self.gathered(&storage, start, size).map(SharedBytes::new).ok_or_else(|| self.outside(&storage))
     }
 

@@ -2,11 +2,13 @@
 //!
 //! The `zip` crate reads every local header, which on a mapped chunk reads one page of disk for every picture, used or
 //! not; and of two entries with one name it uses the last, where PyTorch uses another. This reads only the central
-//! directory, rejects ambiguous ones, and reads a local header when its entry is requested.
+//! directory, rejects ambiguous ones, and reads a local header when its entry is requested. The content of an entry is compared
+//! with its CRC-32 when it is first read.
 
 use std::collections::HashMap;
+use std::sync::{Arc, OnceLock};
 
-use crate::shared_bytes::{span, u16_at, u32_at, u64_at};
+use crate::shared_bytes::{Checksum, span, u16_at, u32_at, u64_at};
 use crate::{SharedBytes, TorchError, shortened};
 
 const LOCAL_HEADER: &[u8] = b"PK\x03\x04";
@@ -21,6 +23,10 @@ const ZIP64_LOCATOR_LEN: usize = 20;
 const ZIP64_EXTRA: u16 = 1;
 /// The value of a field that is stored in the zip64 record instead.
 const SATURATED: u32 = u32::MAX;
+/// The CRC-32 of an entry that was written without one: after `torch.serialization.set_crc32_options(False)`, and inside
+/// `torch.serialization.skip_data` (`PyTorchStreamWriter::writeRecord`, `mz_zip_writer_add_mem_ex_v2`). Others have it by a
+/// chance of 2⁻³².
+const NO_CRC: u32 = 0;
 
 /// Entries of a zip file without compression.
 #[derive(Debug)]
@@ -33,10 +39,13 @@ pub(crate) struct ZipDirectory {
     directory_start: usize,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 struct Entry {
     header: u64,
     len: u64,
+    crc: u32,
+    /// Shared by all who request the entry, so that one of them compares it.
+    checksum: OnceLock<Arc<Checksum>>,
 }
 
 impl ZipDirectory {
@@ -71,7 +80,9 @@ impl ZipDirectory {
 
     /// The pickle of the saved object.
     pub(crate) fn pickle(&self) -> Result<SharedBytes, TorchError> {
-        self.bytes(&self.name("data.pkl"))
+        let pickle = self.bytes(&self.name("data.pkl"))?;
+        pickle.verify()?;
+        Ok(pickle)
     }
 
     /// Name of the entry of a storage.
@@ -84,7 +95,7 @@ impl ZipDirectory {
         self.entries.get(name).map(|entry| entry.len)
     }
 
-    /// The bytes of an entry, shared with the mapped file.
+    /// The bytes of an entry, shared with the mapped file and not read yet.
     pub(crate) fn bytes(&self, name: &str) -> Result<SharedBytes, TorchError> {
         let location = || format!("zip entry {:?}", shortened(name));
         let missing = || TorchError::malformed("zip directory", format!("an entry {:?}", shortened(name)), "none");
@@ -93,13 +104,19 @@ impl ZipDirectory {
             .ok()
             .and_then(|header| self.data_start(header))
             .ok_or_else(|| TorchError::malformed(location(), "a local header before the directory", "none"))?;
-        span(start, entry.len)
+        let content = span(start, entry.len)
             .filter(|range| range.end <= self.directory_start)
             .and_then(|range| self.file.slice(range))
             .ok_or_else(|| {
                 let expected = format!("{} bytes before the directory", entry.len);
                 TorchError::malformed(location(), expected, format!("a start at {start}"))
-            })
+            })?;
+        if entry.crc == NO_CRC {
+            return Ok(content);
+        }
+        let checksum = || Arc::new(Checksum::new(location(), content.clone(), entry.crc));
+        let checksum = Arc::clone(entry.checksum.get_or_init(checksum));
+        Ok(content.with_checksum(checksum))
     }
 
     fn name(&self, entry: &str) -> String {
@@ -119,6 +136,7 @@ impl ZipDirectory {
             return Ok(());
         }
         let order = self.bytes(&name)?;
+        order.verify()?;
         match &*order {
             b"little" => Ok(()),
             other => {
@@ -220,7 +238,8 @@ fn central_entry(directory: &[u8], at: usize) -> Result<(&str, Entry, usize), To
         let found = format!("{packed} and {len}");
         return Err(TorchError::malformed(entry_location(), "equal packed and unpacked lengths", found));
     }
-    Ok((name, Entry { header, len }, at + comment_start + comment_len))
+    let entry = Entry { header, len, crc: field32(16)?, checksum: OnceLock::new() };
+    Ok((name, entry, at + comment_start + comment_len))
 }
 
 /// The u64 values of the zip64 extra field, if there is one.

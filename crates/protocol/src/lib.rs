@@ -17,6 +17,7 @@ mod named_builders;
 mod preset;
 #[cfg(test)]
 mod test_source;
+mod toml_error;
 
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
@@ -36,3 +37,4 @@ pub use preset::{
     PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;
+pub use toml_error::malformed_toml;

@@ -4,7 +4,7 @@ use atsplat_files::{FileError, Malformed};
 
 use crate::overlap::OverlapEstimator;
 use crate::samplers::{Bounded, EvenlySpaced, Sampler};
-use crate::{IndexBuilder, ProtocolError};
+use crate::{IndexBuilder, ProtocolError, malformed_toml};
 
 macro_rules! built_in {
     ($($name:literal),* $(,)?) => {
@@ -59,8 +59,8 @@ impl IndexBuilder {
     fn from_toml(text: &str, place: &str) -> Result<Self, ProtocolError> {
         let malformed = |expected: &str, found: String| Malformed::new("sampling rule", place, expected, found);
         let rule: Self = toml::from_str(text).map_err(|error| {
-            let expected = "a [sampler] table and, optionally, an [overlap] table";
-            malformed(expected, error.to_string().trim_end().to_owned())
+            let whole = "a [sampler] table and, optionally, an [overlap] table";
+            malformed_toml("sampling rule", whole, text, &error).in_file(place)
         })?;
         match rule.overlap.map(|overlap| overlap.estimator).filter(OverlapEstimator::needs_depth) {
             Some(estimator) => Err(malformed(
@@ -160,6 +160,8 @@ mod tests {
             assert!(rule.is_ok(), "{valid}: {}", rule.unwrap_err());
         }
         for (text, expected) in [
+            (format!("{bounded}wndow = 3\n"), "line 7 column 1: expected one of"),
+            (bounded.replace("max = 9", "mx = 9"), "line 6 column 19: expected one of"),
             (bounded.replace("views = 2", "views = 1"), "context-views"),
             (bounded.replace("max = 9", "max = 3"), "4 and 3"),
             (bounded.replace("context-views = 2", "context-views = 12"), "found 9, where 11 are needed"),

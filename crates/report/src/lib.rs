@@ -24,6 +24,8 @@ mod report;
 #[cfg(test)]
 mod sample;
 pub mod table;
+mod written;
 
 pub use error::ReportError;
 pub use report::{Report, Request, store_labels};
+pub use written::Written;

@@ -1,7 +1,5 @@
 use std::path::{Path, PathBuf};
 
-use atsplat_files::FileError;
-
 use crate::definition::TableDefinition;
 use crate::emit::{TableFormat, orders_as_markdown};
 use crate::figures::{of_frontier, of_store, of_table, optimisation_section};
@@ -9,6 +7,7 @@ use crate::file_names::unused;
 use crate::page::{Film, LiveTrial, Page, PageStore, PlotSection};
 use crate::plot::{Drawing, PlotFault, PlotFormat};
 use crate::table::{Mixing, Source, Table, protocol_tables, tables};
+use crate::written::{FileList, Writing, Written};
 use crate::{ReportError, page};
 
 /// What a report contains.
@@ -99,43 +98,43 @@ impl Report {
         self.html.len()
     }
 
-    /// Writes `tables/`, `orders.md`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary; returns the
-    /// paths of all files.
+    /// As [`Self::replace`]; returns the paths of all files.
     ///
     /// # Errors
-    /// [`ReportError::Io`], and the errors of tables and plots.
+    /// Those of [`Self::replace`].
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
-        let mut files = Vec::new();
+        self.replace(folder).map(|written| written.files)
+    }
+
+    /// Writes `tables/`, `orders.md`, `plots/`, `films/` and `index.html` into a folder, creating it if necessary, and a list of
+    /// these files with their hashes. Then removes the files of the report that was there before, as its list names them: not
+    /// those that were changed since, and no others.
+    ///
+    /// # Errors
+    /// [`ReportError::Io`], also for a broken list, before anything is written; and the errors of tables and plots.
+    pub fn replace(&self, folder: &Path) -> Result<Written, ReportError> {
+        let before = FileList::read(folder)?;
+        let mut writing = Writing::new(folder);
         for table in &self.tables {
             for format in &self.formats {
-                let path = folder.join("tables").join(format!("{}.{}", table.name, format.extension()));
-                files.push(write_file(path, format.write(table)?.as_bytes())?);
+                let name = format!("tables/{}.{}", table.name, format.extension());
+                writing.write(name, format.write(table)?.as_bytes())?;
             }
         }
         if let Some(orders) = orders_as_markdown(&self.tables) {
-            files.push(write_file(folder.join("orders.md"), orders.as_bytes())?);
+            writing.write("orders.md".to_owned(), orders.as_bytes())?;
         }
         for (name, drawing) in &self.plots {
             for format in [PlotFormat::Svg, PlotFormat::Png] {
-                let path = folder.join("plots").join(format!("{name}.{}", format.extension()));
-                files.push(write_file(path, &drawing.encode(format)?)?);
+                writing.write(format!("plots/{name}.{}", format.extension()), &drawing.encode(format)?)?;
             }
         }
         for film in &self.films {
-            let path = folder.join("films").join(format!("{}.png", film.name));
-            files.push(write_file(path, &film.animated_png()?)?);
+            writing.write(format!("films/{}.png", film.name), &film.animated_png()?)?;
         }
-        files.push(write_file(folder.join(page::FILE), self.html.as_bytes())?);
-        Ok(files)
+        writing.write(page::FILE.to_owned(), self.html.as_bytes())?;
+        writing.finish(&before)
     }
-}
-
-/// Writes a file, creating its folder if necessary.
-fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
-    let created = path.parent().map_or(Ok(()), std::fs::create_dir_all);
-    let written = created.and_then(|()| atsplat_files::write_unsynced(&path, bytes));
-    written.map_err(FileError::during::<ReportError>("writing a report", &path))?;
-    Ok(path)
 }
 
 /// Labels of stores, all different: the folder's name, with a number if several have the same.

@@ -37,6 +37,9 @@ pub enum SceneError {
     /// A picture cannot be decoded or preprocessed.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Pixels { scene: String, frame: usize, source: PixelError },
+    /// A picture in a chunk was damaged after it was written: its checksum differs.
+    #[error("frame {frame} of scene {scene:?}: {source}")]
+    Damaged { scene: String, frame: usize, source: TorchError },
     /// A picture does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     PictureMismatch { scene: String, frame: usize, source: PictureMismatch },

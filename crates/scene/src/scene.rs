@@ -21,7 +21,7 @@ pub enum Picture {
     Missing(PathBuf),
     /// A file.
     File(PathBuf),
-    /// Encoded bytes inside a chunk, shared without a copy.
+    /// Encoded bytes inside a chunk, shared without a copy. They may be unread, and are verified when they are.
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
     Generated(Arc<dyn GeneratedPicture>),
@@ -135,9 +135,9 @@ impl Frame {
     /// Decodes the picture. `scene` and `position` identify the frame in messages.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Pixels`] for bytes that
-    /// are not a picture or exceed `limits`, and [`SceneError::PictureMismatch`] for a picture that does not fit the
-    /// frame's camera.
+    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Damaged`],
+    /// [`SceneError::Pixels`] for bytes that are not a picture or exceed `limits`, and [`SceneError::PictureMismatch`] for a
+    /// picture that does not fit the frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         let picture = self.decode_any_shape(scene, position, limits)?;
         match self.mismatch(ImageSize { width: picture.width(), height: picture.height() }) {
@@ -175,12 +175,16 @@ impl Frame {
     /// The encoded picture: read from its file, borrowed from its chunk, or generated and encoded as PNG.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Generating`].
+    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Damaged`], [`SceneError::Generating`].
     pub fn bytes(&self, scene: &str, position: usize) -> Result<Cow<'_, [u8]>, SceneError> {
         let no_picture = |reason: String| SceneError::NoPicture { scene: scene.to_owned(), frame: position, reason };
         match &self.picture {
             Picture::File(path) => Ok(Cow::Owned(read_file("reading a picture", path)?)),
-            Picture::Encoded(bytes) => Ok(Cow::Borrowed(bytes)),
+            Picture::Encoded(bytes) => {
+                let damaged = |source| SceneError::Damaged { scene: scene.to_owned(), frame: position, source };
+                bytes.verify().map_err(damaged)?;
+                Ok(Cow::Borrowed(bytes))
+            }
             Picture::Generated(picture) => {
                 atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(in_frame(scene, position))
             }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::changes;
 use atsplat_model::parameters::Parameter;
 use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 
@@ -144,10 +145,11 @@ impl State {
         };
         expect("atsplat.checkpoint", FORMAT, FORMAT)?;
         expect("tensors-sha256", &stored.digest(), "the hash of the tensors")?;
-        let configuration = text("configuration")?;
-        if TrainConfig::from_toml(configuration)? != *config {
-            let expected = "the configuration that the run was started with; start a new run from its weights instead";
-            return Err(TrainError::malformed(WHAT, "configuration", expected, "another"));
+        let recorded = TrainConfig::from_toml(text("configuration")?)?;
+        if recorded != *config {
+            let expected = "that of the run, or a new run from its weights (`--init`)";
+            let changed = changes(&recorded, config).unwrap_or_else(|error| error.to_string());
+            return Err(TrainError::malformed(WHAT, "configuration", expected, format!("other settings: {changed}")));
         }
         let values = |part: &str, parameter: &Parameter| {
             let name = format!("{part}/{}", parameter.name);
@@ -213,14 +215,10 @@ pub struct Checkpoints {
 type ReadBackbone<'a> = &'a dyn Fn() -> Result<StoredTensors, TrainError>;
 
 impl Checkpoints {
-    /// The checkpoint folder in a run's folder, created if absent; the run's configuration resolves to `resolved`.
-    ///
-    /// # Errors
-    /// [`TrainError::Io`].
-    pub fn new(folder: &Path, keep: usize, resolved: Resolved) -> Result<Self, TrainError> {
-        let folder = folder.join(FOLDER);
-        std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder", &folder))?;
-        Ok(Self { folder, keep, resolved })
+    /// The checkpoint folder in a run's folder, which the first checkpoint creates; the run's configuration resolves to
+    /// `resolved`.
+    pub fn new(folder: &Path, keep: usize, resolved: Resolved) -> Self {
+        Self { folder: folder.join(FOLDER), keep, resolved }
     }
 
     /// Whether a run's folder holds a checkpoint, readable or not.
@@ -234,12 +232,13 @@ impl Checkpoints {
     ///
     /// # Errors
     /// [`TrainError::Malformed`] if a weight is NaN or infinite: such a state is not written; [`TrainError::Model`] if the
-    /// file cannot be written.
+    /// file cannot be written; [`TrainError::Io`].
     pub fn write(&self, state: &State, config: &TrainConfig) -> Result<PathBuf, TrainError> {
         if let Some((name, count)) = state.parameters.non_finite().into_iter().next() {
             let found = format!("{count} values that are NaN or infinite");
             return Err(TrainError::malformed(WHAT, name, "finite weights", found));
         }
+        std::fs::create_dir_all(&self.folder).map_err(TrainError::io("creating a folder", &self.folder))?;
         let path = self.folder.join(format!("step-{:08}.safetensors", state.step));
         state.stored(config, &self.resolved)?.write(&path)?;
         let mut all = self.all()?;
@@ -289,7 +288,11 @@ impl Checkpoints {
     fn all(&self) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
         let reading = || TrainError::io("listing checkpoints", &self.folder);
         let mut all = BTreeMap::new();
-        for entry in std::fs::read_dir(&self.folder).map_err(reading())? {
+        let entries = match std::fs::read_dir(&self.folder) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(all),
+            entries => entries.map_err(reading())?,
+        };
+        for entry in entries {
             let path = entry.map_err(reading())?.path();
             all.extend(step_of(&path).map(|step| (step, path)));
         }
@@ -309,7 +312,9 @@ mod tests {
     #[test]
     fn other_files_in_the_folder_are_no_checkpoints() {
         let folder = tempfile::tempdir().unwrap();
-        let checkpoints = Checkpoints::new(folder.path(), 2, Resolved::default()).unwrap();
+        let checkpoints = Checkpoints::new(folder.path(), 2, Resolved::default());
+        assert!(checkpoints.all().unwrap().is_empty() && !checkpoints.folder.exists());
+        std::fs::create_dir(&checkpoints.folder).unwrap();
         let files = ["step-00000012.safetensors", "step-00000004.safetensors", "step-notes.txt", "step-a.safetensors"];
         for name in files {
             std::fs::write(checkpoints.folder.join(name), "").unwrap();
@@ -333,7 +338,7 @@ mod tests {
     fn what_was_just_written_is_kept_and_later_steps_are_removed() {
         for (keep, expected) in [(1, vec![600]), (2, vec![500, 600]), (3, vec![400, 500, 600])] {
             let (folder, config) = (tempfile::tempdir().unwrap(), TrainConfig::shortest());
-            let checkpoints = Checkpoints::new(folder.path(), keep, Resolved::default()).unwrap();
+            let checkpoints = Checkpoints::new(folder.path(), keep, Resolved::default());
             for step in [400, 500] {
                 checkpoints.write(&state(step, 1.0), &config).unwrap();
             }

@@ -55,8 +55,7 @@ impl Resolved {
     pub(crate) fn check(&self, stored: &StoredTensors) -> Result<(), TrainError> {
         for (key, found) in &self.entries {
             if let Some(recorded) = stored.metadata.get(key).filter(|recorded| *recorded != found) {
-                let expected =
-                    format!("{recorded}, with which the run was started; start a new run from its weights instead");
+                let expected = format!("{recorded}, as in the run so far, or a new run from its weights (`--init`)");
                 return Err(TrainError::malformed("checkpoint", key, expected, found));
             }
         }
@@ -99,7 +98,7 @@ mod tests {
 
         let refused = |resolved: &Resolved, stored: &StoredTensors, key: &str| {
             let error = resolved.check(stored).unwrap_err().to_string();
-            let advice = format!("{}, with which the run was started; start a new run", stored.metadata[key]);
+            let advice = format!("expected {}, as in the run so far, or a new run from", stored.metadata[key]);
             assert!(error.contains(key) && error.contains(&advice), "{key}: {error}");
         };
         let larger = ModelConfig { resolution: atsplat_model::ImageSize::new(256, 256), ..model.clone() };

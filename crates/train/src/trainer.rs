@@ -148,7 +148,7 @@ impl Trainer {
             None => None,
         };
         let resolved = Resolved::new(&config, &model, &objective)?.with_scenes(samples.as_ref(), evaluated.as_deref());
-        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved)?;
+        let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
         let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
         let features = match &config.model.feature_cache {
             Some(folder) => {
@@ -170,6 +170,8 @@ impl Trainer {
             Processor::Cpu => None,
             Processor::Wgpu(_) => Some(Resident::new(&state, &template)?),
         };
+        // Not earlier: what fails before leaves no folder.
+        std::fs::create_dir_all(folder).map_err(TrainError::io("creating a folder", folder))?;
         if start.file().is_some() {
             // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
             checkpoints.write(&state, &config)?;

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
 use atsplat_scene::{SceneSource as _, Warnings};
@@ -44,10 +44,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let report = if args.chunks { write_chunks(args, &mut warnings)? } else { write_table(args, &mut warnings)? };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    Ok(match report {
-        Report::Table(summary) => summary.skipped == 0,
-        Report::Chunks { skipped, .. } => skipped == 0,
-    })
+    let (scenes, skipped) = match report {
+        Report::Table(summary) => (summary.scenes, summary.skipped),
+        Report::Chunks { scenes, skipped, .. } => (scenes as u64, skipped),
+    };
+    ensure!(scenes > 0, "no scene of {} could be exported", args.dataset.data.display());
+    Ok(skipped == 0)
 }
 
 fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {

@@ -1,5 +1,6 @@
 use std::fmt;
 
+use anyhow::ensure;
 use atsplat_scene::inspect::{InspectOptions, Inspection, SizeSampling, inspect};
 use atsplat_scene::{SceneSource as _, Warnings};
 use serde::Serialize;
@@ -66,9 +67,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     } else {
         Vec::new()
     };
-    let complete = inspection.is_complete();
+    let (complete, read) = (inspection.is_complete(), inspection.scenes.read);
     print_report(&Report { inspection, geometry }, args.json)?;
     print_warnings(&geometry_warnings);
+    ensure!(read > 0, "no scene of {} can be read", args.dataset.data.display());
     Ok(complete)
 }
 

@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
-use atsplat_eval::fitting::{Start, StartError, common_size, fit_recipe};
-use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos};
-use atsplat_fit::{Strategy, TrainingView};
+use atsplat_eval::fitting::{Start, StartError, StartGaussians, common_size, fit_recipe};
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError};
+use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
 use atsplat_scene::{FrameSelection, Scene, Warnings};
-use atsplat_splat::Gaussians;
 
 use crate::dataset_args::PictureArgs;
 use crate::embedded;
+use crate::output::warn;
 use crate::parse;
 use crate::reconstruct::input::scene;
 
@@ -65,6 +65,11 @@ pub(super) struct StartArgs {
     #[arg(long, value_name = "NEAR,FAR", conflicts_with = "refine", value_parser = depths)]
     depths: Option<[f64; 2]>,
 
+    /// Read opacities of the file to start from as opacities, not logits, as written by the exporters of pixelSplat and
+    /// NoPoSplat.
+    #[arg(long, conflicts_with = "refine")]
+    opacities_as_stored: bool,
+
     /// Start from what this network makes of the photos: a weights file, or micro-rooms or micro-yards, which are embedded in
     /// the binary. The strategy is then by default `fixed`.
     #[arg(long, value_name = "WEIGHTS")]
@@ -108,7 +113,7 @@ impl InputArgs {
             let recipe = fit_recipe(size, network.map(|source| &source.config));
             Photos::new(scene.clone(), selection.clone(), recipe, warnings)
         };
-        let photos = prepared(self.size, warnings)?;
+        let photos = prepared(self.size, warnings).map_err(|error| self.in_size(network, error))?;
         let (training, held_out) = (photos.training_views()?, photos.held_out_views()?);
         let mut scaled = Vec::new();
         for &scale in &self.scales {
@@ -122,22 +127,42 @@ impl InputArgs {
         }
         Ok(Input { photos, training, held_out, scaled })
     }
+
+    /// The error with what sets the size, if photos do not have it.
+    fn in_size(&self, network: Option<&NetworkSource>, error: ReconstructError) -> anyhow::Error {
+        let is_of_size = matches!(&error, ReconstructError::Skipped(reason) if reason.contains(": preprocessing: "));
+        let error = anyhow::Error::from(error);
+        match (self.size, network) {
+            (Some(ImageSize { width, height }), _) if is_of_size => error.context(format!("--size {width}x{height}")),
+            (None, Some(source)) if is_of_size => {
+                let size = &source.config.resolution;
+                error.context(format!("--refine without --size scales photos to {}x{}", size.width, size.height))
+            }
+            _ => error,
+        }
+    }
 }
 
 impl StartArgs {
-    /// Refuses depths that no random point has.
+    /// Refuses depths that no random point has, and opacities that no file stores.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
-        match self.start.parse::<Start>() {
-            Ok(Start::Points | Start::At(_)) if self.depths.is_some() => {
-                Err(parse::usage_error(format!("--depths is for random points, found --start {}", self.start)))
-            }
-            _ => Ok(()),
+        let Ok(start) = self.start.parse::<Start>() else { return Ok(()) };
+        let is_file = matches!(&start, Start::At(path) if !path.is_dir());
+        if self.depths.is_some() && !matches!(start, Start::Random(_)) {
+            return Err(parse::usage_error(format!("--depths is for random points, found --start {}", self.start)));
         }
+        if self.opacities_as_stored && !is_file {
+            let found = format!("--opacities-as-stored is for a file of Gaussians, found --start {}", self.start);
+            return Err(parse::usage_error(found));
+        }
+        Ok(())
     }
 
     /// For the record.
     pub(super) fn name(&self) -> String {
-        self.refine.as_ref().map_or_else(|| self.start.clone(), |weights| format!("network {}", weights.display()))
+        let stored = if self.opacities_as_stored { ", opacities as stored" } else { "" };
+        let start = || [self.start.as_str(), stored].concat();
+        self.refine.as_ref().map_or_else(start, |weights| format!("network {}", weights.display()))
     }
 
     /// The network of a refinement.
@@ -149,23 +174,31 @@ impl StartArgs {
         Ok(Some(NetworkSource::from_file(config.clone(), path.clone(), file, config)))
     }
 
-    /// The Gaussians to start from, in the frame of the views.
+    /// The Gaussians to start from, in the frame of the views. Warns of what is wrong with their file.
     pub(super) fn gaussians(
         &self,
         input: &Input,
         data: &Path,
         network: Option<(&NetworkSource, Device)>,
         (seed, strategy): (u64, Strategy),
-    ) -> anyhow::Result<Gaussians> {
+    ) -> anyhow::Result<StartGaussians> {
         if let Some((source, device)) = network {
             let (network, _) = source.load(&device)?;
-            return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians);
+            return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians.into());
         }
         let start = self.start.parse::<Start>().context("--start")?;
-        let made = start.gaussians(&input.training, data, self.depths, (seed, strategy));
-        made.map_err(|error| match error {
+        let data = (data, input.photos.trial().scene());
+        let made = start.gaussians(&input.training, data, self.depths, self.opacities_as_stored, (seed, strategy));
+        let made = made.map_err(|error| match error {
+            StartError::Fit(error @ FitError::Setting { name: "depths", .. }) => {
+                anyhow::Error::from(error).context(format!("--start {} needs --depths NEAR,FAR", self.start))
+            }
             StartError::Fit(error) => error.into(),
             unread => anyhow::Error::from(unread).context(format!("--start {}", self.start)),
-        })
+        })?;
+        for warning in &made.warnings {
+            warn(&format!("warning: --start {}: {warning}", self.start));
+        }
+        Ok(made)
     }
 }

@@ -154,9 +154,11 @@ impl OptimisationArgs {
 /// Optimises until the last step or the end of the time.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.start.check()?;
-    let record_file = PendingFile::open(&args.out.with_added_extension("json"))?;
-    // Fails before long work if the scene file cannot be written.
-    drop(PendingFile::open(&args.out)?);
+    let record_file = args.out.with_added_extension("json");
+    // Fails before long work if a file cannot be written. None stays open meanwhile: a run that is interrupted leaves nothing.
+    for file in [&record_file, &args.out] {
+        drop(PendingFile::open(file)?);
+    }
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
     let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };
@@ -167,6 +169,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let mut config = args.optimisation.config(normalisation.scale);
     let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
     let start = args.start.gaussians(&input, &args.input.data, network, (config.seed, config.strategy))?;
+    let (start, removed) = (start.gaussians, start.removed);
     let device = device.backend().fit_device();
     let begin = Instant::now();
     let (steps, deadline) = args.optimisation.budget().plan(&config, &input.training, &start, &device)?;
@@ -210,8 +213,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         views: names(&input.training),
         held_out: names(&input.held_out),
         start: args.start.name(),
-        start_gaussians: count,
-        dropped: fit.dropped(),
+        start_gaussians: count + removed,
+        dropped: removed + fit.dropped(),
         extent: fit.extent() / normalisation.scale,
         configuration: FitConfig { extent: args.optimisation.extent, ..fit.config().clone() },
         device: fit.device().to_owned(),
@@ -224,7 +227,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         at_scales: scaled,
     };
     drop(log);
-    record_file.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
+    PendingFile::open(&record_file)?.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
     outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
     print_report(&FitReport { record, seconds }, args.json)
 }

@@ -36,6 +36,7 @@ pub(crate) struct Args {
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Report<'a> {
+    sampler: &'a str,
     rule: &'a IndexBuilder,
     scenes: usize,
     entries: usize,
@@ -57,6 +58,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let BuiltIndex { scenes, entries, nulls, refused_entries, missing_pictures, index: _ } = &built;
     let report = Report {
+        sampler: &args.sampler,
         rule: &builder,
         scenes: *scenes,
         entries: *entries,
@@ -72,7 +74,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
 impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "sampler {}: {} scenes, {} entries", self.rule.sampler.name(), self.scenes, self.entries)?;
+        let Self { sampler, scenes, entries, .. } = self;
+        let rule = self.rule.sampler.name();
+        let scene = if *scenes == 1 { "scene" } else { "scenes" };
+        let entry = if *entries == 1 { "entry" } else { "entries" };
+        writeln!(f, "sampler {sampler} ({rule}): {scenes} {scene}, {entries} {entry}")?;
         if self.refused_entries > 0 {
             writeln!(f, "{:>7}  entries rejected for their overlap", self.refused_entries)?;
         }

@@ -5,7 +5,7 @@ use atsplat_protocol::{DatasetCheck, FullLint, IndexFile, LintOptions, Preset, P
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::PictureArgs;
-use crate::output::{print_report, print_warnings};
+use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
 
 #[derive(Debug, clap::Args)]
@@ -53,9 +53,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         Some(path) => Some(compare(&file.index, &IndexFile::read(path).context("reading the second index")?.index)),
         None => None,
     };
-    let complete = lint.dataset.as_ref().is_none_or(|facts| facts.dropped.is_empty());
     let preset = preset.as_ref().map(|preset| PresetMatch::new(preset, &file));
-    print_report(&FullLint { lint, preset, against }, args.json)?;
+    let report = FullLint { lint, preset, against };
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
-    Ok(complete)
+    let faults = report.faults();
+    if !faults.is_empty() {
+        warn(&format!("warning: unfit for an evaluation: {}", faults.join("; ")));
+    }
+    Ok(faults.is_empty())
 }

@@ -11,6 +11,9 @@ use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict, done};
 
+const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repetitions that are not as published, \
+                           another protocol's index, dropped scenes, or other trials than --against";
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print the built-in presets.
@@ -18,6 +21,7 @@ pub(crate) enum Command {
     /// Print one preset: every convention, source and inference.
     Show(presets::ShowArgs),
     /// Check an index for leaks, dropped scenes, bins and comparability.
+    #[command(mut_arg("strict", |strict| strict.help(LINT_STRICT)))]
     Lint(WithStrict<lint::Args>),
     /// Measure or read overlaps, write them into an index, plot their histogram.
     Overlap(Box<WithStrict<overlap::Args>>),

@@ -1,14 +1,16 @@
 //! The input photos: dataset, context and target views, and preprocessing of images and poses.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use atsplat_camera::{Distortion, ImageSize as CameraSize};
 use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe, rendered_scene};
-use atsplat_model::ModelConfig;
+use atsplat_eval::sources::AlreadyCropped;
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::TrialRecipe;
-use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings, scene_key};
+use atsplat_scene::{FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
 
 use crate::dataset_args::PictureArgs;
 use crate::parse;
@@ -40,6 +42,11 @@ pub(super) struct InputArgs {
     #[arg(long, value_name = "PRESET", value_parser = parse::preset, conflicts_with = "size")]
     protocol: Option<String>,
 
+    /// Accept images of any size, even if the protocol requires one; those of the size that it crops to are taken as already
+    /// cropped, and their cameras are cropped accordingly.
+    #[arg(long, requires = "protocol")]
+    any_size: bool,
+
     /// Size of the images given to the network; by default the model's resolution.
     #[arg(long, value_name = "WxH")]
     size: Option<CameraSize>,
@@ -64,19 +71,43 @@ impl InputArgs {
         let context = self.views.of(count).context("--views")?;
         let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
-        Ok(Photos::new(scene, selection, self.recipe(config)?, warnings)?)
+        let (scene, recipe) = self.prepared(scene, config)?;
+        let photos = Photos::new(scene, selection, recipe, warnings);
+        match &self.protocol {
+            Some(_) => Ok(photos?),
+            None => photos.with_context(|| {
+                let ImageSize { width, height } = self.size(config);
+                format!("photos at {width}×{height}, as --size or the model says")
+            }),
+        }
     }
 
-    /// The recipe of the protocol, or one that suits any photos.
-    fn recipe(&self, config: &ModelConfig) -> anyhow::Result<TrialRecipe> {
-        Ok(match &self.protocol {
-            Some(name) => TrialRecipe::of(&Preset::resolve(name)?, "ATSplat"),
-            None => photo_recipe(self.size.map_or(config.resolution, Into::into)),
-        })
+    /// The size that photos get without a protocol.
+    fn size(&self, config: &ModelConfig) -> ImageSize {
+        self.size.map_or(config.resolution, Into::into)
+    }
+
+    /// The scene with the recipe of the protocol, or with one that suits any photos.
+    fn prepared(&self, mut scene: Scene, config: &ModelConfig) -> anyhow::Result<(Scene, TrialRecipe)> {
+        let Some(name) = &self.protocol else {
+            return Ok((scene, photo_recipe(self.size(config))));
+        };
+        let mut preset = Preset::resolve(name)?;
+        if self.any_size {
+            let source: Arc<dyn SceneSource> = Arc::new(OneScene::new(scene.clone()));
+            if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
+                (scene, preset) = (cropped.load(&scene.key, &mut Warnings::new())?, adapted);
+            } else {
+                preset.preprocessing.expected_size = None;
+            }
+        }
+        Ok((scene, TrialRecipe::of(&preset, "ATSplat")))
     }
 
     pub(super) fn record(&self, photos: &Photos) -> InputRecord {
-        InputRecord::new(photos, self.data.clone(), self.protocol.clone())
+        let any_size = if self.any_size { ", images of any size" } else { "" };
+        let protocol = self.protocol.as_ref().map(|name| format!("{name}{any_size}"));
+        InputRecord::new(photos, self.data.clone(), protocol)
     }
 }
 

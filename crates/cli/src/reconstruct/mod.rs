@@ -26,7 +26,7 @@ use output::{FRAMES, PlotArgs, RenderArgs};
 #[derive(Debug, clap::Args)]
 #[command(
     mut_arg("weights", |weights| weights.required(true)),
-    override_usage = "atsplat reconstruct <DATA> --views <SEL> --weights <FILE|random:SEED> --out <FILE> [OPTIONS]"
+    override_usage = "atsplat reconstruct <DATA> --views <SEL> --weights <FILE|NAME|random:SEED> --out <FILE> [OPTIONS]"
 )]
 pub(crate) struct Args {
     #[command(flatten)]

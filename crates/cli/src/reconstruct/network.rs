@@ -103,7 +103,7 @@ impl NetworkArgs {
     }
 
     pub(crate) const NO_WEIGHTS: &'static str =
-        "--weights is needed: a weights file, or random:SEED for an untrained network";
+        "--weights is needed: micro-rooms, micro-yards, a weights file, or random:SEED for an untrained network";
 
     pub(crate) const fn has_weights(&self) -> bool {
         self.weights.is_some()
@@ -160,11 +160,13 @@ impl NetworkArgs {
 
     /// Opens a weights file, and reads the configuration that it was written for.
     fn weights_file(&self, path: &Path, requested: Option<&ModelConfig>) -> anyhow::Result<(TensorFile, ModelConfig)> {
-        let advised = requested.map_or_else(|| ModelConfig::named("paper-re10k"), |config| Ok(config.clone()))?;
         let expected_hash = self.sha256.map(|hash| hash.to_string());
         let file = embedded::find(path, || {
-            let advice = ModelWeights::advice(&advised, expected_hash.as_deref());
-            format!("{advice}; `random:SEED` in place of a file runs the network untrained")
+            let file = match requested {
+                Some(config) => ModelWeights::advice(config, expected_hash.as_deref()),
+                None => "a weights file of this toolkit, which `atsplat weights import` makes".to_owned(),
+            };
+            format!("{}; `random:SEED` in place of a file runs the network untrained", embedded::or_a_file(&file))
         })?;
         file.check_sha256(expected_hash.as_deref())?;
         if !ModelWeights::is_one(&file.stored) {

@@ -23,6 +23,10 @@ impl Args {
         if let Some(plane) = planes.iter().find(|plane| !effects.allows(plane)) {
             return Err(format!("--channels {plane}: excluded by --effects {effects}"));
         }
+        self.effects.check()?;
+        if self.rounding.is_some() && !self.writes(FormatArg::Png) && self.preview.preview.is_none() {
+            return Err("--rounding is for images of 8 bits: add --formats png or --preview".to_owned());
+        }
         if self.adapter.is_some() && self.backend != BackendArg::Gpu {
             return Err("--adapter selects the adapter of --backend gpu: add --backend gpu".to_owned());
         }

@@ -12,10 +12,10 @@ pub(crate) struct EffectArgs {
     #[arg(long, value_name = "LIST", default_value = "auto")]
     pub(super) effects: EffectSelection,
 
-    /// Largest change of any colour or opacity sample that `auto` may cause, in units of display range; depth and scalar
-    /// never change.
-    #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
-    tolerance: f64,
+    /// Largest change of any colour or opacity sample that `auto` may cause, in units of display range, by default a quarter of
+    /// a grey level of 8 bits; depth and scalar never change.
+    #[arg(long, value_name = "CHANGE", value_parser = parse::not_negative)]
+    tolerance: Option<f64>,
 
     /// Print for each effect the pixels that call for it, its bound, the time it takes and saves, and why it runs or not,
     /// measured on the first frame.
@@ -25,6 +25,14 @@ pub(crate) struct EffectArgs {
 
 impl EffectArgs {
     pub(crate) fn look(&self, options: RenderOptions) -> Look {
-        Look { options, effects: self.effects.clone(), tolerance: self.tolerance }
+        Look { options, effects: self.effects.clone(), tolerance: self.tolerance.unwrap_or(EffectPlan::TOLERANCE) }
+    }
+
+    /// Refuses a tolerance that nothing reads.
+    pub(super) fn check(&self) -> Result<(), String> {
+        if self.tolerance.is_some() && self.effects != EffectSelection::Auto && !self.explain {
+            return Err(format!("--tolerance is for --effects auto and --explain, found --effects {}", self.effects));
+        }
+        Ok(())
     }
 }

@@ -76,9 +76,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "png", help_heading = "Output")]
     formats: Vec<FormatArg>,
 
-    /// Rounding from f32 to 8 bits: to the nearest, or truncated as pixelSplat does.
-    #[arg(long, value_name = "RULE", default_value = "nearest", value_parser = named(ROUNDINGS), help_heading = "Output")]
-    rounding: Rounding,
+    /// Rounding from f32 to 8 bits: to the nearest, which is the default, or truncated as pixelSplat does.
+    #[arg(long, value_name = "RULE", value_parser = named(ROUNDINGS), help_heading = "Output")]
+    rounding: Option<Rounding>,
 
     #[command(flatten, next_help_heading = "Output")]
     preview: PreviewArgs,
@@ -120,7 +120,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let scene = args.scene.read()?;
     let look = args.effects.look(args.look.options(constants, &scene, args.writes(FormatArg::Exr))?);
-    let Plan { mut shots, path, notes } = args.views.plan(cameras, &scene.gaussians)?;
+    let Plan { mut shots, path, notes } = args.views.plan(cameras, &scene)?;
     exposures.expose(&mut shots)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
     notes.extend(note);
@@ -229,7 +229,7 @@ impl Args {
             folder: self.out.clone(),
             png: self.writes(FormatArg::Png),
             exr: self.writes(FormatArg::Exr),
-            rounding: self.rounding,
+            rounding: self.rounding.unwrap_or(Rounding::Nearest),
         }
     }
 }

@@ -6,7 +6,8 @@ use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntr
 use atsplat_eval::rendering::{PathRecord, Plan, Shot};
 use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
 use atsplat_scene::{FrameSelection, Warnings};
-use atsplat_splat::{Exposure, Gaussians, View, framing};
+use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
+use atsplat_splat::{Exposure, View, framing};
 use clap::ArgGroup;
 
 use crate::parse::{self, Axis};
@@ -27,7 +28,7 @@ pub(crate) struct ViewArgs {
     #[arg(long, value_name = "FILE")]
     cameras: Option<PathBuf>,
 
-    /// N views on a circle around the scene.
+    /// N views on a circle around the scene; 60 by default.
     #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = DEFAULT_FRAMES, value_parser = parse::frames)]
     orbit: Option<usize>,
 
@@ -128,9 +129,9 @@ impl ViewArgs {
     }
 
     /// Plans the views from which the Gaussians are rendered.
-    pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, gaussians: &Gaussians) -> anyhow::Result<Plan> {
+    pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, scene: &SceneFile) -> anyhow::Result<Plan> {
         let mut notes = Vec::new();
-        let Some(cameras) = cameras else { return self.orbit(gaussians) };
+        let Some(cameras) = cameras else { return self.orbit(scene) };
         if let Some(file) = &self.cameras {
             let shots = self.shots_of(cameras, &mut notes)?;
             return Ok(Plan { shots, path: PathRecord::Cameras { file: file.clone() }, notes });
@@ -175,9 +176,9 @@ impl ViewArgs {
         self.size.or(stated).context("the cameras have no image size: set it with --size")
     }
 
-    fn orbit(&self, gaussians: &Gaussians) -> anyhow::Result<Plan> {
+    fn orbit(&self, scene: &SceneFile) -> anyhow::Result<Plan> {
         let count = self.orbit.unwrap_or(1);
-        let sphere = framing::visible_bulk(gaussians).context("the scene has no visible Gaussian to orbit")?;
+        let sphere = framing::visible_bulk(&scene.gaussians).with_context(|| nothing_to_orbit(&scene.record))?;
         let size = self.size.unwrap_or(ORBIT_SIZE);
         let intrinsics = NormalizedIntrinsics::with_horizontal_view(radians(self.fov.unwrap_or(ORBIT_FOV)), size)?;
         let distance = self.distance * intrinsics.distance_that_frames(sphere.radius)?;
@@ -202,6 +203,13 @@ impl ViewArgs {
         };
         Ok(Plan { shots: Shot::numbered(views, size), path, notes: Vec::new() })
     }
+}
+
+/// What the file holds and what was removed from it, as the reason for the error.
+fn nothing_to_orbit(record: &SceneFileRecord) -> String {
+    let record = record.to_string();
+    let found: Vec<&str> = record.lines().map(str::trim).collect();
+    format!("the scene has no visible Gaussian to orbit: {}", found.join("; "))
 }
 
 fn radians(degrees: f64) -> f64 {

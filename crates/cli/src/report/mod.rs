@@ -1,16 +1,17 @@
 //! `atsplat report`: writes tables, plots and an HTML page of results stores.
 
-use std::collections::BTreeMap;
+mod lacks;
+
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
-use atsplat_eval::{Results, TrialRow};
+use atsplat_eval::Results;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, verdict};
-use atsplat_report::{Report, Request, store_labels};
+use atsplat_report::{Report, Request, Written, store_labels};
 use serde_json::json;
 
 use crate::objects::CacheArgs;
@@ -23,7 +24,7 @@ pub(crate) struct Args {
     #[arg(value_name = "STORE", required = true)]
     stores: Vec<PathBuf>,
 
-    /// Folder for `tables/`, `plots/` and `index.html`.
+    /// Folder for `tables/`, `plots/` and `index.html`; the files of an earlier report there are replaced.
     #[arg(long, value_name = "DIR", default_value = "reports/latest")]
     out: PathBuf,
 
@@ -76,8 +77,8 @@ fn table_name(text: &str) -> Result<String, String> {
     }
 }
 
-/// Writes the report and prints its tables; `false` if a requested table has no results or a trial of the stores failed. A
-/// checked plot with a fault is an error, when everything is written.
+/// Writes the report and prints its tables; `false` if a requested table has no results or a store lacks something. A checked
+/// plot with a fault is an error, when everything is written.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     once("--tables", &args.tables).map_err(usage_error)?;
     let formats: Vec<String> = FORMATS
@@ -112,52 +113,54 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         live: Vec::new(),
     };
     let report = Report::new(&request, &stores)?;
-    let files = report.write(&args.out)?;
+    let Written { files, removed, others } = report.replace(&args.out)?;
     warn_of_size(&report, args.page_size);
     if args.json {
         let tables: Vec<_> = report.tables.iter().map(json_of).collect();
-        let written = json!({ "tables": tables, "unmeasured": report.unmeasured, "files": files });
+        let unmeasured = &report.unmeasured;
+        let written = json!({ "tables": tables, "unmeasured": unmeasured, "files": files, "removed": removed });
         print_text(&format!("{}\n", serde_json::to_string_pretty(&written)?))?;
     } else {
         print_tables(&report)?;
-        warn(&format!(
-            "{} files in {}, the page is {}",
-            files.len(),
-            args.out.display(),
-            args.out.join("index.html").display()
-        ));
+        let (files, folder, page) = (counted(files.len(), "file"), &args.out, args.out.join("index.html"));
+        warn(&format!("{files} in {}, the page is {}", folder.display(), page.display()));
     }
+    say_of_others(&args.out, &removed, &others);
     let missing = if args.tables.is_empty() { &[][..] } else { &report.unmeasured };
     for name in missing {
         warn(&format!("warning: the stores have no results for table {name}"));
     }
-    let failures: Vec<String> = stores.iter().flat_map(|store| failures(&store.source)).collect();
-    for failure in &failures {
-        warn(&format!("warning: {failure}"));
+    let lacks: Vec<String> = stores.iter().flat_map(|store| lacks::of(&store.source)).collect();
+    for lack in &lacks {
+        warn(&format!("warning: {lack}"));
     }
     let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
     for (plot, fault) in &faults {
         warn(&format!("warning: plot {plot}: {fault}"));
     }
     if args.check_plots {
-        warn(&format!("{} plots checked, {} faults", report.plots.len(), faults.len()));
+        warn(&format!("{} checked, {}", counted(report.plots.len(), "plot"), counted(faults.len(), "fault")));
     }
-    ensure!(faults.is_empty(), "--check-plots: {} faults in the plots of {}", faults.len(), args.out.display());
-    Ok(missing.is_empty() && failures.is_empty())
+    let found = counted(faults.len(), "fault");
+    ensure!(faults.is_empty(), "--check-plots: {found} in the plots of {}", args.out.display());
+    Ok(missing.is_empty() && lacks.is_empty())
 }
 
-/// A line for each method and protocol with trials that lack numbers.
-fn failures(Source { label, results }: &Source<'_>) -> Vec<String> {
-    let mut failed: BTreeMap<(&str, &str), (usize, &TrialRow)> = BTreeMap::new();
-    for trial in results.trials.iter().filter(|trial| trial.status.is_incomplete()) {
-        failed.entry((&trial.key.preset, &trial.key.method)).or_insert((0, trial)).0 += 1;
+/// Says which files of an earlier report were removed, and that others stay.
+fn say_of_others(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
+    let folder = folder.display();
+    if !removed.is_empty() {
+        warn(&format!("{} of an earlier report removed from {folder}", counted(removed.len(), "file")));
     }
-    let line = |((preset, method), (count, first)): ((&str, &str), (usize, &TrialRow))| {
-        let (status, reason) = (first.status.name(), first.detail.as_deref().unwrap_or("no reason recorded"));
-        let scene = &first.key.scene;
-        format!("{label}: {preset}: {count} trials of {method} are incomplete: {scene} {status}: {reason}")
-    };
-    failed.into_iter().map(line).collect()
+    if let Some(first) = others.first() {
+        let (others, first) = (counted(others.len(), "file"), first.display());
+        warn(&format!("warning: {folder} holds {others} that this report did not write, such as {first}"));
+    }
+}
+
+/// `1 file`, `2 files`.
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Warns of a page that is larger than allowed even without pictures.

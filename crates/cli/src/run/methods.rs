@@ -111,7 +111,8 @@ impl MethodArgs {
                 return Err(parse::usage_error(format!("{name} {what}; no method given here is one")));
             }
         }
-        self.network.check().and_then(|()| self.network.device.check(renders)).map_err(parse::usage_error)
+        let checked = self.network.check().and_then(|()| self.network.device.check(renders));
+        checked.and_then(|()| self.gaussians.check_tolerance()).map_err(parse::usage_error)
     }
 
     /// Loads the methods.
@@ -178,6 +179,15 @@ impl GaussianArgs {
             ("--tolerance", self.tolerance.is_some()),
             ("--backend", self.backend.is_some()),
         ])
+    }
+
+    /// Rejects a tolerance if the effects that run do not depend on it.
+    pub(super) fn check_tolerance(&self) -> Result<(), String> {
+        let chosen = self.effects.as_ref().is_some_and(|effects| *effects != EffectSelection::Auto);
+        if chosen && self.tolerance.is_some() {
+            return Err("--tolerance is for --effects auto: other effects run whatever they change".to_owned());
+        }
+        Ok(())
     }
 
     /// Rejects these arguments if there are no Gaussians.

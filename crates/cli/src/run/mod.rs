@@ -36,7 +36,8 @@ pub(crate) struct Args {
     /// Methods to evaluate: atsplat, nearest-view, warp, renders:DIR (images of any other method), ply:DIR (its
     /// Gaussians); optimised for each trial, with a budget such as 3000 (steps) or 10s: 3dgs:BUDGET,
     /// mip-splatting:BUDGET, mcmc:BUDGET, atsplat+refine:BUDGET (the network's Gaussians); exec:COMMAND, a process that
-    /// answers trials (docs/methods.md); COMMAND is the rest of the argument. NAME=METHOD sets the name in the results.
+    /// answers trials (docs/methods.md); COMMAND is the rest of the argument. NAME=METHOD sets the name in the results, of
+    /// all but nearest-view and warp.
     #[arg(long = "method", value_name = "METHOD", required = true, value_parser = MethodSpec::list)]
     methods: Vec<Methods>,
 

@@ -53,7 +53,8 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let unused = if args.ply.is_none() { args.gaussians.check_unused() } else { Ok(()) };
-    unused.and_then(|()| args.device.check(args.ply.is_some())).map_err(usage_error)?;
+    let checked = unused.and_then(|()| args.device.check(args.ply.is_some()));
+    checked.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
     let name = args.name.as_deref();
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
         (Some(folder), _) => Arc::new(Renders::new(folder, name)?),

@@ -51,7 +51,7 @@ pub(crate) struct SettingArgs {
 /// Repetitions of a timing pass.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct RepetitionArgs {
-    /// Minimum number of repetitions of encoding and rendering per timed trial; 5 by default.
+    /// Minimum number of repetitions of encoding and rendering per timed trial: 5, the default, or more.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=10_000))]
     repetitions: Option<u32>,
 

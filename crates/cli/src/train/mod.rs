@@ -5,7 +5,8 @@ mod report;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
+use atsplat_eval::store::PROVENANCE;
 use atsplat_model::network::Processor;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
@@ -66,8 +67,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         (None, true) => Start::Resume,
         (None, false) => Start::Fresh,
     };
-    if !args.resume {
-        std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
+    if !args.resume && args.out.join(PROVENANCE).exists() {
+        bail!("--out {}: expected a folder for the run alone, found results of evaluations there", args.out.display());
     }
     let steps = config.steps.get();
     let mut trainer = Trainer::on(args.processor, config, &args.out, &start)?;

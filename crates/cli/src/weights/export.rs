@@ -5,6 +5,7 @@ use atsplat_model::weights::{KeyMap, ModelWeights};
 use serde::Serialize;
 
 use super::import::key_map;
+use crate::embedded;
 use crate::output::{PendingFile, print_report};
 
 #[derive(Debug, clap::Args)]
@@ -42,7 +43,7 @@ struct Report {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let map = KeyMap::resolve(&args.key_map)?;
     let out = PendingFile::open(&args.out)?;
-    let source = crate::embedded::find(&args.file, || "a weights file of this toolkit".to_owned())?;
+    let source = embedded::find(&args.file, || embedded::or_a_file("a weights file of this toolkit"))?;
     let mut weights = ModelWeights::of_file(&source)?;
     weights.tensors.tensors.retain(|name, _| name.starts_with(&args.only));
     let exported = map.export(&weights.tensors)?;

@@ -20,7 +20,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let file = embedded::find(&args.file, || "a file of weights".to_owned())?;
+    let file = embedded::find(&args.file, || embedded::or_a_file("a file of weights"))?;
     print_report(&Inspection::new(args.file.clone(), file, args.tensors)?, args.json)?;
     Ok(true)
 }

@@ -4,6 +4,7 @@ use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, Verification};
 
+use crate::embedded;
 use crate::model_args::model;
 use crate::output::print_report;
 
@@ -28,9 +29,9 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let config = args.model.as_deref().map(ModelConfig::resolve).transpose()?;
     let expected = args.sha256.map(|hash| hash.to_string());
-    let file = crate::embedded::find(&args.file, || match &config {
+    let file = embedded::find(&args.file, || match &config {
         Some(config) => ModelWeights::advice(config, expected.as_deref()),
-        None => "a file of weights".to_owned(),
+        None => embedded::or_a_file("a file of weights"),
     })?;
     print_report(&Verification::new(file, config.as_ref(), expected.as_deref())?, args.json)?;
     Ok(true)

@@ -1,12 +1,13 @@
+use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
 use super::probe::Recipe;
-use super::{Acceptance, Baseline, DriftError, Limit, Verdict};
-use crate::Results;
+use super::{Acceptance, Baseline, BaselineTarget, DriftError, Limit, Verdict};
 use crate::store::Unfinished;
+use crate::{Results, TargetStatus, TrialKey, TrialStatus};
 
 /// Checks that results can become a baseline.
 ///
@@ -16,7 +17,8 @@ pub fn acceptable(results: &Results) -> Result<(), DriftError> {
     let refused = |expected, found| Err(DriftError::Unacceptable { expected, found });
     if results.targets.iter().all(|row| row.scores.is_empty()) {
         let count = results.targets.len();
-        let found = format!("{count} targets without scores; an empty baseline cannot detect drift");
+        let targets = if count == 1 { "target" } else { "targets" };
+        let found = format!("{count} {targets} without scores; an empty baseline cannot detect drift");
         return refused("results with scores", found);
     }
     let has_trials = |run: &&Unfinished| {
@@ -39,6 +41,10 @@ pub struct AcceptanceReport {
     acceptances: usize,
     trials: usize,
     targets: usize,
+    /// Targets without a render or a truth, other than those of trials that the method does not support.
+    failed: usize,
+    /// Targets with samples that are no numbers.
+    non_finite: usize,
     limits: Vec<Limit>,
     probe: Option<Recipe>,
 }
@@ -46,6 +52,11 @@ pub struct AcceptanceReport {
 impl AcceptanceReport {
     /// Summarises a baseline that was written to `path`; `moved` is the verdict against the one before, if there was one.
     pub fn new(path: &Path, baseline: Baseline, accepted: Acceptance, moved: Option<Verdict>) -> Self {
+        let unsupported = baseline.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable);
+        let unsupported: BTreeSet<&TrialKey> = unsupported.map(|trial| &trial.key).collect();
+        let supported = |target: &&BaselineTarget| !unsupported.contains(&target.key);
+        let count = |status| baseline.targets.iter().filter(supported).filter(|own| own.status == status).count();
+        let [failed, non_finite] = [TargetStatus::Failed, TargetStatus::NonFinite].map(count);
         Self {
             baseline: path.to_owned(),
             moved,
@@ -53,6 +64,8 @@ impl AcceptanceReport {
             acceptances: baseline.history.len(),
             trials: baseline.trials.len(),
             targets: baseline.targets.len(),
+            failed,
+            non_finite,
             limits: baseline.limits,
             probe: baseline.probe.map(|probe| probe.recipe),
         }
@@ -61,8 +74,15 @@ impl AcceptanceReport {
 
 impl fmt::Display for AcceptanceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { baseline, moved, accepted, acceptances, trials, targets, limits, probe } = self;
-        writeln!(f, "{}: {targets} targets of {trials} trials, accepted on {}", baseline.display(), accepted.date)?;
+        let Self { baseline, moved, accepted, acceptances, trials, targets, failed, non_finite, limits, probe } = self;
+        let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+        let (trials, targets) = (counted(*trials, "trial"), counted(*targets, "target"));
+        writeln!(f, "{}: {targets} of {trials}, accepted on {}", baseline.display(), accepted.date)?;
+        for (count, why) in [(*failed, "failed"), (*non_finite, "with samples that are no numbers")] {
+            if count > 0 {
+                writeln!(f, "warning: without a score: {} {why}", counted(count, "target"))?;
+            }
+        }
         match moved {
             None => writeln!(f, "a new baseline")?,
             Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,

@@ -5,8 +5,8 @@ use atsplat_files::InvalidText;
 use atsplat_fit::start::{Point, from_points, in_frustums};
 use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_scene::SceneError;
-use atsplat_scene::colmap::read_points;
-use atsplat_splat::{Gaussians, SplatError, files};
+use atsplat_scene::colmap::{ColmapPoint, points_folder, read_points};
+use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
 use thiserror::Error;
 
 /// What an optimisation starts from.
@@ -20,6 +20,23 @@ pub enum Start {
     At(PathBuf),
 }
 
+/// The Gaussians of a [`Start`].
+#[derive(Clone, Debug)]
+pub struct StartGaussians {
+    /// Those that can be optimised.
+    pub gaussians: Gaussians,
+    /// Gaussians of their file that were removed because they cannot be repaired.
+    pub removed: usize,
+    /// What a user should know of their file.
+    pub warnings: Vec<String>,
+}
+
+impl From<Gaussians> for StartGaussians {
+    fn from(gaussians: Gaussians) -> Self {
+        Self { gaussians, removed: 0, warnings: Vec::new() }
+    }
+}
+
 /// Why there is nothing to start from.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -27,6 +44,13 @@ pub enum StartError {
     /// COLMAP's points cannot be read.
     #[error("COLMAP's points: {0}")]
     Points(#[from] SceneError),
+    /// There are no points.
+    #[error(
+        "expected points3D.bin or points3D.txt in the folder, its sparse/0/, sparse/ or colmap/sparse/0/, found none \
+         ({})",
+        .0.display()
+    )]
+    NoPoints(PathBuf),
     /// A file of Gaussians cannot be read.
     #[error(transparent)]
     Gaussians(#[from] SplatError),
@@ -52,40 +76,146 @@ impl FromStr for Start {
 }
 
 impl Start {
-    /// The Gaussians for these views of a dataset. Random points are between two `depths`, by default around the point that the
-    /// cameras look at.
+    /// The Gaussians for these views of a `scene` of a dataset. Random points are between two `depths`, by default around the point
+    /// that the cameras look at. With `opacities_as_stored`, a PLY file holds opacities instead of logits.
     ///
     /// # Errors
     /// [`StartError`].
     pub fn gaussians(
         &self,
         views: &[TrainingView],
-        data: &Path,
+        (data, scene): (&Path, &str),
         depths: Option<[f64; 2]>,
+        opacities_as_stored: bool,
         (seed, strategy): (u64, Strategy),
-    ) -> Result<Gaussians, StartError> {
-        let path: &Path = match self {
-            Self::Random(count) => return Ok(in_frustums(views, *count, depths, seed, strategy)?),
-            Self::Points => data,
-            Self::At(path) => path,
+    ) -> Result<StartGaussians, StartError> {
+        let folder = match self {
+            Self::Random(count) => return Ok(in_frustums(views, *count, depths, seed, strategy)?.into()),
+            Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored)?),
+            Self::At(folder) => points_folder(folder).ok_or_else(|| StartError::NoPoints(folder.clone()))?,
+            Self::Points => points_of_scene(data, scene)?,
         };
-        if !path.is_dir() {
-            return Ok(files::read(path)?.0);
-        }
-        let folders = [path.to_owned(), path.join("sparse/0"), path.join("colmap/sparse/0")];
-        let holds = |folder: &&PathBuf| folder.join("points3D.bin").is_file() || folder.join("points3D.txt").is_file();
-        let points = read_points(folders.iter().find(holds).map_or(path, PathBuf::as_path))?;
-        let point = |point: atsplat_scene::colmap::ColmapPoint| Point {
+        let point = |point: ColmapPoint| Point {
             position: point.position.to_array(),
             colour: point.color.map(|channel| f64::from(channel) / 255.0),
         };
-        Ok(from_points(&points.into_iter().map(point).collect::<Vec<_>>(), strategy)?)
+        let points: Vec<Point> = read_points(&folder)?.into_iter().map(point).collect();
+        Ok(from_points(&points, strategy)?.into())
     }
+}
+
+/// The folder of a scene's points: `data` is its capture or a file in it, or a folder of captures.
+fn points_of_scene(data: &Path, scene: &str) -> Result<PathBuf, StartError> {
+    let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
+    let found = points_folder(folder).or_else(|| points_folder(&folder.join(scene)));
+    found.ok_or_else(|| StartError::NoPoints(folder.to_owned()))
+}
+
+/// The Gaussians of a file that can be optimised, repaired as [`Fit::new`](atsplat_fit::Fit::new) repairs them.
+fn of_file(path: &Path, opacities_as_stored: bool) -> Result<StartGaussians, SplatError> {
+    let (mut gaussians, import) = files::read(path)?;
+    let stored = import.validation.total;
+    let mut warnings = Vec::new();
+    if opacities_as_stored {
+        gaussians = gaussians.with_linear_opacities();
+    } else if import.opacities_may_be_no_logits {
+        warnings.push(
+            "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
+                .to_owned(),
+        );
+    }
+    let (gaussians, found) = gaussians.cleaned(Cleaning::Repair);
+    let removed = stored.saturating_sub(gaussians.len());
+    // Those that were kept on import are found again.
+    let broken = import.validation.invalid.max(import.validation.rejected + found.invalid);
+    if broken > 0 {
+        let first = if import.validation.is_clean() { &found } else { &import.validation };
+        let kinds: Vec<String> = first.findings.iter().map(ToString::to_string).collect();
+        let repaired = broken.saturating_sub(removed);
+        warnings.push(format!(
+            "{broken} of {stored} Gaussians are broken, of which {removed} are removed and {repaired} repaired: {}",
+            kinds.join("; ")
+        ));
+    }
+    if !import.unused.is_empty() {
+        warnings.push(format!("unused parts of the file: {}", import.unused.join(", ")));
+    }
+    Ok(StartGaussians { gaussians, removed, warnings })
 }
 
 #[cfg(test)]
 mod tests {
+    use atsplat_splat::GaussianParts;
+    use atsplat_splat::files::{Encoding, Output};
+
     use super::*;
+
+    fn parts(count: usize) -> GaussianParts {
+        GaussianParts {
+            means: vec![[0.5; 3]; count],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; count],
+            log_scales: vec![[-3.0; 3]; count],
+            opacity_logits: vec![2.0; count],
+            sh_degree: 0,
+            sh: vec![[0.25; 3]; count],
+            scalars: None,
+            filter_3d: None,
+        }
+    }
+
+    fn read(parts: GaussianParts, opacities_as_stored: bool) -> StartGaussians {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("start.ply");
+        files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+        let start = Start::At(path);
+        start.gaussians(&[], (folder.path(), "scene"), None, opacities_as_stored, (0, Strategy::Fixed)).unwrap()
+    }
+
+    #[test]
+    fn a_file_with_broken_gaussians_is_repaired_with_a_warning() {
+        assert_eq!(read(parts(5), false).warnings, Vec::<String>::new());
+        let mut broken = parts(5);
+        broken.means[1][2] = f32::NAN;
+        broken.means[2][0] = f32::INFINITY;
+        broken.quaternions[4] = [0.0; 4];
+        let start = read(broken, false);
+        assert_eq!((start.gaussians.len(), start.removed, start.warnings.len()), (3, 2, 1));
+        let expected = "3 of 5 Gaussians are broken, of which 2 are removed and 1 repaired: means ";
+        assert!(start.warnings[0].starts_with(expected), "{}", start.warnings[0]);
+        assert!(start.gaussians.validate().is_clean());
+    }
+
+    #[test]
+    fn opacities_that_may_be_no_logits_are_warned_of_or_converted() {
+        let opacities = || GaussianParts { opacity_logits: vec![0.75; 2], ..parts(2) };
+        let as_logits = read(opacities(), false);
+        assert!(as_logits.warnings.len() == 1 && as_logits.warnings[0].contains("--opacities-as-stored"));
+        assert_eq!(as_logits.gaussians.parts().opacity_logits, [0.75; 2]);
+        let converted = read(opacities(), true);
+        assert!(converted.warnings.is_empty() && converted.removed == 0, "{:?}", converted.warnings);
+        assert_eq!(converted.gaussians.parts().opacity_logits, [3.0f32.ln(); 2]);
+    }
+
+    /// Where the reader of COLMAP's models looks, with the data as it accepts them.
+    #[test]
+    fn points_are_found_in_captures_and_their_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let garden = folder.path().join("garden");
+        std::fs::create_dir_all(garden.join("sparse")).unwrap();
+        let rows = (0..5).map(|at| format!("{at} {at} 0 1 255 0 0 0.5\n")).collect::<Vec<_>>().concat();
+        std::fs::write(garden.join("sparse/points3D.txt"), rows).unwrap();
+        let points = |start: &Start, data: &Path, scene: &str| {
+            let made = start.gaussians(&[], (data, scene), None, false, (0, Strategy::Fixed));
+            made.map(|made| made.gaussians.len()).map_err(|error| error.to_string())
+        };
+        let file = garden.join("transforms.json");
+        for (data, scene) in [(folder.path(), "garden"), (garden.as_path(), "garden"), (file.as_path(), "other")] {
+            assert_eq!(points(&Start::Points, data, scene), Ok(5), "{}", data.display());
+        }
+        assert_eq!(points(&Start::At(garden), folder.path(), "other"), Ok(5));
+        let error = points(&Start::Points, folder.path(), "other").unwrap_err();
+        assert!(error.contains("sparse/") && error.contains(&folder.path().display().to_string()), "{error}");
+    }
 
     #[test]
     fn parses_random_points_and_paths() {

@@ -3,11 +3,12 @@ use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::{below, names_of_entry};
 use crate::EvalError;
 
 /// Limit on the subfolders searched if the given folder holds no scene.
 const MAX_SUBFOLDERS: usize = 64;
-/// Number of folder entries listed in a message.
+/// Number of folder entries, and of frames, listed in a message.
 const MAX_LISTED: usize = 6;
 
 /// A scene with the frames whose files are looked for.
@@ -38,6 +39,8 @@ pub struct Survey {
     here: LayoutCounts,
     /// A parent or subfolder that holds scenes if this one holds none.
     elsewhere: Option<(PathBuf, LayoutCounts)>,
+    /// The first folder of a scene if none has the files that are looked for, and the scene's frames.
+    without_files: Option<(PathBuf, Vec<usize>)>,
 }
 
 impl Survey {
@@ -62,7 +65,13 @@ impl Survey {
         let elsewhere = if here.scenes() > 0 { None } else { with_scenes().max_by_key(|(found, _)| found.scenes()) };
         let elsewhere = elsewhere.map(|(found, other)| (other, found));
         let first = requested.first().map_or_else(String::new, |requested| requested.scene.to_owned());
-        Self { what, folder: folder.to_owned(), expected, requested: requested.len(), first, here, elsewhere }
+        let of_scene = |RequestedScene { scene, frames }: &RequestedScene<'_>| {
+            let mut names = names_of_entry(scene, 0).into_iter().filter_map(|name| below(folder, &name));
+            Some((names.find(|folder| folder.is_dir())?, frames.to_vec()))
+        };
+        let without_files = if here.scenes() > 0 { None } else { requested.iter().find_map(of_scene) };
+        let (folder, requested) = (folder.to_owned(), requested.len());
+        Self { what, folder, expected, requested, first, here, elsewhere, without_files }
     }
 
     /// How many scenes were found.
@@ -78,13 +87,18 @@ impl Survey {
             return Ok(());
         }
         let (folder, requested) = (self.folder.display(), self.requested);
-        let found = match &self.elsewhere {
-            Some((other, found)) => format!(
+        let found = match (&self.elsewhere, &self.without_files) {
+            (Some((other, found)), _) => format!(
                 "none of {requested} scenes there, but {} of them below {}, in the layout {found}: use that folder",
                 found.scenes(),
                 other.display()
             ),
-            None => format!("none of {requested} scenes there; the folder holds {}", content(&self.folder)),
+            (None, Some((scene, frames))) => {
+                let colour = scene.join("color");
+                let (holder, frames) = (if colour.is_dir() { &colour } else { scene }, frames_as_text(frames));
+                format!("no such file in the folder of a scene: {} holds {}{frames}", holder.display(), content(holder))
+            }
+            (None, None) => format!("none of {requested} scenes there; the folder holds {}", content(&self.folder)),
         };
         let expected = format!("{} below {folder}, where SCENE is, for example, {}", self.expected, self.first);
         Err(EvalError::Settings { what: self.what, expected, found })
@@ -137,7 +151,47 @@ fn content(folder: &Path) -> String {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
+    if names.is_empty() { "nothing".to_owned() } else { listed(names) }
+}
+
+/// Which frames are looked for; empty for a file that holds a whole scene.
+fn frames_as_text(frames: &[usize]) -> String {
+    let numbers: Vec<String> = frames.iter().map(ToString::to_string).collect();
+    if numbers.is_empty() { String::new() } else { format!(", and the frames are {}", listed(numbers)) }
+}
+
+/// The first names, and how many more there are.
+fn listed(mut names: Vec<String>) -> String {
     let more = if names.len() > MAX_LISTED { format!(" and {} more", names.len() - MAX_LISTED) } else { String::new() };
     names.truncate(MAX_LISTED);
-    if names.is_empty() { "nothing".to_owned() } else { format!("{}{more}", names.join(", ")) }
+    format!("{}{more}", names.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_a_scenes_folder_lacks_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for file in ["b-0/2.png", "b-0/0.png", "c/color/000028.jpg"] {
+            let path = folder.path().join(file);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, "").unwrap();
+        }
+        let why = |scenes: &[&str], frames: &[usize]| {
+            let requested: Vec<_> = scenes.iter().map(|&scene| RequestedScene { scene, frames }).collect();
+            let survey = Survey::of(("folder of renders", "SCENE/29.png"), folder.path(), &requested, |_, _| None);
+            let why = survey.check().unwrap_err().to_string();
+            let (_, found) = why.split_once(", found ").unwrap();
+            found.replace(&format!("{}/", folder.path().display()), "")
+        };
+        let said = "no such file in the folder of a scene: ";
+        let many = [28, 65, 83, 90, 91, 92, 93, 94];
+        assert_eq!(why(&["a", "b"], &[28, 65]), format!("{said}b-0 holds 0.png, 2.png, and the frames are 28, 65"));
+        let jpegs = format!("{said}c/color holds 000028.jpg, and the frames are 28, 65, 83, 90, 91, 92 and 2 more");
+        assert_eq!(why(&["c"], &many), jpegs);
+        assert_eq!(why(&["b"], &[]), format!("{said}b-0 holds 0.png, 2.png"));
+        assert_eq!(why(&["a"], &[28]), "none of 1 scenes there; the folder holds b-0, c");
+    }
 }

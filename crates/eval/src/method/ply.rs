@@ -14,8 +14,8 @@ use crate::{EvalError, MethodRecord};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
-/// several entries for a scene, the second is named `<scene>-1`, and so on. A scene with two of these files that differ in
-/// more than their extension is a failed trial.
+/// several entries for a scene, the second is named `<scene>-1`, and so on; the first may be named `<scene>-0`. A scene with
+/// two of these files that differ in more than their extension is a failed trial.
 #[derive(Debug)]
 pub struct Ply {
     folder: PathBuf,
@@ -63,20 +63,22 @@ impl Ply {
     }
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
-        let scene = trial.scene();
-        for name in names_of(trial) {
-            let mut found = candidates(&self.folder, &name).map(|(path, _)| path).filter(|path| path.is_file());
-            let Some(first) = found.next() else { continue };
-            return match found.find(|other| other.with_extension("") != first.with_extension("")) {
-                Some(other) => {
-                    let (first, other) = (first.display(), other.display());
-                    Err(format!("two files of Gaussians of scene {scene}: {first} and {other}"))
-                }
-                None => Ok(first),
-            };
+        let (scene, names) = (trial.scene(), names_of(trial));
+        let all = names.iter().flat_map(|name| candidates(&self.folder, name)).map(|(path, _)| path);
+        let mut found = all.filter(|path| path.is_file());
+        let Some(first) = found.next() else {
+            let folder = self.folder.display();
+            return Err(format!(
+                "no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}"
+            ));
+        };
+        match found.find(|other| other.with_extension("") != first.with_extension("")) {
+            Some(other) => {
+                let (first, other) = (first.display(), other.display());
+                Err(format!("two files of Gaussians of scene {scene}: {first} and {other}"))
+            }
+            None => Ok(first),
         }
-        let folder = self.folder.display();
-        Err(format!("no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}"))
     }
 
     fn read(&self, trial: &Trial) -> Result<(Gaussians, Vec<String>), String> {
@@ -166,7 +168,9 @@ impl Method for Ply {
 
     fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
         const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
-        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, requested, layout))
+        // One file holds all frames.
+        let requested: Vec<_> = requested.iter().map(|of| RequestedScene { frames: &[], ..*of }).collect();
+        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, &requested, layout))
     }
 
     fn timed(&self) -> Timed {

@@ -11,6 +11,10 @@ const ONE_IN: usize = 100;
 const BYTES: f32 = 256.0;
 /// The largest size of a sample of a picture in −1…1, with some overshoot.
 const SIGNED: f32 = 1.25;
+/// The same of a picture in −0.5…0.5, in which more than one sample in this many is clearly negative.
+const CENTRED: f32 = 0.625;
+const NEGATIVE_ONE_IN: usize = 10;
+const NEGATIVE: f32 = -0.1;
 
 /// Rejects a picture in another range than [0, 1]. Samples that are NaN or infinite are left to the comparison.
 ///
@@ -20,12 +24,16 @@ pub fn check_range(picture: &Image) -> Result<(), String> {
     let [least, most] = FAR;
     let finite = || picture.samples().iter().copied().filter(|sample| sample.is_finite());
     let far = finite().filter(|sample| !(least..=most).contains(sample)).count();
-    if far * ONE_IN <= picture.samples().len() {
-        return Ok(());
-    }
+    let negative = finite().filter(|sample| *sample < NEGATIVE).count();
     let smallest = finite().fold(f32::INFINITY, f32::minimum_of);
     let largest = finite().fold(f32::NEG_INFINITY, f32::maximum_of);
-    let seems = if smallest >= least && largest <= BYTES {
+    let is_centred = smallest >= -CENTRED && largest <= CENTRED && negative * NEGATIVE_ONE_IN > picture.samples().len();
+    if far * ONE_IN <= picture.samples().len() && !is_centred {
+        return Ok(());
+    }
+    let seems = if is_centred {
+        ", which seems to be −0.5…0.5: add 0.5"
+    } else if smallest >= least && largest <= BYTES {
         ", which seems to be 0…255: divide by 255"
     } else if smallest >= -SIGNED && largest <= SIGNED {
         ", which seems to be −1…1: take (sample + 1) / 2"
@@ -59,6 +67,10 @@ mod tests {
             refused(|x| 2.0 * x - 1.0),
             "expected samples in [0, 1], found -1.00…1.00, which seems to be −1…1: take (sample + 1) / 2"
         );
+        assert_eq!(
+            refused(|x| x - 0.5),
+            "expected samples in [0, 1], found -0.50…0.50, which seems to be −0.5…0.5: add 0.5"
+        );
         assert_eq!(refused(|x| x - 2.0), "expected samples in [0, 1], found -2.00…-1.00");
         assert_eq!(refused(|x| 65535.0 * x), "expected samples in [0, 1], found 0.00…65535.00");
     }
@@ -67,6 +79,8 @@ mod tests {
     fn overshoots_and_single_highlights_stay() {
         assert_eq!(check(ramp), Ok(()));
         assert_eq!(check(|at| 2.3 * ramp(at) - 0.3), Ok(()), "−0.3 to 2");
+        assert_eq!(check(|at| 0.6 * ramp(at) - 0.1), Ok(()), "black, with noise");
+        assert_eq!(check(|at| ramp(at) - 0.3), Ok(()), "too bright for a centred picture");
         let with = |count: usize, value: f32| check(move |at| if at < count { value } else { ramp(at) });
         assert_eq!(with(6, 40.0), Ok(()), "one sample in a hundred");
         assert!(with(7, 40.0).is_err() && with(7, -0.6).is_err());

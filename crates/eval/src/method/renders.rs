@@ -30,7 +30,8 @@ use crate::{EvalError, MethodRecord};
 /// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
-/// over a background or skipped. So is a frame with two files, either of which may be the right one.
+/// over a background or skipped. So is a frame with two files, in whichever of the scene's folders: either may be the right
+/// one.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -48,24 +49,21 @@ impl Renders {
         Ok(Self { folder: folder.to_owned(), name })
     }
 
-    /// The files of a trial below each folder name of its scene.
-    fn files_of(&self, trial: &Trial) -> Vec<FrameFiles> {
-        let frames = || trial.targets().iter().map(|target| target.frame);
+    /// The files of a trial in all folders that its scene may have: one of them may be left from another run.
+    fn files_of(&self, trial: &Trial) -> FrameFiles {
         let folders = names_of(trial).into_iter().filter_map(|name| below(&self.folder, &name));
-        folders.map(|folder| FrameFiles::of([folder.join("color"), folder], frames())).collect()
+        let folders = folders.flat_map(|folder| [folder.join("color"), folder]);
+        FrameFiles::of(folders, trial.targets().iter().map(|target| target.frame))
     }
 
-    fn find(&self, files: &[FrameFiles], trial: &Trial, frame: usize) -> Result<PathBuf, String> {
-        for files in files {
-            if let Some(path) = files.file_of(frame)? {
-                return Ok(path);
-            }
-        }
+    fn find(&self, files: &FrameFiles, trial: &Trial, frame: usize) -> Result<PathBuf, String> {
         let scene = trial.scene();
-        Err(format!(
-            "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {}",
-            self.folder.display()
-        ))
+        files.file_of(frame)?.ok_or_else(|| {
+            format!(
+                "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {}",
+                self.folder.display()
+            )
+        })
     }
 }
 
@@ -119,7 +117,7 @@ impl Method for Renders {
 
 struct Imported<'a> {
     renders: &'a Renders,
-    files: Vec<FrameFiles>,
+    files: FrameFiles,
     trial: &'a Trial,
 }
 

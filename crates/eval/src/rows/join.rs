@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use serde::Serialize;
 
 use super::difference::differences;
-use super::{PresetRecord, Provenance, WarningCount};
+use super::{MethodRecord, PresetRecord, Provenance, WarningCount};
 use crate::EvalError;
 
 impl Provenance {
@@ -18,9 +18,11 @@ impl Provenance {
         let together = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_run(&other, "; only shards of one run can be merged")?;
         same("presets", &names(&self.presets), &names(&other.presets), "")?;
-        same("methods", &self.methods, &other.methods, "")?;
+        let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
+        same("methods", &self.methods, &methods, "")?;
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
+                let preset = preset.with_places_of(known);
                 let entries = together(known.entries, preset.entries);
                 let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
                 same(&of("presets", &preset.name), &without_entries(known), &without_entries(&preset), "")?;
@@ -44,7 +46,16 @@ impl Provenance {
         Ok(())
     }
 
-    /// Resumes a run with the same settings; presets and methods may be new.
+    /// A method of another run; a folder that this run knows under another path is named as here.
+    pub(crate) fn placed(&self, method: MethodRecord) -> MethodRecord {
+        match self.methods.iter().find(|known| known.name == method.name) {
+            Some(known) => method.with_places_of(known),
+            None => method,
+        }
+    }
+
+    /// Resumes a run with the same settings; presets and methods may be new. Data, indices and folders are the same if they
+    /// are in the same place, whatever paths lead there; the record keeps the first.
     ///
     /// # Errors
     /// [`EvalError::Differences`] naming what differs.
@@ -55,11 +66,12 @@ impl Provenance {
         same("shards", &self.shard, &other.shard, ADVICE)?;
         for preset in other.presets {
             match self.presets.iter().find(|known| known.name == preset.name) {
-                Some(known) => same(&of("presets", &preset.name), known, &preset, ADVICE)?,
+                Some(known) => same(&of("presets", &preset.name), known, &preset.with_places_of(known), ADVICE)?,
                 None => self.presets.push(preset),
             }
         }
         for method in other.methods {
+            let method = self.placed(method);
             match self.methods.iter().find(|known| known.name == method.name) {
                 Some(known) => same(&of("methods", &method.name), known, &method, ADVICE)?,
                 None => self.methods.push(method),
@@ -115,8 +127,8 @@ fn same<T: Serialize + PartialEq>(what: &str, first: &T, second: &T, advice: &'s
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::AdapterRecord;
     use crate::drift::same_machine;
-    use crate::{AdapterRecord, MethodRecord};
 
     #[test]
     fn rows_of_several_processors_name_them_all() {
@@ -157,5 +169,42 @@ mod tests {
         }
         known.resume_with(of(&[on("cpu", None), on("other", Some("driver 2"))])).unwrap();
         assert_eq!(known.adapter.as_deref(), Some("card (Vulkan), driver 1; card (Vulkan), driver 2"));
+    }
+
+    #[test]
+    fn other_paths_to_the_same_places_are_no_difference() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(folder.path().join("data/test")).unwrap();
+        std::fs::write(folder.path().join("index.json"), "{}").unwrap();
+        let of = |data: &str, index: &str, renders: &str| {
+            let [dataset, index, renders] =
+                [data, index, renders].map(|path| folder.path().join(path).display().to_string());
+            let method = MethodRecord {
+                name: "m".to_owned(),
+                parameters: [("folder".to_owned(), renders.into())].into(),
+                ..MethodRecord::default()
+            };
+            Provenance {
+                schema_version: crate::store::SCHEMA_VERSION,
+                presets: vec![PresetRecord { name: "p".to_owned(), dataset, index, ..PresetRecord::default() }],
+                methods: vec![method],
+                ..Provenance::default()
+            }
+        };
+        let known = of("data/test", "index.json", "data");
+        let other = || of("data/../data/test/", "./index.json", "data/test/..");
+        let (mut resumed, mut merged) = (known.clone(), known.clone());
+        resumed.resume_with(other()).unwrap();
+        merged.merge_shard(other(), true).unwrap();
+        assert!(resumed == known && merged == known, "{resumed:?} {merged:?}");
+        for (elsewhere, field) in [
+            (of("data", "index.json", "data"), "dataset: "),
+            (of("data/test", "data", "data"), "index: "),
+            (of("data/test/", "index.json", "data/test"), "parameters.folder: "),
+        ] {
+            let refused = known.clone().resume_with(elsewhere.clone()).unwrap_err().to_string();
+            assert!(refused.contains(field), "{refused}");
+            assert!(known.clone().merge_shard(elsewhere, true).is_err(), "{field}");
+        }
     }
 }

@@ -3,6 +3,7 @@
 mod adapter;
 pub(crate) mod difference;
 mod join;
+mod place;
 mod provenance;
 mod target;
 mod trial;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use adapter::AdapterRecord;
 pub(crate) use adapter::placement;
+pub(crate) use place::SAMPLED_BY;
 pub(crate) use provenance::TRAINED_POSES;
 pub use provenance::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, TrainingRecord, WarningCount,
@@ -47,6 +49,13 @@ pub struct Results {
     pub targets: Vec<TargetRow>,
     /// Times of some of these trials, by machine and timing pass; empty without a timing pass.
     pub timings: Vec<TimingRow>,
+}
+
+impl Results {
+    /// The trials that their method does not support. Their targets have no numbers, which is no failure.
+    pub(crate) fn not_applicable(&self) -> impl Iterator<Item = &TrialRow> {
+        self.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable)
+    }
 }
 
 impl TrialKey {

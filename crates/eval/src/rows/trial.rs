@@ -94,9 +94,9 @@ impl TrialStatus {
         [Self::Done, Self::Partial, Self::Failed, Self::NotApplicable].into_iter().find(|status| status.name() == name)
     }
 
-    /// Whether targets lack a number.
+    /// Whether targets lack a number that they should have: not if the method does not support the trial.
     pub const fn is_incomplete(self) -> bool {
-        !matches!(self, Self::Done)
+        matches!(self, Self::Partial | Self::Failed)
     }
 
     /// The name in files.

@@ -52,7 +52,8 @@ impl Dataset {
             IndexChoice::At(path) => PlannedIndex::read(path, &preset, source.as_ref(), warnings)?,
             IndexChoice::NextToData => {
                 let accepted = || preset.index.accepted.iter().map(|accepted| accepted.name.clone()).collect();
-                let none = || EvalError::NoIndex { data: data.to_owned(), accepted: accepted() };
+                let sampler = || preset.index.sampler.clone();
+                let none = || EvalError::NoIndex { data: data.to_owned(), accepted: accepted(), sampler: sampler() };
                 let path = PlannedIndex::next_to(data, &preset).ok_or_else(none)?;
                 PlannedIndex::read(&path, &preset, source.as_ref(), warnings)?
             }

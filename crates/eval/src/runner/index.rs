@@ -8,6 +8,7 @@ use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, In
 use atsplat_scene::{SceneSource, Warnings};
 
 use crate::EvalError;
+use crate::rows::SAMPLED_BY;
 
 /// Larger files are not searched: the largest published index has 1.2 MB.
 const MAX_BYTES: u64 = 64 << 20;
@@ -81,7 +82,13 @@ impl PlannedIndex {
     /// Samples an index, as `protocol build` does, by the rule of this name or path.
     pub fn sampled(name: &str, rule: &IndexBuilder, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
         let built = rule.build(source, &|| (), warnings);
-        Self::generated(built.index, format!("sampled by {name}"), None)
+        let mut description = format!("{SAMPLED_BY}{name}");
+        if built.entries == 0 && !built.nulls.is_empty() {
+            let reasons: Vec<String> =
+                built.nulls.iter().map(|(reason, scenes)| format!("{scenes} {reason}")).collect();
+            description = format!("{description}; scenes without an entry: {}", reasons.join(", "));
+        }
+        Self::generated(built.index, description, None)
     }
 
     /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its

@@ -1,10 +1,10 @@
 //! Checks before and after a run: whether imported files exist, and why nothing was evaluated.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Plan, spread};
 use crate::method::{RequestedScene, Survey};
-use crate::{EvalError, Results, TargetRow, TargetStatus};
+use crate::{EvalError, Results, TargetRow, TargetStatus, TrialKey};
 
 /// Scenes per dataset whose imported files are looked for before the run.
 const SURVEYED: usize = 32;
@@ -28,7 +28,8 @@ impl Plan<'_> {
         Ok(surveys)
     }
 
-    /// Why `results` hold no scored target of this plan; `None` if they hold one.
+    /// Why `results` hold no scored target of this plan; `None` if they hold one, and if the methods do not support any of the
+    /// trials.
     pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
         let is_own = |row: &&TargetRow| {
             self.datasets.iter().any(|dataset| dataset.name == row.key.preset)
@@ -36,6 +37,12 @@ impl Plan<'_> {
         };
         let own: Vec<&TargetRow> = results.targets.iter().filter(is_own).collect();
         if own.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
+            return None;
+        }
+        let unsupported: BTreeSet<&TrialKey> = results.not_applicable().map(|trial| &trial.key).collect();
+        let (unsupported, own): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            own.into_iter().partition(|row| unsupported.contains(&row.key));
+        if own.is_empty() && !unsupported.is_empty() {
             return None;
         }
         if let Some(first) = own.first() {

@@ -57,6 +57,8 @@ pub struct Summary {
     pub resumed: u64,
     /// Trials, new and old, that failed or have failed targets.
     pub incomplete: u64,
+    /// Trials, new and old, that their method does not support; they count as no failure.
+    pub not_applicable: u64,
     /// Targets, new and old, with non-finite samples.
     pub non_finite: u64,
     /// Trials, new and old, of whose Gaussians none is drawn in any target.
@@ -71,7 +73,16 @@ pub struct Summary {
 impl Summary {
     /// Whether every entry of every index was evaluated without failures, and shows something.
     pub const fn is_complete(&self) -> bool {
-        let Self { evaluated: _, resumed: _, incomplete, non_finite, undrawn, skipped, missing_scenes } = *self;
+        let Self {
+            evaluated: _,
+            resumed: _,
+            not_applicable: _,
+            incomplete,
+            non_finite,
+            undrawn,
+            skipped,
+            missing_scenes,
+        } = *self;
         incomplete + non_finite + undrawn + skipped + missing_scenes == 0
     }
 }
@@ -110,8 +121,8 @@ impl Plan<'_> {
         if let Some(reserved) =
             methods.iter().map(|method| method.name.trim()).find(|name| [TRUTH, CONTEXT].contains(name))
         {
-            let expected =
-                "other names than truth and context, which pictures of a store have (NAME=METHOD names a method)";
+            let expected = "other names than truth and context, which pictures of a store have (NAME=METHOD names a method of \
+                            run, --name that of score)";
             return Err(EvalError::Settings {
                 what: "methods",
                 expected: expected.to_owned(),

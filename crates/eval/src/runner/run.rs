@@ -80,6 +80,7 @@ pub fn run_until(
     store.set_findings(findings);
     let results = store.finish()?;
     summary.incomplete = results.trials.iter().filter(|trial| trial.status.is_incomplete()).count() as u64;
+    summary.not_applicable = results.not_applicable().count() as u64;
     let non_finite = |status| status == TargetStatus::NonFinite;
     summary.non_finite = results.targets.iter().filter(|target| non_finite(target.status)).count() as u64;
     let undrawn = |trial: &&TrialRow| trial.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0);

@@ -1,7 +1,7 @@
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::bootstrap::interval_of_mean;
+use super::bootstrap::{MIN_SCENES, interval_of_mean};
 use super::scene_means::{clusters, mean_of_clusters};
 use super::selection::{Outcome, SelectedTarget};
 
@@ -11,7 +11,7 @@ use super::selection::{Outcome, SelectedTarget};
 pub struct Contrast {
     /// The mean over scenes.
     pub value: f64,
-    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with one scene.
+    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,
     /// Scenes with at least one target for which all results have a score.
     pub scenes: u64,
@@ -52,7 +52,9 @@ pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggr
     }
     let clusters = clusters(&sums, aggregation);
     let (value, parts) = mean_of_clusters(&clusters);
-    Some(Contrast { value: value?, interval: interval_of_mean(&parts), scenes: clusters.len() as u64 })
+    let scenes = clusters.len() as u64;
+    let interval = interval_of_mean(&parts).filter(|_| scenes >= MIN_SCENES);
+    Some(Contrast { value: value?, interval, scenes })
 }
 
 #[cfg(test)]
@@ -84,5 +86,26 @@ mod tests {
             [target("a", 1.0), target("b", 2.0), SelectedTarget { outcome: Outcome::Failed, ..target("c", 0.0) }];
         let found = contrast(&[(&first, 2.0), (&second, -3.0)], Aggregation::SceneMeans).unwrap();
         assert_eq!((found.value, found.scenes), (4.5, 2));
+    }
+
+    /// The lowest of six scenes gains 1, the highest 6.
+    #[test]
+    fn fewer_than_six_scenes_have_no_interval() {
+        let selected = |value: fn(f64) -> f64| -> Vec<SelectedTarget<'static>> {
+            let target = |(scene, gain)| SelectedTarget {
+                scene,
+                entry: 0,
+                target: 0,
+                distance: None,
+                overlap: None,
+                outcome: Outcome::Score { value: value(gain), identical: false },
+            };
+            ["a", "b", "c", "d", "e", "f"].into_iter().zip([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).map(target).collect()
+        };
+        let (better, worse) = (selected(|gain| 20.0 + gain), selected(|_| 20.0));
+        let of = |scenes| contrast(&[(&better[..scenes], 1.0), (&worse[..scenes], -1.0)], Aggregation::SceneMeans);
+        let (five, six) = (of(5).unwrap(), of(6).unwrap());
+        assert_eq!((five.value, five.interval, five.is_positive(), five.scenes), (3.0, None, false, 5));
+        assert!(six.is_positive() && !six.is_negative() && six.scenes == 6, "{six:?}");
     }
 }

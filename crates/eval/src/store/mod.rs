@@ -68,7 +68,7 @@ impl Store {
     /// Creates a store in a folder without one, and checks that it can be written.
     ///
     /// # Errors
-    /// [`EvalError::Io`]; [`EvalError::Different`] if the folder already holds a store; [`EvalError::InUse`] if another process
+    /// [`EvalError::Io`]; [`EvalError::Settings`] if the folder already holds a store; [`EvalError::InUse`] if another process
     /// is creating one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         let lock = Lock::of(folder)?;
@@ -77,11 +77,10 @@ impl Store {
 
     fn create_locked(folder: &Path, provenance: Provenance, lock: Lock) -> Result<Self, EvalError> {
         if folder.join(PROVENANCE).exists() {
-            return Err(EvalError::Different {
-                what: "folders".to_owned(),
-                expected: "an empty folder".to_owned(),
-                found: format!("results in {}", folder.display()),
-                advice: "; resume them, or choose another folder",
+            return Err(EvalError::Settings {
+                what: "folder of the results",
+                expected: "one without results".to_owned(),
+                found: format!("results in {}; choose another folder", folder.display()),
             });
         }
         let parts = parts::folder(folder);
@@ -136,7 +135,7 @@ impl Store {
         let mut replaced = BTreeSet::new();
         for known in joined.methods.iter_mut().filter(|known| !store.scored_methods.contains(&known.name)) {
             let own = provenance.methods.iter().find(|own| own.name == known.name);
-            if let Some(own) = own.filter(|own| *own != known) {
+            if let Some(own) = own.filter(|own| store.provenance.placed((*own).clone()) != *known) {
                 replaced.insert(known.name.clone());
                 known.clone_from(own);
             }

@@ -4,6 +4,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::{Axis, Frontier, Point, Price, Standing, Tradeoff};
+use crate::statistics::MIN_SCENES;
 
 /// Frontiers of every protocol and metric. [`Display`](fmt::Display) prints them as tables with prices.
 #[derive(Debug, Serialize)]
@@ -47,7 +48,7 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
         let difference = against.as_ref().map_or_else(String::new, |against| {
             let difference = against.difference;
             let interval = difference.interval.map_or_else(
-                || "no interval from one scene".to_owned(),
+                || format!("no interval with fewer than {MIN_SCENES} scenes"),
                 |[low, high]| format!("{low:+.4} to {high:+.4}"),
             );
             format!("{:+.4} ({interval}) from {}", difference.value, against.label)

@@ -23,8 +23,12 @@ pub fn in_frustums(
     let [near, far] = match depths.or_else(|| depths_of(views)) {
         Some([near, far]) if near > 0.0 && far >= near && far.is_finite() => [near, far],
         found => {
-            let found = found.map_or_else(|| "none".to_owned(), |[near, far]| format!("{near} to {far}"));
-            let expected = "positive depths, the nearer first; cameras in a single place suggest none".to_owned();
+            let none = match views {
+                [one] => format!("none: {} is the only view", one.name),
+                several => format!("none: {} cameras in one place", several.len()),
+            };
+            let found = found.map_or(none, |[near, far]| format!("{near} to {far}"));
+            let expected = "positive depths, the nearer first, which cameras in several places suggest".to_owned();
             return Err(FitError::Setting { name: "depths", expected, found });
         }
     };

@@ -138,7 +138,7 @@ pub(crate) struct Inputs<'a> {
     pub(crate) products: MatmulPrecision,
 }
 
-impl<'a> Inputs<'a> {
+impl Inputs<'_> {
     /// The tiles of keys of one head of a sample: the first key of each, and their number.
     pub(super) fn key_tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (tile, keys) = (self.sizes.key_tile(), self.sizes.keys);

@@ -3,6 +3,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use atsplat_files::{Malformed, shortened};
+use atsplat_scene::json;
 use indexmap::IndexMap;
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,11 @@ pub const OVERLAP_OF_OTHER_WORDS: f64 = 0.25;
 
 /// The words that NoPoSplat's tagger writes (`src/misc/utils.py:38-48`).
 const OVERLAP_WORDS: [&str; 4] = ["small", "medium", "large", "ignore"];
+
+/// Name of the format in errors.
+const WHAT: &str = "evaluation index";
+
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Irregularities of an index file that do not prevent its use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -41,12 +47,16 @@ pub(super) struct Parsed {
 }
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, ProtocolError> {
+    if bytes.starts_with(BYTE_ORDER_MARK) {
+        let expected = "JSON that does not begin with a byte order mark, as for Python's reader";
+        return Err(Malformed::new(WHAT, "line 1 column 1", expected, "one").into());
+    }
     let reading = Reading::default();
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let scenes = ScenesSeed(&reading)
         .deserialize(&mut deserializer)
         .and_then(|scenes| deserializer.end().map(|()| scenes))
-        .map_err(|error| reading.malformed(&error))?;
+        .map_err(|error| reading.malformed(bytes, &error))?;
     let forms = reading.forms.into_inner();
     let layout = IndexLayout {
         spacing: Spacing::of_json(bytes),
@@ -111,15 +121,19 @@ impl Reading {
         }
     }
 
-    fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
+    fn malformed(&self, bytes: &[u8], error: &serde_json::Error) -> ProtocolError {
         let mut steps: Vec<String> = self.trail.borrow().iter().rev().map(Step::to_string).collect();
         steps.push(format!("line {} column {}", error.line(), error.column()));
+        if error.is_syntax() {
+            let (expected, found) = json::problem(bytes, error, "an index");
+            return Malformed::new(WHAT, steps.join(", "), expected, found).into();
+        }
         let message = error.to_string();
         let message = message.rsplit_once(" at line ").map_or(message.as_str(), |(message, _)| message);
         let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "JSON"));
         let found =
             ["invalid type: ", "invalid value: "].iter().find_map(|prefix| found.strip_prefix(prefix)).unwrap_or(found);
-        Malformed::new("evaluation index", steps.join(", "), expected, shortened(found, SHOWN)).into()
+        Malformed::new(WHAT, steps.join(", "), expected, shortened(found, SHOWN)).into()
     }
 }
 

@@ -25,8 +25,8 @@ impl fmt::Display for LintReport {
         spread(f, "context gap", self.context_gap)?;
         row(f, "targets", &self.targets.to_string())?;
         spread(f, "targets per scene", self.targets_per_scene)?;
-        row(f, "leaked", &self.share(self.leaked, "targets are context frames"))?;
-        row(f, "outside window", &self.share(self.outside_window, "targets"))?;
+        row(f, "leaked", &self.share(self.leaked, Self::LEAKED))?;
+        row(f, "outside window", &self.share(self.outside_window, ["target", "targets"]))?;
         row(f, "targets by distance", &self.targets_by_distance.to_string())?;
         row(f, "windows at frame 0", &self.windows_at_zero.to_string())?;
         self.irregularities(f)?;
@@ -39,29 +39,41 @@ impl fmt::Display for LintReport {
 }
 
 impl LintReport {
-    fn share(&self, places: TargetCount, what: &str) -> String {
+    /// What leaked targets are, one and several.
+    pub(super) const LEAKED: [&'static str; 2] = ["target is a context frame", "targets are context frames"];
+
+    fn share(&self, places: TargetCount, what: [&str; 2]) -> String {
         if places.targets == 0 {
             return "none".to_owned();
         }
         let percent = 100.0 * places.targets as f64 / self.targets as f64;
-        format!("{} {what} ({percent:.1} %), in {} scenes", places.targets, places.scenes)
+        let scenes = counted(places.scenes, ["scene", "scenes"]);
+        format!("{} ({percent:.1} %), in {scenes}", counted(places.targets, what))
+    }
+
+    /// Counts of what entries should not have, zeros included, with names for one and for several.
+    pub(super) const fn odd_entries(&self) -> [(u64, [&'static str; 2]); 5] {
+        [
+            (self.repeats.targets, ["target repeated in its entry", "targets repeated in their entry"]),
+            (self.repeats.context, ["context frame repeated in its entry", "context frames repeated in their entry"]),
+            (self.repeats.entries, ["entry repeated in its scene", "entries repeated in their scene"]),
+            (self.without_context, ["entry without context frames", "entries without context frames"]),
+            (self.without_targets, ["entry without targets", "entries without targets"]),
+        ]
     }
 
     /// Lines for irregularities; none if there are none.
     fn irregularities(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let repeats = self.repeats;
-        let mut odd = vec![
-            (repeats.targets, "targets repeated in their entry"),
-            (repeats.context, "context frames repeated in their entry"),
-            (repeats.entries, "entries repeated in their scene"),
-            (self.without_context, "entries without context frames"),
-            (self.without_targets, "entries without targets"),
-        ];
+        let mut odd = self.odd_entries().to_vec();
         if let Some(file) = &self.file {
-            odd.push((file.notices.duplicate_keys.len() as u64, "repeated scene keys; the last value counts"));
-            odd.push((file.notices.overlap_words, "overlaps given as words, read as NoPoSplat does"));
+            let keys = file.notices.duplicate_keys.len() as u64;
+            let repeated = ["repeated scene key; its last value counts", "repeated scene keys; the last value counts"];
+            odd.push((keys, repeated));
+            let of_words =
+                ["overlap given as a word, read as NoPoSplat does", "overlaps given as words, read as NoPoSplat does"];
+            odd.push((file.notices.overlap_words, of_words));
         }
-        let odd = odd.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let odd = odd.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
         let unknown = self.file.iter().flat_map(|file| &file.notices.unknown_fields);
         let unknown =
             unknown.map(|(name, count)| format!("{count} × field {name:?}, which the format does not define"));
@@ -83,7 +95,8 @@ impl fmt::Display for OverlapFacts {
 impl fmt::Display for DatasetFacts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let dropped: u64 = self.dropped.values().sum();
-        row(f, "dataset", &format!("{} entries give a trial, {dropped} do not", self.usable))?;
+        let usable = counted(self.usable, ["entry gives a trial", "entries give a trial"]);
+        row(f, "dataset", &format!("{usable}, {}", counted(dropped, ["does not", "do not"])))?;
         for (reason, count) in &self.dropped {
             row(f, "", &format!("{count} dropped: {}", reason.name()))?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
@@ -91,10 +104,16 @@ impl fmt::Display for DatasetFacts {
             }
         }
         if self.not_asked_for > 0 {
-            row(f, "", &format!("{} scenes of the dataset are not used by the index", self.not_asked_for))?;
+            let what = ["scene of the dataset is not used", "scenes of the dataset are not used"];
+            row(f, "", &format!("{} by the index", counted(self.not_asked_for, what)))?;
         }
         Ok(())
     }
+}
+
+/// A count with the name of one, or of several.
+pub(super) fn counted(count: u64, [one, several]: [&str; 2]) -> String {
+    format!("{count} {}", if count == 1 { one } else { several })
 }
 
 fn spread(f: &mut fmt::Formatter<'_>, name: &str, spread: Option<Spread>) -> fmt::Result {

@@ -2,7 +2,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Comparability, LintReport};
+use super::display::counted;
+use super::{Comparability, LintReport, Verdict};
 use crate::{IndexFile, IndexMatch, IndexMismatch, Preset};
 
 /// A [`LintReport`], how the index fits a preset, and whether its results compare with those of a second one.
@@ -42,6 +43,37 @@ impl<'a> PresetMatch<'a> {
             index: preset.index.recognise(file),
             mismatches: preset.mismatches(&file.index, &file.sha256, &file.notices.unknown_fields),
         }
+    }
+}
+
+impl FullLint<'_> {
+    /// What makes the index unfit for an evaluation, with counts; empty if nothing does.
+    ///
+    /// Leaks and repetitions are as published in an official index, and in one that the preset names: there, they are no
+    /// fault. Nor are targets outside the window, scenes that are `null`, and fields that the format does not have if there
+    /// is no preset.
+    pub fn faults(&self) -> Vec<String> {
+        let lint = &self.lint;
+        let leaked = [(lint.leaked.targets, LintReport::LEAKED)];
+        let own = leaked.into_iter().chain(lint.odd_entries()).filter(|_| !self.is_published());
+        let repeated_keys = lint.file.as_ref().map_or(0, |file| file.notices.duplicate_keys.len() as u64);
+        let dropped: u64 = lint.dataset.as_ref().map_or(0, |dataset| dataset.dropped.values().sum());
+        let others = [
+            (repeated_keys, ["repeated scene key", "repeated scene keys"]),
+            (dropped, ["entry gives no trial on the dataset", "entries give no trial on the dataset"]),
+        ];
+        let found = own.chain(others).filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
+        let mismatches = self.preset.iter().flat_map(|preset| &preset.mismatches);
+        let mismatches = mismatches.map(|IndexMismatch { kind, count, .. }| format!("{count} {kind}"));
+        let other = self.against.iter().filter(|against| against.verdict == Verdict::Different);
+        found.chain(mismatches).chain(other.map(|against| against.verdict.to_string())).collect()
+    }
+
+    fn is_published(&self) -> bool {
+        let by_preset = |preset: &PresetMatch<'_>| {
+            !matches!(preset.index, IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished)
+        };
+        self.lint.recognised.is_some() || self.preset.as_ref().is_some_and(by_preset)
     }
 }
 

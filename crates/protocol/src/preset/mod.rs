@@ -11,7 +11,7 @@ mod metrics;
 mod renderer;
 mod validate;
 
-use atsplat_files::{FileError, Malformed, Sha256Digest};
+use atsplat_files::{FileError, Sha256Digest};
 use std::fs;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ pub use method::{EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
 
-use crate::{OverlapBins, ProtocolError};
+use crate::{OverlapBins, ProtocolError, malformed_toml};
 
 /// A protocol: everything that defines a benchmark number except the method and the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -130,7 +130,7 @@ impl Preset {
     /// [`ProtocolError::Malformed`]: with line and column for text that is not a preset, with the field for
     /// contradictory values.
     pub fn from_toml(text: &str) -> Result<Self, ProtocolError> {
-        let preset: Self = toml::from_str(text).map_err(|error| malformed_toml(text, &error))?;
+        let preset: Self = toml::from_str(text).map_err(|error| malformed_toml("preset", "a preset", text, &error))?;
         validate::check(&preset)?;
         Ok(preset)
     }
@@ -168,18 +168,6 @@ impl Preset {
             .map_err(|error| validate::malformed("JSON", "a value that JSON can hold", &error))?;
         Ok(Sha256Digest::of(&json))
     }
-}
-
-/// A TOML error with its line and column, counted from 1.
-fn malformed_toml(text: &str, error: &toml::de::Error) -> ProtocolError {
-    let start = error.span().map_or(0, |span| span.start);
-    let before = text.bytes().take(start);
-    let line = before.clone().filter(|byte| *byte == b'\n').count() + 1;
-    let is_char_start = |byte: &u8| byte & 0b1100_0000 != 0b1000_0000;
-    let column = before.rev().take_while(|byte| *byte != b'\n').filter(is_char_start).count() + 1;
-    let message = error.message();
-    let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "a preset"));
-    Malformed::new("preset", format!("line {line} column {column}"), expected, found).into()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, summary};
+use atsplat_eval::statistics::{Identical, Leaked, MIN_SCENES, MetricQuery, summary};
 use atsplat_eval::tradeoff::{Axis, Frontier, Point, Tradeoff, tradeoffs};
 use atsplat_eval::{MethodRecord, PresetRecord, Provenance, Results, TrialKey};
 
@@ -113,6 +113,10 @@ fn note(tradeoff: &Tradeoff, title: impl Fn(&str) -> String) -> String {
         "Bold: on the frontier, by a paired difference whose 95 % interval excludes 0; ?: the interval contains 0."
             .to_owned(),
     );
+    let points = || frontiers.iter().flat_map(|frontier| &frontier.points);
+    if points().filter_map(|point| point.against.as_ref()).any(|against| against.difference.interval.is_none()) {
+        parts.push(format!("With fewer than {MIN_SCENES} scenes there is no interval: nothing is distinguishable."));
+    }
     for frontier in frontiers {
         let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for (label, why) in &frontier.left_out {
@@ -176,7 +180,7 @@ fn merged_results(sources: &[Source<'_>], preset: &PresetRecord) -> Results {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{atsplat, floor, preset, results};
+    use crate::sample::{atsplat, floor, preset, results, results_over};
 
     #[test]
     fn settings_of_several_stores_are_on_one_frontier() {
@@ -193,6 +197,19 @@ mod tests {
         assert!(texts.iter().any(|text| text.contains("No point against Gaussians: Nearest view")), "{texts:?}");
         assert!(texts.iter().any(|text| text.contains("Frontier against time: ")), "{texts:?}");
         assert_eq!(plots[0].1.faults(), []);
+    }
+
+    /// The second method is 3 dB worse in every scene.
+    #[test]
+    fn few_scenes_are_named_as_the_reason_for_no_interval() {
+        let methods = || vec![atsplat("a", |_| ()), atsplat("b", |_| ())];
+        let says = |scenes| {
+            let results = results_over(vec![preset("re10k-2v-256")], methods(), scenes);
+            let plots = of_frontier(&[Source { label: "own", results: &results }]).unwrap();
+            plots[0].1.texts().any(|text| text.contains("With fewer than 6 scenes there is no interval"))
+        };
+        // The third scene of the second method failed.
+        assert_eq!([6, 7].map(says), [true, false]);
     }
 
     #[test]

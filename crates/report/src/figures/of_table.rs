@@ -4,7 +4,7 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_eval::{Results, TrialKey};
 use atsplat_metrics::Definition;
 
-use super::{estimate, metric_of, place_of};
+use super::{counted, estimate, metric_of, place_of};
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
@@ -45,7 +45,8 @@ fn subtitle(table: &Table, group: &Group) -> String {
         .map(|counts| counts.scenes)
         .max();
     let place = group.measured_on.as_ref().map_or_else(String::new, |name| format!(" on {name}"));
-    let scenes = scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {scenes} scenes"));
+    let scenes =
+        scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {}", counted(scenes, "scene")));
     let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
     let untrained = if table.rows.iter().any(|row| row.untrained) { "; † untrained" } else { "" };
     let inference_only =
@@ -155,7 +156,7 @@ fn gap(sources: &[Source<'_>], metric: &Definition, own: &Row, reference: &Row) 
 
 /// The results that the first group of a measured row was computed from, and the name of the protocol in them.
 fn measured_from<'a>(sources: &[Source<'a>], row: &'a Row) -> Option<(&'a Results, &'a str)> {
-    let StoreProtocol { store, preset } = row.protocol(0)?;
+    let StoreProtocol { store, preset, .. } = row.protocol(0)?;
     let source = sources.iter().find(|source| source.label == store)?;
     Some((source.results, preset.as_str()))
 }

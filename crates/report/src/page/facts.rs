@@ -8,9 +8,12 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let targets: usize = results().map(|results| results.targets.len()).sum();
     let methods: usize = results().map(|results| results.provenance.methods.len()).sum();
     let protocols: usize = results().map(|results| results.provenance.presets.len()).sum();
-    let facts = [(protocols, "protocols"), (methods, "methods"), (trials, "trials"), (targets, "target views")];
-    let facts: String =
-        facts.iter().map(|(count, what)| format!("<li><b>{count}</b><span>{what}</span></li>")).collect();
+    let facts = [(protocols, "protocol"), (methods, "method"), (trials, "trial"), (targets, "target view")];
+    let fact = |(count, what): (usize, &str)| {
+        let plural = if count == 1 { "" } else { "s" };
+        format!("<li><b>{count}</b><span>{what}{plural}</span></li>")
+    };
+    let facts: String = facts.map(fact).concat();
     let mut text = format!("<ul class=\"facts\">{facts}</ul>");
     let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();
     if untrained > 0 {
@@ -86,9 +89,10 @@ fn store(store: &PageStore<'_>) -> String {
     }
     if let Some(first) = provenance.skipped.first() {
         let count = provenance.skipped.len();
+        let entries = if count == 1 { "entry" } else { "entries" };
         facts.push((
             "Skipped",
-            format!("{count} index entries; the first: {} {}: {}", first.scene, first.reason, first.detail),
+            format!("{count} index {entries}; the first: {} {}: {}", first.scene, first.reason, first.detail),
         ));
     }
     let facts: String =

@@ -303,7 +303,7 @@ fn measured_once(
         answers: reproduced.map(|(at, _, _)| at),
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
-        protocols: chosen.iter().map(|own| own.map(|(part, _)| part.store_protocol())).collect(),
+        protocols: chosen.iter().map(|own| own.map(|(part, record)| part.store_protocol(&record.name))).collect(),
         untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
         inference_only: chosen.iter().flatten().any(|(_, record)| is_inference_only(edition, record)),
         without_leaked: leaked == Leaked::Excluded,

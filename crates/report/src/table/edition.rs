@@ -130,13 +130,15 @@ impl Part<'_> {
         is_same_data([self, other].map(|part| (part.source.results, part.preset.name.as_str())))
     }
 
-    fn is(&self, protocol: &StoreProtocol) -> bool {
+    /// Whether it is the protocol that was measured.
+    pub(super) fn is(&self, protocol: &StoreProtocol) -> bool {
         protocol.store == self.source.label && protocol.preset == self.preset.name
     }
 
-    /// Its names in rows of tables.
-    pub(super) fn store_protocol(&self) -> StoreProtocol {
-        StoreProtocol { store: self.source.label.to_owned(), preset: self.preset.name.clone() }
+    /// Its names in rows of tables, with the method that was measured.
+    pub(super) fn store_protocol(&self, method: &str) -> StoreProtocol {
+        let (store, preset) = (self.source.label.to_owned(), self.preset.name.clone());
+        StoreProtocol { store, preset, method: method.to_owned() }
     }
 
     /// [`Self::mismatched_overlaps`] for the preset's own bins.

@@ -1,11 +1,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_eval::TrialRow;
 use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES, Trend, along_setting, cost};
 use atsplat_metrics::{Definition, Measure};
 
 use super::edition::{Edition, Part};
 use super::orders::means;
-use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, Table, Trainings, Value};
+use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, Table, Trainings, Value, distinct};
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::Origin;
 
@@ -32,6 +33,7 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     times(&mut notes, table);
     for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
         counts(&mut notes, table, row);
+        doubtful(&mut notes, row, edition);
         intervals(&mut notes, table, row);
     }
     few_scenes(&mut notes, table);
@@ -121,9 +123,10 @@ fn trend_over_gaussians(table: &Table, definition: &TableDefinition, edition: &E
         None => format!("without an interval: fewer than {MIN_SCENES} scenes"),
     };
     Some(format!(
-        "trend: {} changes by {slope:+.3} {interval} per doubling of Gaussians, over {} settings and {scenes} scenes",
+        "trend: {} changes by {slope:+.3} {interval} per doubling of Gaussians, over {} settings and {}",
         metric.name,
-        settings.len()
+        settings.len(),
+        plural(scenes, "scene")
     ))
 }
 
@@ -182,8 +185,9 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         // Methods with other poses may give other reasons for one entry.
         let entries = skipped.map(|entry| (entry.scene.as_str(), entry.entry)).collect::<BTreeSet<_>>().len();
         if entries > 0 {
-            notes
-                .add(NoteKind::Counts, format!("{}: {entries} index entries skipped ({})", preset.name, reasons(part)));
+            let noun = if entries == 1 { "entry" } else { "entries" };
+            let text = format!("{}: {entries} index {noun} skipped ({})", preset.name, reasons(part));
+            notes.add(NoteKind::Counts, text);
         }
     }
     let constants: BTreeSet<(&str, &str)> = edition
@@ -333,7 +337,6 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
 fn counts_of(cells: &[Cell]) -> Option<String> {
     let counted: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
     let (cell, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
-    let plural = |count: u64, what: &str| if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") };
     let mut text = format!("{}, {}", plural(counts.scenes, "scene"), plural(counts.targets, "target"));
     if let Some(Trainings { count, .. }) = cell.trainings {
         text.push_str(&format!(" of {count} trainings"));
@@ -350,6 +353,35 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
         text.push_str(", metrics over different targets");
     }
     Some(text)
+}
+
+/// Trials that count in a row's means although their renders show nothing, or some of their Gaussians were broken.
+fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
+    /// How the note of such a trial begins.
+    const BROKEN: &str = "broken Gaussians: ";
+    // The trials of a mean over trainings, and of a row without context frames, are those of other rows.
+    if row.without_leaked || row.cells.iter().flatten().any(|cell| cell.trainings.is_some()) {
+        return;
+    }
+    let mut trials: Vec<&TrialRow> = Vec::new();
+    for own in distinct(row.protocols.iter().flatten()) {
+        let Some(part) = edition.parts.iter().find(|part| part.is(own)) else { continue };
+        let is_own = |trial: &&TrialRow| trial.key.preset == own.preset && trial.key.method == own.method;
+        trials.extend(part.source.results.trials.iter().filter(is_own));
+    }
+    let undrawn = trials.iter().filter(|trial| trial.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0)).count();
+    let broken = trials.iter().filter(|trial| trial.notes.iter().any(|note| note.starts_with(BROKEN))).count();
+    let all = trials.len();
+    let mut parts = Vec::new();
+    if undrawn > 0 {
+        parts.push(format!("no Gaussian is drawn in {undrawn} of {all} trials, whose renders show the background"));
+    }
+    if broken > 0 {
+        parts.push(format!("broken Gaussians were skipped or repaired in {broken} of {all} trials"));
+    }
+    if !parts.is_empty() {
+        notes.add(NoteKind::Counts, format!("{}: {}; not left out of the mean", name(row), parts.join("; ")));
+    }
 }
 
 fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
@@ -373,6 +405,11 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
         let percent = CONFIDENCE * 100.0;
         notes.add(NoteKind::Interval, format!("{percent:.0} % over scenes, {}: {}", name(row), groups.join("; ")));
     }
+}
+
+/// `1 scene`, `2 scenes`.
+fn plural(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn name(row: &Row) -> String {

@@ -40,13 +40,15 @@ pub struct Source<'a> {
     pub results: &'a Results,
 }
 
-/// A protocol of a store.
+/// A method under a protocol of a store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StoreProtocol {
     /// Label of the store.
     pub store: String,
     /// Name of the protocol in the store's rows.
     pub preset: String,
+    /// Name of the method in the store's rows.
+    pub method: String,
 }
 
 /// A table, ready to be written in any format.
@@ -124,7 +126,7 @@ pub struct Row {
     pub method: Option<String>,
     /// Label of its store; labels of all its stores, for a mean over trainings.
     pub store: Option<String>,
-    /// For each group of columns, the protocol that was measured; empty for published rows.
+    /// For each group of columns, the method and the protocol that were measured; empty for published rows.
     #[serde(skip)]
     pub protocols: Vec<Option<StoreProtocol>>,
     /// Whether its weights are random; such rows are never ranked.

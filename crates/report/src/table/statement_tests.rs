@@ -307,7 +307,7 @@ fn an_entry_that_is_skipped_for_two_reasons_counts_once() {
     let other = results.provenance.skipped[0].clone();
     results.provenance.skipped.push(SkippedEntry { reason: "baseline".to_owned(), ..other });
     let said = notes(&built("re10k", &results), NoteKind::Counts);
-    assert!(said.contains("1 index entries skipped (missing-frame 1, baseline 1)"), "{said}");
+    assert!(said.contains("1 index entry skipped (missing-frame 1, baseline 1)"), "{said}");
 }
 
 /// The paper has uncertainty 0.49 dB above random selection; the sample's random selection is 3 dB below, or above.

@@ -86,6 +86,31 @@ fn a_row_that_lacks_targets_says_so_and_is_not_ranked() {
     assert_eq!(own(&table, "atsplat-random").cells[0][0].mark, Mark::Best);
 }
 
+/// Two of the network's four trials show nothing and one had broken Gaussians; a trial of the other protocol does not count.
+#[test]
+fn trials_without_a_drawn_gaussian_or_with_broken_ones_have_a_line() {
+    let lines = |store: &Results| -> Vec<String> {
+        let table = built("re10k", &[("run", store)], Mixing::Apart).swap_remove(0);
+        let doubtful = |text: &&str| ["drawn", "broken"].into_iter().any(|word| text.contains(word));
+        notes(&table, NoteKind::Counts).into_iter().filter(doubtful).map(str::to_owned).collect()
+    };
+    let mut store = store();
+    assert_eq!(lines(&store), [""; 0]);
+    for (preset, drawn) in [("re10k-2v-256", [0.0, 7.5, 0.0, 0.25]), ("re10k-overlap", [0.0; 4])] {
+        let is_own = |key: &TrialKey| key.preset == preset && key.method == "atsplat";
+        for (trial, drawn) in store.trials.iter_mut().filter(|trial| is_own(&trial.key)).zip(drawn) {
+            trial.gaussians_drawn = Some(drawn);
+        }
+    }
+    let drawn = "ATSplat: no Gaussian is drawn in 2 of 4 trials, whose renders show the background";
+    assert_eq!(lines(&store), [format!("{drawn}; not left out of the mean")]);
+    let is_own = |key: &TrialKey| key.preset == "re10k-2v-256" && key.method == "atsplat";
+    let trial = store.trials.iter_mut().find(|trial| is_own(&trial.key)).unwrap();
+    trial.notes.push("broken Gaussians: 3 of 9, of which 2 are skipped".to_owned());
+    let broken = "broken Gaussians were skipped or repaired in 1 of 4 trials";
+    assert_eq!(lines(&store), [format!("{drawn}; {broken}; not left out of the mean")]);
+}
+
 #[test]
 fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
     let mut full = preset("re10k-2v-256");

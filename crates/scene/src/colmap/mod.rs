@@ -15,7 +15,7 @@ use crate::SceneError;
 use crate::files::read_file;
 
 pub use camera::{ColmapCamera, ColmapCameraModel};
-pub use source::{ColmapOptions, ColmapScenes};
+pub use source::{ColmapOptions, ColmapScenes, points_folder};
 
 pub(crate) use source::{model_folders, model_in};
 

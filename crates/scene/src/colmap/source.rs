@@ -136,10 +136,16 @@ pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, Scene
 }
 
 pub(crate) fn model_in(folder: &Path) -> Option<PathBuf> {
-    MODEL_FOLDERS
-        .iter()
-        .map(|below| if below.is_empty() { folder.to_owned() } else { folder.join(below) })
-        .find(|folder| holds_model(folder))
+    places(folder).find(|folder| holds_model(folder))
+}
+
+/// The folder of the points of a capture, which are where models are, with or without cameras and images.
+pub fn points_folder(capture: &Path) -> Option<PathBuf> {
+    places(capture).find(|folder| model_file(folder, "points3D").0.is_file())
+}
+
+fn places(capture: &Path) -> impl Iterator<Item = PathBuf> {
+    MODEL_FOLDERS.iter().map(move |below| if below.is_empty() { capture.to_owned() } else { capture.join(below) })
 }
 
 fn holds_model(folder: &Path) -> bool {

@@ -456,3 +456,16 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn points_are_found_wherever_models_are() {
+    for place in ["", "sparse/0", "sparse", "colmap/sparse/0"] {
+        let capture = tempfile::tempdir().unwrap();
+        let folder = capture.path().join(place);
+        std::fs::create_dir_all(&folder).unwrap();
+        assert_eq!(points_folder(capture.path()), None);
+        std::fs::write(folder.join("points3D.bin"), b"").unwrap();
+        let found = points_folder(capture.path()).unwrap();
+        assert_eq!(found.canonicalize().unwrap(), folder.canonicalize().unwrap());
+    }
+}

@@ -37,7 +37,7 @@ pub struct ExportSummary {
 
 /// Writes every camera of `source` to `path` and calls `step` once per scene, from any thread.
 ///
-/// A scene that cannot be read is skipped with a warning.
+/// A scene that cannot be read is skipped with a warning. If none can be read, nothing is written.
 ///
 /// # Errors
 /// [`ExportError`] if the file cannot be written; an existing file at `path` is then unchanged.
@@ -59,6 +59,9 @@ pub fn export(
             summary.scenes += 1;
             summary.frames += scene.frames.len() as u64;
         }
+    }
+    if summary.scenes == 0 && summary.skipped > 0 {
+        return Ok(summary);
     }
     writer.write(&table.take()?)?;
     summary.bytes = writer.finish()?;

@@ -126,6 +126,18 @@ fn an_empty_dataset_gives_an_empty_table() {
 }
 
 #[test]
+fn without_a_readable_scene_the_old_file_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.csv");
+    fs::write(&path, "old").unwrap();
+    let source = TestSource::new([wandering_scene("a", 3)]).with_unreadable("a");
+    let summary = export(&source, &path, ExportFormat::Csv, &mut Warnings::new(), &|| ()).unwrap();
+    assert_eq!(summary, ExportSummary { skipped: 1, ..ExportSummary::default() });
+    assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
 fn bytes_do_not_depend_on_the_number_of_threads() {
     let source = dataset();
     for format in [ExportFormat::Parquet, ExportFormat::ArrowIpc, ExportFormat::Csv] {

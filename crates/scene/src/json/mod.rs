@@ -40,7 +40,7 @@ pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_j
 
 /// What was expected and found where `text` could not be parsed, for messages that state the place themselves. `value`
 /// is what valid JSON should have been.
-pub(crate) fn problem(text: &[u8], error: &serde_json::Error, value: &str) -> (String, String) {
+pub fn problem(text: &[u8], error: &serde_json::Error, value: &str) -> (String, String) {
     let message = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());
     let message = message.strip_suffix(&place).unwrap_or(&message);

@@ -42,7 +42,8 @@ impl Re10kScenes {
     /// with a warning.
     ///
     /// # Errors
-    /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without trajectories.
+    /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without trajectories, or a `frames_root` without a
+    /// folder of any of them.
     pub fn open(path: &Path, options: Re10kOptions, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let found = if path.is_dir() {
             let found = trajectory_files(path)?;
@@ -54,6 +55,12 @@ impl Re10kScenes {
         if found.is_empty() {
             let expected = "<key>.txt or <key>/<key>.txt with RE10K trajectories";
             return Err(SceneError::unrecognized(path, expected, "no such files"));
+        }
+        if let (Some(root), Some(key)) = (&options.frames_root, found.keys().next())
+            && !found.keys().any(|key| root.join(key).is_dir())
+        {
+            let expected = format!("frames in a folder that is named like a trajectory, such as {key}/");
+            return Err(SceneError::unrecognized(root, expected, "no such folder"));
         }
         let mut files_in: BTreeMap<PathBuf, usize> = BTreeMap::new();
         let folder = |file: &Path| file.parent().map(Path::to_owned).unwrap_or_default();

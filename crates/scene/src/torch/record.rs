@@ -25,7 +25,7 @@ pub struct ChunkScene {
     /// fx, fy, cx, cy in units of the picture's size, two zeros, and the row-major 3×4 world-to-camera matrix with OpenCV
     /// axes. Chunks store f32.
     pub cameras: Vec<[f64; CAMERA_COLUMNS]>,
-    /// Encoded pictures: JPEG for RE10K, PNG for DL3DV.
+    /// Encoded pictures: JPEG for RE10K, PNG for DL3DV. Those of a chunk are unread until [`SharedBytes::verify`] is called.
     pub images: Vec<SharedBytes>,
 }
 
@@ -94,7 +94,8 @@ impl ChunkScene {
     /// (`src/scripts/convert_dl3dv_test.py`: the integer after the last `_` of the file stem).
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`] for a frame without a picture or number, [`SceneError::Io`] if a picture cannot be read.
+    /// [`SceneError::NoPicture`] for a frame without a picture or number, [`SceneError::Io`] and [`SceneError::Damaged`] if a
+    /// picture cannot be read.
     pub fn from_scene(scene: &Scene, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut stored = Self {
             key: scene.key.clone(),
@@ -120,7 +121,10 @@ impl ChunkScene {
                 Err(_) => {}
             }
             stored.images.push(match &frame.picture {
-                Picture::Encoded(bytes) => bytes.clone(),
+                Picture::Encoded(bytes) => {
+                    frame.bytes(&scene.key, position)?;
+                    bytes.clone()
+                }
                 Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),
                 Picture::Generated(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
                 Picture::Missing(file) => return Err(no_picture(format!("no file {}", file.display()))),
@@ -212,7 +216,8 @@ impl Fields<'_> {
         let items = value.as_sequence().ok_or_else(|| self.wrong(field, EXPECTED, value))?;
         let bytes = items.iter().enumerate().map(|(position, item)| match item {
             Value::Tensor(tensor) if tensor.dtype() == super::DType::U8 && tensor.shape().len() == 1 => {
-                tensor.to_bytes().map_err(|source| self.wrong(&format!("{field}[{position}]"), EXPECTED, &source))
+                let wrong = |source| self.wrong(&format!("{field}[{position}]"), EXPECTED, &source);
+                tensor.to_unread_bytes().map_err(wrong)
             }
             other => Err(self.wrong(&format!("{field}[{position}]"), EXPECTED, other)),
         });

@@ -108,6 +108,7 @@ impl ChunkWriter {
             return Err(TorchError::malformed(format!("scene {:?}", scene.key), "a unique key", "a repeated one"));
         }
         for (position, image) in scene.images.iter().enumerate() {
+            image.verify()?;
             if !is_picture(image) {
                 let start = atsplat_files::hexadecimal(image.get(..8).unwrap_or(image));
                 let location = format!("scene {:?}, field images[{position}]", scene.key);
@@ -159,7 +160,7 @@ pub struct ExportedChunks {
 }
 
 /// Writes every scene of a dataset into chunks in `folder`, each full at `target_bytes` of pictures, calling `progress`
-/// after each scene.
+/// after each scene. If no scene can be read, not even an index is written.
 ///
 /// # Errors
 /// [`SceneError::Io`] if a chunk cannot be written.
@@ -185,6 +186,9 @@ pub fn export_chunks(
             }
             Err(error) => return Err(error),
         }
+    }
+    if writer.index.is_empty() && skipped > 0 {
+        return Ok(ExportedChunks { written: ChunksWritten { chunks: Vec::new(), scenes: 0 }, skipped });
     }
     Ok(ExportedChunks { written: writer.finish()?, skipped })
 }

@@ -1,7 +1,9 @@
 //! Malicious or corrupt files give a value or a typed error, in bounded time and memory.
 
-use crate::support::{fixture_bytes, integer, pickle, saved, shared, storage, tensor, text, tuple, zip_of};
-use atsplat_scene::torch::{self, Chunk, MAX_DEPTH, TorchError};
+use crate::support::{
+    fixture_bytes, integer, pickle, saved, shared, storage, tensor, text, tuple, without_crcs, zip_of,
+};
+use atsplat_scene::torch::{self, Chunk, ChunkScene, ChunkWriter, MAX_DEPTH, TorchError};
 use atsplat_scene::{SceneError, SharedBytes, Warnings};
 use proptest::prelude::*;
 
@@ -44,7 +46,7 @@ fn truncated_files_are_errors() {
 #[test]
 fn flipped_bits_do_not_panic() {
     for name in ["zip.torch", "legacy.torch", "checkpoint_protocol4.pt"] {
-        let whole = fixture_bytes(name);
+        let whole = without_crcs(fixture_bytes(name));
         for at in 0..whole.len() {
             for bit in 0..8 {
                 let mut flipped = whole.clone();
@@ -52,6 +54,47 @@ fn flipped_bits_do_not_panic() {
                 read_all(shared(flipped)).ok();
             }
         }
+    }
+}
+
+/// A chunk with one bit flipped in this entry.
+fn damaged(mut file: Vec<u8>, entry: &str) -> Result<Chunk, SceneError> {
+    let name = file.windows(entry.len()).position(|window| window == entry.as_bytes()).unwrap();
+    let extra = u16::from_le_bytes([file[name - 2], file[name - 1]]);
+    file[name + entry.len() + usize::from(extra)] ^= 1;
+    Chunk::from_bytes(shared(file), "damaged.torch".as_ref(), &mut Warnings::new())
+}
+
+#[test]
+fn a_flipped_bit_is_an_error_of_its_entry_alone_when_it_is_read() {
+    let whole = fixture_bytes("zip.torch");
+    let [first, second] = ["aaaa000000000001", "bbbb000000000002"];
+
+    let error = damaged(whole.clone(), "zip/data.pkl").unwrap_err().to_string();
+    assert!(error.contains("zip/data.pkl") && error.contains("CRC-32"), "{error}");
+
+    let of_camera = damaged(whole.clone(), "zip/data/6").unwrap();
+    let error = of_camera.load(second).unwrap_err().to_string();
+    assert!(error.contains(r#"zip entry "zip/data/6""#) && error.contains("CRC-32"), "{error}");
+    assert_eq!(of_camera.load(first).unwrap().frames.len(), 3);
+
+    let of_picture = damaged(whole.clone(), "zip/data/3").unwrap();
+    let scene = of_picture.load(first).unwrap();
+    let read = |frame: usize| scene.frames[frame].bytes(first, frame).map(|bytes| bytes.len());
+    assert_eq!((read(0).unwrap(), read(2).unwrap()), (663, 667), "other pictures");
+    let error = read(1).unwrap_err().to_string();
+    assert!(error.starts_with(r#"frame 1 of scene "aaaa000000000001": zip entry "zip/data/3""#), "{error}");
+    // Written again, the damage would have a CRC-32 of its own.
+    let stored = ChunkScene::from_scene(&scene, &mut Warnings::new());
+    assert!(matches!(stored, Err(SceneError::Damaged { frame: 1, .. })), "{stored:?}");
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = ChunkWriter::create(folder.path(), ChunkWriter::TARGET_BYTES).unwrap();
+    assert!(writer.push(of_picture.record(first).unwrap()).is_err());
+
+    for entry in ["zip/data/3", "zip/data/6"] {
+        let chunk = damaged(without_crcs(whole.clone()), entry).unwrap();
+        let scene = chunk.load(first).unwrap();
+        assert!((0..3).all(|frame| scene.frames[frame].bytes(first, frame).is_ok()), "{entry}: written without CRCs");
     }
 }
 
@@ -414,7 +457,7 @@ proptest! {
 
     #[test]
     fn any_splice_of_a_real_file(at in 0..7000usize, len in 0..40usize, with in proptest::collection::vec(any::<u8>(), 0..40)) {
-        let mut file = fixture_bytes("zip.torch");
+        let mut file = without_crcs(fixture_bytes("zip.torch"));
         let start = at.min(file.len());
         let end = (start + len).min(file.len());
         file.splice(start..end, with);

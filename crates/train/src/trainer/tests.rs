@@ -80,7 +80,7 @@ fn a_run_resumes_on_no_other_scenes() {
         std::fs::rename(&other, path).unwrap();
         let error = open(&Start::Resume).unwrap_err().to_string();
         let expected = format!("checkpoint: {field}.source.dataset.scenes-sha256: expected ");
-        assert!(error.contains(&expected) && error.contains("start a new run"), "{error}");
+        assert!(error.contains(&expected) && error.contains("or a new run from its weights"), "{error}");
         std::fs::rename(path, &other).unwrap();
         std::fs::rename(&hidden, path).unwrap();
         open(&Start::Resume).unwrap();

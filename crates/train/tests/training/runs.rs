@@ -196,7 +196,8 @@ fn a_run_is_not_overwritten_or_mixed_with_another() {
     };
     assert!(open(&tiny, &Start::Fresh).unwrap_err().to_string().contains("one of 4 steps"));
     let other = TrainConfig { clip: 2.0, ..tiny.clone() };
-    assert!(open(&other, &Start::Resume).unwrap_err().to_string().contains("configuration"));
+    let error = open(&other, &Start::Resume).unwrap_err().to_string();
+    assert!(error.contains("configuration: ") && error.ends_with("other settings: clip: 1.0, now 2.0"), "{error}");
     open(&tiny, &Start::Resume).unwrap();
 }
 
@@ -217,7 +218,7 @@ fn a_run_does_not_resume_with_another_model_in_the_same_file() {
     assert_ne!(changed, text);
     std::fs::write(&model, changed).unwrap();
     let error = resumed().unwrap_err().to_string();
-    assert!(error.contains("model-sha256") && error.contains("start a new run from its weights"), "{error}");
+    assert!(error.contains("model-sha256") && error.contains("or a new run from its weights"), "{error}");
 }
 
 #[test]

@@ -3,7 +3,7 @@ use atsplat_numeric::{SplitMix64, Tolerance};
 use super::probe::{Inputs, Outputs, Pipeline, Recipe, Stage, attribute, run};
 use super::*;
 use crate::sample_rows::{PRESET, results};
-use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
+use crate::{MethodRecord, PresetRecord, Results, TargetStatus, TrialStatus};
 
 mod data;
 mod directions;
@@ -82,6 +82,29 @@ fn means_are_those_of_tables_where_renders_are_identical_to_the_truth() {
     let accepted = Baseline::new(&base, &[], acceptance("second"));
     assert_eq!(accepted.numbers.iter().map(|number| Some(number.mean)).collect::<Vec<_>>(), [table]);
     assert_eq!(compare(&base, &accepted).verdict, Verdict::Same);
+}
+
+/// Of six targets, two of the first trial failed and one of the second is not finite.
+#[test]
+fn an_acceptance_names_targets_without_a_score() {
+    let mut base = store(true, 2, 0.0, 1);
+    let text = |results: &Results| {
+        let baseline = Baseline::new(results, &[], acceptance("first"));
+        AcceptanceReport::new(std::path::Path::new("b.json"), baseline, acceptance("first"), None).to_string()
+    };
+    let whole = text(&base);
+    assert!(whole.starts_with("b.json: 6 targets of 2 trials, accepted on ") && !whole.contains("warning"), "{whole}");
+    for (row, status) in [(0, TargetStatus::Failed), (1, TargetStatus::Failed), (3, TargetStatus::NonFinite)] {
+        base.targets[row].status = status;
+        base.targets[row].scores.clear();
+    }
+    let [failed, non_finite] = ["2 targets failed", "1 target with samples that are no numbers"]
+        .map(|text| format!("warning: without a score: {text}\n"));
+    let partial = text(&base);
+    assert!(partial.contains(&format!("{failed}{non_finite}")), "{partial}");
+    base.trials[0].status = TrialStatus::NotApplicable;
+    let unsupported = text(&base);
+    assert!(!unsupported.contains(&failed) && unsupported.contains(&non_finite), "{unsupported}");
 }
 
 #[test]

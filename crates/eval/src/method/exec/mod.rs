@@ -66,21 +66,17 @@ impl Exec {
     /// Starts the first process and reads the line in which it describes itself.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for an empty or wrongly quoted command, and for a process that does not start or whose
-    /// first line is invalid; [`EvalError::Io`] if a word of the command is a file that cannot be read, or no temporary
-    /// folder can be created.
+    /// [`EvalError::Settings`] for an empty or wrongly quoted command; [`EvalError::NoMethod`] for a process that does not
+    /// start or whose first line is invalid; [`EvalError::Io`] if a word of the command is a file that cannot be read, or no
+    /// temporary folder can be created.
     pub fn start(settings: ExecSettings) -> Result<Self, EvalError> {
         let ExecSettings { command, name, limit, processes, opacities_as_stored, splatting } = settings;
         let words = words(&command)?;
-        let refused = |found| EvalError::Settings {
-            what: "method exec",
-            expected: format!("a method that the command {command:?} starts"),
-            found,
-        };
+        let refused = |why| EvalError::NoMethod { command: command.clone(), why };
         let (process, hello) = start(&words, 0, limit).map_err(refused)?;
         let name = name.unwrap_or_else(|| hello.name.clone());
         if name.trim().is_empty() || [TRUTH, CONTEXT].contains(&name.as_str()) {
-            return Err(refused(format!("the name {name:?}")));
+            return Err(refused(format!("a method cannot have the name {name:?}; NAME=exec:… gives it another")));
         }
         let record = record(name, &command, &words, &hello, opacities_as_stored, &splatting)?;
         let folder = tempfile::Builder::new().prefix("atsplat-method-").tempdir();

@@ -76,13 +76,17 @@ fn errors_name_the_location_and_what_was_expected_and_found() {
         ("[]", ": expected an object from scene keys to entries, found sequence"),
         (r#"{"k": {"context": 3, "target": []}}"#, ": expected a list of frame numbers, found integer `3`"),
         (r#"{"k": null"#, "expected JSON, found EOF while parsing an object"),
-        (r#"{"k": null} x"#, "found trailing characters"),
+        (r#"{"k": null} x"#, r#"expected JSON, found "x" (trailing characters)"#),
+        ("\u{feff}{}", "line 1 column 1: expected JSON that does not begin with a byte order mark"),
         ("", "found EOF while parsing a value"),
         (
             r#"{"k": {"context": [], "target": [], "overlap": 1.2}}"#,
             ": expected a number from 0 to 1, null, or one of small medium large ignore, found floating point `1.2`",
         ),
-        (r#"{"k": {"context": [], "target": [], "overlap": NaN}}"#, "found expected value"),
+        (
+            r#"{"k": {"context": [], "target": [], "overlap": NaN}}"#,
+            r#"field overlap, line 1 column 48: expected JSON, found "NaN}}" (expected value)"#,
+        ),
         (r#"{"k": {"context": [], "target": [], "overlap": "0.4"}}"#, r#"found string "0.4""#),
     ] {
         let message = message(json);

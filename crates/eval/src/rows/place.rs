@@ -1,0 +1,73 @@
+//! Whether two records name one file or folder.
+
+use std::path::{Component, Path, PathBuf};
+
+use super::{MethodRecord, PresetRecord};
+
+/// What an index that was sampled by a rule of this name or path is called.
+pub(crate) const SAMPLED_BY: &str = "sampled by ";
+/// The parameter of an imported method that names its folder.
+const FOLDER: &str = "folder";
+
+impl PresetRecord {
+    /// Names data and index as `known` does, if they are in the same places.
+    pub(super) fn with_places_of(self, known: &Self) -> Self {
+        let of = |own: String, known: &str| if is_same(&own, known) { known.to_owned() } else { own };
+        Self { dataset: of(self.dataset, &known.dataset), index: of(self.index, &known.index), ..self }
+    }
+}
+
+impl MethodRecord {
+    /// Names the folder of an imported method as `known` does, if it is the same.
+    pub(super) fn with_places_of(mut self, known: &Self) -> Self {
+        let folder = |record: &Self| record.parameters.get(FOLDER)?.as_str().map(str::to_owned);
+        let known = folder(known).filter(|known| folder(&self).is_some_and(|own| is_same(&own, known)));
+        if let Some(known) = known {
+            self.parameters.insert(FOLDER.to_owned(), known.into());
+        }
+        self
+    }
+}
+
+fn is_same(first: &str, second: &str) -> bool {
+    first == second || place(first) == place(second)
+}
+
+/// A description with its path in canonical form. A remark may follow the path after a comma; a path that does not exist on
+/// this machine only loses `.` and what is redundant between its components.
+fn place(text: &str) -> String {
+    let (before, path) = text.strip_prefix(SAMPLED_BY).map_or(("", text), |path| (SAMPLED_BY, path));
+    let mut ends: Vec<usize> = path.match_indices(", ").map(|(at, _)| at).collect();
+    ends.push(path.len());
+    let canonical = |end: &usize| {
+        let (path, remark) = path.split_at(*end);
+        Some(format!("{before}{}{remark}", Path::new(path).canonicalize().ok()?.display()))
+    };
+    let plain = || {
+        let parts = Path::new(path).components().filter(|part| *part != Component::CurDir);
+        format!("{before}{}", parts.collect::<PathBuf>().display())
+    };
+    ends.iter().rev().find_map(canonical).unwrap_or_else(plain)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_has_several_names() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(folder.path().join("data/test")).unwrap();
+        let at = |path: &str| folder.path().join(path).display().to_string();
+        for name in ["data/test/", "./data/test", "data/../data/test/."] {
+            assert!(is_same(&at("data/test"), &at(name)), "{name}");
+            let cropped = |path: &str| format!("{}, cropped", at(path));
+            assert!(is_same(&cropped("data/test"), &cropped(name)) && !is_same(&cropped("data/test"), &at(name)));
+            let sampled = |path: &str| format!("{SAMPLED_BY}{}", at(path));
+            assert!(is_same(&sampled("data/test"), &sampled(name)) && !is_same(&sampled("data/test"), &at(name)));
+        }
+        assert!(!is_same(&at("data"), &at("data/test")));
+        assert!(is_same("gone/test", "./gone//test/") && !is_same("gone/test", "gone/../test"));
+        assert!(is_same("s3://shelf/data", "s3://shelf/data/") && !is_same("s3://shelf/data", "s3://shelf/date"));
+    }
+}
