@@ -30,7 +30,7 @@ fn errors_for_frame_numbers_name_scene_field_and_element() {
         ("10000000", "integer `10000000`"),
         ("18446744073709551615", "integer `18446744073709551615`"),
         ("99999999999999999999", "floating point `1e+20`"),
-        ("1e400", "number out of range"),
+        ("1e400", "\"0]}}\" (number out of range)"),
         ("\"7\"", "string \"7\""),
         ("null", "null"),
         ("[1]", "sequence"),
