@@ -148,7 +148,7 @@ def test_results_are_kept_and_a_changed_method_is_an_error(rooms, tmp_path):
     assert len(calls) == 1
     with pytest.raises(atsplat.InvalidError, match="step"):
         evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 2})
-    with pytest.raises(atsplat.InvalidError, match="empty folder"):
+    with pytest.raises(atsplat.InvalidError, match="without results"):
         evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1}, resume=False)
 
 
