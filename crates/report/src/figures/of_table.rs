@@ -1,4 +1,5 @@
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_eval::{Results, TrialKey};
@@ -35,12 +36,13 @@ fn name(row: &Row) -> String {
     format!("{}{untrained}{inference_only}", labels.join(", "))
 }
 
-fn subtitle(table: &Table, group: &Group) -> String {
+/// What is drawn of a table, from these of its groups of columns; `group` is their heading.
+fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
     let scenes = table
         .rows
         .iter()
         .filter(|row| row.origin == Origin::Measured)
-        .flat_map(|row| row.cells.iter().flatten())
+        .flat_map(|row| row.cells.get(drawn.clone()).unwrap_or_default().iter().flatten())
         .filter_map(|cell| cell.counts)
         .map(|counts| counts.scenes)
         .max();
@@ -84,7 +86,7 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
             let machine = machine(table, (at, cost_at));
             let frontier = Frontier {
                 title: format!("{} against {what}", metric.name),
-                subtitle: format!("{}{machine}", subtitle(table, group)),
+                subtitle: format!("{}{machine}", subtitle(table, group, at..at + 1)),
                 cost,
                 quality: metric.into(),
                 points,
@@ -136,7 +138,7 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
     rows.iter().any(|row| row.gap.is_some()).then_some(())?;
     let ablation = Ablation {
         title: table.title.clone(),
-        subtitle: subtitle(table, group),
+        subtitle: subtitle(table, group, 0..1),
         quality: metric.into(),
         reference: row(reference),
         rows,
@@ -174,7 +176,7 @@ fn k_scaling(table: &Table) -> Option<(String, Drawing)> {
     let own = points.iter().filter(|point| point.origin == Origin::Measured).count() > 1;
     let plot = KScaling {
         title: format!("{} against K", metric.name),
-        subtitle: subtitle(table, group),
+        subtitle: subtitle(table, group, 0..1),
         quality: metric.into(),
         points,
     };
@@ -192,7 +194,7 @@ fn overlap_bins(table: &Table) -> Option<(String, Drawing)> {
     };
     let plot = OverlapBinMeans {
         title: format!("{} by overlap", metric.name),
-        subtitle: subtitle(table, &Group { title: String::new(), ..(*first).clone() }),
+        subtitle: subtitle(table, &Group { title: String::new(), ..(*first).clone() }, 0..table.groups.len()),
         quality: (*metric).into(),
         bins: groups.iter().map(|(_, group, _)| group.title.clone()).collect(),
         series: shown(table).map(series).collect(),
@@ -221,9 +223,34 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
     let fixed = fixed.first().and_then(|series| series.gaussians.first().copied());
     let plot = BudgetHistogram {
         title: "Gaussians per scene".to_owned(),
-        subtitle: subtitle(table, group),
+        subtitle: subtitle(table, group, 0..1),
         series: moving,
         fixed,
     };
     Some((table.name.clone(), plot.draw()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{SCENES, atsplat, preset, results_over};
+    use crate::table::{Mixing, tables};
+
+    /// Eight scenes with two views, three with four.
+    #[test]
+    fn a_plot_of_one_group_counts_the_scenes_of_this_group() {
+        let presets = ["yards-2v-128x224", "yards-4v-128x224"].map(preset).to_vec();
+        let mut results = results_over(presets, vec![atsplat("atsplat", |_| ())], 8);
+        let is_left_out =
+            |key: &TrialKey| key.preset == "yards-4v-128x224" && !SCENES[..3].contains(&key.scene.as_str());
+        results.trials.retain(|trial| !is_left_out(&trial.key));
+        results.targets.retain(|target| !is_left_out(&target.key));
+        let definition = TableDefinition::named("dl3dv").unwrap();
+        let source = Source { label: "run", results: &results };
+        let table = tables(&definition, &[source], Mixing::Apart).unwrap().swap_remove(0);
+        let said = |at: usize, drawn| subtitle(&table, &table.groups[at], drawn);
+        assert!(said(0, 0..1).contains("over 8 scenes"), "{}", said(0, 0..1));
+        assert!(said(1, 1..2).contains("over 3 scenes"), "{}", said(1, 1..2));
+        assert!(said(0, 0..3).contains("over 8 scenes"), "{}", said(0, 0..3));
+    }
 }
