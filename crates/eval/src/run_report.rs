@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::runner::Summary;
 use crate::statistics::{Identical, Leaked, MetricQuery, summary};
 use crate::timing::{Spread, Times, times};
-use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, WarningCount};
+use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
 
 /// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
 /// table.
@@ -135,7 +135,7 @@ fn unscored(results: &Results) -> Vec<Unscored> {
         let what = format!("trials of {} not applicable", trial.key.method);
         (&trial.key.preset, what, kind_of(detail, &trial.key.scene), example)
     });
-    let unsupported = unsupported(results);
+    let unsupported = results.unsupported();
     let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
     let failed = failed.filter(|row| !unsupported.contains(&row.key)).map(|row| {
         let detail = row.detail.as_deref().unwrap_or("unknown reason");
@@ -154,11 +154,6 @@ fn unscored(results: &Results) -> Vec<Unscored> {
         example,
     };
     kinds.into_iter().map(row).collect()
-}
-
-/// The trials that their method does not support.
-fn unsupported(results: &Results) -> BTreeSet<&TrialKey> {
-    results.not_applicable().map(|trial| &trial.key).collect()
 }
 
 /// The kind of a failure, by which failures are grouped; not shown. It is the text without paths, numbers and the
@@ -191,7 +186,7 @@ impl Row {
     fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord, targets: &[&TargetRow]) -> Self {
         let means = results.provenance.metrics.iter().map(|metric| &metric.id);
         let means = means.filter_map(|id| Some((id.clone(), mean(results, preset, &method.name, id)?)));
-        let unsupported = unsupported(results);
+        let unsupported = results.unsupported();
         let (unsupported, supported): (Vec<&TargetRow>, Vec<&TargetRow>) =
             targets.iter().copied().partition(|row| unsupported.contains(&row.key));
         let count = |status| supported.iter().filter(|row| row.status == status).count();

@@ -56,10 +56,13 @@ impl Fit {
         let doubles = History::ARRAYS.into_iter().zip(&history);
         let doubles = doubles.map(|(name, values)| (name, Dtype::F64, bytemuck::cast_slice::<f64, u8>(values)));
         let tensors: Vec<(&str, Dtype, &[u8])> = singles.chain(doubles).collect();
+        let failed =
+            |source| FitError::from(FileError { action: "writing a checkpoint", path: path.to_owned(), source });
+        let other = |error: &dyn std::fmt::Display| failed(std::io::Error::other(error.to_string()));
         let metadata = Metadata {
             step: self.step,
             run: run_hash(&self.config, &self.views),
-            configuration: serde_json::to_value(&self.config).ok(),
+            configuration: Some(serde_json::to_value(&self.config).map_err(|error| other(&error))?),
             start: self.start.clone(),
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
@@ -68,9 +71,6 @@ impl Fit {
             history: self.history.facts(),
             tensors: digest(tensors.iter().map(|(.., bytes)| *bytes)),
         };
-        let failed =
-            |source| FitError::from(FileError { action: "writing a checkpoint", path: path.to_owned(), source });
-        let other = |error: &dyn std::fmt::Display| failed(std::io::Error::other(error.to_string()));
         let text = serde_json::to_string(&metadata).map_err(|error| other(&error))?;
         let mut views = Vec::new();
         for (name, dtype, bytes) in tensors {

@@ -254,6 +254,7 @@ impl Fit {
             limit: self.limit,
         };
         let density = self.density.after_step(&mut self.scene, &at);
+        // The record of a control that failed has no changes; its error follows.
         let changes = density.as_ref().copied().unwrap_or_default();
         self.step = step;
         let record = StepRecord { step, view: number, terms, regularisers, gaussians: self.scene.len(), changes };

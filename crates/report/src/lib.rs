@@ -29,3 +29,8 @@ mod written;
 pub use error::ReportError;
 pub use report::{Report, Request, store_labels};
 pub use written::Written;
+
+/// A number of things, each of which is a `what`: `1 scene`, `2 scenes`.
+pub fn counted(count: u64, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}

@@ -143,10 +143,10 @@ impl Trainer {
         let objective = objective_on(processor, &config, &template)?;
         let adapter = processor.adapter()?.map(|(_, adapter)| format!("{adapter}, {}", adapter.driver));
         let mut opening_warnings = Warnings::new();
-        let evaluated = match &config.evaluation {
-            Some(own) => Some(own.source.open(&config.pose_normalisation, None, &mut opening_warnings)?),
-            None => None,
-        };
+        let evaluated = config.evaluation.as_ref();
+        let evaluated = evaluated
+            .map(|own| own.source.open(&config.pose_normalisation, None, &mut opening_warnings))
+            .transpose()?;
         let resolved = Resolved::new(&config, &model, &objective)?.with_scenes(samples.as_ref(), evaluated.as_deref());
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
         let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;

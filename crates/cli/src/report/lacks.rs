@@ -2,11 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_eval::runner::MISSING_SCENES;
 use atsplat_eval::{Results, TargetStatus};
 use atsplat_report::table::Source;
-
-/// The kind of the run's warning about scenes that the data lack.
-const MISSING_SCENES: &str = "scenes of the index that are not in the data";
 
 /// Something that a store lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -49,7 +47,7 @@ fn counts(results: &Results) -> Counts<'_> {
             let (status, reason) = (trial.status.name(), trial.detail.as_deref().unwrap_or("no reason recorded"));
             add(at(Lack::Incomplete), 1, format!("{scene} {status}: {reason}"));
         }
-        if trial.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0) {
+        if trial.draws_nothing() {
             add(at(Lack::Undrawn), 1, format!("scene {scene}, entry {}", trial.key.entry));
         }
     }

@@ -11,7 +11,7 @@ use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, Terminal, json_of};
 use atsplat_report::page::PageStore;
 use atsplat_report::table::{Mixing, Source, verdict};
-use atsplat_report::{Report, Request, Written, store_labels};
+use atsplat_report::{Report, Request, Written, counted, store_labels};
 use serde_json::json;
 
 use crate::objects::CacheArgs;
@@ -122,7 +122,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         print_text(&format!("{}\n", serde_json::to_string_pretty(&written)?))?;
     } else {
         print_tables(&report)?;
-        let (files, folder, page) = (counted(files.len(), "file"), &args.out, args.out.join("index.html"));
+        let (files, folder, page) = (counted(files.len() as u64, "file"), &args.out, args.out.join("index.html"));
         warn(&format!("{files} in {}, the page is {}", folder.display(), page.display()));
     }
     say_of_others(&args.out, &removed, &others);
@@ -139,9 +139,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(&format!("warning: plot {plot}: {fault}"));
     }
     if args.check_plots {
-        warn(&format!("{} checked, {}", counted(report.plots.len(), "plot"), counted(faults.len(), "fault")));
+        warn(&format!(
+            "{} checked, {}",
+            counted(report.plots.len() as u64, "plot"),
+            counted(faults.len() as u64, "fault")
+        ));
     }
-    let found = counted(faults.len(), "fault");
+    let found = counted(faults.len() as u64, "fault");
     ensure!(faults.is_empty(), "--check-plots: {found} in the plots of {}", args.out.display());
     Ok(missing.is_empty() && lacks.is_empty())
 }
@@ -150,17 +154,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 fn say_of_others(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
     let folder = folder.display();
     if !removed.is_empty() {
-        warn(&format!("{} of an earlier report removed from {folder}", counted(removed.len(), "file")));
+        warn(&format!("{} of an earlier report removed from {folder}", counted(removed.len() as u64, "file")));
     }
     if let Some(first) = others.first() {
-        let (others, first) = (counted(others.len(), "file"), first.display());
+        let (others, first) = (counted(others.len() as u64, "file"), first.display());
         warn(&format!("warning: {folder} holds {others} that this report did not write, such as {first}"));
     }
-}
-
-/// `1 file`, `2 files`.
-fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Warns of a page that is larger than allowed even without pictures.

@@ -30,7 +30,7 @@ pub use exec::{Exec, ExecSettings};
 pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
 pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
-pub use ply::{GaussianFrame, Ply};
+pub use ply::{BROKEN, GaussianFrame, Ply};
 pub use range::check_range;
 pub use renders::Renders;
 pub use spec::{InvalidMethod, MethodKind, MethodSpec};

@@ -127,6 +127,9 @@ pub(super) fn read(path: &Path, name: &Path, as_stored: bool) -> Result<(Gaussia
     Ok((gaussians, notes))
 }
 
+/// How the note of a trial begins that had broken Gaussians.
+pub const BROKEN: &str = "broken Gaussians: ";
+
 /// Defects of a file that do not prevent rendering.
 fn notes(import: &Import, path: &Path) -> Vec<String> {
     let mut notes = Vec::new();
@@ -135,7 +138,7 @@ fn notes(import: &Import, path: &Path) -> Vec<String> {
         let kinds: Vec<String> = found.findings.iter().map(ToString::to_string).collect();
         let (kinds, path) = (kinds.join("; "), path.display());
         notes.push(format!(
-            "broken Gaussians: {} of {}, of which {} are skipped: {kinds} ({path})",
+            "{BROKEN}{} of {}, of which {} are skipped: {kinds} ({path})",
             found.invalid, found.total, found.rejected
         ));
     }

@@ -8,6 +8,7 @@ mod provenance;
 mod target;
 mod trial;
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,11 @@ impl Results {
     /// The trials that their method does not support. Their targets have no numbers, which is no failure.
     pub(crate) fn not_applicable(&self) -> impl Iterator<Item = &TrialRow> {
         self.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable)
+    }
+
+    /// Their keys, to tell their targets apart from failed ones.
+    pub(crate) fn unsupported(&self) -> BTreeSet<&TrialKey> {
+        self.not_applicable().map(|trial| &trial.key).collect()
     }
 }
 

@@ -86,6 +86,11 @@ impl TrialRow {
         finite(&self.key, "overlap", self.overlap)?;
         finite(&self.key, "gaussians-drawn", self.gaussians_drawn)
     }
+
+    /// Whether none of its Gaussians is drawn in any target.
+    pub fn draws_nothing(&self) -> bool {
+        self.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0)
+    }
 }
 
 impl TrialStatus {

@@ -28,7 +28,7 @@ pub use index::PlannedIndex;
 pub use metrics::{metric_ids, metric_records, named_metrics, suite};
 pub use pictures::{CONTEXT, KeepPictures, TRUTH, is_picture_of, picture_path};
 pub use plan::{Dataset, Plan, Summary, current_provenance};
-pub use run::{run, run_until};
+pub use run::{MISSING_SCENES, run, run_until};
 pub use selection::{Selection, spread};
 pub use single::evaluate_trial;
 

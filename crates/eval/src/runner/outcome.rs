@@ -1,10 +1,10 @@
 //! Checks before and after a run: whether imported files exist, and why nothing was evaluated.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use super::{Plan, spread};
 use crate::method::{RequestedScene, Survey};
-use crate::{EvalError, Results, TargetRow, TargetStatus, TrialKey};
+use crate::{EvalError, Results, TargetRow, TargetStatus};
 
 /// Scenes per dataset whose imported files are looked for before the run.
 const SURVEYED: usize = 32;
@@ -39,7 +39,7 @@ impl Plan<'_> {
         if own.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
             return None;
         }
-        let unsupported: BTreeSet<&TrialKey> = results.not_applicable().map(|trial| &trial.key).collect();
+        let unsupported = results.unsupported();
         let (unsupported, own): (Vec<&TargetRow>, Vec<&TargetRow>) =
             own.into_iter().partition(|row| unsupported.contains(&row.key));
         if own.is_empty() && !unsupported.is_empty() {

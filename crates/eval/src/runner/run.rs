@@ -9,7 +9,10 @@ use super::selection::Selected;
 use super::walk::{Walk, groups};
 use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepPictures};
-use crate::{EvalError, Results, Store, TargetStatus, TrialRow, timing};
+use crate::{EvalError, Results, Store, TargetStatus, timing};
+
+/// The kind of the warning about scenes of an index that the data lack.
+pub const MISSING_SCENES: &str = "scenes of the index that are not in the data";
 
 /// Runs a plan into a store that was created or resumed with [`Plan::provenance`], and finishes the store. Up-to-date
 /// results are not recomputed. If the plan has a timing pass, it follows the evaluation. `step` is called [`Plan::steps`]
@@ -46,8 +49,7 @@ pub fn run_until(
         let counted = plan.selection.part_of(&missing);
         summary.missing_scenes += counted.len() as u64;
         if let Some(first) = counted.first() {
-            const KIND: &str = "scenes of the index that are not in the data";
-            findings.add(&dataset.name, KIND, counted.len() as u64, first.clone());
+            findings.add(&dataset.name, MISSING_SCENES, counted.len() as u64, first.clone());
         }
         let mut outdated = Outdated::of(plan, dataset, &store);
         for scene in &missing {
@@ -83,8 +85,7 @@ pub fn run_until(
     summary.not_applicable = results.not_applicable().count() as u64;
     let non_finite = |status| status == TargetStatus::NonFinite;
     summary.non_finite = results.targets.iter().filter(|target| non_finite(target.status)).count() as u64;
-    let undrawn = |trial: &&TrialRow| trial.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0);
-    summary.undrawn = results.trials.iter().filter(undrawn).count() as u64;
+    summary.undrawn = results.trials.iter().filter(|trial| trial.draws_nothing()).count() as u64;
     if plan.pictures == KeepPictures::Worst {
         for dataset in plan.datasets {
             prune(&folder, dataset, &results)?;

@@ -24,6 +24,7 @@ use std::collections::BTreeSet;
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
 
+use crate::counted;
 use crate::definition::Quantity;
 use crate::plot::Estimate;
 use crate::table::{Cell, Column, Group};
@@ -66,9 +67,4 @@ fn subject(results: &Results, preset: &PresetRecord) -> String {
         String::new()
     };
     format!("{} ({}); {}{part}", preset.title, preset.name, counted(scenes, "scene"))
-}
-
-/// `1 scene`, `2 scenes`.
-fn counted(count: u64, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }

@@ -4,11 +4,11 @@ use atsplat_metrics::ColourMap;
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{ImageU8, PixelError, Rounding};
 
-use crate::ReportError;
 use crate::plot::{
     Drawing, Expansion, ExpansionStrip, ExpansionStrips, StripPicture, TokenExpansion, UncertaintyRow,
     UncertaintyTriplets,
 };
+use crate::{ReportError, counted};
 
 /// The most families drawn over a picture, so that it stays readable.
 const FAMILIES: usize = 160;
@@ -38,7 +38,7 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
             title: "Expansion, block by block".to_owned(),
             subtitle: format!(
                 "{subject}, {}; the same weights with expansion enabled in ever more blocks",
-                counted(scenes.len())
+                counted(scenes.len() as u64, "scene")
             ),
             columns: names.chain(["truth".to_owned()]).collect(),
             strips,
@@ -50,16 +50,15 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
     if !rows.is_empty() {
         let plot = UncertaintyTriplets {
             title: "Error, prediction, selection".to_owned(),
-            subtitle: format!("{subject}, {}; before the last block that expands", counted(scenes.len())),
+            subtitle: format!(
+                "{subject}, {}; before the last block that expands",
+                counted(scenes.len() as u64, "scene")
+            ),
             rows,
         };
         plots.push(("uncertainty".to_owned(), plot.draw()));
     }
     Ok(plots)
-}
-
-fn counted(scenes: usize) -> String {
-    if scenes == 1 { "1 scene".to_owned() } else { format!("{scenes} scenes") }
 }
 
 fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {

@@ -4,8 +4,9 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overl
 use atsplat_eval::timing::times;
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
 
-use super::{counted, first_metric};
+use super::first_metric;
 use crate::ReportError;
+use crate::counted;
 use crate::file_names::{plain, unused};
 use crate::page::PlotSection;
 use crate::plot::{Drawing, Estimate, OptimisationCurves, OptimisationPanel, OptimisationPoint};

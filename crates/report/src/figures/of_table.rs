@@ -5,7 +5,8 @@ use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
 use atsplat_eval::{Results, TrialKey};
 use atsplat_metrics::Definition;
 
-use super::{counted, estimate, metric_of, place_of};
+use super::{estimate, metric_of, place_of};
+use crate::counted;
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,

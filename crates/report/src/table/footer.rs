@@ -1,12 +1,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::TrialRow;
+use atsplat_eval::method::BROKEN;
 use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES, Trend, along_setting, cost};
 use atsplat_metrics::{Definition, Measure};
 
 use super::edition::{Edition, Part};
 use super::orders::means;
 use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, Table, Trainings, Value, distinct};
+use crate::counted;
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::Origin;
 
@@ -126,7 +128,7 @@ fn trend_over_gaussians(table: &Table, definition: &TableDefinition, edition: &E
         "trend: {} changes by {slope:+.3} {interval} per doubling of Gaussians, over {} settings and {}",
         metric.name,
         settings.len(),
-        plural(scenes, "scene")
+        counted(scenes, "scene")
     ))
 }
 
@@ -335,9 +337,9 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
 
 /// Columns of a group have the same targets: the counts of the first computed metric stand for all.
 fn counts_of(cells: &[Cell]) -> Option<String> {
-    let counted: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
-    let (cell, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
-    let mut text = format!("{}, {}", plural(counts.scenes, "scene"), plural(counts.targets, "target"));
+    let with_counts: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
+    let (cell, counts) = with_counts.iter().find(|(_, counts)| counts.targets > 0).or(with_counts.first())?;
+    let mut text = format!("{}, {}", counted(counts.scenes, "scene"), counted(counts.targets, "target"));
     if let Some(Trainings { count, .. }) = cell.trainings {
         text.push_str(&format!(" of {count} trainings"));
     }
@@ -349,7 +351,7 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
     if counts.identical > 0 {
         text.push_str(&format!(", {} more identical to the truth and left out", counts.identical));
     }
-    if counted.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
+    if with_counts.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
         text.push_str(", metrics over different targets");
     }
     Some(text)
@@ -357,8 +359,6 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
 
 /// Trials that count in a row's means although their renders show nothing, or some of their Gaussians were broken.
 fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
-    /// How the note of such a trial begins.
-    const BROKEN: &str = "broken Gaussians: ";
     // The trials of a mean over trainings, and of a row without context frames, are those of other rows.
     if row.without_leaked || row.cells.iter().flatten().any(|cell| cell.trainings.is_some()) {
         return;
@@ -369,7 +369,7 @@ fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
         let is_own = |trial: &&TrialRow| trial.key.preset == own.preset && trial.key.method == own.method;
         trials.extend(part.source.results.trials.iter().filter(is_own));
     }
-    let undrawn = trials.iter().filter(|trial| trial.gaussians_drawn.is_some_and(|drawn| drawn <= 0.0)).count();
+    let undrawn = trials.iter().filter(|trial| trial.draws_nothing()).count();
     let broken = trials.iter().filter(|trial| trial.notes.iter().any(|note| note.starts_with(BROKEN))).count();
     let all = trials.len();
     let mut parts = Vec::new();
@@ -405,11 +405,6 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
         let percent = CONFIDENCE * 100.0;
         notes.add(NoteKind::Interval, format!("{percent:.0} % over scenes, {}: {}", name(row), groups.join("; ")));
     }
-}
-
-/// `1 scene`, `2 scenes`.
-fn plural(count: u64, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn name(row: &Row) -> String {

@@ -22,7 +22,7 @@ const DRAWS: u64 = 64;
 const MAX_RAYS: u32 = 256;
 
 impl TrainConfig {
-    /// Every source with the path of its field.
+    /// Every source with the path of its field: those of the training, then that of the evaluation.
     pub(crate) fn sources(&self) -> impl Iterator<Item = (String, &SourceConfig)> {
         let data = self.data.iter().enumerate().map(|(at, data)| (format!("data[{at}].source"), &data.source));
         data.chain(self.evaluation.iter().map(|own| ("evaluation.source".to_owned(), &own.source)))
@@ -78,12 +78,12 @@ impl TrainConfig {
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
         self.distance_patch()?;
         let shorter = |size: ImageSize| size.height.min(size.width);
-        for (field, source) in self.sources() {
-            let is_training = field.starts_with("data");
+        // Those of the training come first.
+        for (at, (field, source)) in self.sources().enumerate() {
             let (field, Some(size)) = sized(&field, source)? else { continue };
             check_size(&field, size, model)?;
             // Inference resizes pictures to the scale of the model's resolution, so those of the training must have that scale too.
-            if is_training && shorter(size) != shorter(model.resolution) {
+            if at < self.data.len() && shorter(size) != shorter(model.resolution) {
                 let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
                 return refuse(field, &expected, size);
             }
