@@ -1,3 +1,5 @@
+use std::f64::consts::PI;
+
 use atsplat_numeric::Extremes;
 use glam::DVec3;
 
@@ -37,8 +39,9 @@ impl NormalizedIntrinsics {
     /// [`CameraError::NotPositive`] for an angle outside (0, π) or an empty picture, [`CameraError::NonFinite`].
     pub fn with_horizontal_view(angle: f64, size: ImageSize) -> Result<Self, CameraError> {
         let (width, height) = (positive("width", f64::from(size.width))?, positive("height", f64::from(size.height))?);
-        let tangent = positive("tangent of half the field of view", (0.5 * positive("field of view", angle)?).tan())?;
-        let fx = 0.5 / tangent;
+        positive("field of view", angle)?;
+        positive("half a turn minus the field of view", PI - angle)?;
+        let fx = 0.5 / (0.5 * angle).tan();
         Self::new(fx, fx * width / height, 0.5, 0.5)
     }
 
@@ -102,7 +105,8 @@ mod tests {
     #[test]
     fn angles_and_radii_are_checked() {
         let size = ImageSize { width: 4, height: 4 };
-        for angle in [0.0, -1.0, f64::NAN, 3.2] {
+        // The last is more than a turn: the tangent of its half is positive.
+        for angle in [0.0, -1.0, f64::NAN, 3.2, PI, 7.0] {
             assert!(NormalizedIntrinsics::with_horizontal_view(angle, size).is_err(), "{angle}");
         }
         assert!(NormalizedIntrinsics::with_horizontal_view(1.0, ImageSize { width: 0, height: 4 }).is_err());

@@ -124,7 +124,8 @@ impl Trajectory {
         let times = match spacing {
             Spacing::Time => self.even_times(count),
             Spacing::ArcLength => {
-                arc_length::even_times(&self.segments, count).unwrap_or_else(|| self.even_times(count))
+                let end = self.span().1;
+                arc_length::even_times(&self.segments, end, count).unwrap_or_else(|| self.even_times(count))
             }
         };
         let poses = times.iter().map(|time| self.at(*time)).collect::<Result<_, _>>()?;

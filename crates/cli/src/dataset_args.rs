@@ -78,21 +78,23 @@ impl PictureArgs {
         };
         let path = remote.map_or(path, |remote| remote.path());
         let dataset = atsplat_scene::open_with(path, &options, warnings)?;
-        self.check(dataset.format).map_err(usage_error)?;
+        self.check(Some(dataset.format)).map_err(usage_error)?;
         Ok(dataset)
     }
 
-    /// Refuses arguments that datasets of this format do not read.
-    fn check(&self, format: Format) -> Result<(), String> {
-        let (is_re10k, is_colmap) = (format == Format::Re10k, format == Format::Colmap);
-        let is_nerfstudio = format == Format::Nerfstudio;
+    /// Refuses arguments that datasets of this format do not read; `None` is the output of `atsplat render`.
+    pub(crate) fn check(&self, format: Option<Format>) -> Result<(), String> {
+        let (is_re10k, is_colmap) = (format == Some(Format::Re10k), format == Some(Format::Colmap));
+        let is_nerfstudio = format == Some(Format::Nerfstudio);
+        let rendered = || "the output of `atsplat render`".to_owned();
+        let found = || format.map_or_else(rendered, |format| format!("a dataset in the format {format}"));
         for (name, given, is_read, what) in [
             ("--images", self.images.is_some(), is_nerfstudio || is_colmap, "captures of nerfstudio or COLMAP"),
             ("--frames", self.frames.is_some(), is_re10k || is_colmap, "RE10K trajectories or a COLMAP model"),
             ("--prefer-undistorted", self.prefer_undistorted, is_nerfstudio, "captures of nerfstudio or DL3DV"),
         ] {
             if given && !is_read {
-                return Err(format!("{name}: expected {what}, found a dataset in the format {format}"));
+                return Err(format!("{name}: expected {what}, found {}", found()));
             }
         }
         Ok(())

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::expansion::{ExpansionReport, survey};
-use atsplat_eval::runner::Selection;
+use atsplat_eval::runner::{Dataset, MISSING_SCENES, Selection};
 use atsplat_scene::Warnings;
 
 use crate::embedded;
 use crate::model_args::ChangeArgs;
 use crate::objects::RemoteData;
-use crate::output::{print_report, print_warnings, warn};
+use crate::output::{print_report, print_text, print_warnings, warn};
 use crate::progress::Progress;
 use crate::run::protocols::ProtocolArgs;
 
@@ -34,21 +34,31 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     limit: Option<u64>,
 
-    /// Print JSON.
+    /// Print JSON; for several protocols, an array.
     #[arg(long)]
     json: bool,
 }
 
-/// Surveys a network under each protocol; `true` if no trial was skipped.
+/// Warns of scenes of the index that the data lack, as `atsplat run` does; `true` if there are none.
+fn has_all_scenes(dataset: &Dataset, selection: Selection) -> bool {
+    let missing = selection.missing_in(dataset);
+    let Some(first) = missing.first() else { return true };
+    warn(&format!("warning: {}: {} × {MISSING_SCENES}\n    {first}", dataset.name, missing.len()));
+    false
+}
+
+/// Surveys a network under each protocol; `true` if no scene was missing and no trial skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let trained = embedded::trained(args.weights.as_deref())?;
     let config = args.changes.applied(&trained.config)?;
     let network = trained.network_for(&config)?;
     let mut warnings = Warnings::new();
-    let mut complete = true;
+    let (mut complete, mut reports) = (true, Vec::new());
     let remote = args.protocols.remote()?;
     for dataset in args.protocols.open(remote.as_ref(), &mut warnings)? {
-        let index = Selection { limit: args.limit, shard: None }.index_of(&dataset);
+        let selection = Selection { limit: args.limit, shard: None };
+        complete &= has_all_scenes(&dataset, selection);
+        let index = selection.index_of(&dataset);
         let trials = dataset.trials(&index);
         let progress = Progress::new("trials", trials.size_hint().0);
         let mut surveys = Vec::new();
@@ -70,7 +80,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         if surveys.is_empty() {
             bail!("{}: none of its trials can be read", dataset.name);
         }
-        print_report(&ExpansionReport::new(&config.name, &dataset.name, &surveys), args.json)?;
+        let report = ExpansionReport::new(&config.name, &dataset.name, &surveys);
+        if args.json {
+            reports.push(report);
+        } else {
+            print_report(&report, false)?;
+        }
+    }
+    match reports.as_slice() {
+        [] => {}
+        [only] => print_report(only, true)?,
+        several => print_text(&format!("{}\n", serde_json::to_string_pretty(several)?))?,
     }
     print_warnings(&warnings);
     Ok(complete)

@@ -112,6 +112,12 @@ fn writes_chunks_without_the_broken_scene() {
         write_scene(&here.join("data"), key, 3);
     }
     std::fs::write(here.join("data/b/0.png"), b"no picture at all").unwrap();
+    for out in ["data", "./data/test"] {
+        let refused = atsplat(here, &["data", "export", "data", out, "--chunks"]);
+        let expected = format!("error: {out}: chunks there would be read in place of the scenes of data");
+        assert!(refused.code == 1 && refused.stderr.contains(&expected), "{}", refused.stderr);
+    }
+    assert!(!here.join("data/000000.torch").exists() && !here.join("data/test").exists());
     let text = succeed(here, &["data", "export", "data", "chunks", "--chunks"]);
     assert!(text.contains("2 scenes in 1 chunks") && text.contains("1 scenes skipped"), "{text}");
     let chunk = Chunk::open(here.join("chunks/000000.torch"), &mut Warnings::new()).unwrap();
@@ -222,6 +228,10 @@ fn frames_with_the_same_name_are_all_written() {
     let report = succeed(here, &["data", "inspect", "out", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["frames"], 2, "{report}");
+    std::fs::remove_dir_all(here.join("scene/images")).unwrap();
+    let nothing = atsplat(here, &["data", "undistort", "scene", "-o", "none"]);
+    let expected = "no picture of scene could be undistorted";
+    assert!(nothing.code == 1 && nothing.stderr.contains(expected), "{}", nothing.stderr);
 }
 
 #[test]
@@ -319,6 +329,10 @@ fn measures_the_motion_of_known_and_simulated_cameras() {
     assert_eq!(plot(), first, "the same clips give the same bytes on any number of threads");
     assert_eq!(atsplat(here, &["data", "motion", "data", "--strict"]).code, 4, "a clip was left out");
     assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the embedded clips");
+    for unread in [["--kind", "yards"], ["--split", "test"]] {
+        let refused = atsplat(here, &[&["data", "motion", "data"][..], &unread].concat());
+        assert!(refused.code == 2 && refused.stderr.contains("--simulated <N>"), "{}", refused.stderr);
+    }
 }
 
 /// The loader makes rotations orthonormal, which changes their trace by about 1e-9; for half a degree, a step of half a

@@ -165,12 +165,128 @@ fn errors_name_the_option_that_mends_them() {
         (&["--size", "96x80"][..], "error: --size 96x80: "),
         (&["--refine", "micro-rooms"], "error: --refine without --size scales photos to 128x128: "),
         (&["--held-out", "0,4", "--start", "random:9"], "error: --start random:9 needs --depths NEAR,FAR: "),
+        (&["--memory", "1"], "error: --memory 1 (MiB): memory-limit: "),
     ] {
         let refused = atsplat(here, &[&fit[..], more].concat());
         assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
     }
     let one = atsplat(here, &[&fit[..], &["--held-out", "0,4"]].concat());
     assert!(one.stderr.contains(" is the only view"), "{}", one.stderr);
+}
+
+/// A picture is missing, in a folder whose name reads like another reason.
+#[test]
+fn only_errors_about_the_size_name_its_option() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let photos = "a: preprocessing: b";
+    std::fs::rename(here.join("photos"), here.join(photos)).unwrap();
+    std::fs::remove_file(here.join(photos).join("000001.png")).unwrap();
+    let fit = ["fit", photos, "--views", "..", "--size", "32x32", "--strategy", "fixed", "--steps", "1"];
+    let refused = atsplat(here, &[&fit[..], &["--out", "fitted.ply"]].concat());
+    let names_the_frame = refused.stderr.contains("picture-missing: frame 1 ") && !refused.stderr.contains("--size");
+    assert!(refused.code == 1 && names_the_frame, "{}", refused.stderr);
+}
+
+/// The output of `atsplat render` is one scene, with its pictures next to the record.
+#[test]
+fn options_of_datasets_are_refused_for_renders() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    let fit =
+        |more: &[&'static str]| atsplat(here, &[&fit[..], &["--steps", "1", "--out", "fitted.ply"], more].concat());
+    for (more, code, expected) in [
+        (["--key", "garden"], 1, "--key garden: the output of `atsplat render` is one scene, render (photos)"),
+        (["--images", "2"], 2, "COLMAP, found the output of `atsplat render`"),
+        (["--frames", "photos"], 2, "--frames: expected RE10K trajectories or a COLMAP model, found the output of"),
+    ] {
+        let refused = fit(&more);
+        assert!(refused.code == code && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+    }
+    assert!(!here.join("fitted.ply").exists());
+    assert_eq!(fit(&["--key", "render"]).code, 0);
+}
+
+/// The start has degree 1.
+#[test]
+fn dropped_degrees_of_a_start_are_warned_of() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    for (degree, dropped) in [("0", true), ("1", false), ("2", false)] {
+        let more = ["--steps", "1", "--out", "fitted.ply", "--sh-degree", degree];
+        let fitted = atsplat(here, &[&fit[..], &more].concat());
+        let warning = "the start has spherical harmonics of degree 1: those above --sh-degree 0 are dropped";
+        assert_eq!((fitted.code, fitted.stderr.contains(warning)), (0, dropped), "{degree}: {}", fitted.stderr);
+    }
+}
+
+#[test]
+fn filters_of_a_start_that_stay_as_they_are_are_warned_of() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = |start: &str, strategy: &str, out: &str| {
+        let views = ["fit", "photos", "--views", "..", "--size", "32x32", "--steps", "1"];
+        let fitted = atsplat(here, &[&views[..], &["--start", start, "--strategy", strategy, "--out", out]].concat());
+        assert_eq!(fitted.code, 0, "{}", fitted.stderr);
+        fitted.stderr.contains("the start has 3D filters (filter_3D)")
+    };
+    assert!(!fit(SCENE, "fixed", "plain.ply") && !fit(SCENE, "mip-splatting", "mip.ply"));
+    assert!(fit("mip.ply", "fixed", "fixed.ply") && !fit("mip.ply", "mip-splatting", "again.ply"));
+}
+
+#[test]
+fn files_are_opened_before_the_optimisation() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    let fit = |more: &[&'static str]| [&fit[..], &["--steps", "2", "--out", "fitted.ply"], more].concat();
+    for (more, expected) in [
+        (["--checkpoint", "photos"], "error: writing photos: "),
+        (["--plots", "photos/000000.png"], "error: creating the folder photos/000000.png: "),
+    ] {
+        let refused = atsplat(here, &fit(&more));
+        assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);
+        assert!(!here.join("fitted.ply").exists(), "{more:?}");
+    }
+    succeed(here, &fit(&["--checkpoint", "new/state", "--checkpoint-every", "2"]));
+    assert!(here.join("new/state").is_file());
+}
+
+/// A folder in the place of the contact sheet is noticed when the Gaussians are written.
+#[test]
+fn no_record_of_an_earlier_run_is_left_next_to_new_gaussians() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    let fit = [&fit[..], &["--steps", "1", "--out", "fitted.ply", "--plots", "plots"]].concat();
+    succeed(here, &fit);
+    assert!(here.join("fitted.ply.json").is_file());
+    std::fs::remove_file(here.join("plots/contact-sheet.png")).unwrap();
+    std::fs::create_dir(here.join("plots/contact-sheet.png")).unwrap();
+    let failed = atsplat(here, &fit);
+    assert!(failed.code == 1 && failed.stderr.contains("contact-sheet.png"), "{}", failed.stderr);
+    assert!(here.join("fitted.ply").is_file() && !here.join("fitted.ply.json").exists());
+}
+
+/// The time is over while steps are timed.
+#[test]
+fn a_run_without_a_step_is_a_failure() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    let failed = atsplat(here, &[&fit[..], &["--seconds", "1e-9", "--out", "fitted.ply"]].concat());
+    let expected = "error: --seconds: the time was over before the first step; fitted.ply holds the start";
+    assert!(failed.code == 1 && failed.stderr.contains(expected), "{}", failed.stderr);
+    assert!(here.join("fitted.ply").is_file());
 }
 
 /// Killed long before its last step, and long after its first checkpoint.
@@ -206,6 +322,9 @@ fn options_that_nothing_reads_are_usage_errors() {
         (&["--opacities-as-stored", "--refine", "micro-rooms"], "'--refine <WEIGHTS>'"),
         (&["--evaluate-every", "2"], "--held-out <SEL>"),
         (&["--checkpoint-every", "2"], "--checkpoint <FILE>"),
+        (&["--checkpoint", "./fitted.ply"], "--checkpoint ./fitted.ply: --out writes fitted.ply: "),
+        (&["--checkpoint", "fitted.ply.json"], "--checkpoint fitted.ply.json: --out writes fitted.ply.json: "),
+        (&["--start", "random:0"], "--start: expected random:N, found \"random:0\"; N is at least 1"),
     ] {
         let fit = ["fit", "photos", "--views", "..", "--strategy", "3dgs", "--steps", "2", "--out", "fitted.ply"];
         let refused = atsplat(here, &[&fit[..], more].concat());

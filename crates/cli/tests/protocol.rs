@@ -78,6 +78,24 @@ fn fields_that_a_new_index_does_not_carry_over_are_counted() {
 }
 
 #[test]
+fn an_index_without_overlaps_has_no_histogram() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let overlap = ["protocol", "overlap", "index.json", "-o", "out.json", "--plot", "plot.svg"];
+    let write = |more: &str| {
+        let text = format!(r#"{{"a": {{"context": [20, 70], "target": [40]{more}}}, "b": null}}"#);
+        std::fs::write(here.join("index.json"), text).unwrap();
+    };
+    write("");
+    let refused = atsplat(here, &overlap);
+    let expected = "error: no entry of index.json states an overlap: --data measures it";
+    assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
+    assert!(!here.join("out.json").exists() && !here.join("plot.svg").exists());
+    write(r#", "overlap": 0.2"#);
+    succeed(here, &overlap);
+}
+
+#[test]
 fn results_do_not_depend_on_the_thread_count() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

@@ -332,6 +332,7 @@ fn rejects_input_that_cannot_be_reconstructed() {
     let start = ["reconstruct", ".", "--weights", "random:1", "--model", tiny.to_str().unwrap(), "--out", "scene.ply"];
     for (more, message) in [
         (&["--views", "0,4"][..], "004.png"),
+        (&["--views", "0,4"], "error: scene \""),
         (&["--views", "0,9"], "position 9"),
         (&["--views", "0,2,0"], "selected twice"),
         (&["--views", "0,2", "--size", "40x32"], "divides"),
@@ -370,6 +371,8 @@ fn usage_errors_are_reported_before_anything_is_written() {
         &[views, weights, ["--protocol", "nothing"]].concat(),
         &[views, weights, ["--sha256", "12"]].concat(),
         &[views, weights, ["--frame", "camera"]].concat(),
+        &[views, weights, ["--constants", "inria"]].concat(),
+        &[views, weights, ["--background", "white"]].concat(),
         &[views, ["--weights", "a.safetensors"], ["--backbone", "b"]].concat(),
         &[weights, ["--views", "5..2"]].concat(),
     ] {

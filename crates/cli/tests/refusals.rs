@@ -30,6 +30,7 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&optimised, &["--thresholds", "0.1,0.1,0.1"], "--thresholds is for methods with a network"),
         (&baseline, &["--context-size", "given"], "--context-size is for methods with a network"),
         (&baseline, &["--max-gaussians", "5"], "--max-gaussians is for 3dgs"),
+        (&baseline, &["--seed", "7"], "--seed is for methods with a network, 3dgs, mip-splatting and mcmc"),
         (&optimised, &["--method-timeout", "3"], "--method-timeout is for exec"),
         (&optimised, &["--method-processes", "3"], "--method-processes is for exec"),
         (&optimised, &["--ply-frame", "trial"], "--ply-frame is for ply"),
@@ -56,7 +57,7 @@ fn arguments_that_nothing_reads_are_usage_errors() {
     let refused = atsplat(here, &[&RUN[..], &["--method", "atsplat"]].concat());
     assert!(refused.code == 2 && refused.stderr.contains("--weights is needed: micro-rooms,"), "{}", refused.stderr);
     assert!(!here.join("store").exists());
-    succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white"]].concat());
+    succeed(here, &[&optimised[..], &["--max-gaussians", "300", "--background", "white", "--seed", "7"]].concat());
 }
 
 /// Weights do not fit another configuration, even one with the same shapes; a copy keeps what they say of their training.
@@ -76,6 +77,9 @@ fn weights_keep_their_configuration_and_training() {
     let config = atsplat_model::weights::ModelWeights::read(own.as_ref()).unwrap();
     fs::write(here.join("own.toml"), toml::to_string(&config.config).unwrap()).unwrap();
     succeed(here, &[&import[..], &["--model", "own.toml"]].concat());
+    let refused = atsplat(here, &["weights", "verify", own, "--model", "micro"]);
+    assert!(refused.code == 1 && refused.stderr.contains("anchors.depth.near: 0.1 and 0.5"), "{}", refused.stderr);
+    succeed(here, &["weights", "verify", "copy.safetensors", "--model", "own.toml"]);
     let copy = atsplat_model::weights::ModelWeights::read(&here.join("copy.safetensors")).unwrap();
     assert!(copy.config == config.config && copy.tensors.digest() == config.tensors.digest());
     assert!(config.provenance.contains_key("data"), "{:?}", config.provenance);
@@ -101,6 +105,14 @@ fn windows_without_room_are_no_index_and_the_input_stays() {
     assert!(refused.code == 1 && refused.stderr.contains("is the index that is read"), "{}", refused.stderr);
     assert_eq!(fs::read_to_string(here.join("index.json")).unwrap(), index);
     succeed(here, &[&extrapolate[..], &["near.json"]].concat());
+}
+
+#[test]
+fn a_report_of_no_store_creates_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = atsplat(folder.path(), &["report", "nowhere", "--out", "page"]);
+    assert!(refused.code == 1 && refused.stderr.contains("reading nowhere: "), "{}", refused.stderr);
+    assert!(!folder.path().join("page").exists());
 }
 
 /// Failed rows, and renders without a Gaussian, are what `--strict` is for.

@@ -23,6 +23,9 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     assert_eq!(second.len(), 3);
     let again = atsplat(here, &["render", "scene.ply", "--orbit", "1", "--size", "40x30", "--out", "first"]);
     assert!(again.stderr.contains("3 images of another call"), "{}", again.stderr);
+    let along = ["render", "scene.ply", "--spline", "second/render.json", "3", "--frames", "0", "--out", "third"];
+    let one = atsplat(here, &along);
+    assert!(one.code == 1 && one.stderr.contains("error: --spline second/render.json: "), "{}", one.stderr);
     for name in ["000001.png", "000003.png"] {
         assert_eq!(first[name], second[name], "{name}");
     }

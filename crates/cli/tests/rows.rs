@@ -40,6 +40,7 @@ fn a_second_writer_is_rejected_and_no_trial_is_lost() {
     succeed(here, &[&RUN[..7], &["undisturbed"]].concat());
     let expected = bare(&results(here, "undisturbed"));
     assert_eq!(expected.0.len(), 32);
+    let mut met = 0;
     for round in 0..rounds() {
         let store = format!("store-{round}");
         let args = [&RUN[..7], &[store.as_str()]].concat();
@@ -56,6 +57,11 @@ fn a_second_writer_is_rejected_and_no_trial_is_lost() {
         // At any point of its work.
         std::thread::sleep(Duration::from_millis((round * 7 % 20) as u64));
         signal(&first, "-STOP");
+        if first.try_wait().unwrap().is_some() {
+            // It ended before it could be stopped.
+            continue;
+        }
+        met += 1;
         let second = atsplat(here, &args);
         assert_eq!(second.code, 1, "{}", second.stdout);
         let process = format!("{store} is being written by process {} on ", first.id());
@@ -69,6 +75,7 @@ fn a_second_writer_is_rejected_and_no_trial_is_lost() {
         assert!(first.wait().unwrap().success());
         assert_eq!(bare(&results(here, &store)), expected, "round {round}");
     }
+    assert!(met > 0, "the second process never met the first");
 }
 
 /// Writes an image with a trailing byte and an old modification time.

@@ -125,6 +125,15 @@ fn expansion_is_measured_over_scenes() {
         "{}",
         strict.stderr
     );
+
+    let one = [&args[..], &["--limit", "1", "--strict"]].concat();
+    let several = succeed(here, &[&one[..], &["tiny.toml", "--json"]].concat());
+    let several: serde_json::Value = serde_json::from_str(&several).unwrap();
+    assert_eq!(several.as_array().unwrap().len(), 2, "{several}");
+    std::fs::remove_file(here.join("data/test/rooms-test-00000004.txt")).unwrap();
+    let absent = atsplat(here, &one);
+    let expected = "1 × scenes of the index that are not in the data\n    rooms-test-00000004\n";
+    assert!(absent.code == 4 && absent.stderr.contains(expected), "{}", absent.stderr);
 }
 
 /// Uniform draws from [0, 1).

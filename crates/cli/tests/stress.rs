@@ -74,7 +74,8 @@ fn lists_adapters() {
         let mut first = [0; 8];
         std::io::Read::read_exact(&mut child.stderr.take().unwrap(), &mut first).unwrap();
         let silent = start.elapsed().as_secs_f64();
-        assert!(silent < 1.0, "the first sign of life came after {silent:.1} s");
+        // With room for a busy machine.
+        assert!(silent < 5.0, "the first sign of life came after {silent:.1} s");
         let output = child.wait_with_output().unwrap();
         assert!(output.status.success());
         String::from_utf8(output.stdout).unwrap()

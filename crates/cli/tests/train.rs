@@ -131,7 +131,9 @@ fn a_run_writes_all_its_outputs() {
     assert!(again.stderr.contains("expected no run, found one of 4 steps"), "{}", again.stderr);
     train(folder.path(), "second", &["--steps", "1", "--init", "out/weights.safetensors"]);
     let message = succeed(folder.path(), &["weights", "inspect", "second/weights.safetensors"]);
-    assert!(message.contains("at 32x32; before: 1 × rooms train 0 to 0 at 32x32"), "{message}");
+    let views = "(2 views, gaps 2 to 3, targets 2, stride 30)";
+    let data = format!("at 32x32 {views}; before: 1 × rooms train 0 to 0 at 32x32 {views}");
+    assert!(message.contains(&data), "{message}");
     let wrong = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "x", "--hours", "0"]);
     assert_eq!(wrong.code, 2);
 }

@@ -104,7 +104,12 @@ fn imported_weights_are_verified_and_exported_bit_for_bit() {
     assert_eq!((&inspected["what"]["kind"], &inspected["what"]["model"]), (&json!("atsplat"), &json!("tiny")));
     assert_eq!((&inspected["sha256"], &inspected["tensors"]), (&json!(hash), &json!(truth().tensors.len())));
 
-    succeed(here, &["weights", "export", "ours.safetensors", "--key-map", "other.toml", "--out", "back.safetensors"]);
+    let export = ["weights", "export", "ours.safetensors", "--key-map", "other.toml", "--out", "back.safetensors"];
+    let nothing = atsplat(here, &[&export[..], &["--only", "decode."]].concat());
+    let expected = "--only decode.: ours.safetensors has no tensor whose name starts with it";
+    assert!(nothing.code == 1 && nothing.stderr.contains(expected), "{}", nothing.stderr);
+    assert!(!here.join("back.safetensors").exists());
+    succeed(here, &export);
     let (back, theirs) = (here.join("back.safetensors"), here.join("theirs.safetensors"));
     let back = TensorFile::open(&back).unwrap().stored;
     let theirs = TensorFile::open(&theirs).unwrap().stored;

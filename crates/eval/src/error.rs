@@ -11,7 +11,7 @@ pub enum EvalError {
     /// A file operation failed.
     #[error(transparent)]
     Io(#[from] FileError),
-    /// A file of a store has invalid content.
+    /// A file of a store or of settings has invalid content.
     #[error(transparent)]
     Malformed(#[from] Malformed),
     /// A folder without a store.

@@ -4,10 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_files::Malformed;
-use atsplat_protocol::Preset;
+use atsplat_protocol::{Preset, malformed_toml};
 use serde::Deserialize;
 
 use crate::EvalError;
+
+/// What messages call it.
+const WHAT: &str = "weights list";
 
 /// Weights by protocol, table and variant.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -69,9 +72,7 @@ impl WeightsList {
         embedded: &[&str],
     ) -> Result<Self, EvalError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::parse(text, folder, tables, embedded).map_err(|(location, expected, found)| {
-            Malformed::new("weights list", location, expected, found).in_file(path).into()
-        })
+        Self::parse(text, folder, tables, embedded).map_err(|error| error.in_file(path).into())
     }
 
     fn parse(
@@ -79,19 +80,13 @@ impl WeightsList {
         folder: &Path,
         tables: &BTreeMap<String, Vec<String>>,
         embedded: &[&str],
-    ) -> Result<Self, (String, String, String)> {
-        let list: ListToml = toml::from_str(text).map_err(|error| {
-            let line = error.span().map_or(1, |span| 1 + text.bytes().take(span.start).filter(|b| *b == b'\n').count());
-            (
-                format!("line {line}"),
-                "[[weights]] entries with file, preset, table, variant".to_owned(),
-                error.message().to_owned(),
-            )
-        })?;
+    ) -> Result<Self, Malformed> {
+        let whole = "[[weights]] entries with file, preset, table, variant";
+        let list: ListToml = toml::from_str(text).map_err(|error| malformed_toml(WHAT, whole, text, &error))?;
         let mut entries: Vec<Entry> = Vec::new();
         for (at, own) in list.weights.into_iter().enumerate() {
             let wrong = |field: &str, expected: String, found: String| {
-                (format!("weights entry {}, {field}", at + 1), expected, format!("{found:?}"))
+                Malformed::new(WHAT, format!("weights entry {}, {field}", at + 1), expected, format!("{found:?}"))
             };
             if let Some(preset) = own.preset.as_ref().filter(|preset| Preset::named(preset).is_err()) {
                 let known = Preset::names().collect::<Vec<_>>().join(", ");
@@ -138,7 +133,7 @@ impl WeightsList {
             entries.push(entry);
         }
         if entries.is_empty() {
-            return Err(("weights".to_owned(), "at least one entry".to_owned(), "none".to_owned()));
+            return Err(Malformed::new(WHAT, "weights", "at least one entry", "none"));
         }
         Ok(Self { entries })
     }
@@ -180,7 +175,7 @@ fn is_plain(name: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<WeightsList, (String, String, String)> {
+    fn parse(text: &str) -> Result<WeightsList, Malformed> {
         let tables = [
             ("re10k".to_owned(), vec!["re10k-2v-256".to_owned()]),
             ("unified".to_owned(), vec!["re10k-2v-256".to_owned(), "dl3dv-2v-256x448".to_owned()]),
@@ -221,21 +216,18 @@ mod tests {
     fn errors_name_the_entry_and_its_field() {
         let entry = |text: &str| format!("[[weights]]\nfile = 'a'\n[[weights]]\nfile = 'b'\n{text}\n");
         for (text, location, found) in [
-            ("weights = 3".to_owned(), "line 1", "integer"),
-            (String::new(), "line 1", "weights"),
+            ("weights = 3".to_owned(), "line 1 column 11", "integer"),
+            (String::new(), "line 1 column 1", "weights"),
             ("weights = []".to_owned(), "weights", "none"),
             (entry("preset = 're20k'"), "weights entry 2, preset", "re20k"),
             (entry("table = 'unify'"), "weights entry 2, table", "unify"),
             (entry("table = 're10k'\npreset = 'acid-2v-256'"), "weights entry 2, preset", "acid-2v-256"),
             (entry("variant = 'No expansion'"), "weights entry 2, variant", "No expansion"),
-            (entry("weight = 'c'"), "line 5", "weight"),
+            (entry("weight = 'c'"), "line 5 column 1", "weight"),
             (entry(""), "weights entry 2, file", "the same as entry 1"),
         ] {
-            let (own, expected, what) = parse(&text).unwrap_err();
-            assert!(
-                own == location && what.contains(found) && !expected.is_empty(),
-                "{text}: {own}: {expected}, {what}"
-            );
+            let error = parse(&text).unwrap_err();
+            assert!(error.location == location && error.found.contains(found), "{text}: {error}");
         }
     }
 

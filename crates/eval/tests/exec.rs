@@ -233,7 +233,7 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
     fs::write(here.join("nan.npy"), array(&[nan.clone(), nan])).unwrap();
     let body = r#"
       case $scene in
-        wall-1) echo 'CUDA out of memory' >&2; exit 3;;
+        wall-1) sleep 60 & echo $! > orphan; echo 'CUDA out of memory' >&2; exit 3;;
         wall-2) sleep 60 & echo $! > sleeper; echo thinking >&2; wait;;
         wall-3) echo 'Loading model ...';;
         wall-4) tail -c +3 nan.npy > "$folder/a.npy"; answer '"pictures": "a.npy"';;
@@ -283,10 +283,12 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
     };
     assert_eq!(good(&found), good(&expected));
     if Path::new("/proc/self").exists() {
-        let sleeper = fs::read_to_string(here.join("sleeper")).unwrap();
-        let status = fs::read_to_string(format!("/proc/{}/status", sleeper.trim())).unwrap_or_default();
-        // One that nobody has waited for yet stays as a zombie.
-        assert!(status.is_empty() || status.contains("State:\tZ"), "what the process started is killed with it");
+        for started in ["sleeper", "orphan"] {
+            let id = fs::read_to_string(here.join(started)).unwrap();
+            let status = fs::read_to_string(format!("/proc/{}/status", id.trim())).unwrap_or_default();
+            // One that nobody has waited for yet stays as a zombie.
+            assert!(status.is_empty() || status.contains("State:\tZ"), "{started} is killed with what started it");
+        }
     }
 }
 

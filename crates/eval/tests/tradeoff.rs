@@ -100,14 +100,14 @@ fn every_knob_changes_what_it_should() {
 fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
     for (knobs, message) in [
-        ("views = 3", "views"),
+        ("views = 3", "\"a\", views: from 1 to 2"),
         ("resolution = [32, 0]", "resolution"),
         ("tolerance = -0.5", "tolerance"),
-        ("ratios = [0.5]", "ratios"),
+        ("ratios = [0.5]", "\"a\", ratios: 3, one for each block"),
         ("steps = 0", "steps"),
         ("steps = 3, seconds = 1.0", "seconds"),
         ("seconds = -1.0", "seconds"),
-        ("products = 'bf16', steps = 3", "products"),
+        ("products = 'bf16', steps = 3", "\"a\", products: f32 with"),
         ("products = 'f16'", "bf16 on the CPU"),
         ("strategy = 'mcmc'", "strategy"),
         ("strategy = 'fixed', steps = 3", "strategy"),

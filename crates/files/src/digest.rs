@@ -1,5 +1,4 @@
 use std::fmt;
-use std::io::{self, Read};
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -24,25 +23,6 @@ impl Sha256Digest {
     /// The hash of a hasher's input.
     pub fn finish(hasher: Sha256) -> Self {
         Self(hasher.finalize().into())
-    }
-
-    /// The hash of everything that a reader yields, and its length in bytes.
-    ///
-    /// # Errors
-    /// Those of the reader.
-    pub fn of_reader(mut reader: impl Read) -> io::Result<(Self, u64)> {
-        let (mut hasher, mut length) = (Sha256::new(), 0);
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            let read = match reader.read(&mut buffer) {
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                outcome => outcome?,
-            };
-            let Some(part) = buffer.get(..read).filter(|part| !part.is_empty()) else { break };
-            hasher.update(part);
-            length += read as u64;
-        }
-        Ok((Self(hasher.finalize().into()), length))
     }
 
     /// A hash from hexadecimal text in a constant; an invalid digit does not compile.
@@ -129,25 +109,9 @@ mod tests {
     fn matches_the_standard_vector_and_round_trips_as_text() {
         let digest = Sha256Digest::of(b"abc");
         assert_eq!(digest.to_string(), ABC);
-        assert_eq!(Sha256Digest::of_reader(&b"abc"[..]).unwrap(), (digest, 3));
-        let long = vec![7; 200_000];
-        assert_eq!(Sha256Digest::of_reader(long.as_slice()).unwrap(), (Sha256Digest::of(&long), 200_000));
         assert_eq!(ABC.parse(), Ok(digest));
         assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is accepted");
         assert_eq!(Sha256Digest::literal(ABC), digest);
-    }
-
-    /// A signal that arrives while a file is read is no error of the file.
-    #[test]
-    fn an_interrupted_read_is_repeated() {
-        struct Interrupted<'a>(bool, &'a [u8]);
-        impl Read for Interrupted<'_> {
-            fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-                self.0 = !self.0;
-                if self.0 { Err(io::ErrorKind::Interrupted.into()) } else { self.1.read(buffer) }
-            }
-        }
-        assert_eq!(Sha256Digest::of_reader(Interrupted(false, b"abc")).unwrap(), (Sha256Digest::of(b"abc"), 3));
     }
 
     #[test]

@@ -41,10 +41,6 @@ fn forward(criterion: &mut Criterion) {
     group.bench_function("cross-attention, 2048 queries, 8192 keys", |bencher| {
         bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 12, None));
     });
-    let points = random::<3>([1, 5760, 3], &device);
-    group.bench_function("16 nearest of 5760 points, for each", |bencher| {
-        bencher.iter(|| ops::nearest_neighbours(black_box(points.clone()), points.clone(), 16));
-    });
     let rows = Tensor::<1, Int>::arange(0..8192, &device).reshape([1, 512, 16]).remainder_scalar(512);
     let features = random::<3>([1, 512, 768], &device);
     group.bench_function("largest of 16 rows, 512 times 768", |bencher| {

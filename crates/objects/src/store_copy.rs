@@ -20,8 +20,12 @@ const WRITER: &str = "writer.txt";
 const LOCAL: [&str; 3] = ["run.lock", "run.json", "digests.txt"];
 /// The file without which a folder is no store.
 const FIRST: &str = "provenance.json";
-/// Files that take the place of others, in the order in which they must arrive.
-const LAST: [&str; 3] = ["timings.parquet", "targets.parquet", "trials.parquet"];
+/// The table of times: those of a row are removed before another row takes its place.
+const TIMES: &str = "timings.parquet";
+/// The folder of rows that are not in the tables yet.
+const PARTS: &str = "parts/";
+/// The tables of rows, in the order in which they must arrive.
+const TABLES: [&str; 2] = ["targets.parquet", "trials.parquet"];
 /// Results are sent at most this often while a run goes on.
 const INTERVAL: Duration = Duration::from_secs(2);
 
@@ -46,7 +50,7 @@ pub struct StoreCopy {
 struct Sent {
     claimed: bool,
     files: BTreeMap<String, SentFile>,
-    last: Instant,
+    last: Option<Instant>,
 }
 
 /// A file as it was when it was read or written, and its object.
@@ -76,7 +80,7 @@ impl StoreCopy {
         let folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
         let before = storage.get(WRITER)?;
         let begun = list(storage.as_ref())?;
-        let sent = Sent { claimed: false, files: BTreeMap::new(), last: Instant::now() };
+        let sent = Sent { claimed: false, files: BTreeMap::new(), last: None };
         let claim = claim_of(writer);
         let copy = Self { storage, folder, claim, before, begun, sent: Mutex::new(sent), failed: Mutex::default() };
         copy.fetch()?;
@@ -114,13 +118,23 @@ impl StoreCopy {
         self.before.as_ref().map(|(claim, _)| writer_of(claim))
     }
 
-    /// Takes the store over, before anything else is written.
+    /// Takes the store over, before anything else is written, and sends what opening the local store has changed.
     ///
     /// # Errors
     /// [`ObjectError::TakenOver`] if another process has written to the store since [`Self::begin`]; [`ObjectError::Denied`],
     /// [`ObjectError::Request`], [`ObjectError::Io`].
     pub fn claim(&self) -> Result<(), ObjectError> {
-        self.check_claim(&mut self.lock())
+        let mut sent = self.lock();
+        self.check_claim(&mut sent)?;
+        if sent.files.contains_key(FIRST) {
+            // Removed rows must be gone before new records arrive: a later run would take them to belong to these.
+            let mut tables = self.changed(&sent)?;
+            tables.retain(|(name, _)| TABLES.contains(&name.as_str()));
+            self.upload(&mut sent, tables)?;
+            let gone = self.gone(&sent, |_name| true);
+            self.remove(&mut sent, gone)?;
+        }
+        self.send(&mut sent)
     }
 
     /// What was exchanged.
@@ -137,13 +151,13 @@ impl StoreCopy {
     /// [`Self::failure`]. Callable from any thread, whenever a trial is finished.
     pub fn send_soon(&self) {
         let Ok(mut sent) = self.sent.try_lock() else { return };
-        if sent.last.elapsed() < INTERVAL || self.failure().is_some() {
+        if sent.last.is_some_and(|last| last.elapsed() < INTERVAL) || self.failure().is_some() {
             return;
         }
         if let Err(error) = self.send(&mut sent) {
             *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
         }
-        sent.last = Instant::now();
+        sent.last = Some(Instant::now());
     }
 
     /// Sends everything, and removes what the store no longer holds.
@@ -153,23 +167,54 @@ impl StoreCopy {
     pub fn finish(&self) -> Result<(), ObjectError> {
         let mut sent = self.lock();
         self.send(&mut sent)?;
-        let gone: Vec<String> = sent.files.keys().filter(|name| !self.folder().join(name).exists()).cloned().collect();
+        let gone = self.gone(&sent, |_name| true);
         self.check_claim(&mut sent)?;
-        for name in gone {
-            self.storage.delete(&name)?;
-            sent.files.remove(&name);
-        }
+        self.remove(&mut sent, gone)?;
         self.storage.delete(WRITER)
     }
 
+    /// Sends what is new. Parts that are gone are in the tables by now and stay until [`Self::finish`]; what else is gone
+    /// belonged to rows that new ones replace.
     fn send(&self, sent: &mut Sent) -> Result<(), ObjectError> {
-        let mut files = Vec::new();
-        list_files(self.folder(), "", &mut files)?;
-        files.retain(|(name, stamp)| is_shared(name) && sent.files.get(name).is_none_or(|known| known.stamp != *stamp));
-        if files.is_empty() {
+        let files = self.changed(sent)?;
+        let gone = self.gone(sent, |name| !holds_rows(name));
+        if files.is_empty() && gone.is_empty() {
             return Ok(());
         }
         self.check_claim(sent)?;
+        self.remove(sent, gone)?;
+        self.upload(sent, files)
+    }
+
+    /// Files that are new or have changed.
+    fn changed(&self, sent: &Sent) -> Result<Vec<(String, Stamp)>, ObjectError> {
+        let folder = self.folder();
+        fs::metadata(folder).map_err(FileError::during::<ObjectError>("listing results", folder))?;
+        let (mut parts, mut files) = (Vec::new(), Vec::new());
+        // Before the rest: what belonged to the rows that a part replaces was removed before the part was written.
+        list_files(&folder.join(PARTS), PARTS, &mut parts)?;
+        list_files(folder, "", &mut files)?;
+        files.retain(|(name, _)| !name.starts_with(PARTS));
+        files.extend(parts);
+        files.retain(|(name, stamp)| is_shared(name) && sent.files.get(name).is_none_or(|known| known.stamp != *stamp));
+        Ok(files)
+    }
+
+    /// Objects that the local store no longer holds: tables before the parts, which stand for rows that tables lack.
+    fn gone(&self, sent: &Sent, which: impl Fn(&str) -> bool) -> Vec<String> {
+        let is_gone = |name: &&String| which(name) && !self.folder().join(name).exists();
+        sent.files.keys().rev().filter(is_gone).cloned().collect()
+    }
+
+    fn remove(&self, sent: &mut Sent, names: Vec<String>) -> Result<(), ObjectError> {
+        for name in names {
+            self.storage.delete(&name)?;
+            sent.files.remove(&name);
+        }
+        Ok(())
+    }
+
+    fn upload(&self, sent: &mut Sent, files: Vec<(String, Stamp)>) -> Result<(), ObjectError> {
         let mut rounds: BTreeMap<usize, Vec<(String, Stamp)>> = BTreeMap::new();
         for (name, stamp) in files {
             rounds.entry(round(&name)).or_default().push((name, stamp));
@@ -265,12 +310,18 @@ fn is_shared(name: &str) -> bool {
     !is_partial && name != WRITER && !LOCAL.contains(&name)
 }
 
+fn holds_rows(name: &str) -> bool {
+    name.starts_with(PARTS) || TABLES.contains(&name)
+}
+
 /// Files of a later round are sent when those of the earlier ones have arrived, so that a store that is read or resumed
-/// meanwhile lacks nothing.
+/// meanwhile lacks nothing, and no row has the times or pictures of the one before it.
 fn round(name: &str) -> usize {
-    match LAST.iter().position(|last| *last == name) {
-        Some(position) => 2 + position,
-        None => usize::from(name != FIRST),
+    match name {
+        FIRST => 0,
+        TIMES => 1,
+        _ if name.starts_with(PARTS) => 3,
+        _ => TABLES.iter().position(|table| *table == name).map_or(2, |position| 4 + position),
     }
 }
 

@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use object_store::memory::InMemory;
 use object_store::path::Path as ObjectPath;
@@ -12,9 +12,9 @@ use object_store::{ObjectStore, ObjectStoreExt as _};
 use tempfile::TempDir;
 
 use crate::cache::Cache;
-use crate::storage::Storage as _;
 use crate::storage::connected::Connected;
-use crate::{Mirror, ObjectError, StoreCopy};
+use crate::storage::{Done, Download, Object, Storage, Upload, Version};
+use crate::{Mirror, ObjectError, StoreCopy, Traffic};
 
 /// Storage in memory, and a cache on disk.
 struct Fixture {
@@ -27,6 +27,14 @@ impl Fixture {
         let fixture = Self { store: Arc::new(InMemory::new()), cache: tempfile::tempdir().unwrap() };
         for (name, bytes) in objects {
             fixture.put(name, bytes);
+        }
+        fixture
+    }
+
+    fn of_store(names: &[&str]) -> Self {
+        let fixture = Self::new(&[]);
+        for name in names {
+            fixture.put(&format!("store/{name}"), b"old contents");
         }
         fixture
     }
@@ -60,6 +68,52 @@ impl Fixture {
 
     fn copy(&self, writer: &str) -> Result<StoreCopy, ObjectError> {
         StoreCopy::of(self.storage("store"), &self.cache(), writer)
+    }
+
+    /// A copy of the store, and the changes that it makes there.
+    fn recorded(&self) -> (StoreCopy, Arc<Mutex<Vec<String>>>) {
+        let changes: Arc<Mutex<Vec<String>>> = Arc::default();
+        let storage = Recorded { storage: self.storage("store"), changes: Arc::clone(&changes) };
+        (StoreCopy::of(Box::new(storage), &self.cache(), "one").unwrap(), changes)
+    }
+}
+
+/// Storage with a list of what was written and removed (`-name`), in order.
+#[derive(Debug)]
+struct Recorded {
+    storage: Box<Connected>,
+    changes: Arc<Mutex<Vec<String>>>,
+}
+
+impl Storage for Recorded {
+    fn url(&self) -> &str {
+        self.storage.url()
+    }
+
+    fn traffic(&self) -> Traffic {
+        self.storage.traffic()
+    }
+
+    fn list(&self) -> Result<Vec<Object>, ObjectError> {
+        self.storage.list()
+    }
+
+    fn download(&self, downloads: Vec<Download>, done: Done<'_>) -> Result<(), ObjectError> {
+        self.storage.download(downloads, done)
+    }
+
+    fn get(&self, name: &str) -> Result<Option<(String, Version)>, ObjectError> {
+        self.storage.get(name)
+    }
+
+    fn put(&self, uploads: Vec<Upload>, done: Done<'_>) -> Result<(), ObjectError> {
+        self.changes.lock().unwrap().extend(uploads.iter().map(|upload| upload.name.clone()));
+        self.storage.put(uploads, done)
+    }
+
+    fn delete(&self, name: &str) -> Result<(), ObjectError> {
+        self.changes.lock().unwrap().push(format!("-{name}"));
+        self.storage.delete(name)
     }
 }
 
@@ -157,7 +211,6 @@ fn a_store_is_sent_resumed_and_cleared_of_what_it_no_longer_holds() {
     for name in ["provenance.json", "parts/1.json", "parts/2.json", "run.lock", "digests.txt", "parts/.x.partial"] {
         fs::write(first.folder().join(name), name).unwrap();
     }
-    std::thread::sleep(std::time::Duration::from_millis(2100));
     first.send_soon();
     assert!(first.failure().is_none());
     let sent = ["store/parts/1.json", "store/parts/2.json", "store/provenance.json", "store/writer.txt"];
@@ -186,7 +239,6 @@ fn of_two_writers_the_earlier_one_stops() {
         assert!(matches!(&error, ObjectError::TakenOver { by: found, .. } if found == by), "{error}");
     };
     fs::write(first.folder().join("provenance.json"), "1").unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(2100));
     first.send_soon();
     // The second knows an older state of the store.
     taken_over_by(second.claim(), "process 1 on a");
@@ -213,4 +265,66 @@ fn whoever_only_looks_at_a_store_disturbs_nobody() {
     drop(fixture.copy("two").unwrap());
     fs::write(first.folder().join("provenance.json"), "1").unwrap();
     first.finish().unwrap();
+}
+
+/// Whoever is killed between two of these leaves no row with the times or pictures of the one that it replaced.
+#[test]
+fn times_and_pictures_of_replaced_rows_are_gone_before_new_rows_arrive() {
+    let names = ["pictures/old.png", "provenance.json", "timings.parquet", "trials.parquet"];
+    let fixture = Fixture::of_store(&names);
+    let (copy, changes) = fixture.recorded();
+    fs::create_dir(copy.folder().join("parts")).unwrap();
+    fs::remove_file(copy.folder().join("pictures/old.png")).unwrap();
+    for name in ["parts/1.json", "pictures/new.png", "targets.parquet", "timings.parquet", "trials.parquet"] {
+        fs::write(copy.folder().join(name), "new").unwrap();
+    }
+    copy.finish().unwrap();
+    let expected = [
+        "writer.txt",
+        "-pictures/old.png",
+        "timings.parquet",
+        "pictures/new.png",
+        "parts/1.json",
+        "targets.parquet",
+        "trials.parquet",
+        "-writer.txt",
+    ];
+    assert_eq!(*changes.lock().unwrap(), expected);
+}
+
+/// As when a method that failed in every trial is replaced by another of its name.
+#[test]
+fn rows_that_were_removed_on_opening_a_store_are_gone_before_its_new_records_arrive() {
+    let tables = ["targets.parquet", "trials.parquet"];
+    let of_store = ["parts/1.json", "provenance.json", "targets.parquet", "timings.parquet", "trials.parquet"];
+    let fixture = Fixture::of_store(&of_store);
+    let (copy, changes) = fixture.recorded();
+    for name in ["parts/1.json", "timings.parquet"] {
+        fs::remove_file(copy.folder().join(name)).unwrap();
+    }
+    for name in tables.iter().chain(&["provenance.json"]) {
+        fs::write(copy.folder().join(name), "new").unwrap();
+    }
+    copy.claim().unwrap();
+    let [targets, trials] = tables;
+    let expected = ["writer.txt", targets, trials, "-timings.parquet", "-parts/1.json", "provenance.json"];
+    assert_eq!(*changes.lock().unwrap(), expected);
+    // All rows: the tables go with them.
+    let fixture = Fixture::of_store(&of_store);
+    let (copy, changes) = fixture.recorded();
+    for name in &of_store {
+        fs::remove_file(copy.folder().join(name)).unwrap();
+    }
+    fs::write(copy.folder().join("provenance.json"), "new").unwrap();
+    copy.claim().unwrap();
+    let removed = ["-trials.parquet", "-timings.parquet", "-targets.parquet", "-parts/1.json", "provenance.json"];
+    assert_eq!(changes.lock().unwrap()[1..], removed);
+    // A store that is new has its records first.
+    let fixture = Fixture::new(&[]);
+    let (copy, changes) = fixture.recorded();
+    for name in tables.iter().chain(&["provenance.json"]) {
+        fs::write(copy.folder().join(name), "new").unwrap();
+    }
+    copy.claim().unwrap();
+    assert_eq!(changes.lock().unwrap()[1..], ["provenance.json", targets, trials]);
 }

@@ -26,7 +26,7 @@ pub enum Value {
     Bytes(Arc<[u8]>),
     /// A list.
     List(Arc<[Value]>),
-    /// A tuple or `torch.Size`.
+    /// A tuple.
     Tuple(Arc<[Value]>),
     /// A `dict` or `OrderedDict`.
     Dict(Arc<Dict>),

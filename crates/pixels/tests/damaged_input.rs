@@ -1,8 +1,7 @@
-//! Malicious and corrupt bytes give a value or a typed error, quickly and within the memory limits.
+//! Malicious and corrupt bytes give a value or a typed error, within the memory limits.
 #![expect(clippy::unwrap_used, reason = "an invalid fixture fails the test")]
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use atsplat_pixels::{
     DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, decode_opaque, encode_jpeg, encode_png, exr,
@@ -134,7 +133,6 @@ fn oversized_headers_are_errors_before_allocation() {
     let jpeg = b"\xff\xd8\xff\xc2\0\x11\x08\xff\xff\xff\xff\x03\x01\x22\0\x02\x11\0\x03\x11\0";
     let webp = b"RIFF\xff\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0\xff\xff\xff\xff\xff\xff";
     let unlimited = DecodeLimits { max_width: u32::MAX, max_height: u32::MAX, max_bytes: u64::MAX };
-    let start = Instant::now();
     for bytes in [&png[..], jpeg, webp] {
         let (width, height) = size_of(bytes).unwrap();
         assert!(width >= 65_535 && height >= 65_535, "{width}×{height}");
@@ -145,7 +143,6 @@ fn oversized_headers_are_errors_before_allocation() {
         let outcome = decode(bytes, &unlimited);
         assert!(matches!(outcome, Err(PixelError::FileTooShort { .. })), "even without limits: {outcome:?}");
     }
-    assert!(start.elapsed() < Duration::from_secs(1), "took {:?}", start.elapsed());
 }
 
 #[test]

@@ -17,8 +17,6 @@ pub struct KnownIndex {
     pub sha256: Sha256Digest,
     /// [`crate::EvaluationIndex::content_hash`], so that a reformatted copy is recognised too.
     pub content: Sha256Digest,
-    /// [`crate::EvaluationIndex::context_gaps_hash`], which is also that of any split that shifts this index's windows.
-    pub gaps: Sha256Digest,
     /// What to know before comparing numbers on it.
     pub notes: &'static str,
 }
@@ -49,7 +47,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("fbcff9b4b13139227d809af45b84bb5a7a9cdb1c7a55bced85b6c66556a219cc"),
         content: Sha256Digest::literal("322cf5b82ae91f883c8db4eb92ed53fdd4aa509901586d86480a409bab53912c"),
-        gaps: Sha256Digest::literal("dbeed0c528df0d4215920dc3752c356378b89229b8302e5e2db70a54c4c36b78"),
         notes: "byte-identical in MVSplat, DepthSplat and iLRM; 583 of 19422 targets are context frames",
     },
     KnownIndex {
@@ -59,7 +56,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "acid",
         sha256: Sha256Digest::literal("7a08cf5c612b60b407c4cd395ff945180d852e1f7f4c0442102ad85e0e3a2fd1"),
         content: Sha256Digest::literal("7f922d4fee0bb3ddcf6ba8a68f8331d385a2a4fd5c4c48f511af92e750620b1f"),
-        gaps: Sha256Digest::literal("d97d43c590d8cb01571e393c30e5f5f66d561447acdf9459009ed80404e21e06"),
         notes: "135 of 4785 targets are context frames",
     },
     KnownIndex {
@@ -69,7 +65,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("4940dbd54f98dec8c0db6854f6ff97456856d437b85e3808fd3747ecca68c8fe"),
         content: Sha256Digest::literal("de6d3055126d3747cff327101c461047f26f2f37a2dd708b6614acabca579804"),
-        gaps: Sha256Digest::literal("f16983d4dc606e6c3c06ab23e052264e355f582d00e1e808a71e84b78076426e"),
         notes: "same file name as pixelSplat's and no entry in common with it; wider baselines, an overlap per scene; \
                 447 of 16803 targets are context frames",
     },
@@ -80,7 +75,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "acid",
         sha256: Sha256Digest::literal("e3983f0e7d2ddda9627478139f6fc4bb1e166fa19a934c33d43bb613e5e1be89"),
         content: Sha256Digest::literal("414500f193ffa2021c12b80a6ef33e8b5bb52923ec5104d7b39908df55d4e3a0"),
-        gaps: Sha256Digest::literal("88af7890d7c32b342bfa69029ade635a3c0d6fe0579387d3e8b9caa3e51bb417"),
         notes: "same file name as pixelSplat's, another protocol; an overlap per scene",
     },
     KnownIndex {
@@ -90,7 +84,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("434c3e1bd9395cf7f0f2f0dc787d15a9bddd87865891fd5817fdfa6e711ad46d"),
         content: Sha256Digest::literal("b655a5c230090d2624bad9cb1e29c4109b537984a508d41ff57050d84b25c5e8"),
-        gaps: Sha256Digest::literal("e03b6fc00eb50d5e559c4384ecf0135ec72d0dbeaf6b5519f60cea6953ea5d94"),
         notes: "targets are frames 0..49, the context frames included: 280 of 7000 are leaked",
     },
     KnownIndex {
@@ -100,7 +93,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("2bae3240e42b6f2bddd21ac20752c65996e2923d0606dbffef7d15fee33beeca"),
         content: Sha256Digest::literal("d0bee96dcb1f54954f4ddb18209fc9c5a826f8b7523857e7fb19972538d353b9"),
-        gaps: Sha256Digest::literal("cd6f00081ba10a10d5ddda56aa590e7dc25bcb851dd555098f473d848e02580a"),
         notes: "targets are frames 0..49, the context frames included: 560 of 7000 are leaked",
     },
     KnownIndex {
@@ -110,7 +102,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("3ab98877ef792fa91f2dd2982e7ea62c4033a1fb04a65fb63288e7a7ae3c4b9e"),
         content: Sha256Digest::literal("e6f01560b661cd3d5be19b81d4e237b9f4d97a3f5defbf3727db21e47f824dc8"),
-        gaps: Sha256Digest::literal("dcad2b2ade2c75d6cdb4edde18a1df4d56ce9a4fca6854ba707933feb3b50907"),
         notes: "targets are frames 0..49, the context frames included: 840 of 7000 are leaked",
     },
     KnownIndex {
@@ -120,7 +111,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("3fe8659556e9395a19382c3c86e247234204db328cf3bbc8d67f9e2cdf4870d5"),
         content: Sha256Digest::literal("a1b7c956f4f98bc6725ed9dcb6b3441c1cd110521e8359dc62ade35b36aa22b5"),
-        gaps: Sha256Digest::literal("45b7a5ff1d3cef038a944378bbac4dfe4bd2b33c53525b1aa0d7e4df89984983"),
         notes: "targets are every frame of the window, 87 to 100 a scene, the 12 context frames included",
     },
     KnownIndex {
@@ -130,7 +120,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("eab21290cfab8eff12e208377b089b2a65e15f7ba44f7bb085963511354863f4"),
         content: Sha256Digest::literal("9544cbf06d2f9fca7732c6c5a908e476c7c751b6b514859fef1629b16843cdda"),
-        gaps: Sha256Digest::literal("623fbced106301c536a9cf218a2eeb84a1dadeff4f039648e653e6eae05f360a"),
         notes: "DepthSplat's zero-shot file: a window of 10 frames, much easier than the 50-frame files",
     },
     KnownIndex {
@@ -140,7 +129,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("602d0b38e7f003ccfac8b634fb48d5f853004dd0481c307fd61af2ff90b770b9"),
         content: Sha256Digest::literal("438d1afba0b45c8b82e08433879d8cedb83dde0353d2a19b1ef376b00b6b25b3"),
-        gaps: Sha256Digest::literal("dcad2b2ade2c75d6cdb4edde18a1df4d56ce9a4fca6854ba707933feb3b50907"),
         notes: "DepthSplat's 6-view contexts with 8 targets, none of them a context frame; read from the fork \
                 lksrz/YoNoSplat",
     },
@@ -151,7 +139,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "dl3dv",
         sha256: Sha256Digest::literal("4e191e1feb32a340ec4ec8fa77e7859bf8f44591fda0c1c3ea250619acd562fa"),
         content: Sha256Digest::literal("42bee6d502724a25f38be30939e1d51afd41c62b9b89c6e422ca140f7931da3e"),
-        gaps: Sha256Digest::literal("45b7a5ff1d3cef038a944378bbac4dfe4bd2b33c53525b1aa0d7e4df89984983"),
         notes: "DepthSplat's 12-view contexts with 8 random targets, 137 of 1120 leaked; read from the fork \
                 lksrz/YoNoSplat",
     },
@@ -162,7 +149,6 @@ pub const KNOWN_INDICES: &[KnownIndex] = &[
         dataset: "re10k",
         sha256: Sha256Digest::literal("4b280fa193d16fe25ab9faa4cb638f565e80c372b4661ec8f6edcda125af70ec"),
         content: Sha256Digest::literal("f884113bfc75742f4a7ce0aec466212c85299e2a0a36771582065a89e884831d"),
-        gaps: Sha256Digest::literal("31001f3fa065a1721a63ef6f11650bfe4caf2981cac118bdc0d368c85e870f66"),
         notes: "extrapolation: every target lies up to 45 frames outside the window",
     },
 ];

@@ -3,7 +3,7 @@ use std::path::Path;
 use atsplat_files::{FileError, Malformed};
 
 use crate::overlap::OverlapEstimator;
-use crate::samplers::{Bounded, EvenlySpaced, Sampler};
+use crate::samplers::{Bounded, EvenlySpaced, FarthestPoint, Sampler, TargetRule};
 use crate::{IndexBuilder, ProtocolError, malformed_toml};
 
 macro_rules! built_in {
@@ -115,7 +115,18 @@ impl IndexBuilder {
                     checks.push((false, field, "a bound that does not fall during the warm-up", found));
                 }
             }
-            Sampler::FarthestPoint(_) | Sampler::AllFrames => {}
+            Sampler::FarthestPoint(FarthestPoint { window, context_views, targets, .. }) => {
+                let (window, views) = (window.get(), context_views.get());
+                let least = match targets {
+                    TargetRule::Sampled { count, allow_context: false, .. } => views.saturating_add(count.get()),
+                    TargetRule::Sampled { count, .. } => views.max(count.get()),
+                    TargetRule::Window | TargetRule::BetweenContext => views,
+                };
+                let expected = "a window that holds the context views and the sampled targets";
+                let found = format!("{window}, where {least} are needed");
+                checks.push((window >= least, "window".to_owned(), expected, found));
+            }
+            Sampler::AllFrames => {}
         }
         if let Some(rule) = &self.overlap {
             checks.push(bounds("overlap, minimum and maximum", rule.minimum, rule.maximum));
@@ -152,9 +163,11 @@ mod tests {
         assert!(depth.contains("no depth maps"), "{depth}");
         let bounded = "[sampler]\nsampler = \"bounded\"\ncontext-views = 2\ntarget-views = 3\nseed = 1\ngaps = { min = 4, max = 9 }\n";
         let pairs = "[sampler]\nsampler = \"overlap-pairs\"\nseed = 1\ntargets = { side = \"inside\", count = 3 }\n";
+        let farthest = "[sampler]\nsampler = \"farthest-point\"\nwindow = 9\ncontext-views = 6\ntargets = { rule = \"sampled\", count = 3, seed = 1, allow-context = false }\n";
         let with_overlap =
             |bounds: &str| format!("{bounded}[overlap]\nestimator.estimator = \"epipolar-ray\"\n{bounds}");
-        for valid in [bounded.to_owned(), pairs.to_owned(), with_overlap("minimum = 0.2\nmaximum = 0.2")] {
+        let bounds = with_overlap("minimum = 0.2\nmaximum = 0.2");
+        for valid in [bounded.to_owned(), pairs.to_owned(), farthest.to_owned(), bounds] {
             std::fs::write(&path, &valid).unwrap();
             let rule = IndexBuilder::resolve(path.to_str().unwrap());
             assert!(rule.is_ok(), "{valid}: {}", rule.unwrap_err());
@@ -175,6 +188,8 @@ mod tests {
                 bounded.replace("max = 9", "max = 9, initial-min = 4, initial-max = 12, warm-up-steps = 100"),
                 "found 12 and 9",
             ),
+            (farthest.replace("window = 9", "window = 8"), "window: a window that holds the context views"),
+            (farthest.replace("false", "true").replace("window = 9", "window = 5"), "found 5, where 6 are needed"),
             (format!("{pairs}min-overlap = 0.9\nmax-overlap = 0.1\n"), "0.9 and 0.1"),
             (format!("{pairs}max-distance = 10\n"), "45 and 10"),
             (with_overlap("minimum = 0.6\nmaximum = 0.5"), "0.6 and 0.5"),

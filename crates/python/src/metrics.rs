@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
+use atsplat_eval::method::check_range;
 use atsplat_eval::runner::{Dataset, suite};
 use atsplat_metrics::{Score, definitions};
+use atsplat_pixels::Image;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -64,7 +66,15 @@ impl Suite {
     ) -> Result<Vec<Vec<f64>>, Failure> {
         let renders = Pictures::of(&shape, &renders.0, renders.1.as_bytes())?;
         let truths = Pictures::of(&shape, &truths.0, truths.1.as_bytes())?;
-        let score = |at| numbers(self.0.score(&renders.image(at)?, &truths.image(at)?).scores);
+        let image = |field, pictures: &Pictures, at| {
+            let image = pictures.image(at)?;
+            check_range(&image).map_err(|problem| Failure::invalid(field, problem))?;
+            Ok::<Image, Failure>(image)
+        };
+        let score = |at| {
+            let (render, truth) = (image("render", &renders, at)?, image("truth", &truths, at)?);
+            numbers(self.0.score(&render, &truth).scores)
+        };
         work(py, || (0..renders.count).map(score).collect())
     }
 }

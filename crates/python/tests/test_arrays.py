@@ -65,6 +65,16 @@ def test_wrong_pictures_are_errors():
             atsplat.psnr(wrong, truth)
 
 
+@pytest.mark.parametrize("score", [atsplat.psnr, atsplat.ssim])
+def test_pictures_in_another_range_are_errors(score):
+    render, truth = pair()
+    for pictures, field in [((255 * render, truth), "render"), ((render, 2 * truth - 1), "truth")]:
+        with pytest.raises(atsplat.InvalidError, match="expected samples in") as raised:
+            score(*pictures)
+        assert raised.value.field == field
+    assert score((255 * truth).astype(np.uint8), truth)[1] > score(render, truth)[1]
+
+
 @pytest.mark.parametrize("wrap", [
     OnlyArray,
     OnlyDlpack,

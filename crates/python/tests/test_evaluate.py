@@ -120,6 +120,7 @@ def test_a_method_may_say_that_a_trial_is_not_for_it(rooms, tmp_path):
     picky.first = True
     store = evaluated(picky, rooms, tmp_path / "store")
     assert sorted(row["status"] for row in store.trials()) == ["done", "done", "not-applicable"]
+    assert store.failures() == []
 
 
 def test_calls_are_on_the_callers_thread_and_may_use_the_package(rooms, tmp_path):

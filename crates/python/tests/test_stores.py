@@ -10,6 +10,8 @@ import pytest
 from conftest import INDEX, PROTOCOL, SCENES, nearest
 
 import atsplat
+from atsplat.reports import Table
+from atsplat.stores import _column
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +55,26 @@ def test_tables_are_the_binarys(store, warped, binary, tmp_path):
         report.table("re20k")
     files = report.write(tmp_path / "written")
     assert (tmp_path / "written/index.html").is_file() and len(files) > 5
+
+
+def test_rows_are_told_apart_by_their_remarks():
+    def row(remarks, number):
+        cells = [[{"value": {"number": number}}, {"value": "absent"}]]
+        measured = {"measured-on": {"text": "rooms", "published-setting": False}, "origin": "measured"}
+        return {"labels": ["A"], "remarks": remarks, "method": "a", "store": "run", "cells": cells, **measured}
+
+    columns = [{"title": "PSNR"}, {"title": "LPIPS"}]
+    rows = [row([], 20.5), row(["without context frames"], 19.5)]
+    text = json.dumps({"table": {"labels": ["Method"], "groups": [{"title": "2 views", "columns": columns}], "rows": rows}})
+    whole, without = Table("t", "T", [text, *[""] * 5]).rows
+    assert (whole["remarks"], whole["2 views PSNR"], whole["2 views LPIPS"]) == ([], 20.5, None)
+    assert without == {**whole, "remarks": ["without context frames"], "2 views PSNR": 19.5}
+    assert whole["measured on"] == "rooms" and whole["Method"] == "A"
+
+
+def test_a_missing_boolean_is_not_false():
+    assert _column([True, None], False).tolist() == [True, None]
+    assert _column([True, False], False).dtype == bool
 
 
 def test_drift_sees_what_moved_and_in_which_direction(store, rooms, binary, tmp_path):

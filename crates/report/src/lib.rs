@@ -30,7 +30,22 @@ pub use error::ReportError;
 pub use report::{Report, Request, store_labels};
 pub use written::Written;
 
-/// A number of things, each of which is a `what`: `1 scene`, `2 scenes`.
+/// A number of things, each of which is a `what`: `1 scene`, `2 scenes`, `3 entries`.
 pub fn counted(count: u64, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+    match what.strip_suffix("ry") {
+        _ if count == 1 => format!("1 {what}"),
+        Some(stem) => format!("{count} {stem}ries"),
+        None => format!("{count} {what}s"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_have_the_plural_of_their_noun() {
+        assert_eq!([0, 1, 2].map(|count| counted(count, "scene")), ["0 scenes", "1 scene", "2 scenes"]);
+        assert_eq!([0, 1, 2].map(|count| counted(count, "entry")), ["0 entries", "1 entry", "2 entries"]);
+    }
 }

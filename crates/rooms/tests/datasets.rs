@@ -4,14 +4,15 @@
 
 use std::path::Path;
 
-use atsplat_camera::{ImageSize, PixelIntrinsics};
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics, PixelIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Rounding, exr};
 use atsplat_rooms::{
-    EffectChoice, Layout, PictureEncoding, Request, SceneKind, SceneSeed, Simulation, Split, WriteOptions,
+    EffectChoice, Layout, PictureEncoding, Request, Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions,
     write_dataset,
 };
 use atsplat_scene::{SceneSource, Warnings, open};
+use glam::{DMat3, DVec3};
 
 fn requests() -> Vec<Request> {
     let request = |split, number| Request {
@@ -48,7 +49,7 @@ fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens
     for (at, frame) in scene.frames.iter().enumerate() {
         let expected = simulation.camera(at).unwrap();
         let close = Tolerance::F32_ROUND_TRIP;
-        let pose = |camera: &atsplat_camera::Camera| camera.camera_from_world.to_rows();
+        let pose = |camera: &Camera| camera.camera_from_world.to_rows();
         Tolerance::absolute(2e-6).assert(pose(&frame.camera), pose(&expected), "pose");
         let PixelIntrinsics { fx, fy, cx, cy } = expected.intrinsics.pixel_from_normalized(size);
         let k = frame.camera.intrinsics.pixel_from_normalized(size);
@@ -104,4 +105,38 @@ fn lenses_that_cannot_be_stored_are_counted() {
     let (simulations, warnings) = written(folder.path(), Layout::Re10k);
     let distorted = simulations.iter().filter(|s| s.camera(0).unwrap().distortion != atsplat_camera::Distortion::None);
     assert_eq!(warnings.total(), distorted.count() as u64);
+}
+
+/// A scene along a route that zooms out and has its first time twice.
+fn routed() -> Request {
+    let shots = [(0, 1.2, 0.0), (0, 0.9, 0.05), (40_000, 0.6, 0.1)];
+    let route = shots.map(|(time, focal, x)| {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
+        (time, Camera::pinhole(pose, NormalizedIntrinsics::new(focal, focal * 4.0 / 3.0, 0.5, 0.5).unwrap()))
+    });
+    let [request, _, _] = <[Request; 3]>::try_from(requests()).unwrap();
+    Request { route: Route::Given(route.to_vec()), effects: EffectChoice::None, ..request }
+}
+
+#[test]
+fn each_frame_of_a_route_keeps_its_focal_length() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = WriteOptions { layout: Layout::Nerfstudio, coding: PictureEncoding::Png, depth: true };
+    write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {}).unwrap();
+    let simulation = Simulation::new(routed()).unwrap();
+    check(folder.path(), &folder.path().join("depth"), &simulation, &simulation.key(), true);
+}
+
+/// The second picture would replace the first.
+#[test]
+fn a_time_twice_is_refused_where_files_are_named_after_it() {
+    for (layout, depth) in [(Layout::Re10k, false), (Layout::Chunks, true)] {
+        let folder = tempfile::tempdir().unwrap();
+        let options = WriteOptions { layout, coding: PictureEncoding::Png, depth };
+        let refused = write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {});
+        let error = refused.unwrap_err().to_string();
+        let [start, end] = ["trajectory: expected every time once", "found 0 µs again"];
+        assert!(error.starts_with(start) && error.ends_with(end), "{error}");
+        assert_eq!(folder.path().read_dir().unwrap().count(), 0, "nothing is written");
+    }
 }

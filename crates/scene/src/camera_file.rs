@@ -160,11 +160,11 @@ pub fn read(
 /// Parses the file if it looks like JSON.
 fn parse_if_json(path: &Path) -> Result<Option<Value>, CameraFileError> {
     let bytes = std::fs::read(path).map_err(FileError::during::<CameraFileError>("reading cameras", path))?;
-    let start = bytes.trim_ascii_start();
-    if !start.starts_with(b"[") && !start.starts_with(b"{") {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    if !matches!(text.trim_ascii_start().first(), Some(b'[' | b'{')) {
         return Ok(None);
     }
-    let parsed = json::parse(start).map(Some);
+    let parsed = json::parse(text).map(Some);
     parsed.map_err(|error| CameraFileError::Malformed {
         path: path.to_owned(),
         problem: format!("expected JSON: {error}"),
@@ -273,4 +273,29 @@ fn cameras_of_dataset(
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });
     Ok(cameras.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn read_text(text: &str) -> Result<Vec<FileCamera>, CameraFileError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("poses.json");
+        std::fs::write(&path, text).unwrap();
+        let lens = LensOfPoses { fov: Some(60.0), size: Some(ImageSize { width: 64, height: 48 }) };
+        read(&path, None, lens, &mut Warnings::new())
+    }
+
+    #[test]
+    fn a_byte_order_mark_and_blank_lines_change_nothing() {
+        let poses = "[[1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0]]";
+        for before in ["", "\u{feff}", "\n ", "\u{feff}\n"] {
+            let cameras = read_text(&format!("{before}{poses}")).unwrap();
+            assert_eq!(cameras[0].camera.camera_from_world.translation(), DVec3::new(5.0, 0.0, 0.0), "{before:?}");
+        }
+        let error = read_text("\u{feff}\n[1,\n}").unwrap_err().to_string();
+        assert!(error.contains("line 3"), "{error}");
+    }
 }

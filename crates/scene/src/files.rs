@@ -89,6 +89,11 @@ impl PictureListing {
         Ok(Some(Self { folder: folder.to_owned(), names_by_stem }))
     }
 
+    /// The listing of a folder without pictures, which need not exist.
+    pub(crate) const fn empty(folder: PathBuf) -> Self {
+        Self { folder, names_by_stem: BTreeMap::new() }
+    }
+
     /// The folder that was listed.
     pub(crate) fn folder(&self) -> &Path {
         &self.folder

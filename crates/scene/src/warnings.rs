@@ -32,7 +32,7 @@ pub enum WarningKind {
     UnorderedTimestamps,
     /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
     ImplausibleIntrinsics,
-    /// A field of view and a focal length in pixels that contradict each other; the focal length is used.
+    /// A field of view that contradicts the focal length in pixels or the other field of view beside it, which is used.
     ContradictoryFieldOfView,
     /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,
@@ -46,7 +46,7 @@ pub enum WarningKind {
     TurnedPicture,
     /// A picture has an alpha channel, which is dropped without compositing, as in all loaders of the field.
     DroppedAlpha,
-    /// Two scenes of a dataset have the same key; the first is used.
+    /// Two scenes of a dataset have the same key; the first is used, or the one that the index lists.
     DuplicateScene,
     /// A scene could not be read.
     UnreadableScene,

@@ -3,7 +3,7 @@
 use atsplat_camera::Sphere;
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::Gaussians;
+use crate::{Gaussians, LOG_SCALE_LIMIT};
 
 /// Gaussians with a smaller opacity logit are ignored.
 const VISIBLE_LOGIT: f32 = -2.0;
@@ -18,7 +18,10 @@ const MARGIN: f64 = 1.1;
 pub fn visible_bulk(gaussians: &Gaussians) -> Option<Sphere> {
     let parts = gaussians.parts();
     let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits);
-    let visible = parts.means.iter().zip(shapes).filter(|(_, (_, logit))| **logit > VISIBLE_LOGIT);
+    let visible = parts.means.iter().zip(shapes).filter(|(_, ((_, log_scales), logit))| {
+        // Renderers cull wider ones as invalid.
+        **logit > VISIBLE_LOGIT && log_scales.iter().all(|log| *log <= LOG_SCALE_LIMIT)
+    });
     let ends = visible.flat_map(|(mean, ((quaternion, log_scales), _))| {
         let mean = DVec3::from_array(mean.map(f64::from));
         let [w, x, y, z] = quaternion.map(f64::from);
@@ -62,6 +65,14 @@ mod tests {
         assert!((2.0..4.0).contains(&sphere.radius), "{sphere:?}");
         assert_eq!(visible_bulk(&scene(-6.0)), None);
         assert_eq!(visible_bulk(&Gaussians::default()), None);
+    }
+
+    #[test]
+    fn gaussians_that_are_never_drawn_are_not_framed() {
+        let mut parts = scene(1.0).into_parts();
+        parts.log_scales[..20].fill([-3.0, LOG_SCALE_LIMIT + 1.0, -3.0]);
+        let sphere = visible_bulk(&Gaussians::new(parts).unwrap()).unwrap();
+        assert!(sphere.radius < 4.0, "{sphere:?}");
     }
 
     /// A single Gaussian has the extent of its ellipsoid.

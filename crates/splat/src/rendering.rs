@@ -28,7 +28,8 @@ pub struct Rendering<T> {
     pub census: Census,
 }
 
-/// Number of Gaussians drawn, and culled by reason.
+/// Number of Gaussians drawn, and culled by reason. If several reasons apply to a Gaussian, renderers may count any of
+/// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Census {

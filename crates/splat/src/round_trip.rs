@@ -188,7 +188,8 @@ fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
 
 impl RoundTrips {
     /// Exports Gaussians to each format, imports them again, and renders the same views with all effects, into `scratch` for
-    /// files. Views that cannot be rendered are skipped. Calls `progress` after each view.
+    /// files. Views that cannot be rendered are skipped; if all are, the result is [`Self::failed`]. Calls `progress`
+    /// after each view.
     ///
     /// # Errors
     /// [`SplatError::Io`] if the folder `scratch` cannot be written to.
@@ -216,6 +217,9 @@ impl RoundTrips {
             }
             progress();
         }
+        if rendered == 0 {
+            return Ok(Self::failed("the round trip compared nothing: no view could be rendered".to_owned()));
+        }
         let rows = trips.into_iter().map(|trip| trip.row(ply_bytes)).collect();
         Ok(Self { convention: CONVENTION, views: rendered, fault: None, rows })
     }
@@ -235,10 +239,13 @@ impl RoundTrips {
             row.format.is_lossless() && (row.fault.is_some() || !kept || row.largest_difference.is_nan())
         };
         let row = self.rows.iter().find(is_broken)?;
-        Some(format!(
-            "the round trip through {} changed the images: expected {MIN_LOSSLESS_PSNR_DB} dB or more",
-            row.format.name()
-        ))
+        let name = row.format.name();
+        Some(match &row.fault {
+            Some(fault) => format!("the round trip through {name} failed: {fault}"),
+            None => {
+                format!("the round trip through {name} changed the images: expected {MIN_LOSSLESS_PSNR_DB} dB or more")
+            }
+        })
     }
 }
 
@@ -266,5 +273,45 @@ impl fmt::Display for RoundTrips {
             writeln!(f, "{name:>14} {bytes:>11} {share:>5.1} % {psnr:>10} {worst:>11} {largest:>10.2e}")?;
         }
         writeln!(f, "{:>14} {} views; {}", "", self.views, self.convention)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ReferenceRenderer;
+
+    /// Without a view there is no difference to be found, which does not make the images identical.
+    #[test]
+    fn comparing_nothing_is_a_failure() {
+        let scratch = tempfile::tempdir().unwrap();
+        let formats = [RoundTripFormat::Ply];
+        let gaussians = Gaussians::default();
+        let of_nothing =
+            RoundTrips::measure(&mut ReferenceRenderer, &gaussians, &[], &formats, scratch.path(), &mut || ()).unwrap();
+        let failure = of_nothing.failure().unwrap();
+        assert!(failure.contains("no view could be rendered"), "{failure}");
+    }
+
+    /// Only a lossless format that was read back can have changed the images.
+    #[test]
+    fn the_failure_tells_a_fault_from_a_change() {
+        let row = |format, fault: Option<&str>, psnr_db| Row {
+            format,
+            fault: fault.map(str::to_owned),
+            bytes: 1,
+            size_over_ply: 1.0,
+            identical: false,
+            psnr_db,
+            worst_view_psnr_db: psnr_db,
+            largest_difference: 0.0,
+        };
+        let failure = |row| RoundTrips { convention: CONVENTION, views: 1, fault: None, rows: vec![row] }.failure();
+        let fault = failure(row(RoundTripFormat::PlyAscii, Some("no space left"), None)).unwrap();
+        assert_eq!(fault, "the round trip through ply-ascii failed: no space left");
+        let changed = failure(row(RoundTripFormat::Ply, None, Some(59.0))).unwrap();
+        assert_eq!(changed, "the round trip through ply changed the images: expected 60 dB or more");
+        assert_eq!(failure(row(RoundTripFormat::Ply, None, Some(61.0))), None);
+        assert_eq!(failure(row(RoundTripFormat::Spz3, Some("no scalars"), None)), None);
     }
 }

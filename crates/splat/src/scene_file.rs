@@ -1,11 +1,10 @@
 //! Gaussians of a file with a record of their origin and cleaning, and readable summaries of both and of renders.
 
 use std::fmt;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use atsplat_files::{FileError, Sha256Digest};
+use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
 use crate::files::{self, Encoding, Format};
@@ -69,9 +68,9 @@ impl SceneFile {
     /// [`SplatError`] if the file cannot be read or breaks its format.
     pub fn read(path: &Path, policy: Cleaning, opacities_as_stored: bool) -> Result<Self, SplatError> {
         let start = Instant::now();
-        let (read, hashed) = rayon::join(|| files::read(path), || sha256(path));
-        let (mut gaussians, import) = read?;
-        let (sha256, bytes) = hashed?;
+        let contents = files::read_bytes(path)?;
+        let (parsed, sha256) = rayon::join(|| files::parse(&contents, path), || Sha256Digest::of(&contents));
+        let (mut gaussians, import) = parsed?;
         let mut notes = Vec::new();
         if opacities_as_stored {
             gaussians = gaussians.with_linear_opacities();
@@ -95,7 +94,7 @@ impl SceneFile {
         let record = SceneFileRecord {
             file: path.to_owned(),
             sha256,
-            bytes,
+            bytes: contents.len() as u64,
             format: import.format,
             gaussians: gaussians.len(),
             sh_degree: gaussians.sh_degree(),
@@ -107,15 +106,6 @@ impl SceneFile {
         };
         Ok(SceneFile { gaussians, record, warnings: notes, reading_secs: start.elapsed().as_secs_f64() })
     }
-}
-
-/// Hash and length of a regular file.
-fn sha256(path: &Path) -> Result<(Sha256Digest, u64), SplatError> {
-    let failed = |source| SplatError::from(FileError { action: "reading Gaussians", path: path.to_owned(), source });
-    if !std::fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(failed(std::io::Error::new(std::io::ErrorKind::InvalidInput, "not a regular file")));
-    }
-    Sha256Digest::of_reader(File::open(path).map_err(failed)?).map_err(failed)
 }
 
 /// Count, degree, format and problems of the Gaussians.

@@ -281,6 +281,39 @@ fn rejects_hostile_spz_before_allocating() {
     }
 }
 
+/// A flag of another writer may change what the file means, such as Gaussians of several levels of detail.
+#[test]
+fn unknown_flags_of_spz_are_reported() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/version4.spz");
+    let mut bytes = std::fs::read(&path).unwrap();
+    assert!(parse(&bytes, &path).unwrap().1.unused.is_empty());
+    bytes[14] |= 0x85;
+    let import = parse(&bytes, &path).unwrap().1;
+    assert_eq!((import.unused, import.antialiased), (vec!["flags 0x84".to_owned()], Some(true)));
+}
+
+/// The reference decompresses whole streams, and fails on such bytes.
+#[test]
+fn rejects_bytes_after_the_frame_of_an_spz_stream() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/version4.spz");
+    let mut bytes = std::fs::read(&path).unwrap();
+    // Compressed size of the last of six streams: 24 coefficients of 6 Gaussians.
+    bytes[32 + 5 * 16] += 3;
+    bytes.extend([7; 3]);
+    let error = parse(&bytes, &path).unwrap_err().to_string();
+    assert!(error.ends_with("SPZ stream: expected 144 bytes, found more"), "{error}");
+}
+
+/// Another stream, for example.
+#[test]
+fn bytes_after_the_gzip_stream_of_spz_are_reported() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/files/version2.spz");
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes.extend(bytes.clone());
+    let (gaussians, import) = parse(&bytes, &path).unwrap();
+    assert_eq!((gaussians.len(), import.unused), (6, vec!["bytes after the gzip stream".to_owned()]));
+}
+
 /// Rows without properties take no bytes, so any number of them costs nothing.
 #[test]
 fn rows_without_properties_cost_nothing() {
@@ -309,6 +342,50 @@ fn rejects_rows_after_the_last() {
             error_of(&binary(bytes), "f.ply"),
             format!("f.ply: byte {at}: expected the end of the file after the 2 rows of the header, found {found}")
         );
+    }
+}
+
+/// One Gaussian of degree 1 with `colours` among its chunk's ranges; `extra` is a property of the chunk that is not
+/// read.
+fn compressed(sh_type: &str, colours: &[&str], extra: &str) -> String {
+    let lines = |kind: &str, names: &[String]| -> String {
+        names.iter().flat_map(|name| ["property ", kind, " ", name.as_str(), "\n"]).collect()
+    };
+    let axes = ["x", "y", "z", "scale_x", "scale_y", "scale_z"];
+    let ranges = ["min", "max"].into_iter().flat_map(|end| axes.map(|axis| format!("{end}_{axis}")));
+    let ranges: Vec<String> = ranges.chain(colours.iter().chain([&extra]).map(|name| (*name).to_owned())).collect();
+    let packed = ["position", "rotation", "scale", "color"].map(|name| format!("packed_{name}"));
+    let rest: Vec<String> = (0..9).map(|k| format!("f_rest_{k}")).collect();
+    format!(
+        "ply\nformat ascii 1.0\nelement chunk 1\n{}element vertex 1\n{}element sh 1\n{}end_header\n{}\n\
+         0 0 0 0\n0 64 128 192 255 1 2 3 4\n",
+        lines("float", &ranges),
+        lines("uint", &packed),
+        lines(sh_type, &rest),
+        vec!["0"; ranges.len()].join(" ")
+    )
+}
+
+/// Numbers of another type would be taken for bytes, and a missing range of a colour for [0, 1].
+#[test]
+fn compressed_ply_has_the_types_and_ranges_of_its_format() {
+    let colours = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
+    let (gaussians, import) = parse(compressed("uchar", &colours, "quality").as_bytes(), Path::new("f.ply")).unwrap();
+    assert_eq!(import.unused, ["property quality of element chunk"]);
+    let byte = |byte: f32| ((byte + 0.5) / 256.0 - 0.5) * 8.0;
+    let (first, second) = ([-4.0, byte(192.0), byte(2.0)], [byte(64.0), 4.0, byte(3.0)]);
+    assert_eq!(gaussians.parts().sh[1..], [first, second, [byte(128.0), byte(1.0), byte(4.0)]]);
+    for (sh_type, colours, expected) in [
+        ("float", &colours[..], "f.ply: element \"sh\": expected f_rest_0 as uchar, found another type"),
+        ("char", &colours[..], "f.ply: element \"sh\": expected f_rest_0 as uchar, found another type"),
+        (
+            "uchar",
+            &colours[1..],
+            "f.ply: element \"chunk\": expected a property min_r, found min_x, min_y, min_z, min_scale_x, min_scale_y, \
+             min_scale_z, max_x, max_y, max_z, max_scale_x, max_scale_y, max_scale_z, …",
+        ),
+    ] {
+        assert_eq!(error_of(compressed(sh_type, colours, "quality").as_bytes(), "f.ply"), expected);
     }
 }
 

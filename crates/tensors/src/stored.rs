@@ -146,6 +146,17 @@ impl StoredTensors {
         }
         atsplat_files::hexadecimal(&hash.finalize())
     }
+
+    /// SHA-256 in hexadecimal of the metadata but the entry `excluded`, which may hold it: keys and values in the order of
+    /// keys, each after its length in bytes as u64 little-endian.
+    pub fn metadata_digest(&self, excluded: &str) -> String {
+        let mut hash = Sha256::new();
+        for text in self.metadata.iter().filter(|(key, _)| *key != excluded).flat_map(|(key, value)| [key, value]) {
+            hash.update((text.len() as u64).to_le_bytes());
+            hash.update(text);
+        }
+        atsplat_files::hexadecimal(&hash.finalize())
+    }
 }
 
 /// A walk through a checkpoint's objects, with limits.

@@ -17,6 +17,7 @@ const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
 const AVERAGE: &str = "average";
 const FROZEN: &str = "frozen";
 const FROZEN_DIGEST: &str = "frozen-sha256";
+const METADATA_DIGEST: &str = "metadata-sha256";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 const INITIAL_DATA: &str = "initial-weights-data";
 const ADAPTER: &str = "adapter";
@@ -120,6 +121,8 @@ impl State {
         let present = optional.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?.clone())));
         stored.metadata.extend(present);
         resolved.add_to(&mut stored);
+        let digest = stored.metadata_digest(METADATA_DIGEST);
+        stored.metadata.insert(METADATA_DIGEST.to_owned(), digest);
         Ok(stored)
     }
 
@@ -145,6 +148,10 @@ impl State {
         };
         expect("atsplat.checkpoint", FORMAT, FORMAT)?;
         expect("tensors-sha256", &stored.digest(), "the hash of the tensors")?;
+        // Earlier versions wrote none.
+        if stored.metadata.contains_key(METADATA_DIGEST) {
+            expect(METADATA_DIGEST, &stored.metadata_digest(METADATA_DIGEST), "the hash of the metadata")?;
+        }
         let recorded = TrainConfig::from_toml(text("configuration")?)?;
         if recorded != *config {
             let expected = "that of the run, or a new run from its weights (`--init`)";
@@ -269,14 +276,14 @@ impl Checkpoints {
                 Ok(file) => {
                     // Not a reason to go on from an older checkpoint, whose version may not have stated it.
                     self.resolved.check(&file.stored)?;
-                    State::from_stored(&file.stored, config, fresh, backbone)
+                    State::from_stored(&file.stored, config, fresh, backbone).map_err(|error| error.in_file(&path))
                 }
                 Err(error) => Err(error.into()),
             };
             match state {
                 Ok(state) => return Ok(Some((state, messages))),
                 Err(error) => {
-                    messages.push(format!("{}: {error}", path.display()));
+                    messages.push(error.to_string());
                     first.get_or_insert(error);
                 }
             }
@@ -354,6 +361,23 @@ mod tests {
         }
     }
 
+    /// Adam's corrections depend on the number of updates, samples and learning rate on that of steps.
+    #[test]
+    fn a_damaged_number_is_refused() {
+        let (config, resolved) = (TrainConfig::shortest(), Resolved::default());
+        let stored = State { updates: 2, ..state(3, 1.0) }.stored(&config, &resolved).unwrap();
+        let backbone = || Ok(state(0, 1.0).parameters.frozen().clone());
+        let read = |stored: &StoredTensors| State::from_stored(stored, &config, &state(0, 7.0).parameters, &backbone);
+        let whole = read(&stored).unwrap();
+        assert_eq!((whole.step, whole.updates), (3, 2));
+        for key in ["step", "updates", "faults-in-a-row"] {
+            let mut damaged = stored.clone();
+            damaged.metadata.insert(key.to_owned(), "1".to_owned());
+            let error = read(&damaged).unwrap_err().to_string();
+            assert!(error.contains("metadata metadata-sha256: expected the hash of the metadata"), "{key}: {error}");
+        }
+    }
+
     #[test]
     fn a_changed_backbone_is_refused_and_given_weights_are_kept() {
         let config = TrainConfig::shortest();
@@ -368,7 +392,7 @@ mod tests {
         assert_eq!(read(&stored, 1.0), digest(1.0));
         let error = read(&stored, 2.0).unwrap_err();
         assert!(error.contains("model.backbone: expected those that the run was started with"), "{error}");
-        stored.metadata.remove(FROZEN_DIGEST);
+        stored.metadata.retain(|key, _| ![FROZEN_DIGEST, METADATA_DIGEST].contains(&key.as_str()));
         assert_eq!(read(&stored, 2.0), digest(2.0), "as written by earlier versions");
         let given = InitialWeights { sha256: "a hash".to_owned(), data: Some("rooms".to_owned()) };
         let started = State { initial_weights: Some(given.clone()), ..state(3, 1.0) };

@@ -66,6 +66,14 @@ pub enum TrainError {
     /// Error of a Parquet log.
     #[error("log: {0}")]
     Columns(#[from] polars::error::PolarsError),
+    /// Another error, with the file that caused it.
+    #[error("{source} ({})", path.display())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// The error.
+        source: Box<TrainError>,
+    },
 }
 
 impl TrainError {
@@ -78,14 +86,14 @@ impl TrainError {
         Malformed::new(what, location, expected, found).into()
     }
 
-    /// The same error with the file that holds the field.
+    /// The same error with its file, in front of the field if it names one.
     pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Malformed(malformed) => {
                 let location = format!("{}, field {}", path.display(), malformed.location);
                 Self::Malformed(Malformed { location, ..malformed })
             }
-            other => other,
+            other => Self::InFile { path: path.to_owned(), source: Box::new(other) },
         }
     }
 

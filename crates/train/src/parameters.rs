@@ -68,18 +68,16 @@ impl Parameters {
         fresh: &[String],
         seed: u64,
     ) -> Result<Self, TrainError> {
+        Self::check_fresh(config, fresh)?;
         let (list, frozen): (Vec<Parameter>, Vec<Parameter>) =
             parameters(config).into_iter().partition(|parameter| parameter.trained);
-        if let Some(unknown) = fresh.iter().find(|part| !list.iter().any(|parameter| is_within(&parameter.name, part)))
-        {
-            return Err(TrainError::malformed(WHAT, "model.fresh", "parts with trained parameters", unknown));
-        }
-        let tensor = |parameter: &Parameter| {
-            let tensor = weights.tensors.get(&parameter.name).filter(|tensor| tensor.shape() == parameter.shape);
-            tensor.ok_or_else(|| {
+        let tensor = |parameter: &Parameter| match weights.tensors.get(&parameter.name) {
+            Some(tensor) if tensor.shape() == parameter.shape => Ok(tensor),
+            other => {
                 let expected = format!("a tensor of shape {:?}", parameter.shape);
-                TrainError::malformed("weights", &parameter.name, expected, "none")
-            })
+                let found = other.map_or("none".to_owned(), ToString::to_string);
+                Err(TrainError::malformed("weights", &parameter.name, expected, found))
+            }
         };
         let values = list.iter().map(|parameter| {
             if fresh.iter().any(|part| is_within(&parameter.name, part)) {
@@ -93,6 +91,16 @@ impl Parameters {
             kept.tensors.insert(parameter.name.clone(), tensor(&parameter)?.clone());
         }
         Ok(Self { list, values, frozen: kept })
+    }
+
+    /// Refuses names that are those of no trained parameter and of no part that holds one.
+    pub(crate) fn check_fresh(config: &ModelConfig, fresh: &[String]) -> Result<(), TrainError> {
+        let list = parameters(config);
+        let is_known = |part: &str| list.iter().any(|own| own.trained && is_within(&own.name, part));
+        match fresh.iter().find(|part| !is_known(part.as_str())) {
+            Some(unknown) => Err(TrainError::malformed(WHAT, "model.fresh", "parts with trained parameters", unknown)),
+            None => Ok(()),
+        }
     }
 
     /// Name and shape of each trained parameter, in order.
@@ -228,7 +236,12 @@ mod tests {
             assert_eq!(read.values[at], expected.values[at], "{}", parameter.name);
         }
         let missing = Parameters::from_weights(&config, &weights, &parts[1..], 8).unwrap_err().to_string();
-        assert!(missing.contains("head."), "{missing}");
+        assert!(missing.contains("head.") && missing.ends_with("found none"), "{missing}");
+        let mut larger = config.clone();
+        larger.head.gaussians_per_token *= 2;
+        let error = Parameters::from_weights(&larger, &given.stored().unwrap(), &[], 8).unwrap_err().to_string();
+        let shapes = "head.mlp.fc2.weight: expected a tensor of shape [448, 96], found float32 [224, 96]";
+        assert!(error.ends_with(shapes), "{error}");
         let unknown = Parameters::from_weights(&config, &weights, &["hea".to_owned()], 8).unwrap_err().to_string();
         assert!(unknown.contains("model.fresh") && unknown.contains("hea"), "{unknown}");
     }

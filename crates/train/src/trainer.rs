@@ -51,6 +51,8 @@ pub enum Event<'a> {
 
 /// The log of a run's steps, created when the run starts.
 const STEPS: &str = "steps.jsonl";
+/// A run's weights, written with each checkpoint.
+const WEIGHTS: &str = "weights.safetensors";
 
 /// A run in a folder.
 #[derive(Debug)]
@@ -164,6 +166,7 @@ impl Trainer {
                 "products in bfloat16 take longer than in f32 on this processor, which has no instructions for them";
             notices.push(slow.to_owned());
         }
+        notices.extend(unreached_rate(&config));
         notices.extend(samples.notices());
         let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
         let resident = match processor {
@@ -176,7 +179,10 @@ impl Trainer {
             // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
             checkpoints.write(&state, &config)?;
         }
-        let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
+        let (steps, logged) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
+        if (logged.len() as u64) < state.step {
+            notices.push(format!("{STEPS}: expected the {} steps so far, found {}", state.step, logged.len()));
+        }
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
         Ok(Self {
             config,
@@ -329,7 +335,7 @@ impl Trainer {
         let state = self.current_state()?;
         let path = self.checkpoints.write(&state, &self.config)?;
         let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &state.result().stored()?)?;
-        weights.write(&self.folder.join("weights.safetensors"), Precision::Half)?;
+        weights.write(&self.folder.join(WEIGHTS), Precision::Half)?;
         Ok(path)
     }
 
@@ -372,6 +378,15 @@ impl Trainer {
         }
         Ok(provenance)
     }
+}
+
+/// That the run ends before its learning rate has risen to the configuration's.
+fn unreached_rate(config: &TrainConfig) -> Option<String> {
+    let (warm_up, steps) = (config.schedule.warm_up_steps, config.steps.get());
+    let last = config.schedule.rate(steps - 1, steps);
+    (warm_up > steps).then(|| {
+        format!("schedule.warm-up-steps: {warm_up} in a run of {steps}, whose last learning rate is {last:.2e}")
+    })
 }
 
 /// The device of a processor that renders.

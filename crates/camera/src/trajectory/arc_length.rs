@@ -28,12 +28,12 @@ pub(super) fn total(segments: &[Segment]) -> f64 {
     pieces(segments).last().map_or(0.0, |piece| piece.before + piece.length)
 }
 
-/// `count` times from first to last at equal distances along the path; `None` if its length is 0 or not finite.
-pub(super) fn even_times(segments: &[Segment], count: usize) -> Option<Vec<f64>> {
+/// `count` times from first to last at equal distances along the path; `None` if its length is 0 or not finite. `end` is
+/// the last time: its segment's start plus duration would be rounded.
+pub(super) fn even_times(segments: &[Segment], end: f64, count: usize) -> Option<Vec<f64>> {
     let pieces = pieces(segments);
     let last = pieces.last()?;
     let total = last.before + last.length;
-    let end = last.segment.start + last.segment.duration;
     if !(total > 0.0 && total.is_finite()) {
         return None;
     }

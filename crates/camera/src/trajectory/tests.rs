@@ -212,6 +212,18 @@ fn a_pause_gets_no_samples_along_the_path() {
     Tolerance::F64.assert(x, [0.0, 0.5, 1.0, 1.5, 2.0], "evenly along the line");
 }
 
+/// 0.3 + (0.9 − 0.3) is after 0.9, and 0.2 + (0.9 − 0.2) before it.
+#[test]
+fn the_last_sample_along_the_path_is_the_last_pose() {
+    let at = |x: f64| pose(DMat3::from_rotation_y(x), [x, 0.0, 0.0]);
+    for start in [0.3, 0.2] {
+        let trajectory = Trajectory::new(vec![start, 0.9], vec![at(1.0), at(2.0)]).unwrap();
+        let samples = trajectory.resampled(3, Spacing::ArcLength).unwrap();
+        Tolerance::EXACT.assert([samples.times()[0], samples.times()[2]], [start, 0.9], "first and last time");
+        assert_eq!((samples.poses()[0], samples.poses()[2]), (at(1.0), at(2.0)), "from {start}");
+    }
+}
+
 #[test]
 fn the_length_of_a_circle_is_its_circumference() {
     let count = 65;

@@ -1,5 +1,5 @@
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf, absolute};
 
 use anyhow::{bail, ensure};
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
@@ -67,11 +67,23 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
     if args.out.is_file() {
         bail!("expected a folder for the chunks, found the file {}", args.out.display());
     }
+    if is_read_first(&args.out, &args.dataset.data) {
+        let (out, data) = (args.out.display(), args.dataset.data.display());
+        bail!("{out}: chunks there would be read in place of the scenes of {data}: give another folder");
+    }
     let dataset = args.dataset.open(warnings)?;
     let progress = Progress::new("scenes", dataset.keys().len());
     let ExportedChunks { written: ChunksWritten { chunks, scenes }, skipped } =
         export_chunks(&dataset, &args.out, args.chunk_bytes, warnings, &|| progress.step())?;
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
+}
+
+/// Whether chunks in `out` would be read in place of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
+fn is_read_first(out: &Path, data: &Path) -> bool {
+    let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
+    let place = |path: &Path| Path::new(".").join(path).canonicalize().or_else(|_| absolute(path)).ok();
+    let out = place(out);
+    out.is_some() && ["", "test", "train"].iter().any(|stage| place(&folder.join(stage)) == out)
 }
 
 impl fmt::Display for Report {

@@ -36,7 +36,7 @@ pub(crate) fn run(_: &Args) -> anyhow::Result<bool> {
 
 #[cfg(feature = "opencv")]
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    use anyhow::Context as _;
+    use anyhow::{Context as _, ensure};
     use atsplat_opencv::{ExtractionOptions, FrameFormat, extract_frames};
     use atsplat_scene::re10k::read_trajectory;
 
@@ -54,5 +54,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let extracted = extract_frames(&args.video, &key, &timestamps, &options, |decided| progress.reach(decided))?;
     drop(progress);
     print_report(&extracted, args.json)?;
+    ensure!(extracted.written() > 0, "no frame of {} is at a timestamp of the trajectory", args.video.display());
     Ok(extracted.written() == timestamps.len())
 }

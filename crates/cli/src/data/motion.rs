@@ -24,11 +24,11 @@ pub(crate) struct Args {
     simulated: u32,
 
     /// Kind of the simulated scenes.
-    #[arg(long, value_name = "KIND", default_value = "rooms", value_parser = parse::named(KINDS))]
+    #[arg(long, value_name = "KIND", default_value = "rooms", requires = "simulated", value_parser = parse::named(KINDS))]
     kind: SceneKind,
 
     /// Split of the simulated scenes.
-    #[arg(long, value_name = "SPLIT", default_value = "train", value_parser = parse::named(SPLITS))]
+    #[arg(long, value_name = "SPLIT", default_value = "train", requires = "simulated", value_parser = parse::named(SPLITS))]
     split: Split,
 
     /// Histograms of every measure, .svg or .png.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_eval::fitting::{Start, StartError, StartGaussians, common_size, fit_recipe};
-use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError};
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos};
 use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
@@ -15,7 +15,7 @@ use crate::dataset_args::PictureArgs;
 use crate::embedded;
 use crate::output::warn;
 use crate::parse;
-use crate::reconstruct::input::scene;
+use crate::reconstruct::input::{is_of_size, scene};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
@@ -109,11 +109,13 @@ impl InputArgs {
             bail!("--views: all of them are held out");
         }
         let selection = PhotoSelection { context, targets };
-        let prepared = |size, warnings: &mut Warnings| {
-            let recipe = fit_recipe(size, network.map(|source| &source.config));
-            Photos::new(scene.clone(), selection.clone(), recipe, warnings)
-        };
-        let photos = prepared(self.size, warnings).map_err(|error| self.in_size(network, error))?;
+        let recipe = |size| fit_recipe(size, network.map(|source| &source.config));
+        let prepared =
+            |size, warnings: &mut Warnings| Photos::new(scene.clone(), selection.clone(), recipe(size), warnings);
+        let photos = prepared(self.size, warnings).map_err(|error| {
+            let is_of_size = is_of_size(&scene, &selection, &recipe(self.size));
+            if is_of_size { self.in_size(network, error.into()) } else { error.into() }
+        })?;
         let (training, held_out) = (photos.training_views()?, photos.held_out_views()?);
         let mut scaled = Vec::new();
         for &scale in &self.scales {
@@ -128,25 +130,24 @@ impl InputArgs {
         Ok(Input { photos, training, held_out, scaled })
     }
 
-    /// The error with what sets the size, if photos do not have it.
-    fn in_size(&self, network: Option<&NetworkSource>, error: ReconstructError) -> anyhow::Error {
-        let is_of_size = matches!(&error, ReconstructError::Skipped(reason) if reason.contains(": preprocessing: "));
-        let error = anyhow::Error::from(error);
+    /// The error of photos that do not have the size, with what sets it.
+    fn in_size(&self, network: Option<&NetworkSource>, error: anyhow::Error) -> anyhow::Error {
         match (self.size, network) {
-            (Some(ImageSize { width, height }), _) if is_of_size => error.context(format!("--size {width}x{height}")),
-            (None, Some(source)) if is_of_size => {
+            (Some(ImageSize { width, height }), _) => error.context(format!("--size {width}x{height}")),
+            (None, Some(source)) => {
                 let size = &source.config.resolution;
                 error.context(format!("--refine without --size scales photos to {}x{}", size.width, size.height))
             }
-            _ => error,
+            (None, None) => error,
         }
     }
 }
 
 impl StartArgs {
-    /// Refuses depths that no random point has, and opacities that no file stores.
+    /// Refuses a start that cannot be, depths that no random point has, and opacities that no file stores.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
-        let Ok(start) = self.start.parse::<Start>() else { return Ok(()) };
+        let start = self.start.parse::<Start>();
+        let start = start.map_err(|error| parse::usage_error(format!("--start: {error}; N is at least 1")))?;
         let is_file = matches!(&start, Start::At(path) if !path.is_dir());
         if self.depths.is_some() && !matches!(start, Start::Random(_)) {
             return Err(parse::usage_error(format!("--depths is for random points, found --start {}", self.start)));

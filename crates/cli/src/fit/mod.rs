@@ -3,12 +3,14 @@
 mod input;
 mod report;
 
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf, absolute};
 use std::time::Instant;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, FitRecord, FitReport, Strategy, TrainingView};
 use atsplat_scene::Warnings;
+use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 
 use crate::device::DeviceArgs;
@@ -142,6 +144,16 @@ impl OptimisationArgs {
         }
     }
 
+    /// The error with the option that it is about, if that has another name.
+    fn explained(&self, error: FitError) -> anyhow::Error {
+        match error {
+            error @ FitError::Setting { name: "memory-limit", .. } => {
+                anyhow::Error::from(error).context(format!("--memory {} (MiB)", self.memory))
+            }
+            other => other.into(),
+        }
+    }
+
     fn budget(&self) -> Budget {
         match (self.steps, self.seconds) {
             (_, Some(seconds)) => Budget::Seconds(seconds),
@@ -151,14 +163,62 @@ impl OptimisationArgs {
     }
 }
 
+impl Args {
+    /// Refuses a checkpoint in a file that the results replace.
+    fn check_checkpoint(&self, record_file: &Path) -> anyhow::Result<()> {
+        let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
+        let place = absolute(checkpoint)?;
+        for file in [self.out.as_path(), record_file] {
+            if absolute(file)? == place {
+                let (checkpoint, file) = (checkpoint.display(), file.display());
+                let text = format!("--checkpoint {checkpoint}: --out writes {file}: give the checkpoint another file");
+                return Err(parse::usage_error(text).into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Fails before long work if a file cannot be written. None stays open meanwhile: a run that is interrupted leaves nothing.
+    fn check_outputs(&self, record_file: &Path) -> anyhow::Result<()> {
+        let plot = self.plots.as_ref().map(|folder| folder.join("learning-curve.svg"));
+        let files = [Some(record_file), Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()];
+        for file in files.into_iter().flatten() {
+            drop(PendingFile::open(file)?);
+        }
+        Ok(())
+    }
+}
+
+/// Warns of what the optimisation drops of its start, and of what it does not optimise.
+fn warn_of_start(start: &Gaussians, config: &FitConfig) {
+    let (found, kept, strategy) = (start.sh_degree(), config.sh_degree, config.strategy);
+    if found > kept {
+        warn(&format!(
+            "warning: the start has spherical harmonics of degree {found}: those above --sh-degree {kept} are dropped"
+        ));
+    }
+    if start.parts().filter_3d.is_some() && strategy != Strategy::MipSplatting {
+        let name = strategy.name();
+        warn(&format!("warning: the start has 3D filters (filter_3D), which the strategy {name} leaves as they are"));
+    }
+}
+
+/// Removes the record of an earlier run, which says nothing about the Gaussians of this one.
+fn remove_old(record_file: &Path) -> anyhow::Result<()> {
+    match std::fs::remove_file(record_file) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("removing {}", record_file.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Optimises until the last step or the end of the time.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.start.check()?;
     let record_file = args.out.with_added_extension("json");
-    // Fails before long work if a file cannot be written. None stays open meanwhile: a run that is interrupted leaves nothing.
-    for file in [&record_file, &args.out] {
-        drop(PendingFile::open(file)?);
-    }
+    args.check_checkpoint(&record_file)?;
+    args.check_outputs(&record_file)?;
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
     let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };
@@ -170,15 +230,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
     let start = args.start.gaussians(&input, &args.input.data, network, (config.seed, config.strategy))?;
     let (start, removed) = (start.gaussians, start.removed);
+    warn_of_start(&start, &config);
     let device = device.backend().fit_device();
     let begin = Instant::now();
-    let (steps, deadline) = args.optimisation.budget().plan(&config, &input.training, &start, &device)?;
+    let planned = args.optimisation.budget().plan(&config, &input.training, &start, &device);
+    let (steps, deadline) = planned.map_err(|error| args.optimisation.explained(error))?;
     config.steps = steps;
     let (count, views) = (start.len(), input.training.clone());
-    let mut fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
-        Some(path) => Fit::resume(config, views, &input.held_out, &start, device, path)?,
-        None => Fit::new(config, views, &start)?.on(device),
+    let fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
+        Some(path) => Fit::resume(config, views, &input.held_out, &start, device, path),
+        None => Fit::new(config, views, &start).map(|fit| fit.on(device)),
     };
+    let mut fit = fit.map_err(|error| args.optimisation.explained(error))?;
     if fit.dropped() > 0 {
         warn(&format!("warning: {} of {count} Gaussians of the start are invalid and were dropped", fit.dropped()));
     }
@@ -194,6 +257,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let seconds = begin.elapsed().as_secs_f64();
     // Written before further renders, which may fail; after a fault these are the Gaussians of the last good state.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
+    remove_old(&record_file)?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
     let mut scaled = Vec::new();
     let is_of_device = |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_of_device);
@@ -229,6 +293,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     drop(log);
     PendingFile::open(&record_file)?.finish(format!("{}\n", serde_json::to_string_pretty(&record)?).as_bytes())?;
     outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
+    let out = args.out.display();
+    ensure!(fit.step_count() > 0, "--seconds: the time was over before the first step; {out} holds the start");
     print_report(&FitReport { record, seconds }, args.json)
 }
 

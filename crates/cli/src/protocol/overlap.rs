@@ -87,6 +87,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let found = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
         index.clone_from(&found.index);
         measured = Some(found);
+    } else if index.entries().all(|(.., entry)| entry.overlap.is_none()) {
+        bail!("no entry of {} states an overlap: --data measures it", args.index.display());
     }
     let rule = if args.strict_bins { BinRule::Strict } else { BinRule::Published };
     let (bins, footer) = match &args.bins {

@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use atsplat_camera::{Distortion, ImageSize as CameraSize};
 use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe, rendered_scene};
 use atsplat_eval::sources::AlreadyCropped;
 use atsplat_model::{ImageSize, ModelConfig};
-use atsplat_protocol::Preset;
-use atsplat_protocol::trial::TrialRecipe;
+use atsplat_protocol::trial::{SkipReason, TrialRecipe, check};
+use atsplat_protocol::{IndexEntry, Preset};
 use atsplat_scene::{FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
 
 use crate::dataset_args::PictureArgs;
@@ -72,13 +72,12 @@ impl InputArgs {
         let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         let (scene, recipe) = self.prepared(scene, config)?;
-        let photos = Photos::new(scene, selection, recipe, warnings);
-        match &self.protocol {
-            Some(_) => Ok(photos?),
-            None => photos.with_context(|| {
+        match Photos::new(scene.clone(), selection.clone(), recipe.clone(), warnings) {
+            Err(error) if self.protocol.is_none() && is_of_size(&scene, &selection, &recipe) => {
                 let ImageSize { width, height } = self.size(config);
-                format!("photos at {width}×{height}, as --size or the model says")
-            }),
+                Err(error).context(format!("photos at {width}×{height}, as --size or the model says"))
+            }
+            photos => Ok(photos?),
         }
     }
 
@@ -111,6 +110,15 @@ impl InputArgs {
     }
 }
 
+/// Whether photos give no trial because they cannot have its size: the reason as a value, which the error of [`Photos::new`]
+/// only quotes.
+pub(crate) fn is_of_size(scene: &Scene, selection: &PhotoSelection, recipe: &TrialRecipe) -> bool {
+    let PhotoSelection { context, targets: target } = selection.clone();
+    let entry = IndexEntry { context, target, overlap: None };
+    let refused = check(&Arc::new(scene.clone()), &entry, recipe, &mut Warnings::new()).err();
+    refused.is_some_and(|refusal| refusal.reason == SkipReason::Preprocessing)
+}
+
 /// The scene of a dataset, or the output of `atsplat render`.
 pub(crate) fn scene(
     data: &Path,
@@ -119,6 +127,11 @@ pub(crate) fn scene(
     warnings: &mut Warnings,
 ) -> anyhow::Result<Scene> {
     if let Some(scene) = rendered_scene(data)? {
+        pictures.check(None).map_err(parse::usage_error)?;
+        let (own, data) = (&scene.key, data.display());
+        if let Some(key) = key {
+            ensure!(key == own, "--key {key}: the output of `atsplat render` is one scene, {own} ({data})");
+        }
         return Ok(scene);
     }
     let dataset = pictures.open(data, warnings)?;

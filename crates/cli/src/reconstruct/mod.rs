@@ -138,7 +138,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 impl Args {
     /// Rejects contradicting arguments before any file is read or created.
     fn check(&self) -> Result<(), clap::Error> {
-        let renders = || self.renders.check(self.input.has_targets() && !self.plots.requested());
+        let renders = || self.renders.check(self.input.has_targets(), self.plots.requested());
         self.network.check().and_then(|()| renders()).map_err(usage_error)
     }
 }

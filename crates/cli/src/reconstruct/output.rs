@@ -38,21 +38,33 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "DIR")]
     renders: Option<PathBuf>,
 
-    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
-    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
-    constants: String,
+    /// Constants and rules of a published rasterizer: exact (the default), gsplat-1.5, gsplat-1.6, inria, pixelsplat-family,
+    /// or a .toml.
+    #[arg(long, value_name = "PRESET", value_parser = parse::constants_name)]
+    constants: Option<String>,
 
-    /// black, white, or R,G,B from 0 to 1.
-    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::background)]
-    background: [f64; 3],
+    /// black (the default), white, or R,G,B from 0 to 1.
+    #[arg(long, value_name = "COLOUR", value_parser = parse::background)]
+    background: Option<[f64; 3]>,
 }
 
+const CONSTANTS: &str = "exact";
+const BLACK: [f64; 3] = [0.0; 3];
+
 impl RenderArgs {
-    pub(super) fn check(&self, has_targets: bool) -> Result<(), String> {
-        match (&self.renders, has_targets) {
-            (None, true) => Err("--targets are views to render: add --renders DIR or --plots DIR".to_owned()),
-            _ => Ok(()),
+    /// Refuses arguments about renders if there are none, nor plots of some.
+    pub(super) fn check(&self, has_targets: bool, has_plots: bool) -> Result<(), String> {
+        if self.renders.is_some() || has_plots {
+            return Ok(());
         }
+        if has_targets {
+            return Err("--targets are views to render: add --renders DIR or --plots DIR".to_owned());
+        }
+        let unread = parse::first_given([
+            ("--constants", self.constants.is_some()),
+            ("--background", self.background.is_some()),
+        ]);
+        unread.map_or(Ok(()), |name| Err(format!("{name} is for renders: add --renders DIR or --plots DIR")))
     }
 
     /// Creates the folder before long work starts.
@@ -63,13 +75,14 @@ impl RenderArgs {
 
     /// Render options, with lengths in the network's unit.
     pub(super) fn options(&self, near_far: NearFar) -> anyhow::Result<RenderOptions> {
+        let constants = self.constants.as_deref().unwrap_or(CONSTANTS);
         let mut options = RenderOptions {
-            constants: parse::constants(&self.constants)?,
-            background: self.background,
+            constants: parse::constants(constants)?,
+            background: self.background.unwrap_or(BLACK),
             ..RenderOptions::default()
         };
         (options.constants.near, options.constants.far) = (near_far.near, near_far.far);
-        options.constants.name = format!("{} with near {} and far {}", self.constants, near_far.near, near_far.far);
+        options.constants.name = format!("{constants} with near {} and far {}", near_far.near, near_far.far);
         Ok(options)
     }
 

@@ -143,9 +143,10 @@ impl ViewArgs {
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
         let count = self.spline_frames().map_err(anyhow::Error::msg)?;
         let file = self.file().context("a path along a spline needs a camera file")?;
+        let option = format!("--spline {}", file.display());
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
-        let spline = if self.closed { CameraSpline::closed(keys)? } else { CameraSpline::open(keys)? };
-        let views = spline.resampled(count, self.spacing)?;
+        let spline = if self.closed { CameraSpline::closed(keys) } else { CameraSpline::open(keys) };
+        let views = spline.and_then(|spline| spline.resampled(count, self.spacing)).context(option)?;
         Ok(Plan { shots: Shot::numbered(views, size), path, notes })
     }
 

@@ -87,10 +87,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         .collect();
     once("--format", &formats).map_err(usage_error)?;
     let labels = store_labels(&args.stores);
-    std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
     let results = folders.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
+    std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
     let stores: Vec<PageStore<'_>> = results
         .iter()
         .zip(&labels)

@@ -93,6 +93,11 @@ impl MethodArgs {
         let unused = [
             (networks, self.network.given(), "is for methods with a network: atsplat, atsplat+refine"),
             (optimises, of(self.max_gaussians.is_some(), "--max-gaussians"), "is for 3dgs, mip-splatting and mcmc"),
+            (
+                networks || optimises,
+                of(self.network.seed != 0, "--seed"),
+                "is for methods with a network, 3dgs, mip-splatting and mcmc",
+            ),
             (executes, of(self.method_timeout.is_some(), "--method-timeout"), "is for exec"),
             (executes, of(self.method_processes.is_some(), "--method-processes"), "is for exec"),
             (imports, of(self.gaussians.ply_frame.is_some(), "--ply-frame"), "is for ply"),

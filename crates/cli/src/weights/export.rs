@@ -1,6 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use anyhow::ensure;
 use atsplat_model::weights::{KeyMap, ModelWeights};
 use serde::Serialize;
 
@@ -46,6 +47,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let source = embedded::find(&args.file, || embedded::or_a_file("a weights file of this toolkit"))?;
     let mut weights = ModelWeights::of_file(&source)?;
     weights.tensors.tensors.retain(|name, _| name.starts_with(&args.only));
+    let (file, only) = (args.file.display(), &args.only);
+    ensure!(!weights.tensors.tensors.is_empty(), "--only {only}: {file} has no tensor whose name starts with it");
     let exported = map.export(&weights.tensors)?;
     out.finish(&exported.to_safetensors()?)?;
     let report = Report {

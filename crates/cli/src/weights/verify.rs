@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use anyhow::Context as _;
 use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, Verification};
@@ -7,6 +8,7 @@ use atsplat_model::weights::{ModelWeights, Verification};
 use crate::embedded;
 use crate::model_args::model;
 use crate::output::print_report;
+use crate::reconstruct::network::same_network;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -33,6 +35,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         Some(config) => ModelWeights::advice(config, expected.as_deref()),
         None => embedded::or_a_file("a file of weights"),
     })?;
-    print_report(&Verification::new(file, config.as_ref(), expected.as_deref())?, args.json)?;
+    // A configuration that cannot be read is an error of the verification.
+    let own = ModelWeights::is_one(&file.stored).then(|| ModelWeights::config_of(&file.stored)).and_then(Result::ok);
+    let verification = Verification::new(file, config.as_ref(), expected.as_deref())?;
+    if let Some((requested, own)) = config.as_ref().zip(own.as_ref()) {
+        same_network(requested, own).context("--model")?;
+    }
+    print_report(&verification, args.json)?;
     Ok(true)
 }

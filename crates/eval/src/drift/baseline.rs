@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{AtomicFile, Sha256Digest};
@@ -104,9 +104,7 @@ struct BaselineFile {
     numbers: Vec<AcceptedNumber>,
     #[serde(default)]
     pictures: Vec<PictureDigest>,
-    #[serde(default)]
     trials: Vec<BaselineTrial>,
-    #[serde(default)]
     targets: Vec<BaselineTarget>,
 }
 
@@ -168,7 +166,8 @@ impl Baseline {
     /// Reads a baseline.
     ///
     /// # Errors
-    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON or another format.
+    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON, for another format, and for two
+    /// rows of one trial or target.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: BaselineFile =
@@ -177,6 +176,15 @@ impl Baseline {
         if !(OLDEST..=FORMAT).contains(&format) {
             let expected = format!("format {OLDEST} to {FORMAT}");
             return Err(DriftError::malformed(path, "field format", expected, format!("format {format}")));
+        }
+        let once = "each of them once";
+        let (mut known_trials, mut known_targets) = (BTreeSet::new(), BTreeSet::new());
+        if let Some(row) = trials.iter().find(|row| !known_trials.insert(&row.key)) {
+            return Err(DriftError::malformed(path, "trials", once, format!("{} again", row.key)));
+        }
+        if let Some(row) = targets.iter().find(|row| !known_targets.insert((&row.key, row.target))) {
+            let found = format!("target {} of {} again", row.target, row.key);
+            return Err(DriftError::malformed(path, "targets", once, found));
         }
         // Older formats have these values only in their rows.
         let pictures = if format < WITH_PICTURES { pictures_of_targets(&targets) } else { pictures };
@@ -260,19 +268,22 @@ impl Baseline {
         // The four empty lists at the end are replaced by lists with one row per line.
         let end = text.rfind("\"numbers\": []").expect("the head ends with empty lists");
         text.truncate(end);
-        let lines = |rows: Vec<Result<String, serde_json::Error>>| {
-            let rows = rows.into_iter().collect::<Result<Vec<_>, _>>().map_err(invalid)?;
-            let inside = if rows.is_empty() { String::new() } else { format!("\n    {}\n  ", rows.join(",\n    ")) };
-            Ok::<_, DriftError>(format!("[{inside}]"))
-        };
-        let numbers = lines(self.numbers.iter().map(serde_json::to_string).collect())?;
-        let pictures = lines(self.pictures.iter().map(serde_json::to_string).collect())?;
-        let trials = lines(self.trials.iter().map(serde_json::to_string).collect())?;
-        let targets = lines(self.targets.iter().map(serde_json::to_string).collect())?;
-        let lists = [("numbers", numbers), ("pictures", pictures), ("trials", trials), ("targets", targets)];
-        let lists = lists.map(|(name, rows)| format!("\"{name}\": {rows}"));
+        let lists = [
+            list("numbers", &self.numbers),
+            list("pictures", &self.pictures),
+            list("trials", &self.trials),
+            list("targets", &self.targets),
+        ];
+        let lists = lists.into_iter().collect::<Result<Vec<_>, _>>().map_err(invalid)?;
         Ok(format!("{text}{}\n}}\n", lists.join(",\n  ")))
     }
+}
+
+/// A field with one row per line.
+fn list<T: Serialize>(name: &str, rows: &[T]) -> Result<String, serde_json::Error> {
+    let rows = rows.iter().map(serde_json::to_string).collect::<Result<Vec<_>, _>>()?;
+    let inside = if rows.is_empty() { String::new() } else { format!("\n    {}\n  ", rows.join(",\n    ")) };
+    Ok(format!("\"{name}\": [{inside}]"))
 }
 
 impl From<&TrialRow> for BaselineTrial {

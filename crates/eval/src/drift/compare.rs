@@ -9,8 +9,8 @@ use super::{
     Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
     Verdict, least_limit, metric_bound,
 };
-use crate::statistics::{Outcome, Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
-use crate::{Results, TargetStatus, TrialKey};
+use crate::statistics::{Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
+use crate::{Results, TargetStatus, TrialKey, TrialStatus};
 
 /// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
 pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
@@ -133,22 +133,21 @@ impl Group {
         }
         for (id, then) in &self.targets {
             let location = || format!("{} {} frame {}", id.0, id.1, then.frame);
-            let Some(now) = now.targets.get(id) else {
+            let Some(row) = now.targets.get(id) else {
                 add(FindingKind::Missing, &location);
                 continue;
             };
-            if then.status != now.status {
-                add(FindingKind::Status, &|| {
-                    format!("{}: was {}, is now {}", location(), then.status.name(), now.status.name())
-                });
+            let (was, is) = (self.status_of(then), now.status_of(row));
+            if was != is {
+                add(FindingKind::Status, &|| format!("{}: was {was}, is now {is}", location()));
             }
-            if then.render_hash.is_some() && then.render_hash != now.render_hash {
+            if then.render_hash.is_some() && then.render_hash != row.render_hash {
                 add(FindingKind::Render, &location);
             }
-            if let Some(id) = then.scores.keys().find(|id| !now.scores.contains_key(*id)) {
+            if let Some(id) = then.scores.keys().find(|id| !row.scores.contains_key(*id)) {
                 add(FindingKind::Score, &|| format!("{}: {id}", location()));
             }
-            if let Some(id) = now.scores.keys().find(|id| !then.scores.contains_key(*id)) {
+            if let Some(id) = row.scores.keys().find(|id| !then.scores.contains_key(*id)) {
                 add(FindingKind::NewScore, &|| format!("{}: {id}", location()));
             }
         }
@@ -165,6 +164,17 @@ impl Group {
             Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example }
         };
         changes.into_iter().map(finding).collect()
+    }
+
+    /// The name of a target's status, which says whether the method supports the trial at all.
+    fn status_of(&self, row: &BaselineTarget) -> &'static str {
+        let trial = self.trials.get(&(row.key.scene.clone(), row.key.entry));
+        let is_unsupported = trial.is_some_and(|trial| trial.status == TrialStatus::NotApplicable);
+        if is_unsupported && row.status == TargetStatus::Failed {
+            TrialStatus::NotApplicable.name()
+        } else {
+            row.status.name()
+        }
     }
 
     fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, limit: f64) -> Comparison {
@@ -229,14 +239,8 @@ struct TargetPair<'a> {
 
 impl TargetPair<'_> {
     fn selected(&self, value: f64) -> SelectedTarget<'_> {
-        SelectedTarget {
-            scene: &self.id.0,
-            entry: self.id.1,
-            target: self.id.2,
-            distance: None,
-            overlap: None,
-            outcome: Outcome::Score { value, identical: false },
-        }
+        let (scene, entry, target) = self.id;
+        SelectedTarget::of_score((scene.as_str(), *entry, *target), value)
     }
 }
 

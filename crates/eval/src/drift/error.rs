@@ -11,7 +11,7 @@ pub enum DriftError {
     /// A file operation failed.
     #[error(transparent)]
     Io(#[from] FileError),
-    /// A file that is not a valid baseline.
+    /// A file that is not a valid baseline or recipe.
     #[error(transparent)]
     Malformed(#[from] Malformed),
     /// An invalid value.

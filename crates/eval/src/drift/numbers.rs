@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::probe::Stage;
 use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
-use crate::statistics::{Outcome, SelectedTarget, score_of, summary_of};
+use crate::statistics::{SelectedTarget, score_of, summary_of};
 use crate::{Results, TargetStatus};
 
 /// One number of an accepted run, kept when the rows are replaced by a later acceptance.
@@ -91,17 +91,8 @@ fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> 
 /// A target of a table's mean: scored, and not identical to the truth.
 fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<'a>> {
     let value = score_of(row.status, row.scores.get(metric).copied(), metric)?;
-    if row.status == TargetStatus::Identical {
-        return None;
-    }
-    Some(SelectedTarget {
-        scene: &row.key.scene,
-        entry: row.key.entry,
-        target: row.target,
-        distance: None,
-        overlap: None,
-        outcome: Outcome::Score { value, identical: false },
-    })
+    let id = (row.key.scene.as_str(), row.key.entry, row.target);
+    (row.status != TargetStatus::Identical).then(|| SelectedTarget::of_score(id, value))
 }
 
 impl Baseline {

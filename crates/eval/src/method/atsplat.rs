@@ -216,7 +216,8 @@ impl Method for AtSplat {
     }
 }
 
-fn method_error(error: &ModelError) -> MethodError {
+/// An input that the network does not take is no failure.
+pub(super) fn method_error(error: &ModelError) -> MethodError {
     match error {
         ModelError::Indivisible { .. } | ModelError::SizesDiffer { .. } => {
             MethodError::NotApplicable(error.to_string())

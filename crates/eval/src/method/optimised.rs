@@ -5,6 +5,7 @@ use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, Traini
 use atsplat_model::network::Network;
 use atsplat_splat::Gaussians;
 
+use super::atsplat::method_error;
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource};
 use crate::context::trial_seed;
@@ -136,9 +137,9 @@ impl Optimised {
             return in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy).map_err(failed);
         };
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
-        let context = network_views(input.pictures.iter().map(AsRef::as_ref), cameras);
-        let network_failed = |error: atsplat_model::ModelError| MethodError::Failed(error.to_string());
-        let made = network.reconstruct(&context.map_err(network_failed)?, config.seed).map_err(network_failed)?;
+        let context =
+            network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
+        let made = network.reconstruct(&context, config.seed).map_err(|error| method_error(&error))?;
         cost.initial_tokens = Some(made.budget.initial_tokens as u64);
         cost.final_tokens = Some(made.budget.final_tokens as u64);
         cost.stages.extend(made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs)));
@@ -203,6 +204,7 @@ mod tests {
     use atsplat_model::parameters::parameters;
     use atsplat_model::weights::generated;
     use atsplat_model::{ImageSize, ModelConfig};
+    use atsplat_pixels::ImageU8;
     use atsplat_protocol::Preset;
     use atsplat_splat::Renderer;
     use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
@@ -239,6 +241,19 @@ mod tests {
         let method = refined(Splatting::default());
         let (cost, _) = rendered(&method);
         assert!(cost.final_tokens.is_some() && method.record().untrained);
+    }
+
+    /// Patches of 16 pixels do not divide it. The network alone does not support it either.
+    #[test]
+    fn a_size_that_the_network_does_not_take_is_no_failure() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let picture = Arc::new(ImageU8::new(100, 100, vec![9; 30_000]).unwrap());
+        let pictures = vec![picture; pictures.len()];
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let method = refined(Splatting::default());
+        let why = method.predict(input).err().unwrap();
+        assert!(matches!(&why, MethodError::NotApplicable(why) if why.contains("16 divides")), "{why}");
     }
 
     /// Between the Gaussians of the start, pictures show the background.

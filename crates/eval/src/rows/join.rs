@@ -17,9 +17,10 @@ impl Provenance {
     pub(crate) fn merge_shard(&mut self, other: Self, is_repeated: bool) -> Result<(), EvalError> {
         let together = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_run(&other, "; only shards of one run can be merged")?;
+        // They may have been added to the shards in another order.
         same("presets", &names(&self.presets), &names(&other.presets), "")?;
         let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
-        same("methods", &self.methods, &methods, "")?;
+        same("methods", &by_name(&self.methods), &by_name(&methods), "")?;
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
                 let preset = preset.with_places_of(known);
@@ -113,8 +114,14 @@ fn of(what: &str, name: &str) -> String {
     format!("{what} {name}")
 }
 
-fn names(presets: &[PresetRecord]) -> Vec<&str> {
+fn names(presets: &[PresetRecord]) -> BTreeSet<&str> {
     presets.iter().map(|preset| preset.name.as_str()).collect()
+}
+
+fn by_name(methods: &[MethodRecord]) -> Vec<MethodRecord> {
+    let mut methods = methods.to_vec();
+    methods.sort_by(|a, b| a.name.cmp(&b.name));
+    methods
 }
 
 fn same<T: Serialize + PartialEq>(what: &str, first: &T, second: &T, advice: &'static str) -> Result<(), EvalError> {
@@ -140,6 +147,27 @@ mod tests {
         assert_eq!(all.processor, "a, avx512; b, avx2; c");
         assert!(same_machine(&on("a"), &on("a")) && !same_machine(&on("a"), &on("b")));
         assert!(!same_machine(&all, &all), "nobody knows which row was made where");
+    }
+
+    #[test]
+    fn shards_may_list_their_presets_and_methods_in_another_order() {
+        let of = |names: [&str; 2]| {
+            let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+            Provenance { methods: names.map(method).to_vec(), ..Provenance::default() }
+        };
+        let mut known = of(["b", "a"]);
+        known.merge_shard(of(["a", "b"]), false).unwrap();
+        assert_eq!(known.methods, of(["b", "a"]).methods, "in the order of the first");
+        let refused = known.merge_shard(of(["a", "c"]), false).unwrap_err().to_string();
+        assert!(refused.contains("b: present and absent") && refused.contains("c: absent and present"), "{refused}");
+        let of = |names: [&str; 2]| {
+            let preset = |name: &str| PresetRecord { name: name.to_owned(), ..PresetRecord::default() };
+            Provenance { presets: names.map(preset).to_vec(), ..Provenance::default() }
+        };
+        let mut known = of(["b", "a"]);
+        known.merge_shard(of(["a", "b"]), false).unwrap();
+        assert_eq!(known.presets, of(["b", "a"]).presets, "in the order of the first");
+        assert!(known.merge_shard(of(["a", "c"]), false).is_err());
     }
 
     /// A method of a store has one device; another one needs another name. The provenance lists every adapter once.

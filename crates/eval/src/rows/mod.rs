@@ -58,8 +58,8 @@ impl Results {
         self.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable)
     }
 
-    /// Their keys, to tell their targets apart from failed ones.
-    pub(crate) fn unsupported(&self) -> BTreeSet<&TrialKey> {
+    /// The keys of the trials that their method does not support, to tell their targets apart from failed ones.
+    pub fn unsupported(&self) -> BTreeSet<&TrialKey> {
         self.not_applicable().map(|trial| &trial.key).collect()
     }
 }

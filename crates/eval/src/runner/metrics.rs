@@ -2,7 +2,7 @@ use std::path::Path;
 
 use atsplat_metrics::learned::{Network, WeightsFolders};
 use atsplat_metrics::{Definition, Measure, Networks, Suite, definition, definitions};
-use atsplat_protocol::{LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
+use atsplat_protocol::{LpipsConvention, MetricConvention, PixelValues, Preset, PsnrConvention, SsimConvention};
 
 use super::Dataset;
 use crate::{EvalError, MetricRecord};
@@ -38,28 +38,50 @@ pub const fn metric_ids(convention: &MetricConvention) -> [&'static str; 3] {
 /// # Errors
 /// [`EvalError::Unknown`].
 pub fn named_metrics<'a>(ids: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Definition>, EvalError> {
-    let mut requested = Vec::new();
+    let (mut requested, mut all) = (Vec::new(), false);
     for id in ids {
         if id == "all" {
-            return Ok(definitions().iter().collect());
+            all = true;
+            continue;
         }
         let known = || definitions().iter().map(|metric| metric.id.to_owned()).collect();
         let unknown = || EvalError::Unknown { what: "metrics", found: id.to_owned(), known: known() };
         requested.push(definition(id).ok_or_else(unknown)?.id);
     }
-    Ok(definitions().iter().filter(|metric| requested.contains(&metric.id)).collect())
+    Ok(definitions().iter().filter(|metric| all || requested.contains(&metric.id)).collect())
 }
 
 /// The metrics of the protocols and those named in `more`, with weights of learned ones from a folder or torch's cache.
 ///
 /// # Errors
-/// [`EvalError::Unknown`], and [`EvalError::Metrics`] for a file that holds other weights.
+/// [`EvalError::Unknown`], [`EvalError::Settings`] for a protocol whose metrics do not exist for its pixel values, and
+/// [`EvalError::Metrics`] for a file that holds other weights.
 pub fn suite(datasets: &[Dataset], more: &[String], weights: Option<&Path>) -> Result<Suite, EvalError> {
+    datasets.iter().try_for_each(|dataset| check_implemented(&dataset.preset))?;
     let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
     let definitions = named_metrics(own.chain(more.iter().map(String::as_str)))?;
     let given = WeightsFolders::new(weights.iter().map(|folder| folder.to_path_buf()).collect());
     let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
     Ok(Suite::new(definitions, networks, FEATURE_CACHE_BYTES))
+}
+
+/// Rejects a protocol whose SSIM or LPIPS only exists for other pixel values than its own.
+fn check_implemented(preset: &Preset) -> Result<(), EvalError> {
+    let MetricConvention { psnr: _, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = preset.metrics;
+    let truncated = pixels == PixelValues::TruncatedToBytes;
+    let refused = |expected: &str| {
+        let (expected, found) = (expected.to_owned(), format!("other pixel values in {}", preset.name));
+        Err(EvalError::Settings { what: "metrics of the protocol", expected, found })
+    };
+    match (ssim, lpips) {
+        (SsimConvention::SkimageUniform, _) if truncated => {
+            refused("pixels = \"float\" for ssim = \"skimage-uniform\"")
+        }
+        (_, LpipsConvention::AlexV01) if truncated || clip => {
+            refused("pixels = \"float\" and clip-before-ssim-and-lpips = false for lpips = \"alex-v01\"")
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The provenance records of a suite's metrics.
@@ -82,8 +104,6 @@ pub fn metric_records(suite: &Suite) -> Vec<MetricRecord> {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_protocol::Preset;
-
     use super::*;
 
     #[test]
@@ -102,6 +122,28 @@ mod tests {
         }
     }
 
+    /// The metric of that name would be measured on other pixel values than the protocol's.
+    #[test]
+    fn metrics_that_are_not_implemented_for_a_protocols_pixels_are_refused() {
+        let mut preset = Preset::named("re10k-2v-256").unwrap();
+        let mut is_refused = |ssim, lpips, pixels, clip_before_ssim_and_lpips| {
+            preset.metrics = MetricConvention { ssim, lpips, pixels, clip_before_ssim_and_lpips, ..preset.metrics };
+            check_implemented(&preset).is_err()
+        };
+        let (float, bytes) = (PixelValues::Float, PixelValues::TruncatedToBytes);
+        let (gaussian, uniform) = (SsimConvention::SkimageGaussian, SsimConvention::SkimageUniform);
+        let (vgg, alex) = (LpipsConvention::VggV01, LpipsConvention::AlexV01);
+        let refused = [
+            is_refused(gaussian, vgg, bytes, true),
+            is_refused(uniform, vgg, float, true),
+            is_refused(uniform, vgg, bytes, false),
+            is_refused(gaussian, alex, float, false),
+            is_refused(gaussian, alex, float, true),
+            is_refused(gaussian, alex, bytes, false),
+        ];
+        assert_eq!(refused, [false, false, true, false, true, true]);
+    }
+
     #[test]
     fn named_metrics_are_unique_and_ordered() {
         let ids = |list: &[&str]| {
@@ -109,6 +151,7 @@ mod tests {
         };
         assert_eq!(ids(&["l1", "ssim", "psnr", "ssim"]).unwrap(), ["psnr", "ssim", "l1"]);
         assert_eq!(ids(&["l1", "all"]).unwrap().len(), definitions().len());
+        assert!(ids(&["all", "psnrs"]).is_err());
         assert!(ids(&["psnrs"]).unwrap_err().to_string().contains("psnr-unclipped"));
     }
 }

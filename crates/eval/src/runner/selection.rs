@@ -29,6 +29,11 @@ impl Selection {
         self.of(&dataset.index.index, dataset.source.keys()).index
     }
 
+    /// Scenes with entries that a dataset lacks, whatever the limit.
+    pub fn missing_in(self, dataset: &Dataset) -> Vec<String> {
+        self.of(&dataset.index.index, dataset.source.keys()).missing
+    }
+
     /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes those that lie
     /// together in the dataset: it opens no more chunks than it needs. All entries of a scene stay in one shard.
     pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {

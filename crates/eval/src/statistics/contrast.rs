@@ -73,14 +73,7 @@ mod tests {
     /// 2 · 5 − 3 · 1 = 7 and 2 · 4 − 3 · 2 = 2; the third target has no second score.
     #[test]
     fn results_are_weighted_target_by_target() {
-        let target = |scene, value: f64| SelectedTarget {
-            scene,
-            entry: 0,
-            target: 0,
-            distance: None,
-            overlap: None,
-            outcome: Outcome::Score { value, identical: false },
-        };
+        let target = |scene, value| SelectedTarget::of_score((scene, 0, 0), value);
         let first = [target("a", 5.0), target("b", 4.0), target("c", 100.0)];
         let second =
             [target("a", 1.0), target("b", 2.0), SelectedTarget { outcome: Outcome::Failed, ..target("c", 0.0) }];
@@ -92,14 +85,7 @@ mod tests {
     #[test]
     fn fewer_than_six_scenes_have_no_interval() {
         let selected = |value: fn(f64) -> f64| -> Vec<SelectedTarget<'static>> {
-            let target = |(scene, gain)| SelectedTarget {
-                scene,
-                entry: 0,
-                target: 0,
-                distance: None,
-                overlap: None,
-                outcome: Outcome::Score { value: value(gain), identical: false },
-            };
+            let target = |(scene, gain)| SelectedTarget::of_score((scene, 0, 0), value(gain));
             ["a", "b", "c", "d", "e", "f"].into_iter().zip([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).map(target).collect()
         };
         let (better, worse) = (selected(|gain| 20.0 + gain), selected(|_| 20.0));

@@ -33,7 +33,7 @@ pub use trend::{Trend, along_distance, along_overlap, along_setting};
 
 pub(crate) use contrast::contrast;
 pub(crate) use paired::of_selected as paired_of;
-pub(crate) use selection::{Outcome, SelectedTarget, score_of, select};
+pub(crate) use selection::{SelectedTarget, score_of, select};
 pub(crate) use significance::student_quantile;
 pub(crate) use summary::of_selected as summary_of;
 

@@ -1,9 +1,7 @@
-use std::collections::BTreeSet;
-
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
 use super::{Identical, Leaked, MetricQuery};
-use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
+use crate::{IDENTICAL, Results, TargetRow, TargetStatus};
 
 /// One target of a query.
 #[derive(Clone, Copy, Debug)]
@@ -11,7 +9,7 @@ pub(crate) struct SelectedTarget<'a> {
     pub(crate) scene: &'a str,
     pub(crate) entry: u32,
     pub(crate) target: u32,
-    /// `None` if the trial failed before it had targets.
+    /// `None` for a score that is not of a row.
     pub(crate) distance: Option<i64>,
     pub(crate) overlap: Option<f64>,
     pub(crate) outcome: Outcome<'a>,
@@ -28,11 +26,19 @@ pub(crate) enum Outcome<'a> {
     NonFinite,
     /// The render or the ground truth is missing.
     Failed,
+    /// The method does not support the trial.
+    NotApplicable,
     /// It was not computed, for this reason.
     NotComputed(&'a str),
 }
 
-impl SelectedTarget<'_> {
+impl<'a> SelectedTarget<'a> {
+    /// A score of a target with this [`Self::id`].
+    pub(crate) const fn of_score((scene, entry, target): (&'a str, u32, u32), value: f64) -> Self {
+        let outcome = Outcome::Score { value, identical: false };
+        Self { scene, entry, target, distance: None, overlap: None, outcome }
+    }
+
     /// Identity within a preset and method; also the order of every sum.
     pub(crate) fn id(&self) -> (&str, u32, u32) {
         (self.scene, self.entry, self.target)
@@ -54,6 +60,7 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
         || rows().any(|row| row.scores.contains_key(metric));
     let absent = results.provenance.metrics.iter().find(|record| record.id == metric);
     let absent = absent.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
+    let unsupported = results.unsupported();
     let counts = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
     let of_row = |row: &'a TargetRow| SelectedTarget {
         scene: &row.key.scene,
@@ -62,25 +69,12 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
         distance: Some(row.signed_distance),
         overlap: row.overlap,
         outcome: match outcome(row, metric, is_requested, absent) {
+            Outcome::Failed if unsupported.contains(&row.key) => Outcome::NotApplicable,
             Outcome::Score { identical: true, .. } if identical == Identical::Excluded => Outcome::Identical,
             other => other,
         },
     };
     let mut selected: Vec<SelectedTarget<'a>> = rows().filter(counts).map(of_row).collect();
-    let seen: BTreeSet<(&str, u32)> = rows().map(|row| (row.key.scene.as_str(), row.key.entry)).collect();
-    for trial in results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method) {
-        let id = (trial.key.scene.as_str(), trial.key.entry);
-        if trial.status == TrialStatus::Failed && !seen.contains(&id) {
-            selected.extend((0..trial.targets).map(|target| SelectedTarget {
-                scene: id.0,
-                entry: id.1,
-                target,
-                distance: None,
-                overlap: trial.overlap,
-                outcome: Outcome::Failed,
-            }));
-        }
-    }
     selected.sort_by(|a, b| a.id().cmp(&b.id()));
     selected
 }

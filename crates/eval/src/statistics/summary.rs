@@ -23,6 +23,8 @@ pub struct Summary {
     pub identical: u64,
     /// Targets without a render or a ground truth; not in the mean.
     pub failed: u64,
+    /// Targets of trials that the method does not support; not in the mean.
+    pub not_applicable: u64,
     /// Targets whose render or score is not finite; not in the mean.
     pub non_finite: u64,
     /// Targets whose score was not computed; not in the mean.
@@ -60,6 +62,7 @@ pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation)
             Outcome::Identical => summary.identical += 1,
             Outcome::NonFinite => summary.non_finite += 1,
             Outcome::Failed => summary.failed += 1,
+            Outcome::NotApplicable => summary.not_applicable += 1,
             Outcome::NotComputed(reason) => {
                 summary.uncomputed += 1;
                 summary.not_computed.get_or_insert_with(|| reason.to_owned());

@@ -123,19 +123,30 @@ fn missing_scores_are_counted_and_never_averaged() {
         row.scores.clear();
     }
     store.targets[8].not_computed.insert("psnr".to_owned(), "too small".to_owned());
-    let mut lost = trial("m", "d", 0, 7);
-    lost.status = TrialStatus::Failed;
-    store.trials.push(lost);
     let capped = MetricQuery { identical: Identical::Capped, ..query("m") };
     let found = summary(&store, &capped, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [(21.0 + 30.0 + DECIBEL_CAP) / 3.0], "mean");
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
-    assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
+    assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 1, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
     let absent = summary(&store, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
     assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is not capped");
     assert!(absent.not_computed.unwrap().contains("not among"));
     assert_eq!(summary(&store, &query("other"), Aggregation::SceneMeans), Summary::default());
+}
+
+/// Of five targets without a score, two are of a trial that the method does not support.
+#[test]
+fn targets_of_unsupported_trials_are_told_apart_from_failed_ones() {
+    let mut store = psnr(&[("a", 0, vec![0.0; 3]), ("b", 0, vec![0.0; 2]), ("c", 0, vec![20.0])]);
+    store.trials[0].status = TrialStatus::Failed;
+    store.trials[1].status = TrialStatus::NotApplicable;
+    for row in &mut store.targets[..5] {
+        row.status = TargetStatus::Failed;
+        row.scores.clear();
+    }
+    let found = summary(&store, &query("m"), Aggregation::SceneMeans);
+    assert_eq!((found.failed, found.not_applicable, found.targets), (3, 2, 1));
 }
 
 /// Pictures that are identical after rounding: the row has the reason instead of a number.

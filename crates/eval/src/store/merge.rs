@@ -2,6 +2,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
 use super::SCHEMA_VERSION;
+use super::data::check_consistent;
 use crate::timing::{TimingRow, merged};
 use crate::{EvalError, Provenance, Results, Shard, TargetRow, TrialKey, TrialRow};
 
@@ -77,8 +78,8 @@ impl Results {
     /// Merges shards of one run. Rows that several shards hold must agree; timings stay separate by machine.
     ///
     /// # Errors
-    /// [`EvalError::Different`] if they are not of one run, [`EvalError::Disagreement`], [`EvalError::Settings`] for an empty
-    /// list.
+    /// [`EvalError::Different`] and [`EvalError::Differences`] if they are not of one run, [`EvalError::Disagreement`],
+    /// [`EvalError::MixedData`], [`EvalError::Settings`] for an empty list.
     pub fn merge(parts: Vec<Self>) -> Result<Merged, EvalError> {
         let mut parts = parts.into_iter();
         let nothing =
@@ -115,7 +116,9 @@ impl Results {
         provenance.schema_version = SCHEMA_VERSION;
         provenance.schema_hash = super::schema_hash();
         let repeated = rows.repeated;
-        Ok(Merged { results: rows.into_results(provenance)?, missing_shards, unfinished, repeated })
+        let results = rows.into_results(provenance)?;
+        check_consistent(&results)?;
+        Ok(Merged { results, missing_shards, unfinished, repeated })
     }
 }
 

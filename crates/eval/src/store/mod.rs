@@ -68,8 +68,8 @@ impl Store {
     /// Creates a store in a folder without one, and checks that it can be written.
     ///
     /// # Errors
-    /// [`EvalError::Io`]; [`EvalError::Settings`] if the folder already holds a store; [`EvalError::InUse`] if another process
-    /// is creating one.
+    /// [`EvalError::Io`]; [`EvalError::Settings`] if the folder already holds a store, or rows of one; [`EvalError::InUse`] if
+    /// another process is creating one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         let lock = Lock::of(folder)?;
         Self::create_locked(folder, provenance, lock)
@@ -84,6 +84,15 @@ impl Store {
             });
         }
         let parts = parts::folder(folder);
+        let tables = [TRIALS, TARGETS, timings::TIMINGS].map(|name| folder.join(name)).into_iter();
+        // They would become rows of this run.
+        if let Some(rows) = tables.filter(|path| path.exists()).chain(disk::files(&parts)?).next() {
+            return Err(EvalError::Settings {
+                what: "folder of the results",
+                expected: "one without results".to_owned(),
+                found: format!("{} without {PROVENANCE}; choose another folder", rows.display()),
+            });
+        }
         fs::create_dir_all(&parts).map_err(EvalError::io("creating a results store", &parts))?;
         let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
         let provenance = Provenance { schema_version, schema_hash, ..provenance };

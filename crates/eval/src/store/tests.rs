@@ -274,6 +274,23 @@ fn creating_a_store_checks_that_the_folder_is_writable() {
     assert!(Store::create(&folder.path().join("store"), Provenance::default()).is_err());
 }
 
+#[test]
+fn rows_that_lost_their_provenance_do_not_join_another_run() {
+    for is_finished in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let store = filled(folder.path(), &["a"]);
+        if is_finished {
+            store.finish().unwrap();
+        } else {
+            drop(store);
+        }
+        fs::remove_file(folder.path().join(PROVENANCE)).unwrap();
+        let error = Store::resume(folder.path(), Provenance::default()).unwrap_err().to_string();
+        let rows = if is_finished { TRIALS } else { ".json without provenance.json" };
+        assert!(error.contains("found ") && error.contains(rows), "{error}");
+    }
+}
+
 /// The row of the same trial under another method and data.
 fn by(method: &str, data: &str) -> (TrialRow, Vec<TargetRow>) {
     let mut row = trial("a");

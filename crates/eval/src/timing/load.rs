@@ -199,8 +199,9 @@ mod tests {
             return;
         }
         let stop = std::sync::atomic::AtomicBool::new(false);
+        let threads = std::thread::available_parallelism().unwrap().get();
         let load = std::thread::scope(|scope| {
-            for _ in 0..std::thread::available_parallelism().unwrap().get() {
+            for _ in 0..threads {
                 scope.spawn(|| {
                     while !stop.load(std::sync::atomic::Ordering::Relaxed) {
                         std::hint::spin_loop();
@@ -213,6 +214,8 @@ mod tests {
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
             load
         });
-        assert!(load.is_busy() && load.others.unwrap() > 0.5, "{load:?}");
+        // A container may have fewer processors than its machine.
+        let share = threads as f64 / cpu_time().unwrap().cpus;
+        assert!(load.others.unwrap() > 0.5 * share, "{load:?}");
     }
 }

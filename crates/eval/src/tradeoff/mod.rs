@@ -16,5 +16,5 @@ pub use frontier::{Axis, Contrasts, Frontier, Point, PointDifference, Price, Sam
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, SweepBase, parts};
 pub use report::TradeoffReport;
-pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
+pub use sample::{Tradeoff, across, quality_step, tradeoffs};
 pub use sweep::{Setting, Sweep};

@@ -53,13 +53,14 @@ pub struct Part {
 pub fn parts(sweep: &Sweep, base: &SweepBase, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
     let mut parts: Vec<(&Knobs, Part)> = Vec::new();
     for setting in &sweep.settings {
-        let method = base.method(setting)?;
+        let method = base.method(setting).map_err(|error| error.in_setting(&setting.label))?;
         let same_trials =
             |knobs: &Knobs| (knobs.views, knobs.resolution) == (setting.knobs.views, setting.knobs.resolution);
         if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| same_trials(knobs)) {
             part.methods.push(method);
         } else {
-            let modified = |dataset| modified(dataset, &setting.knobs);
+            let modified =
+                |dataset| modified(dataset, &setting.knobs).map_err(|error| error.in_setting(&setting.label));
             let datasets = datasets.iter().map(modified).collect::<Result<_, _>>()?;
             parts.push((&setting.knobs, Part { datasets, methods: vec![method] }));
         }

@@ -105,7 +105,15 @@ fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
     machines.sort();
     machines.dedup();
     machines.iter().try_for_each(|machine| writeln!(f, "Timed on {machine}."))?;
-    let devices: BTreeMap<&String, &Vec<String>> = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.devices).collect();
+    let mut devices: BTreeMap<&String, Vec<&str>> = BTreeMap::new();
+    for (device, labels) in tradeoffs.iter().flat_map(|tradeoff| &tradeoff.devices) {
+        let all = devices.entry(device).or_default();
+        for label in labels {
+            if !all.contains(&label.as_str()) {
+                all.push(label);
+            }
+        }
+    }
     devices.iter().try_for_each(|(device, labels)| writeln!(f, "{}: {device}.", labels.join(", ")))?;
     let points = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers).flat_map(|frontier| &frontier.points);
     if points.into_iter().any(|point| point.busy) {

@@ -120,16 +120,11 @@ fn of_scored(
     }
 }
 
-/// The methods of a store under a preset as samples, in the order of the provenance record.
+/// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
 ///
 /// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
 /// first picture. If a method has only one of the two, that one counts.
-pub fn samples(results: &Results, preset: &str, metric: &str, leaked: Leaked, aggregation: Aggregation) -> Vec<Sample> {
-    scored(results, preset, metric, leaked, aggregation).into_iter().map(|(sample, _)| sample).collect()
-}
-
-/// Samples with their scored targets.
-fn scored<'a>(
+pub(super) fn scored<'a>(
     results: &'a Results,
     preset: &'a str,
     metric: &'a str,
@@ -154,7 +149,7 @@ fn scored<'a>(
             }
             Err(reason) => sample.untimed = Some(reason),
         }
-        (cost.trials > 0).then_some((sample, selected))
+        (cost.trials + cost.failed + cost.not_applicable > 0).then_some((sample, selected))
     };
     results.provenance.methods.iter().filter_map(|record| sample(&record.name)).collect()
 }

@@ -1,5 +1,6 @@
 use std::collections::BTreeSet;
 
+use atsplat_protocol::malformed_toml;
 use serde::{Deserialize, Serialize};
 
 use super::Knobs;
@@ -42,15 +43,15 @@ impl Sweep {
     /// Parses a sweep from TOML.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for invalid text, with line and column; for an empty list, for duplicate labels, and for knobs out of
-    /// range.
+    /// [`EvalError::Malformed`] for text that is not a sweep, with line and column; [`EvalError::Settings`] for an empty
+    /// list, for duplicate labels, and for knobs out of range.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
         let invalid = |expected: &str, found: String| EvalError::Settings {
             what: "settings",
             expected: expected.to_owned(),
             found,
         };
-        let sweep: Self = toml::from_str(text).map_err(|error| invalid("a sweep in TOML", error.to_string()))?;
+        let sweep: Self = toml::from_str(text).map_err(|error| malformed_toml("sweep", "a sweep", text, &error))?;
         if sweep.settings.is_empty() {
             return Err(invalid("at least one setting", "none".to_owned()));
         }

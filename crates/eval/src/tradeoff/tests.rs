@@ -7,10 +7,11 @@ use atsplat_splat::RendererConstants;
 use proptest::prelude::*;
 
 use super::Standing::{Frontier as On, NotDistinguishable as Unclear, Worse};
+use super::sample::scored;
 use super::*;
-use crate::MethodRecord;
 use crate::sample_rows::{PRESET, results, timing};
 use crate::statistics::{Contrast, Leaked};
+use crate::{MethodRecord, TargetStatus, TrialStatus};
 
 fn sample(label: &str, quality: f64, secs: f64) -> Sample {
     let (quality, gaussians) = (Some(quality), Some(1000.0 * secs));
@@ -190,13 +191,22 @@ proptest! {
 #[test]
 fn samples_summarise_a_store() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0, 22.0]), ("y", 0, vec![30.0])]);
-    for name in ["a", "never ran"] {
+    let mut failed = results("failed", "psnr", &[("x", 0, vec![0.0; 2])]);
+    failed.trials[0].status = TrialStatus::Failed;
+    for row in &mut failed.targets {
+        row.status = TargetStatus::Failed;
+        row.scores.clear();
+    }
+    store.trials.extend(failed.trials);
+    store.targets.extend(failed.targets);
+    for name in ["a", "never ran", "failed"] {
         store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
     }
     store.timings = vec![timing("a", "x", &[0.5, 0.5, 0.9], &[0.01, 0.01])];
-    let found = samples(&store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
-    assert_eq!(found.iter().map(|sample| sample.label.as_str()).collect::<Vec<_>>(), ["a"]);
-    let [sample] = &found[..] else { panic!("{found:?}") };
+    let found = scored(&store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
+    let [(sample, _), (failed, _)] = &found[..] else { panic!("{found:?}") };
+    assert_eq!([&sample.label, &failed.label], ["a", "failed"], "one that failed is not dropped");
+    assert_eq!((failed.quality, failed.gaussians), (None, None));
     let values = [sample.quality, sample.secs, sample.gaussians].map(Option::unwrap);
     Tolerance::F64.assert(values, [25.5, 0.51, 23_040.0], "quality, seconds, Gaussians");
     Tolerance::EXACT.assert([quality_step("psnr"), quality_step("lpips")], [0.1, 0.01], "steps");
@@ -250,6 +260,24 @@ fn protocols_share_a_frontier_only_on_request() {
     for message in message.map(|outcome| outcome.unwrap_err().to_string()) {
         assert!(message.contains("presets, other, toml") && message.contains("agregation"), "{message}");
     }
+}
+
+/// Each protocol's own methods in their order, of which one is the other's too.
+#[test]
+fn the_methods_of_all_protocols_are_named_beside_their_adapter() {
+    let of = |preset: &str, labels: [&str; 2]| Tradeoff {
+        preset: preset.to_owned(),
+        protocol: String::new(),
+        metric: "psnr".to_owned(),
+        unit: String::new(),
+        targets: 1,
+        leaked: 0,
+        frontiers: Vec::new(),
+        machines: Vec::new(),
+        devices: [("renderer on a card".to_owned(), labels.map(str::to_owned).to_vec())].into(),
+    };
+    let text = TradeoffReport { tradeoffs: vec![of("x", ["b", "c"]), of("y", ["a", "b"])] }.to_string();
+    assert!(text.contains("\nb, c, a: renderer on a card.\n"), "{text}");
 }
 
 #[test]
@@ -327,6 +355,13 @@ fn rejects_invalid_sweeps() {
         text.replace("views = 2", "precision = 'half'"),
     ] {
         assert!(Sweep::from_toml(&broken).is_err(), "{broken}");
+    }
+    for (from, to, expected) in [
+        ("= 2", "= 'two'", "sweep: line 6 column 19: expected usize, found invalid type: string \"two\""),
+        ("label = 'b'", "name = 'b'", "sweep: line 5 column 1: expected "),
+    ] {
+        let error = Sweep::from_toml(&text.replace(from, to)).unwrap_err().to_string();
+        assert!(error.starts_with(expected), "{expected}: {error}");
     }
     for (knobs, expected) in [
         ("views = 0", "settings: expected \"b\", views: at least 1, found 0"),

@@ -15,7 +15,13 @@ fn changed(from: &str, to: &str) -> Result<ModelConfig, ModelError> {
 fn every_configuration_has_its_files_name_and_lists_inferred_values() {
     for (name, config) in ModelConfig::names().zip(all()) {
         assert_eq!(config.name, name);
-        assert!(!config.inferred.is_empty() && !config.title.is_empty(), "{name}");
+        assert!(!config.title.is_empty(), "{name}");
+        let inferred = config.inferred.join("\n");
+        let of_all = ["ray of an anchor", "nearest neighbours", "upsampled", "rounded up", "equal scores"];
+        let of_dino = config.backbone.is_frozen().then_some("after the last norm");
+        for value in of_all.into_iter().chain(of_dino) {
+            assert!(inferred.contains(value), "{name}: {value}");
+        }
     }
 }
 

@@ -1,9 +1,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use sha2::{Digest as _, Sha256};
+use atsplat_files::Malformed;
 
-use super::{KeyMap, KnownFile, LeftOver, StoredTensors, TensorFile};
+use super::{KeyMap, KnownFile, LeftOver, StoredTensor, StoredTensors, TensorError, TensorFile};
 use crate::ModelError;
 use crate::config::{BackboneConfig, ModelConfig};
 use crate::parameters::parameters;
@@ -149,12 +149,7 @@ impl ModelWeights {
     pub fn to_stored(&self, precision: Precision) -> Result<StoredTensors, ModelError> {
         let mut stored = StoredTensors::default();
         for (name, tensor) in &self.tensors.tensors {
-            let tensor = match precision {
-                Precision::Single => super::StoredTensor::from_f32(tensor.shape().to_vec(), &tensor.to_f32()?)?,
-                Precision::Half => tensor.to_f16()?,
-                Precision::Brain => tensor.to_bf16()?,
-            };
-            stored.tensors.insert(name.clone(), tensor);
+            stored.tensors.insert(name.clone(), in_precision(name, tensor, precision)?);
         }
         stored.metadata.insert(FORMAT_KEY.to_owned(), FORMAT.to_owned());
         stored.metadata.insert(CONFIGURATION_KEY.to_owned(), self.config.to_toml()?);
@@ -162,7 +157,8 @@ impl ModelWeights {
         for (key, value) in &self.provenance {
             stored.metadata.insert(format!("{PROVENANCE_PREFIX}{key}"), value.clone());
         }
-        stored.metadata.insert(METADATA_DIGEST_KEY.to_owned(), metadata_digest(stored.metadata.iter()));
+        let digest = stored.metadata_digest(METADATA_DIGEST_KEY);
+        stored.metadata.insert(METADATA_DIGEST_KEY.to_owned(), digest);
         Ok(stored)
     }
 
@@ -173,6 +169,21 @@ impl ModelWeights {
     pub fn write(&self, path: &Path, precision: Precision) -> Result<(), ModelError> {
         Ok(self.to_stored(precision)?.write(path)?)
     }
+}
+
+/// A tensor in the element type of a file.
+fn in_precision(name: &str, tensor: &StoredTensor, precision: Precision) -> Result<StoredTensor, TensorError> {
+    let converted = match precision {
+        Precision::Single => StoredTensor::from_f32(tensor.shape().to_vec(), &tensor.to_f32()?),
+        Precision::Half => tensor.to_f16(),
+        Precision::Brain => tensor.to_bf16(),
+    };
+    converted.map_err(|error| match error {
+        TensorError::Malformed(found) => {
+            TensorError::Malformed(Malformed { location: format!("tensor {name}"), ..found })
+        }
+        other => other,
+    })
 }
 
 /// The version of a file's format, if it is supported.
@@ -194,22 +205,12 @@ fn check_metadata(stored: &StoredTensors) -> Result<bool, ModelError> {
         }
         return entry(stored, METADATA_DIGEST_KEY, "the hash of the metadata").map(|_| true);
     };
-    let found = metadata_digest(stored.metadata.iter().filter(|(key, _)| *key != METADATA_DIGEST_KEY));
+    let found = stored.metadata_digest(METADATA_DIGEST_KEY);
     if *recorded != found {
         let expected = format!("sha256 {recorded}, as written");
         return Err(ModelError::malformed(WHAT, "metadata (configuration, provenance)", expected, found));
     }
     Ok(true)
-}
-
-/// SHA-256 in hexadecimal of keys and values in the order of keys, each after its length in bytes as u64 little-endian.
-fn metadata_digest<'a>(metadata: impl Iterator<Item = (&'a String, &'a String)>) -> String {
-    let mut hash = Sha256::new();
-    for text in metadata.flat_map(|(key, value)| [key, value]) {
-        hash.update((text.len() as u64).to_le_bytes());
-        hash.update(text);
-    }
-    atsplat_files::hexadecimal(&hash.finalize())
 }
 
 fn entry<'a>(stored: &'a StoredTensors, key: &str, expected: &str) -> Result<&'a str, ModelError> {

@@ -51,6 +51,19 @@ fn the_reference_implementation_reads_our_files_and_we_read_its() {
     assert_eq!(StoredTensors::parse(shared(rewritten)).unwrap().digest(), stored.digest(), "we read its file");
 }
 
+#[test]
+fn a_number_beyond_a_precision_names_its_tensor() {
+    let mut weights = nano();
+    let name = "head.mlp.fc2.weight";
+    let shape = weights.tensors.tensors[name].shape().to_vec();
+    let values = vec![7e4; shape.iter().product()];
+    weights.tensors.tensors.insert(name.to_owned(), StoredTensor::from_f32(shape, &values).unwrap());
+    let error = weights.to_stored(Precision::Half).unwrap_err().to_string();
+    let expected = format!("tensor {name}: expected numbers that f16 can hold, up to 65504, found 70000");
+    assert!(error.contains(&expected), "{error}");
+    weights.to_stored(Precision::Brain).unwrap();
+}
+
 /// Files with edited metadata and unchanged tensors.
 #[test]
 fn rejects_edited_metadata() {

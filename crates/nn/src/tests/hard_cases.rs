@@ -153,29 +153,6 @@ fn rejects_a_row_index_out_of_range() {
 }
 
 #[test]
-fn nearest_neighbours_order_ties_and_points_that_are_not_finite() {
-    let points = [0.0, 0.0, 1.0, 0.0, -1.0, 0.0, f64::NAN, 0.0, 0.0, 0.0, f64::INFINITY, 0.0];
-    let points = of(&points).reshape([1, 6, 2]);
-    let nearest = ops::nearest_neighbours(points.clone().slice([0..1, 0..1]), points, 6);
-    assert_eq!(nearest.into_data_as::<i64>().try_to_vec::<i64>().unwrap(), [0, 4, 1, 2, 3, 5]);
-}
-
-#[test]
-fn nearest_neighbours_agree_with_sorting_all_distances() {
-    let points = random::<3>([2, 90, 3], 6);
-    let coordinates = values(points.clone());
-    let found = ops::nearest_neighbours(points.clone(), points, 7).into_data_as::<i64>().try_to_vec::<i64>().unwrap();
-    for (query, found) in found.chunks(7).enumerate() {
-        let at = |point: usize| &coordinates[(query / 90 * 90 + point) * 3..][..3];
-        let distance =
-            |point: usize| -> f64 { at(point).iter().zip(at(query % 90)).map(|(a, b)| (a - b).powi(2)).sum() };
-        let mut order: Vec<usize> = (0..90).collect();
-        order.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-        assert_eq!(found.iter().map(|&point| usize::try_from(point).unwrap()).collect::<Vec<_>>(), order[..7]);
-    }
-}
-
-#[test]
 fn attention_agrees_with_burns_softmax() {
     let [q, k, v] = [1, 2, 3].map(|seed| random::<3>([2, 33, 24], seed));
     let packed = Tensor::cat(vec![q.clone(), k.clone(), v.clone()], 2);

@@ -6,10 +6,6 @@
 //! targets are kept, because they weigh twice), and a byte 0 without an overlap, or a byte 1 and the overlap's
 //! IEEE 754 bits; if the index records its estimator, a byte 2, those bits, the length of the estimator's name and the
 //! name.
-//!
-//! [`EvaluationIndex::context_gaps_hash`] hashes `"atsplat context gaps 1\n"`, then for the same scenes in the same
-//! order: key length, key, number of entries, and for each entry the number of context frames and those frames in
-//! order, counted from the first frame of the window.
 
 use atsplat_files::Sha256Digest;
 use sha2::{Digest, Sha256};
@@ -17,38 +13,9 @@ use sha2::{Digest, Sha256};
 use super::{EvaluationIndex, IndexEntry, Overlap};
 
 pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
-    hash_scenes(b"atsplat evaluation index 1\n", index, |hasher, entry| {
-        frames(hasher, &entry.context);
-        let mut target = entry.target.clone();
-        target.sort_unstable();
-        frames(hasher, &target);
-        match &entry.overlap {
-            None => hasher.update([0]),
-            Some(Overlap { value, estimator }) => {
-                hasher.update([if estimator.is_some() { 2 } else { 1 }]);
-                // `+ 0.0` turns negative zero into positive zero.
-                hasher.update((value + 0.0).to_le_bytes());
-                if let Some(name) = estimator {
-                    length(hasher, name.len());
-                    hasher.update(name);
-                }
-            }
-        }
-    })
-}
-
-pub(super) fn gaps_hash(index: &EvaluationIndex) -> Sha256Digest {
-    hash_scenes(b"atsplat context gaps 1\n", index, |hasher, entry| {
-        let start = entry.window().map_or(0, |(first, _)| first);
-        let from_start: Vec<usize> = entry.context.iter().map(|frame| frame - start).collect();
-        frames(hasher, &from_start);
-    })
-}
-
-fn hash_scenes(magic: &[u8], index: &EvaluationIndex, entry: impl Fn(&mut Sha256, &IndexEntry)) -> Sha256Digest {
     let mut scenes: Vec<_> = index.scenes.iter().filter(|(_, entries)| !entries.is_empty()).collect();
     scenes.sort_unstable_by_key(|(key, _)| *key);
-    let mut hasher = Sha256::new_with_prefix(magic);
+    let mut hasher = Sha256::new_with_prefix(b"atsplat evaluation index 1\n");
     for (key, entries) in scenes {
         length(&mut hasher, key.len());
         hasher.update(key);
@@ -58,6 +25,25 @@ fn hash_scenes(magic: &[u8], index: &EvaluationIndex, entry: impl Fn(&mut Sha256
         }
     }
     Sha256Digest::finish(hasher)
+}
+
+fn entry(hasher: &mut Sha256, entry: &IndexEntry) {
+    frames(hasher, &entry.context);
+    let mut target = entry.target.clone();
+    target.sort_unstable();
+    frames(hasher, &target);
+    match &entry.overlap {
+        None => hasher.update([0]),
+        Some(Overlap { value, estimator }) => {
+            hasher.update([if estimator.is_some() { 2 } else { 1 }]);
+            // `+ 0.0` turns negative zero into positive zero.
+            hasher.update((value + 0.0).to_le_bytes());
+            if let Some(name) = estimator {
+                length(hasher, name.len());
+                hasher.update(name);
+            }
+        }
+    }
 }
 
 fn frames(hasher: &mut Sha256, frames: &[usize]) {
@@ -122,19 +108,6 @@ mod tests {
             let changed = BASE.replace(from, to);
             assert_ne!(changed, BASE, "the change {from} to {to} applies");
             assert_ne!(hash(&changed), hash(BASE), "{changed}");
-        }
-    }
-
-    #[test]
-    fn the_gaps_hash_ignores_shifts_but_not_other_changes_of_context() {
-        let gaps = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap().context_gaps_hash().to_string();
-        let (_, expected) = include_str!("../../tests/fixtures/content_hash.txt").split_once("gaps ").unwrap();
-        assert_eq!(gaps(BASE), expected.trim_end());
-        for same in [("[1, 9]", "[11, 19]"), ("[3, 2]", "[7]"), ("0.25", "0.5")] {
-            assert_eq!(gaps(&BASE.replace(same.0, same.1)), gaps(BASE), "{same:?}");
-        }
-        for other in [("[1, 9]", "[9, 1]"), ("[1, 9]", "[1, 10]"), ("\"b\"", "\"bb\""), ("[0]", "[]")] {
-            assert_ne!(gaps(&BASE.replace(other.0, other.1)), gaps(BASE), "{other:?}");
         }
     }
 }

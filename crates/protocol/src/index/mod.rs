@@ -115,12 +115,6 @@ impl EvaluationIndex {
         content::hash(self)
     }
 
-    /// Hash of the scenes and their context frames relative to the start of each window, which a split that shifts
-    /// windows preserves.
-    pub fn context_gaps_hash(&self) -> Sha256Digest {
-        content::gaps_hash(self)
-    }
-
     /// Entries in index order: scene key, position within the scene, entry.
     pub fn entries(&self) -> impl Iterator<Item = (&str, usize, &IndexEntry)> {
         self.scenes

@@ -95,7 +95,7 @@ fn check_scene(
     warnings: &mut Warnings,
 ) -> Vec<Result<(), Refusal>> {
     match load(dataset.source, key, warnings).map(Arc::new) {
-        Ok(scene) => entries.iter().map(|entry| trial::check(&scene, entry, &dataset.recipe)).collect(),
+        Ok(scene) => entries.iter().map(|entry| trial::check(&scene, entry, &dataset.recipe, warnings)).collect(),
         Err(dropped) => vec![Err(dropped.into()); entries.len()],
     }
 }

@@ -7,6 +7,7 @@ use atsplat_files::Malformed;
 use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
 use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
+use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
 use super::{DatasetCheck, LintOptions, PresetMatch, Spread, lint, lint_file};
 use crate::test_source::{MemorySource, scene};
@@ -141,7 +142,8 @@ fn the_report_does_not_depend_on_the_number_of_threads() {
     assert_eq!(one.1.kept(), four.1.kept());
 }
 
-/// With missing, absent, unreadable and too small pictures, the lint counts the trials that [`Trials`] yields.
+/// With missing, absent, unreadable, too small and transparent pictures, the lint counts the trials that [`Trials`]
+/// yields, and gives the same warnings.
 #[test]
 fn lint_and_trials_agree() {
     let broken = |key: &str, picture: Picture| {
@@ -149,32 +151,39 @@ fn lint_and_trials_agree() {
         scene.frames[4].picture = picture;
         scene
     };
+    let mut transparent = Vec::new();
+    let pixels: Vec<u8> = [9, 8, 7, 0].repeat(64 * 48);
+    PngEncoder::new(&mut transparent).write_image(&pixels, 64, 48, ExtendedColorType::Rgba8).unwrap();
     let scenes = || {
         [
             scene("fine", 9, 0),
+            broken("transparent", Picture::Encoded(SharedBytes::new(transparent.clone()))),
             broken("missing", Picture::Missing("4.png".into())),
             broken("absent", Picture::Absent),
             broken("garbled", Picture::Encoded(SharedBytes::new(b"no picture".to_vec()))),
         ]
     };
     let entry = |target: usize| IndexEntry { context: vec![2, 6], target: vec![target], overlap: None };
-    let keys = ["fine", "missing", "absent", "garbled", "gone"];
+    let keys = ["fine", "missing", "absent", "garbled", "transparent", "gone"];
     let index = EvaluationIndex {
         scenes: keys.map(|key| (key.to_owned(), vec![entry(4), entry(5), entry(12)])).into_iter().collect(),
     };
-    for (crop, usable) in [(32, 5), (64, 0)] {
+    for (crop, usable) in [(32, 7), (64, 0)] {
         let mut preset = Preset::named("re10k-2v-256").unwrap();
         preset.preprocessing = Preprocessing::of([Step::from(CentreCrop::new(crop, crop))]);
         let source = MemorySource::new(scenes());
         let dataset = DatasetCheck::of(&source, &preset);
         let options = LintOptions { dataset: Some(dataset), ..LintOptions::default() };
-        let facts = lint(&index, &options, &mut Warnings::new()).dataset.unwrap();
+        let mut warnings = Warnings::new();
+        let facts = lint(&index, &options, &mut warnings).dataset.unwrap();
         let source = Arc::new(MemorySource::new(scenes()));
         let mut trials = Trials::new(source, &index, TrialRecipe::of(&preset, ""), Prefetch::default());
         trials.by_ref().for_each(drop);
         let skipped = trials.report().counts().into_iter().map(|(reason, count)| (reason, count as u64));
         assert_eq!((facts.usable, facts.dropped), (trials.report().trials as u64, skipped.collect()));
         assert_eq!(facts.usable, usable, "crop of {crop}");
+        assert_eq!(warnings.count(WarningKind::DroppedAlpha), 1, "one entry uses the picture");
+        assert_eq!(warnings.total(), trials.warnings().total());
     }
 }
 

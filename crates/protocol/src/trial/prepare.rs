@@ -13,12 +13,18 @@ use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
 use crate::preset::{DropReason, Dropped, NearFar};
 
-/// Checks whether an entry of a scene gives a trial, without decoding a picture; [`super::Trials`] agrees.
+/// Checks whether an entry of a scene gives a trial, without decoding a picture, and pushes the irregularities of the
+/// pictures' headers to `warnings`; [`super::Trials`] agrees in both.
 ///
 /// # Errors
 /// [`Refusal`] with the reason why it does not.
-pub fn check(scene: &Arc<Scene>, entry: &IndexEntry, recipe: &TrialRecipe) -> Result<(), Refusal> {
-    prepare(scene, 0, entry, recipe, &mut Warnings::new()).map(drop)
+pub fn check(
+    scene: &Arc<Scene>,
+    entry: &IndexEntry,
+    recipe: &TrialRecipe,
+    warnings: &mut Warnings,
+) -> Result<(), Refusal> {
+    prepare(scene, 0, entry, recipe, warnings).map(drop)
 }
 
 /// Prepares the trial of one index entry; no picture is decoded.

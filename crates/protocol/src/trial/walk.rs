@@ -35,7 +35,7 @@ struct PendingEntry {
     entry: IndexEntry,
 }
 
-/// A scene shared by its entries and loaded by the first of them.
+/// A scene shared by its entries and loaded by the first that needs it; those prepared at the same moment each load it.
 struct SharedScene {
     key: String,
     loaded: LazyValue<(Result<Arc<Scene>, Refusal>, Warnings)>,

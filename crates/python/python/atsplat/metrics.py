@@ -35,6 +35,9 @@ def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
 
     Returns:
         A number, or N of them.
+
+    Raises:
+        InvalidError: also for floats that are meant in another range, such as 0 to 255.
     """
     return _score("psnr", a, b, convention, None)
 
@@ -42,7 +45,7 @@ def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
 def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     """SSIM, at most 1.
 
-    Arguments as for :func:`psnr`; conventions: ``pixelsplat`` (skimage, Gaussian), ``clipped``, ``8bit-truncated``,
+    Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (skimage, Gaussian), ``clipped``, ``8bit-truncated``,
     ``8bit-rounded``, ``inria``, ``valid``, ``torchmetrics``, ``uniform-7x7``.
     """
     return _score("ssim", a, b, convention, None)
@@ -51,7 +54,7 @@ def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
 def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLike | None = None) -> float | np.ndarray:
     """LPIPS, at least 0.
 
-    Arguments as for :func:`psnr`; conventions: ``pixelsplat`` (VGG16, v0.1), ``clipped``, ``8bit-truncated``, ``alex``.
+    Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (VGG16, v0.1), ``clipped``, ``8bit-truncated``, ``alex``.
 
     Args:
         weights: folder with torchvision's ``vgg16-397923af.pth`` (or ``alexnet-owt-7be5be79.pth``), searched before torch's cache.

@@ -99,8 +99,9 @@ class Table:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """One dict for each row: its labels by their headings, ``from`` (published or measured), ``method``, ``store``, and a number,
-        text or None for each column. Columns of groups with a heading are named ``GROUP COLUMN``."""
+        """One dict for each row: its labels by their headings, ``from`` (published or measured), ``measured on``, ``remarks`` (such as
+        ``without context frames``), ``method``, ``store``, and a number, text or None for each column. Columns of groups with a
+        heading are named ``GROUP COLUMN``."""
         table = self.to_dict()["table"]
         columns = [
             [f"{group['title']} {column['title']}".strip() for column in group["columns"]] for group in table["groups"]
@@ -108,7 +109,9 @@ class Table:
         rows = []
         for row in table["rows"]:
             named = dict(zip(table["labels"], row["labels"]))
-            named.update({"from": row["origin"], "method": row["method"], "store": row["store"]})
+            measured_on = row["measured-on"] and row["measured-on"]["text"]
+            named.update({"from": row["origin"], "measured on": measured_on, "remarks": row["remarks"]})
+            named.update({"method": row["method"], "store": row["store"]})
             for names, cells in zip(columns, row["cells"]):
                 named.update({name: _value(cell["value"]) for name, cell in zip(names, cells)})
             rows.append(named)

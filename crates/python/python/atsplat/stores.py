@@ -60,8 +60,9 @@ class Store:
         return {name: _column([row.get(name) for row in rows], name in scored) for name in names}
 
     def failures(self) -> list[dict[str, Any]]:
-        """Trials that failed or have failed targets, and targets with samples that are not finite, each with its ``detail``."""
-        trials = [dict(row) for row in self._trials if row["status"] != "done"]
+        """Trials that failed or have failed targets, and targets with samples that are not finite, each with its ``detail``. Trials that
+        are not for a method are no failures."""
+        trials = [dict(row) for row in self._trials if row["status"] not in ("done", "not-applicable")]
         return trials + [row for row in self.rows() if row["status"] == "non-finite"]
 
 
@@ -88,7 +89,8 @@ def _column(values: list[Any], is_score: bool) -> np.ndarray:
     if kinds and kinds <= {int, float}:
         whole = kinds == {int} and len(present) == len(values)
         return np.array([np.nan if value is None else value for value in values], dtype=np.int64 if whole else np.float64)
-    return np.array(values, dtype=bool) if kinds == {bool} else _objects(values)
+    # NumPy's booleans have no value for a missing one.
+    return np.array(values, dtype=bool) if kinds == {bool} and len(present) == len(values) else _objects(values)
 
 
 def _objects(values: list[Any]) -> np.ndarray:

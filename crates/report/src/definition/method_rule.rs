@@ -128,6 +128,11 @@ pub(crate) fn by_quantile(record: &MethodRecord) -> Option<String> {
     Some(format!("by quantile {} of its own scores{own}", text(quantiles)))
 }
 
+/// Whether thresholds decide which tokens expand, not ratios.
+pub(crate) fn has_thresholds(record: &MethodRecord) -> bool {
+    configuration(record).is_some_and(|config| !thresholds(&config).is_empty())
+}
+
 fn numbers(record: &MethodRecord, parameter: &str) -> Option<Vec<f64>> {
     record.parameters.get(parameter)?.as_array()?.iter().map(serde_json::Value::as_f64).collect()
 }

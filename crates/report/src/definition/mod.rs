@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
-pub(crate) use method_rule::{by_quantile, has_own_training, is_ablation, is_full};
+pub(crate) use method_rule::{by_quantile, has_own_training, has_thresholds, is_ablation, is_full};
 pub use published::{Published, PublishedRow};
 pub use quantity::{Quantity, SlopeOver};
 pub(crate) use training::{name as dataset_name, zero_shot_note};

@@ -84,8 +84,8 @@ impl Quantity {
     /// to thousands unless `exact` (23 040 → `23K`), tokens without decimals.
     pub fn print(self, value: f64, exact: bool) -> String {
         match self {
-            Self::Metric(metric) if metric.unit == "dB" => format!("{value:.2}"),
-            Self::Metric(_) | Self::Seconds => format!("{value:.3}"),
+            Self::Metric(metric) if metric.unit == "dB" => fixed(value, 2),
+            Self::Metric(_) | Self::Seconds => fixed(value, 3),
             Self::InitialTokens | Self::FinalTokens => format!("{value:.0}"),
             Self::Slope(..) => format!("{value:+.3}"),
             _ if exact || value.abs() < 1000.0 => format!("{value:.0}"),
@@ -95,6 +95,15 @@ impl Quantity {
 
     fn of(id: &str) -> Option<Self> {
         COSTS.into_iter().find(|cost| cost.id() == id).or_else(|| definition(id).map(Self::Metric))
+    }
+}
+
+/// The number with these decimals; what is printed as 0 has no sign.
+fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(size) if size.chars().all(|letter| matches!(letter, '0' | '.')) => size.to_owned(),
+        _ => text,
     }
 }
 
@@ -135,6 +144,8 @@ mod tests {
         assert_eq!(Quantity::Gaussians.print(23_040.0, true), "23040");
         assert_eq!(Quantity::of("psnr").unwrap().print(28.456, false), "28.46");
         assert_eq!(Quantity::of("lpips").unwrap().print(0.1184, false), "0.118");
+        let ssims = [-0.0004, -0.0006, 0.0004].map(|value| Quantity::of("ssim").unwrap().print(value, false));
+        assert_eq!(ssims, ["0.000", "-0.001", "0.000"], "no sign without a digit");
     }
 
     #[test]

@@ -110,7 +110,7 @@ fn cells(table: &Table, row: &Row, labels: &[String], measured: bool) -> Vec<Str
     cells.extend(measured.then_some(origin));
     cells.extend(table.columns().map(|(place, column)| {
         let cell = row.cell(place);
-        let text = escaped(&cell.print(column)).replace('–', "--");
+        let text = escaped(&cell.print(column));
         match cell.mark {
             Mark::Best => format!("\\textbf{{{text}}}"),
             Mark::Second => format!("\\underline{{{text}}}"),
@@ -148,6 +148,7 @@ fn escaped(text: &str) -> String {
             '–' => safe.push_str("--"),
             '-' if safe.ends_with('-') => safe.push_str("{}-"),
             '`' => safe.push_str("\\textasciigrave{}"),
+            '|' => safe.push_str("\\textbar{}"),
             '§' => safe.push_str("\\S{}"),
             '†' => safe.push_str("$^\\dagger$"),
             '‡' => safe.push_str("$^\\ddagger$"),

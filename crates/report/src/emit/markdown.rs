@@ -38,7 +38,7 @@ fn number(cell: &Cell, column: &Column) -> String {
     }
 }
 
-/// Escapes Markdown, HTML and cell separators.
+/// Escapes Markdown with GitHub's formulas, HTML and cell separators.
 pub(super) fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -46,7 +46,7 @@ pub(super) fn escaped(text: &str) -> String {
             '&' => safe.push_str("&amp;"),
             '<' => safe.push_str("&lt;"),
             '>' => safe.push_str("&gt;"),
-            '\\' | '|' | '*' | '_' | '`' | '[' | ']' | '~' => {
+            '\\' | '|' | '*' | '_' | '`' | '[' | ']' | '~' | '$' => {
                 safe.push('\\');
                 safe.push(letter);
             }

@@ -43,7 +43,7 @@ impl Part {
 impl Terminal {
     /// The table as text.
     pub fn write(&self, table: &Table) -> String {
-        let mut text = format!("{}\n", self.with_style(&table.title, BOLD));
+        let mut text = format!("{}\n", self.with_style(&clean(&table.title), BOLD));
         for line in wrapped(&clean(&table.caption), self.width) {
             text.push_str(&format!("{line}\n"));
         }

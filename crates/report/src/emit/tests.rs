@@ -74,11 +74,13 @@ fn escapes_hostile_names_in_every_format() {
     method.title = format!("{HOSTILE}\n%{{}}$^~# & \\input{{/etc/passwd}}");
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
     let source = Source { label: "run", results: &results };
-    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let mut table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    table.title = HOSTILE.to_owned();
     let write = |format: TableFormat| format.write(&table).unwrap();
     assert!(!write(TableFormat::Terminal).contains('\u{1b}'));
     let markdown = write(TableFormat::Markdown);
     assert!(!markdown.contains("<script"), "{markdown}");
+    assert!(markdown.contains("\\$^") && !markdown.replace("\\$", "").contains('$'), "no formula: {markdown}");
     let width = |line: &str| line.replace("\\|", "").matches('|').count();
     let lines: Vec<usize> = markdown.lines().filter(|line| line.starts_with("| ")).map(width).collect();
     assert!(lines.windows(2).all(|pair| pair[0] == pair[1]), "cells end where they should: {lines:?}\n{markdown}");
@@ -86,6 +88,7 @@ fn escapes_hostile_names_in_every_format() {
     let body: String = latex.lines().filter(|line| !line.starts_with('%')).collect();
     assert!(!body.contains("\\input") && body.contains("\\textbackslash{}input"), "{latex}");
     assert!(!body.replace("\\%", "").contains('%'), "nothing else is a comment: {latex}");
+    assert!(!body.contains('|') && body.contains("&\\textbar{}*"), "a bar is a dash in LaTeX's default font: {latex}");
     let csv = write(TableFormat::Csv);
     assert_eq!(crate::csv_text::parse(&csv).unwrap().len(), table.rows.len() + 1, "{csv}");
     serde_json::from_str::<Value>(&write(TableFormat::Json)).unwrap();

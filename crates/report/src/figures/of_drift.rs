@@ -1,6 +1,7 @@
 use atsplat_eval::drift::{HistoricRun, NumberHistory, Verdict};
 use atsplat_metrics::definition;
 
+use crate::counted;
 use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, QualityMetric};
 
 /// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
@@ -13,15 +14,14 @@ pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
         Verdict::Nothing => "nothing compared",
         Verdict::Drifted => "drifted",
     };
-    let gap = match unknown {
+    let gap = match *unknown {
         0 => String::new(),
-        1 => "; 1 acceptance without it".to_owned(),
-        more => format!("; {more} acceptances without it"),
+        more => format!("; {} without it", counted(more as u64, "acceptance")),
     };
-    let plural = if runs.len() == 1 { "run" } else { "runs" };
+    let count = counted(runs.len() as u64, "run");
     let plot = DriftHistory {
         title: format!("{} over accepted runs", quality.name),
-        subtitle: format!("{method} on {preset}; {} {plural}; now: {verdict}{gap}", runs.len()),
+        subtitle: format!("{method} on {preset}; {count}; now: {verdict}{gap}"),
         quality,
         runs: runs.iter().map(|run| drift_run(run, quality)).collect(),
     };

@@ -70,6 +70,7 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
             quality: Estimate { value: point.quality, interval: summary(results, &query, aggregation).interval },
             origin: Origin::Measured,
             standing: Some(point.standing),
+            ranked: true,
             highlighted: frontier.knee.as_deref() == Some(&point.label),
         }
     };

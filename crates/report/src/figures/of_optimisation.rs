@@ -3,6 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, Summary, by_overlap, summary};
 use atsplat_eval::timing::times;
 use atsplat_eval::{MethodRecord, PresetRecord, Results, TrialRow, TrialStatus};
+use atsplat_protocol::OverlapBins;
 
 use super::first_metric;
 use crate::ReportError;
@@ -21,7 +22,7 @@ const NETWORK: &str = "atsplat";
 
 /// The section that a report starts with: accuracy against the seconds of optimisation. It has one plot for each protocol of
 /// a store under which trials were optimised with at least two budgets, with a panel for each number of context views, or
-/// for each overlap bin if the protocol has bins. `None` without a plot.
+/// for each overlap bin if the protocol has bins that were published for the overlaps' estimator. `None` without a plot.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
@@ -86,7 +87,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     let Some(first) = presets.first() else { return Ok(None) };
     let Some(metric) = first_metric(results, &first.name) else { return Ok(None) };
     let protocol = first.protocol()?;
-    let (aggregation, bins) = (protocol.aggregation, protocol.overlap_bins);
+    let (aggregation, bins) = (protocol.aggregation, protocol.overlap_bins.filter(|bins| fit(bins, presets)));
     let is_optimised = |kind: &str| OPTIMISED.iter().any(|(own, _)| *own == kind);
     let (mut placed, mut untimed, mut busy) = (Vec::new(), Vec::new(), false);
     let (mut machines, mut devices, mut scenes) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
@@ -126,7 +127,8 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
             }
         };
         busy |= times.busy;
-        scenes.extend(trials.iter().filter(|trial| trial.status == TrialStatus::Done).map(|trial| &trial.key.scene));
+        let has_results = |trial: &&&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
+        scenes.extend(trials.iter().filter(has_results).map(|trial| &trial.key.scene));
         machines.insert(times.machine);
         devices.extend(times.device);
         for (panel, found) in found {
@@ -179,6 +181,11 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
     }))
 }
 
+/// Whether bins are for the estimators of all overlaps: as in tables, others are in no bin.
+fn fit(bins: &OverlapBins, presets: &[&PresetRecord]) -> bool {
+    presets.iter().all(|preset| bins.mismatched_estimator(&preset.overlap_estimators).is_none())
+}
+
 /// The curves of one panel; `None` without a curve of two points.
 fn optimisation_panel(placed: &[PanelPoint<'_>], panel: &Panel) -> Option<OptimisationPanel> {
     let own = || placed.iter().filter(|own| own.panel == *panel);
@@ -212,23 +219,25 @@ mod tests {
     use atsplat_eval::{TargetRow, TrialKey};
     use atsplat_numeric::Tolerance;
 
-    /// Two budgets of refinement and one of 3DGS with two views, by times of a stated order.
-    #[test]
-    fn budgets_of_one_method_are_a_curve_that_starts_from_the_network() {
+    /// Two budgets of refinement and one of 3DGS, with the network that refinement starts from and a baseline.
+    fn methods() -> Vec<MethodRecord> {
         let optimised = |name: &str, kind: &str| MethodRecord {
             kind: kind.to_owned(),
             parameters: [("model-hash".to_owned(), "1f".into())].into(),
             ..atsplat(name, |_| ())
         };
-        let methods = || {
-            vec![
-                optimised("atsplat", "atsplat"),
-                optimised("refined 10", "atsplat+refine"),
-                optimised("refined 100", "atsplat+refine"),
-                optimised("3dgs-100", "3dgs"),
-                floor(),
-            ]
-        };
+        vec![
+            optimised("atsplat", "atsplat"),
+            optimised("refined 10", "atsplat+refine"),
+            optimised("refined 100", "atsplat+refine"),
+            optimised("3dgs-100", "3dgs"),
+            floor(),
+        ]
+    }
+
+    /// With two views, by times of a stated order.
+    #[test]
+    fn budgets_of_one_method_are_a_curve_that_starts_from_the_network() {
         let mut own = results(vec![preset("re10k-2v-256")], methods());
         for timing in &mut own.timings {
             let secs = match timing.key.method.as_str() {
@@ -301,23 +310,45 @@ mod tests {
         both.timings.extend(more.timings);
         let panels: Vec<String> = curves(&both).unwrap().panels.into_iter().map(|panel| panel.name).collect();
         assert_eq!(panels, ["2 views · 4 scenes", "3 views · 4 scenes"]);
+        let source = |label| Source { label, results: &own };
+        let names = of_optimisation(&[source("a"), source("b")]).unwrap();
+        let names: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["optimisation-re10k-2v-256", "optimisation-re10k-2v-256-b"]);
+    }
+
+    #[test]
+    fn bins_of_overlap_have_panels_of_their_own() {
         let mut overlap = results(vec![preset("re10k-overlap")], methods()[..4].to_vec());
         for (at, trial) in overlap.trials.iter_mut().enumerate() {
             trial.overlap = Some(if at % 2 == 0 { 0.2 } else { 0.7 });
             trial.context_psnr = Some(if at % 2 == 0 { 20.0 } else { 40.0 });
+            if trial.key.scene == "aa11" {
+                trial.status = TrialStatus::Partial;
+            }
         }
         let of_trial = |key: &TrialKey| overlap.trials.iter().find(|trial| trial.key == *key).unwrap().overlap;
         let overlaps: Vec<_> = overlap.targets.iter().map(|target| of_trial(&target.key)).collect();
         overlap.targets.iter_mut().zip(overlaps).for_each(|(target, overlap)| target.overlap = overlap);
         overlap.timings.iter_mut().enumerate().for_each(|(at, timing)| timing.encode = vec![0.1 + at as f64; 5]);
-        let OptimisationCurves { panels, subtitle, .. } = curves(&overlap).unwrap();
+        let OptimisationCurves { panels, subtitle, .. } =
+            curves(&overlap, &[&overlap.provenance.presets[0]]).unwrap().unwrap();
         assert!(subtitle.contains("; 4 scenes"), "of both panels: {subtitle}");
         let shown: Vec<(&str, Option<f64>)> =
             panels.iter().map(|panel| (panel.name.as_str(), panel.curves[0].1[1].context)).collect();
         assert_eq!(shown, [("small overlap · 2 scenes", Some(20.0)), ("large overlap · 2 scenes", Some(40.0))]);
-        let source = |label| Source { label, results: &own };
-        let names = of_optimisation(&[source("a"), source("b")]).unwrap();
-        let names: Vec<&str> = names.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names, ["optimisation-re10k-2v-256", "optimisation-re10k-2v-256-b"]);
+    }
+
+    #[test]
+    fn overlaps_of_another_estimator_are_in_no_bin() {
+        let optimised = |name: &str| MethodRecord { kind: REFINEMENT.to_owned(), ..atsplat(name, |_| ()) };
+        let panels = |overlap_estimators: Vec<String>| -> Vec<String> {
+            let record = PresetRecord { overlap_estimators, ..preset("re10k-overlap") };
+            let results = results(vec![record], vec![optimised("refined 10"), optimised("refined 100")]);
+            let plot = curves(&results, &[&results.provenance.presets[0]]).unwrap().unwrap();
+            plot.panels.into_iter().map(|panel| panel.name).collect()
+        };
+        let binned = panels(Vec::new());
+        assert!(binned.iter().all(|name| name.contains(" overlap · ")), "{binned:?}");
+        assert_eq!(panels(vec!["another".to_owned()]), ["2 views · 4 scenes"]);
     }
 }

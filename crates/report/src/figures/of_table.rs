@@ -7,7 +7,7 @@ use atsplat_metrics::Definition;
 
 use super::{estimate, metric_of, place_of};
 use crate::counted;
-use crate::definition::{PlotKind, Quantity, TableDefinition};
+use crate::definition::{PlotKind, Quantity, TableDefinition, has_thresholds};
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
     KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
@@ -66,15 +66,16 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
         {
             let Some(cost_at) = place_of(group, quantity) else { continue };
             let point = |row: &Row| {
-                let spent = row.cell((at, cost_at));
+                let (spent, quality) = (row.cell((at, cost_at)), row.cell((at, quality_at)));
                 let busy = if spent.is_busy() { format!(" {BUSY}") } else { String::new() };
                 Some(FrontierPoint {
                     label: format!("{}{busy}", name(row)),
                     cost: spent.value.number()?,
                     spread: spent.timing.as_ref().map(|timing| timing.spread.quartiles),
-                    quality: estimate(row.cell((at, quality_at)))?,
+                    quality: estimate(quality)?,
                     origin: row.origin,
                     standing: None,
+                    ranked: !row.untrained && spent.is_rankable() && quality.is_rankable(),
                     highlighted: false,
                 })
             };
@@ -212,20 +213,24 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
         let is_own = |key: &TrialKey| key.preset == preset && Some(&key.method) == row.method.as_ref();
         let own = results.trials.iter().filter(|trial| is_own(&trial.key));
         let gaussians: Vec<f64> = own.filter_map(|trial| trial.gaussians).map(|count| count as f64).collect();
-        (!gaussians.is_empty()).then(|| BudgetSeries { label: row.printed_labels().join(", "), gaussians })
+        let record = results.provenance.methods.iter().find(|own| Some(&own.name) == row.method.as_ref());
+        let series = BudgetSeries { label: row.printed_labels().join(", "), gaussians };
+        (!series.gaussians.is_empty()).then(|| (series, record.is_some_and(has_thresholds)))
     };
-    let rows: Vec<BudgetSeries> =
+    let rows: Vec<(BudgetSeries, bool)> =
         shown(table).filter(|row| row.origin == Origin::Measured).filter_map(series).collect();
     let level = |series: &BudgetSeries| series.gaussians.windows(2).all(|pair| pair[0].total_cmp(&pair[1]).is_eq());
-    let (fixed, moving): (Vec<BudgetSeries>, Vec<BudgetSeries>) = rows.into_iter().partition(level);
-    if moving.is_empty() {
+    if rows.iter().all(|(series, _)| level(series)) {
         return None;
     }
-    let fixed = fixed.first().and_then(|series| series.gaussians.first().copied());
+    // Thresholds may give every scene the same number too.
+    let (moving, fixed): (Vec<_>, Vec<_>) =
+        rows.into_iter().partition(|(series, by_thresholds)| *by_thresholds || !level(series));
+    let fixed = fixed.first().and_then(|(series, _)| series.gaussians.first().copied());
     let plot = BudgetHistogram {
         title: "Gaussians per scene".to_owned(),
         subtitle: subtitle(table, group, 0..1),
-        series: moving,
+        series: moving.into_iter().map(|(series, _)| series).collect(),
         fixed,
     };
     Some((table.name.clone(), plot.draw()))
@@ -233,9 +238,58 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
 
 #[cfg(test)]
 mod tests {
+    use atsplat_eval::{MethodRecord, TargetStatus, TrialStatus};
+
     use super::*;
     use crate::sample::{SCENES, atsplat, preset, results_over};
     use crate::table::{Mixing, tables};
+
+    /// The second network is cheaper and worse, and first fails in one scene.
+    #[test]
+    fn rows_that_are_not_ranked_are_on_no_frontier() {
+        let methods = vec![atsplat("dear", |_| ()), atsplat("cheap", |_| ())];
+        let mut results = results_over(vec![preset("re10k-2v-256")], methods, 4);
+        results.trials.iter_mut().filter(|own| own.key.method == "cheap").for_each(|own| own.gaussians = Some(11_520));
+        let has_frontier = |results: &Results| {
+            let definition = TableDefinition::named("re10k").unwrap();
+            let sources = [Source { label: "run", results }];
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let plots = of_table(&definition, &table, &sources);
+            let (_, plot) = plots.iter().find(|(name, _)| name == "re10k-gaussians").unwrap();
+            plot.texts().any(|text| text == "measured, and their frontier")
+        };
+        assert!(!has_frontier(&results), "a mean without a scene");
+        results.trials.iter_mut().for_each(|own| own.status = TrialStatus::Done);
+        results.targets.iter_mut().for_each(|own| own.status = TargetStatus::Scored);
+        assert!(has_frontier(&results));
+        results.provenance.methods[1].untrained = true;
+        assert!(!has_frontier(&results), "random weights");
+    }
+
+    /// The first thresholds give every scene as many Gaussians as the ratios, the second other numbers.
+    #[test]
+    fn thresholds_that_give_equal_numbers_are_no_fixed_ratios() {
+        let by = |values: [f64; 3]| {
+            atsplat(&format!("{values:?}"), |config| *config = config.with_thresholds(&values).unwrap())
+        };
+        let texts = |more: Vec<MethodRecord>| {
+            let methods = [by([0.1, 0.1, 0.4]), by([0.05, 0.05, 0.2])].into_iter().chain(more).collect();
+            let mut results = results_over(vec![preset("rooms-2v-128")], methods, 4);
+            let second = results.trials.iter_mut().filter(|trial| trial.key.method.contains("0.05"));
+            for (at, trial) in (0..).zip(second) {
+                trial.gaussians = Some(30_000 + 1000 * at);
+            }
+            let definition = TableDefinition::named("dynamic_budget").unwrap();
+            let sources = [Source { label: "run", results: &results }];
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let (_, plot) = of_table(&definition, &table, &sources).swap_remove(0);
+            plot.texts().map(str::to_owned).collect::<Vec<_>>().join("\n")
+        };
+        let thresholds = texts(Vec::new());
+        assert!(!thresholds.contains("fixed ratios") && thresholds.contains("0.1 / 0.1 / 0.4"), "{thresholds}");
+        let all = texts(vec![atsplat("atsplat", |_| ())]);
+        assert!(all.contains("fixed ratios, 23K") && all.contains("0.1 / 0.1 / 0.4"), "{all}");
+    }
 
     /// Eight scenes with two views, three with four.
     #[test]

@@ -134,6 +134,7 @@ fn frontier(cost: CostAxis) -> Frontier {
         quality: Estimate::exact(quality),
         origin: Origin::Published,
         standing: None,
+        ranked: true,
         highlighted: false,
     });
     let measured = measured.map(|(label, gaussians, secs, quality)| FrontierPoint {
@@ -143,6 +144,7 @@ fn frontier(cost: CostAxis) -> Frontier {
         quality: around(quality, 0.4),
         origin: Origin::Measured,
         standing: None,
+        ranked: true,
         highlighted: label == "K = 16",
     });
     let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time" };

@@ -1,7 +1,8 @@
 use super::PageStore;
+use crate::counted;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Place, Row, Table, Trainings, short};
+use crate::table::{Cell, Place, Row, Table, Trainings, short};
 
 /// One line with everything that a number depends on; `None` for published and absent numbers.
 pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageStore<'_>]) -> Option<String> {
@@ -11,12 +12,14 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     let protocol = row.protocol(place.0)?;
     let store = stores.iter().find(|store| store.source.label == protocol.store)?;
     let provenance = &store.source.results.provenance;
-    let mut text = format!("{} {}", column.title, cell.print(column));
+    // The interval follows with its level, which cells that print theirs leave out.
+    let printed = Cell { interval: None, ..cell.clone() }.print(column);
+    let mut text = format!("{} {printed}", column.title);
     if let Some([low, high]) = cell.interval {
         text.push_str(&format!(" [95 % {}, {}]", column.format(low), column.format(high)));
     }
     if let Some(counts) = cell.counts {
-        text.push_str(&format!(" over {} scenes, {} targets", counts.scenes, counts.targets));
+        text.push_str(&format!(" over {}, {}", counted(counts.scenes, "scene"), counted(counts.targets, "target")));
     }
     if let Some(Trainings { count, .. }) = cell.trainings {
         text.push_str(&format!(" of {count} trainings"));
@@ -27,7 +30,8 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     if !group.title.is_empty() {
         text.push_str(&format!(" ({})", group.title));
     }
-    let method = provenance.methods.iter().find(|method| Some(&method.name) == row.method.as_ref());
+    let is_mean = row.is_over_trainings();
+    let method = provenance.methods.iter().find(|method| !is_mean && method.name == protocol.method);
     let name = method.map_or_else(|| row.labels.join(" "), |method| method.title.clone());
     text.push_str(&format!("; method {name}"));
     if row.untrained {
@@ -42,11 +46,10 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
                 text.push_str(&format!(", {what} on {adapter}"));
             }
         }
-        for (what, hash) in
-            [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)]
-        {
-            if let Some(hash) = hash {
-                text.push_str(&format!(", {what} {}", short(hash)));
+        let weights = method.weights_sha256.as_deref().map(short);
+        for (what, name) in [("weights", &weights), ("constants", &method.constants), ("backend", &method.backend)] {
+            if let Some(name) = name {
+                text.push_str(&format!(", {what} {name}"));
             }
         }
     }

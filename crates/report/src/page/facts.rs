@@ -1,4 +1,7 @@
+use std::collections::BTreeSet;
+
 use super::{PageStore, escaped};
+use crate::counted;
 use crate::table::{Table, short, verdict};
 
 /// A summary in a few numbers, then a line per table.
@@ -7,11 +10,14 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let trials: usize = results().map(|results| results.trials.len()).sum();
     let targets: usize = results().map(|results| results.targets.len()).sum();
     let methods: usize = results().map(|results| results.provenance.methods.len()).sum();
-    let protocols: usize = results().map(|results| results.provenance.presets.len()).sum();
-    let facts = [(protocols, "protocol"), (methods, "method"), (trials, "trial"), (targets, "target view")];
+    // Several stores may have results of one protocol.
+    let presets = results().flat_map(|results| &results.provenance.presets);
+    let protocols = presets.map(|preset| (&preset.name, &preset.hash, &preset.index_sha256)).collect::<BTreeSet<_>>();
+    let facts = [(protocols.len(), "protocol"), (methods, "method"), (trials, "trial"), (targets, "target view")];
     let fact = |(count, what): (usize, &str)| {
-        let plural = if count == 1 { "" } else { "s" };
-        format!("<li><b>{count}</b><span>{what}{plural}</span></li>")
+        let text = counted(count as u64, what);
+        let (count, what) = text.split_once(' ').unwrap_or((text.as_str(), ""));
+        format!("<li><b>{count}</b><span>{what}</span></li>")
     };
     let facts: String = facts.map(fact).concat();
     let mut text = format!("<ul class=\"facts\">{facts}</ul>");
@@ -88,12 +94,8 @@ fn store(store: &PageStore<'_>) -> String {
         ));
     }
     if let Some(first) = provenance.skipped.first() {
-        let count = provenance.skipped.len();
-        let entries = if count == 1 { "entry" } else { "entries" };
-        facts.push((
-            "Skipped",
-            format!("{count} index {entries}; the first: {} {}: {}", first.scene, first.reason, first.detail),
-        ));
+        let count = counted(provenance.skipped.len() as u64, "index entry");
+        facts.push(("Skipped", format!("{count}; the first: {} {}: {}", first.scene, first.reason, first.detail)));
     }
     let facts: String =
         facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value))).collect();

@@ -1,5 +1,5 @@
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 use atsplat_eval::runner::{is_picture_of, picture_path};
 use atsplat_eval::{TargetRow, TrialKey};
@@ -9,6 +9,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
+use crate::counted;
 use crate::figures::first_metric;
 
 /// The pictures of a page, up to a budget of bytes in base64. Protocols take turns, each with its worst, best and median
@@ -24,6 +25,7 @@ pub(super) struct Album {
     unreadable: u64,
     replaced: u64,
     over_budget: u64,
+    context_left_out: BTreeSet<PathBuf>,
 }
 
 /// The method names under which a store keeps ground-truth and context pictures.
@@ -66,8 +68,12 @@ impl Album {
                 let hash = |at: usize| trial?.context_hashes.get(at).map(String::as_str);
                 let ends = frames.iter().enumerate().filter(|(at, _)| *at == 0 || at + 1 == frames.len());
                 let seen = ends.filter_map(|(at, &frame)| {
-                    let picture = uri(&path(CONTEXT, frame), hash(at)).ok()?;
-                    Some((frame, album.add([picture])?[0]))
+                    let file = path(CONTEXT, frame);
+                    let added = uri(&file, hash(at)).ok().and_then(|picture| album.add([picture]));
+                    if added.is_none() && file.is_file() {
+                        album.context_left_out.insert(file);
+                    }
+                    Some((frame, added?[0]))
                 });
                 let seen = seen.collect();
                 album.context.insert(place, seen);
@@ -109,6 +115,10 @@ impl Album {
             if count > 0 {
                 text.push_str(&format!(" {count} {why}."));
             }
+        }
+        if !self.context_left_out.is_empty() {
+            let count = counted(self.context_left_out.len() as u64, "context picture");
+            text.push_str(&format!(" {count} left out: without room, unreadable, or of results that were replaced."));
         }
         text
     }

@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use atsplat_eval::Results;
 use atsplat_eval::runner::picture_path;
+use atsplat_eval::{MethodRecord, Results, TrainingRecord};
 use atsplat_pixels::{ImageU8, encode_png};
 
 use super::browser::{chromium, report_in_frame};
 use super::*;
 use crate::definition::TableDefinition;
 use crate::figures::{of_store, of_table};
-use crate::sample::{HOSTILE, atsplat, floor, preset, results, store};
-use crate::table::{Mixing, tables};
+use crate::sample::{HOSTILE, atsplat, floor, preset, results, results_over, store};
+use crate::table::{Mixing, protocol_tables, tables};
 
 /// Owns the contents of a page.
 struct Sample {
@@ -191,6 +191,56 @@ fn numbers_and_links_are_of_their_own_protocol() {
     assert!(of_second.contains("#table-re10k-2\"") && !of_second.contains("#table-re10k-1\""), "{links}");
 }
 
+/// The interval is printed in the cell too, and the names are longer than a shortened hash.
+#[test]
+fn a_citation_has_its_interval_once_and_whole_names() {
+    let (constants, backend) = (Some("of the preset".to_owned()), Some("on a card of a long name".to_owned()));
+    let method = MethodRecord { constants, backend, ..atsplat("atsplat", |_| ()) };
+    let results = results_over(vec![preset("rooms-2v-128")], vec![method], 7);
+    let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+    let tables = protocol_tables(&[store.source], Mixing::Apart).unwrap();
+    let row = tables[0].rows.iter().find(|row| !row.without_leaked).unwrap();
+    let citation = cite::citation(&tables[0], row, (0, 0), &[store]).unwrap();
+    assert!(citation.starts_with("PSNR 21.25 [95 % "), "{citation}");
+    assert!(citation.contains("] over 7 scenes, 21 targets;"), "{citation}");
+    assert!(citation.contains(", constants of the preset, backend on a card of a long name;"), "{citation}");
+}
+
+/// A row whose groups of columns have methods of their own.
+#[test]
+fn a_citation_names_the_method_of_its_column() {
+    let trained = |name: &str, weights: &str, data: &str| MethodRecord {
+        title: name.to_owned(),
+        weights_sha256: Some(weights.repeat(16)),
+        training: Some(TrainingRecord { data: data.to_owned(), seed: None }),
+        ..atsplat(name, |_| ())
+    };
+    let joint = trained("joint", "1234", "rooms train 0 to 9, yards train 0 to 9");
+    let results = results(vec![preset("rooms-2v-128")], vec![trained("apart", "abcd", "simulated rooms"), joint]);
+    let store = PageStore { source: Source { label: LABEL, results: &results }, folder: None };
+    let tables = tables(&TableDefinition::named("unified").unwrap(), &[store.source], Mixing::Apart).unwrap();
+    let row = tables[0].rows.iter().find(|row| row.measured_on.is_some()).unwrap();
+    let expected = [("method apart, weights abcdabcdabcd,", "joint"), ("method joint, weights 123412341234,", "apart")];
+    for (group, (own, other)) in expected.into_iter().enumerate() {
+        let citation = cite::citation(&tables[0], row, (group, 0), &[store]).unwrap();
+        assert!(citation.contains(own) && !citation.contains(other), "{citation}");
+    }
+}
+
+/// Two stores of one protocol, and one of another.
+#[test]
+fn a_protocol_of_several_stores_counts_once() {
+    let of = |name| results(vec![preset(name)], vec![floor()]);
+    let all = ["rooms-2v-128", "rooms-2v-128", "rooms-2v-64"].map(of);
+    let store = |results| PageStore { source: Source { label: LABEL, results }, folder: None };
+    let text = facts::summary(&[], &all.each_ref().map(store));
+    for expected in ["<b>2</b><span>protocols</span>", "<b>3</b><span>methods</span>", "<b>12</b><span>trials</span>"] {
+        assert!(text.contains(expected), "{text}");
+    }
+    let text = facts::summary(&[], &[store(&all[0])]);
+    assert!(text.contains("<b>1</b><span>protocol</span>"), "{text}");
+}
+
 #[test]
 fn files_that_are_not_pictures_are_not_embedded() {
     let sample = Sample::new();
@@ -214,6 +264,23 @@ fn pictures_of_other_results_are_not_shown() {
         sample.write(usize::MAX, None).contains("1 belong to results that were replaced")
     };
     assert_eq!((said("x"), said("y")), (false, true));
+}
+
+/// One of a scene's two context pictures is none; it counts once, although three methods saw it.
+#[test]
+fn context_pictures_that_are_left_out_are_counted() {
+    let sample = Sample::new();
+    let key = sample.results.targets[0].key.of_method("context");
+    let paths = [0, 30].map(|frame| picture_path(sample.folder.path(), &key, frame));
+    for path in &paths {
+        write_picture(path, 1, 2);
+    }
+    let source = Source { label: LABEL, results: &sample.results };
+    let store = PageStore { source, folder: Some(sample.folder.path()) };
+    let summary = || pictures::Album::fill(&[store], usize::MAX).summary();
+    assert!(summary().starts_with("66 of 66 pictures") && !summary().contains("context"), "{}", summary());
+    std::fs::write(&paths[1], "no picture").unwrap();
+    assert!(summary().contains(" 1 context picture left out"), "{}", summary());
 }
 
 #[test]

@@ -61,6 +61,8 @@ pub struct FrontierPoint {
     pub origin: Origin,
     /// Its relation to the frontier if that was tested; by its numbers alone if not.
     pub standing: Option<Standing>,
+    /// Whether it may be on a frontier that was not tested; a method with random weights may not.
+    pub ranked: bool,
     /// Whether it is highlighted, such as the knee of a curve.
     pub highlighted: bool,
 }
@@ -200,8 +202,8 @@ impl Frontiers {
         bottom
     }
 
-    /// The points of the frontier, cheapest first: those that were tested, or those that no other point beats in both cost
-    /// and quality.
+    /// The points of the frontier, cheapest first: those that were tested, or the ranked ones that no other ranked point
+    /// beats in both cost and quality.
     fn steps<'a>(&self, points: impl Iterator<Item = &'a FrontierPoint>) -> Vec<&'a FrontierPoint> {
         let mut sorted: Vec<&FrontierPoint> = points.collect();
         sorted.sort_by(|a, b| {
@@ -215,7 +217,7 @@ impl Frontiers {
         for point in sorted {
             let better =
                 || steps.last().is_none_or(|best| self.quality.better(point.quality.value, best.quality.value));
-            if point.standing.map_or_else(better, |standing| standing == Standing::Frontier) {
+            if point.standing.map_or_else(|| point.ranked && better(), |standing| standing == Standing::Frontier) {
                 steps.push(point);
             }
         }
@@ -255,6 +257,7 @@ mod tests {
             quality: Estimate::exact(quality),
             origin: Origin::Measured,
             standing: None,
+            ranked: true,
             highlighted: false,
         };
         let points = vec![
@@ -276,6 +279,10 @@ mod tests {
         };
         assert_eq!(steps("psnr"), ["cheap", "dear"]);
         assert_eq!(steps("lpips"), ["twin"], "less is better");
+        let mut unranked = points.clone();
+        unranked[1].ranked = false;
+        let without: Vec<_> = frontier("psnr").steps(unranked.iter()).iter().map(|own| own.label.clone()).collect();
+        assert_eq!(without, ["twin", "beaten", "dear"], "as if it were not there");
         let mut tested = points.clone();
         for point in &mut tested {
             point.standing = Some(Standing::NotDistinguishable);

@@ -7,7 +7,7 @@ use atsplat_metrics::{Definition, Measure};
 
 use super::edition::{Edition, Part};
 use super::orders::means;
-use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, Table, Trainings, Value, distinct};
+use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, StoreProtocol, Table, Trainings, Value, distinct};
 use crate::counted;
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::Origin;
@@ -134,10 +134,14 @@ fn trend_over_gaussians(table: &Table, definition: &TableDefinition, edition: &E
 
 /// The training data of the networks in the table.
 fn trained_on(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
-    for record in edition.parts.iter().flat_map(|part| &part.source.results.provenance.methods) {
-        let shown = table.rows.iter().any(|row| row.method.as_ref() == Some(&record.name));
-        if let Some(training) = record.training.as_ref().filter(|_| shown) {
-            notes.add(NoteKind::Convention, format!("{}: trained on {}", record.title, training.data));
+    // Rows whose groups of columns have methods of their own have no method as a whole.
+    let shown: Vec<&StoreProtocol> = table.rows.iter().flat_map(|row| row.protocols.iter().flatten()).collect();
+    for part in &edition.parts {
+        for record in &part.source.results.provenance.methods {
+            let is_shown = shown.iter().any(|own| part.is(own) && own.method == record.name);
+            if let Some(training) = record.training.as_ref().filter(|_| is_shown) {
+                notes.add(NoteKind::Convention, format!("{}: trained on {}", record.title, training.data));
+            }
         }
     }
 }
@@ -185,10 +189,9 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         }
         let skipped = source.results.provenance.skipped.iter().filter(|entry| entry.preset == preset.name);
         // Methods with other poses may give other reasons for one entry.
-        let entries = skipped.map(|entry| (entry.scene.as_str(), entry.entry)).collect::<BTreeSet<_>>().len();
+        let entries = skipped.map(|entry| (entry.scene.as_str(), entry.entry)).collect::<BTreeSet<_>>().len() as u64;
         if entries > 0 {
-            let noun = if entries == 1 { "entry" } else { "entries" };
-            let text = format!("{}: {entries} index {noun} skipped ({})", preset.name, reasons(part));
+            let text = format!("{}: {} skipped ({})", preset.name, counted(entries, "index entry"), reasons(part));
             notes.add(NoteKind::Counts, text);
         }
     }
@@ -288,17 +291,17 @@ fn times(notes: &mut Notes, table: &Table) {
     for row in &table.rows {
         for CellTiming { spread, trials, trials_there, repetitions, warm_up, .. } in cells(row) {
             let all = if trials == trials_there && trials < 3 { " (all)" } else { "" };
-            let plural = if trials == 1 { "trial" } else { "trials" };
             notes.add(
                 NoteKind::Interval,
                 format!(
                     "time, {}: median {:.4} s, MAD {:.4}, quartiles {:.4} to {:.4}; {repetitions} repetitions of \
-                     {trials} {plural}{all}, {warm_up} warm-up",
+                     {}{all}, {warm_up} warm-up",
                     name(row),
                     spread.median,
                     spread.mad,
                     spread.quartiles[0],
                     spread.quartiles[1],
+                    counted(trials, "trial"),
                 ),
             );
         }
@@ -343,7 +346,9 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
     if let Some(Trainings { count, .. }) = cell.trainings {
         text.push_str(&format!(" of {count} trainings"));
     }
-    for (count, what) in [(counts.failed, "failed"), (counts.non_finite, "not finite")] {
+    let missing =
+        [(counts.failed, "failed"), (counts.not_applicable, "not applicable"), (counts.non_finite, "not finite")];
+    for (count, what) in missing {
         if count > 0 {
             text.push_str(&format!(", {count} {what} and not in the mean"));
         }
@@ -360,7 +365,7 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
 /// Trials that count in a row's means although their renders show nothing, or some of their Gaussians were broken.
 fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
     // The trials of a mean over trainings, and of a row without context frames, are those of other rows.
-    if row.without_leaked || row.cells.iter().flatten().any(|cell| cell.trainings.is_some()) {
+    if row.without_leaked || row.is_over_trainings() {
         return;
     }
     let mut trials: Vec<&TrialRow> = Vec::new();

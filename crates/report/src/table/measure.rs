@@ -54,6 +54,7 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
         targets: found.targets,
         identical: found.identical,
         failed: found.failed,
+        not_applicable: found.not_applicable,
         non_finite: found.non_finite,
     };
     Cell {
@@ -80,7 +81,8 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
         Quantity::FinalTokens => cost.final_tokens,
         Quantity::Metric(_) | Quantity::Slope(..) | Quantity::Seconds => None,
     };
-    Cell { value: value.map_or(Value::Absent, Value::Number), ..Cell::default() }
+    let value = value.map_or(Value::Absent, Value::Number);
+    Cell { value, lacks_trials: cost.failed + cost.not_applicable > 0, ..Cell::default() }
 }
 
 /// Seconds from context pictures to Gaussians, measured by the timing pass, or why there are none.

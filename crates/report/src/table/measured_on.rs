@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use atsplat_eval::{TargetRow, TargetStatus, TrialKey};
+use atsplat_eval::{TargetRow, TargetStatus};
 use serde::Serialize;
 
 use super::edition::Part;
@@ -90,17 +90,14 @@ impl Part<'_> {
 
     /// Scenes with compared targets of those of the protocol, and what else differs from it.
     fn scenes(&self, method: &str) -> String {
-        let is_own = |key: &TrialKey| key.preset == self.preset.name && key.method == method;
-        let rows: Vec<&TargetRow> = self.source.results.targets.iter().filter(|row| is_own(&row.key)).collect();
+        let is_own = |row: &&TargetRow| row.key.preset == self.preset.name && row.key.method == method;
+        let rows: Vec<&TargetRow> = self.source.results.targets.iter().filter(is_own).collect();
         let is_compared = |row: &&&TargetRow| !matches!(row.status, TargetStatus::Failed | TargetStatus::NonFinite);
         let scenes: BTreeSet<&str> = rows.iter().filter(is_compared).map(|row| row.key.scene.as_str()).collect();
         let scenes = scenes.len() as u64;
-        // A trial that failed as a whole may have no rows of targets.
-        let with_rows: BTreeSet<&TrialKey> = rows.iter().map(|row| &row.key).collect();
-        let trials = self.source.results.trials.iter().filter(|trial| is_own(&trial.key));
-        let without = trials.filter(|trial| !with_rows.contains(&trial.key)).map(|trial| u64::from(trial.targets));
-        let targets = without.sum::<u64>() + rows.len() as u64;
-        let failed = targets - rows.iter().filter(is_compared).count() as u64;
+        let unsupported = self.source.results.unsupported();
+        let not_compared = rows.iter().filter(|row| !is_compared(row)).map(|row| &row.key);
+        let (not_applicable, failed): (Vec<_>, Vec<_>) = not_compared.partition(|key| unsupported.contains(key));
         let all = self.protocol.index.scenes;
         let mut text = match scenes {
             1 if all <= 1 => "1 scene".to_owned(),
@@ -108,8 +105,10 @@ impl Part<'_> {
             own if own < all => format!("{own} of {all} scenes"),
             own => format!("{own} scenes"),
         };
-        if failed > 0 {
-            text.push_str(&format!(", {failed} of {targets} targets failed"));
+        for (count, what) in [(failed.len(), "failed"), (not_applicable.len(), "not applicable")] {
+            if count > 0 {
+                text.push_str(&format!(", {count} of {} targets {what}", rows.len()));
+            }
         }
         if !self.protocol.index.accepted.is_empty() && self.preset.index_name.is_none() {
             text.push_str(", own index");

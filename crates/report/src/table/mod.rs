@@ -153,6 +153,9 @@ pub struct Cell {
     pub mark: Mark,
     /// Numbers of scenes and targets.
     pub counts: Option<Counts>,
+    /// Whether it is a size of some trials only, because the method failed on the others or does not support them.
+    #[serde(skip)]
+    pub lacks_trials: bool,
     /// Why it was not computed.
     pub not_computed: Option<String>,
     /// The spread over trainings and over scenes, if it is a mean over several trainings.
@@ -212,8 +215,16 @@ pub struct Counts {
     pub identical: u64,
     /// Targets without a render or a truth.
     pub failed: u64,
+    /// Targets of trials that the method does not support.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub not_applicable: u64,
     /// Targets whose score is not finite.
     pub non_finite: u64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// The value of a cell.
@@ -329,6 +340,14 @@ impl Cell {
         self.timing.as_ref().is_some_and(|timing| timing.busy)
     }
 
+    /// Whether it may be the best: no time measured on a busy machine, and no mean that lacks targets or trials on which the
+    /// method failed.
+    pub(crate) fn is_rankable(&self) -> bool {
+        let lacks_targets =
+            self.counts.is_some_and(|counts| counts.failed + counts.not_applicable + counts.non_finite > 0);
+        !self.is_busy() && !self.lacks_trials && !lacks_targets
+    }
+
     /// The printed text.
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
@@ -371,6 +390,11 @@ impl Row {
     /// The protocol that was measured for a group of columns.
     pub(crate) fn protocol(&self, group: usize) -> Option<&StoreProtocol> {
         self.protocols.get(group)?.as_ref()
+    }
+
+    /// Whether it is a mean over several trainings, whose protocols are those of the first.
+    pub(crate) fn is_over_trainings(&self) -> bool {
+        self.cells.iter().flatten().any(|cell| cell.trainings.is_some())
     }
 
     /// The labels that are not empty.

@@ -9,8 +9,8 @@ use crate::plot::Origin;
 /// Marks the best and the second of each column by the printed values, so that equal values share a mark.
 ///
 /// If measured numbers are of the published setting, all rows are ranked together, otherwise published and measured rows
-/// separately. Untrained rows, rows without leaked targets, and means that lack failed targets are not ranked. A second
-/// place shared by more than two rows is not marked.
+/// separately. Untrained rows, rows without leaked targets, and means that lack failed targets or trials are not ranked. A
+/// second place shared by more than two rows is not marked.
 pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) {
     if marks == Marks::None {
         return;
@@ -67,9 +67,7 @@ fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Mar
 /// The number as printed; counts truncated to thousands are compared as such.
 fn printed_value(table: &Table, row: &Row, place: Place) -> Option<f64> {
     let cell = row.cell(place);
-    // Not ranked: a time measured on a busy machine, and a mean that lacks the targets on which the method failed.
-    let lacks_targets = cell.counts.is_some_and(|counts| counts.failed + counts.non_finite > 0);
-    let value = cell.value.number().filter(|_| !cell.is_busy() && !lacks_targets)?;
+    let value = cell.value.number().filter(|_| cell.is_rankable())?;
     let text = table.column(place).format(value);
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),

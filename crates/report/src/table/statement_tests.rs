@@ -1,6 +1,6 @@
 //! What a table says where it is pasted: data, sizes, scenes, verdicts, trainings, trends.
 
-use atsplat_eval::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord};
+use atsplat_eval::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord, TrialStatus};
 use atsplat_numeric::Tolerance;
 use serde_json::json;
 
@@ -184,6 +184,34 @@ fn unified_columns_are_filled_by_unified_weights_alone() {
     assert_eq!(filled(vec![separate(), unified()]), [true, true]);
 }
 
+/// Its rows have no method as a whole. The ablation is in none of them.
+#[test]
+fn the_unified_table_says_what_its_networks_were_trained_on() {
+    let joint = trained("joint", "1", "rooms train 0 to 9, yards train 0 to 9");
+    let training = Some(TrainingRecord { data: "simulated yards".to_owned(), seed: None });
+    let methods = vec![trained("atsplat", "1", "simulated rooms"), joint, MethodRecord { training, ..random() }];
+    let table = built("unified", &results(vec![preset("rooms-2v-128"), preset("yards-2v-128x224")], methods));
+    let said = notes(&table, NoteKind::Convention);
+    let lines: Vec<&str> = said.lines().filter(|line| line.contains("trained on")).collect();
+    let expected = ["simulated rooms", "rooms train 0 to 9, yards train 0 to 9"];
+    assert_eq!(lines, expected.map(|data| format!("ATSplat: trained on {data}")));
+}
+
+#[test]
+fn targets_that_a_method_does_not_support_have_not_failed() {
+    let mut results = results_over(vec![preset("rooms-2v-128")], vec![floor(), atsplat("atsplat", |_| ())], 7);
+    let broken = results.trials.iter_mut().find(|trial| trial.status == TrialStatus::Failed).unwrap();
+    broken.status = TrialStatus::NotApplicable;
+    let table = built("re10k", &results);
+    let row = measured(&table).find(|row| row.cells[0][0].counts.is_some_and(|counts| counts.targets == 18)).unwrap();
+    let counts = row.cells[0][0].counts.unwrap();
+    assert_eq!((counts.failed, counts.not_applicable), (0, 3));
+    assert!(!row.cells[0][0].is_rankable(), "its mean lacks targets all the same");
+    assert!(row.measured_on.as_ref().unwrap().text.contains("3 of 21 targets not applicable"), "{:?}", row.measured_on);
+    let said = notes(&table, NoteKind::Counts);
+    assert!(said.contains("3 not applicable and not in the mean") && !said.contains("failed"), "{said}");
+}
+
 /// Three trainings that differ by 3 dB: their mean with both spreads, beside their own rows.
 #[test]
 fn several_trainings_share_a_row() {
@@ -195,7 +223,7 @@ fn several_trainings_share_a_row() {
         measured(&table).filter(|row| row.method.as_deref().is_some_and(|own| own.starts_with("seed"))).collect();
     assert_eq!(single.iter().filter(|row| !row.without_leaked).count(), 3);
     let trainings = mean.cells[0][0].trainings.unwrap();
-    let counts = Counts { scenes: 6, targets: 54, identical: 0, failed: 3, non_finite: 0 };
+    let counts = Counts { scenes: 6, targets: 54, failed: 3, ..Counts::default() };
     assert_eq!(mean.cells[0][0].counts, Some(counts), "of all trainings: the first has no failure");
     assert!(mean.measured_on.as_ref().unwrap().text.contains("3 of 21 targets failed"), "{:?}", mean.measured_on);
     let said = notes(&table, NoteKind::Counts);

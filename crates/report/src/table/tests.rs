@@ -86,6 +86,24 @@ fn a_row_that_lacks_targets_says_so_and_is_not_ranked() {
     assert_eq!(own(&table, "atsplat-random").cells[0][0].mark, Mark::Best);
 }
 
+/// The second network has half the Gaussians, in the scenes on which it did not fail.
+#[test]
+fn a_size_without_the_trials_that_failed_is_not_ranked() {
+    let mut store = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), atsplat("b", |_| ())]);
+    for trial in store.trials.iter_mut().filter(|trial| trial.key.method == "b") {
+        trial.gaussians = Some(11_520);
+    }
+    let mark = |store: &Results| {
+        let table = built("re10k", &[("run", store)], Mixing::Apart).swap_remove(0);
+        let [a, b] = ["a", "b"].map(|method| own(&table, method).cells[0][3].clone());
+        assert_eq!((a.value, b.value), (Value::Number(23_040.0), Value::Number(11_520.0)));
+        [a.mark, b.mark]
+    };
+    assert_eq!(mark(&store), [Mark::Plain, Mark::Plain]);
+    store.trials.iter_mut().for_each(|trial| trial.status = TrialStatus::Done);
+    assert_eq!(mark(&store), [Mark::Plain, Mark::Best]);
+}
+
 /// Two of the network's four trials show nothing and one had broken Gaussians; a trial of the other protocol does not count.
 #[test]
 fn trials_without_a_drawn_gaussian_or_with_broken_ones_have_a_line() {

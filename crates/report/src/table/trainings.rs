@@ -102,8 +102,9 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
                 let sizes: Option<Vec<f64>> =
                     training.rows.iter().map(|row| row.cell((group, at)).value.number()).collect();
                 let sizes = sizes.filter(|sizes| !sizes.is_empty())?;
-                let mean = sizes.iter().sum::<f64>() / sizes.len() as f64;
-                Some(Cell { value: Value::Number(mean), ..Cell::default() })
+                let value = Value::Number(sizes.iter().sum::<f64>() / sizes.len() as f64);
+                let lacks_trials = training.rows.iter().any(|row| row.cell((group, at)).lacks_trials);
+                Some(Cell { value, lacks_trials, ..Cell::default() })
             }
         };
         columns.columns.iter().enumerate().map(|own| cell(own).unwrap_or_default()).collect()
@@ -147,6 +148,7 @@ fn counts(training: &TrainingGroup<'_>, place: Place, of_training: &[Vec<SceneMe
     for own in training.rows.iter().filter_map(|row| row.cell(place).counts) {
         counts.identical += own.identical;
         counts.failed += own.failed;
+        counts.not_applicable += own.not_applicable;
         counts.non_finite += own.non_finite;
     }
     let mut by_scene: BTreeMap<&str, (usize, u64)> = BTreeMap::new();

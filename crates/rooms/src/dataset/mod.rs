@@ -4,6 +4,7 @@ mod nerfstudio;
 mod options;
 mod re10k;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
@@ -85,7 +86,8 @@ pub fn encoded_scene(simulation: &Simulation, coding: PictureEncoding) -> Result
 /// Lenses that the layout cannot store are counted in `warnings`.
 ///
 /// # Errors
-/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already holds chunks, and as [`Simulation::new`].
+/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already holds chunks, [`RoomsError::Request`] for a route with a
+/// time twice where files are named after it, and as [`Simulation::new`].
 pub fn write_dataset(
     folder: &Path,
     requests: impl IntoIterator<Item = Request>,
@@ -99,6 +101,9 @@ pub fn write_dataset(
     for request in requests {
         let split = request.seed.split;
         let simulation = Simulation::new(request)?;
+        if options.layout == Layout::Re10k || (options.layout == Layout::Chunks && options.depth) {
+            distinct_times(&simulation)?;
+        }
         let scene = encoded_scene(&simulation, options.coding)?;
         match options.layout {
             Layout::Re10k => re10k::write(folder, split, &scene, options.coding, warnings)?,
@@ -130,6 +135,20 @@ pub fn write_dataset(
     let json = json.map_err(FileError::during::<RoomsError>("writing a manifest", &path))?;
     write_file(&path, &json)?;
     Ok(written)
+}
+
+/// Checks that files named after the times of frames do not replace each other: a given route may have a time twice.
+fn distinct_times(simulation: &Simulation) -> Result<(), RoomsError> {
+    let mut seen = BTreeSet::new();
+    let mut times = simulation.shots().iter().map(|shot| shot.timestamp_micros);
+    match times.find(|time| !seen.insert(*time)) {
+        None => Ok(()),
+        Some(time) => Err(RoomsError::Request {
+            field: "trajectory",
+            expected: "every time once, because files are named after it (the nerfstudio layout numbers them)",
+            found: format!("{time} µs again"),
+        }),
+    }
 }
 
 fn make_folder(folder: &Path) -> Result<(), RoomsError> {

@@ -17,6 +17,7 @@ pub(super) fn stem(position: usize) -> String {
 pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureEncoding, size: ImageSize) -> Result<(), RoomsError> {
     let folder = folder.join(&scene.key).join("nerfstudio");
     make_folder(&folder.join("images"))?;
+    let mut root = lens(&scene.frames[0].camera, size);
     let mut frames = Vec::with_capacity(scene.frames.len());
     for (at, frame) in scene.frames.iter().enumerate() {
         let file = format!("images/{}.{}", stem(at), coding.extension());
@@ -24,9 +25,13 @@ pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureEncoding, size:
         let rows = frame.camera.camera_from_world.inverse().opengl_from_opencv().to_rows();
         let mut matrix = rows.as_chunks::<4>().0.to_vec();
         matrix.push([0.0, 0.0, 0.0, 1.0]);
-        frames.push(json!({ "file_path": file, "transform_matrix": matrix }));
+        // Cameras of a given route may differ in their focal length.
+        let own = lens(&frame.camera, size);
+        let mut listed = if own == root { json!({}) } else { own };
+        listed["file_path"] = json!(file);
+        listed["transform_matrix"] = json!(matrix);
+        frames.push(listed);
     }
-    let mut root = lens(&scene.frames[0].camera, size);
     root["frames"] = Value::Array(frames);
     let path = folder.join("transforms.json");
     let text = serde_json::to_vec_pretty(&root).map_err(std::io::Error::from);

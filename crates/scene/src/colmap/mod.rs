@@ -30,6 +30,16 @@ pub enum Encoding {
     Binary,
 }
 
+impl Encoding {
+    fn file(self, folder: &Path, name: &str) -> PathBuf {
+        let extension = match self {
+            Self::Text => "txt",
+            Self::Binary => "bin",
+        };
+        folder.join(format!("{name}.{extension}"))
+    }
+}
+
 /// One registered image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapImage {
@@ -72,7 +82,8 @@ pub struct Observation {
 /// Parses `cameras.txt` or `cameras.bin`; `path` is for messages only.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte, [`SceneError::UnsupportedCameraModel`] for a model unknown to COLMAP.
+/// [`SceneError::Malformed`] with line or byte, also for a repeated id and for another number of cameras than the header
+/// states; [`SceneError::UnsupportedCameraModel`] for a model unknown to COLMAP.
 pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
     match encoding {
         Encoding::Text => text::cameras(bytes, path),
@@ -114,11 +125,22 @@ pub fn read_points(folder: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
     parse_points(&read_file("reading COLMAP points", &file)?, encoding, &file)
 }
 
-/// One of the model's files: the binary one if both exist, which COLMAP prefers too.
+/// The encoding of the model in a folder: binary if it is there in both, which COLMAP prefers too. Cameras in one encoding
+/// and images in the other are no model: they may stem from two reconstructions.
+fn encoding_of(folder: &Path) -> Option<Encoding> {
+    let is_whole = |encoding: &Encoding| ["cameras", "images"].iter().all(|name| encoding.file(folder, name).is_file());
+    [Encoding::Binary, Encoding::Text].into_iter().find(is_whole)
+}
+
+/// One of the model's files. Points may be in the other encoding, if they are in that alone.
 fn model_file(folder: &Path, name: &str) -> (PathBuf, Encoding) {
-    let binary = folder.join(format!("{name}.bin"));
-    let text = folder.join(format!("{name}.txt"));
-    if text.is_file() && !binary.is_file() { (text, Encoding::Text) } else { (binary, Encoding::Binary) }
+    let [own, other] = match encoding_of(folder) {
+        Some(Encoding::Text) => [Encoding::Text, Encoding::Binary],
+        Some(Encoding::Binary) | None => [Encoding::Binary, Encoding::Text],
+    };
+    let is_elsewhere = other.file(folder, name).is_file() && !own.file(folder, name).is_file();
+    let encoding = if is_elsewhere { other } else { own };
+    (encoding.file(folder, name), encoding)
 }
 
 /// A pose from COLMAP's quaternion (w, x, y, z) and translation; `None` if the quaternion is zero or not finite.

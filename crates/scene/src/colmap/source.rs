@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::Camera;
 use atsplat_numeric::Tolerance;
 
-use super::{ColmapImage, Encoding, malformed, model_file, parse_cameras, parse_images};
+use super::{ColmapImage, encoding_of, malformed, model_file, parse_cameras, parse_images};
 use crate::camera_policy::report_cameras;
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
@@ -48,7 +48,8 @@ impl ColmapScenes {
     pub fn open(path: &Path, options: ColmapOptions) -> Result<Self, SceneError> {
         let found = model_folders(path)?;
         if found.is_empty() {
-            let expected = "cameras and images (.bin or .txt) in the folder, its sparse/0/ or one of its subfolders";
+            let expected =
+                "cameras and images (both .bin or both .txt) in the folder, its sparse/0/ or one of its subfolders";
             return Err(SceneError::unrecognized(path, expected, "no such files"));
         }
         let (keys, models) = found.into_iter().unzip();
@@ -149,10 +150,7 @@ fn places(capture: &Path) -> impl Iterator<Item = PathBuf> {
 }
 
 fn holds_model(folder: &Path) -> bool {
-    ["cameras", "images"].iter().all(|name| {
-        let (file, _): (PathBuf, Encoding) = model_file(folder, name);
-        file.is_file()
-    })
+    encoding_of(folder).is_some()
 }
 
 fn report_quaternions(key: &str, images: &[ColmapImage], warnings: &mut Warnings) {

@@ -170,6 +170,15 @@ fn a_file_with_fewer_points_than_its_header_states_is_an_error() {
 }
 
 #[test]
+fn a_file_with_fewer_cameras_than_its_header_states_is_an_error() {
+    let text = "# Number of cameras: 2\n1 SIMPLE_PINHOLE 8 6 5 4 3\n2 SIMPLE_PINHOLE 8 6 5 4 3\n";
+    assert_eq!(cameras_text(text).unwrap().len(), 2);
+    let cut = text.strip_suffix("2 SIMPLE_PINHOLE 8 6 5 4 3\n").unwrap();
+    let error = cameras_text(cut).unwrap_err().to_string();
+    assert!(error.contains("line 1: expected 2 cameras, as the comment states, found 1"), "{error}");
+}
+
+#[test]
 fn an_image_id_twice_is_an_error() {
     let image = |id: u32, name: &str| format!("{id} 1 0 0 0 0 0 0 1 {name}\n\n");
     let error = images_text(&[image(7, "a.png"), image(8, "b.png"), image(7, "c.png")].concat()).unwrap_err();
@@ -426,6 +435,23 @@ fn frames_are_sorted_by_name_and_find_their_pictures() {
     assert!(frame.mismatch(ImageSize { width: 50, height: 25 }).is_none());
     let cropped = frame.mismatch(ImageSize { width: 50, height: 27 }).unwrap();
     assert!(cropped.is_fatal() && cropped.to_string().contains("200×100"), "{cropped}");
+}
+
+/// Cameras and images of two encodings may be of two models.
+#[test]
+fn one_model_has_one_encoding() {
+    let folder = capture("1 1 0 0 0 0 0 0 1 a.png\n", &[]);
+    let model = folder.path().join("sparse/0");
+    let lens = [50.0f64, 50.0, 100.0, 50.0].map(f64::to_le_bytes).concat();
+    let [one, width, height] = [1u64, 200, 100].map(u64::to_le_bytes);
+    let cameras = binary(&[&one, &1u32.to_le_bytes(), &1i32.to_le_bytes(), &width, &height, &lens]);
+    std::fs::write(model.join("cameras.bin"), cameras).unwrap();
+    let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
+    let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
+    Tolerance::F64.assert([scene.frames[0].camera.intrinsics.fx], [0.5], "100 of 200 pixels, as in cameras.txt");
+    std::fs::remove_file(model.join("cameras.txt")).unwrap();
+    let error = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("both .bin or both .txt"), "{error}");
 }
 
 #[test]

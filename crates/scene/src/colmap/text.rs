@@ -17,6 +17,8 @@ use crate::SceneError;
 use crate::number::{Columns, parse_f64, parse_i64, parse_u64};
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS…`
+///
+/// A file that was cut off between two cameras has fewer than its header states.
 pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
     let camera = |(number, line)| {
         let mut row = Row::new(line, number, path);
@@ -34,7 +36,9 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
         }
         Ok((id, ColmapCamera { model, size, parameters }, row.location("CAMERA_ID")))
     };
-    by_id(content_lines(text).map(camera), path)
+    let cameras = by_id(content_lines(text).map(camera), path)?;
+    require_stated(text, "cameras", cameras.len(), path)?;
+    Ok(cameras)
 }
 
 /// Two lines per image: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then its keypoints, possibly an empty line.

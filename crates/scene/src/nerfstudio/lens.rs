@@ -28,7 +28,8 @@ pub struct LensFields {
     pub focal_x: Option<Focal>,
     /// Vertical focal length; if absent, the horizontal one in pixels (instant-ngp).
     pub focal_y: Option<Focal>,
-    /// Horizontal and vertical field of view in radians that are stated beside a focal length in pixels, and not used.
+    /// Horizontal and vertical field of view in radians that are stated beside a focal length or another field of view, and
+    /// not used.
     pub angles: [Option<f64>; 2],
     /// Principal point column; the centre if absent.
     pub cx: Option<f64>,
@@ -68,14 +69,20 @@ pub(super) struct ResolvedLens {
 impl LensFields {
     pub(super) fn read(object: &Object<'_>) -> Result<Self, SceneError> {
         let (radial, tangential) = read_coefficients(object)?;
-        let fisheye = match object.text("camera_model")? {
+        let flag = object.value("is_fisheye").map(|_| object.flag("is_fisheye")).transpose()?;
+        let of_model = match object.text("camera_model")? {
             Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "PERSPECTIVE") => Some(false),
             Some("OPENCV_FISHEYE") => Some(true),
             Some(model) => {
                 return Err(object.unsupported("camera_model", model, UNSUPPORTED));
             }
-            None => object.value("is_fisheye").map(|_| object.flag("is_fisheye")).transpose()?,
+            None => None,
         };
+        if let (Some(of_model), Some(flag)) = (of_model, flag)
+            && of_model != flag
+        {
+            return Err(object.wrong("is_fisheye", &format!("{of_model}, as camera_model states"), &flag.to_string()));
+        }
         for (field, model) in [("ftheta_p0", "FTheta"), ("latlong", "LatLong"), ("equirectangular", "Equirectangular")]
         {
             if object.value(field).is_some() {
@@ -94,7 +101,7 @@ impl LensFields {
             cy: object.number("cy")?,
             radial,
             tangential,
-            fisheye,
+            fisheye: of_model.or(flag),
         })
     }
 
@@ -157,17 +164,17 @@ impl LensFields {
         let malformed = |field: &str, expected: &str, found: &str| {
             SceneError::malformed("transforms.json", path, format!("{location}{field}"), expected, found)
         };
-        let width = self.w.or(picture_size.map(|size| f64::from(size.width)));
-        let height = self.h.or(picture_size.map(|size| f64::from(size.height)));
-        let (Some(width), Some(height)) = (width, height) else {
-            return Err(malformed("w, h", "the size of the pictures, or a picture to take it from", "neither"));
+        let (width, height) = match (self.w, self.h, picture_size) {
+            (Some(width), Some(height), _) => (width, height),
+            (None, None, Some(size)) => (f64::from(size.width), f64::from(size.height)),
+            (None, None, None) => {
+                return Err(malformed("w, h", "the size of the pictures, or a picture to take it from", "neither"));
+            }
+            // The other side of a picture may be that of a scaled copy.
+            (Some(_), None, _) => return Err(malformed("h", "a height beside the width w", "none")),
+            (None, Some(_), _) => return Err(malformed("w", "a width beside the height h", "none")),
         };
-        let pixels = |focal: Option<Focal>, length: f64| {
-            focal.map(|focal| match focal {
-                Focal::Pixels(pixels) => pixels,
-                Focal::Angle(angle) => focal_of(angle, length),
-            })
-        };
+        let pixels = |focal: Option<Focal>, side: f64| focal.map(|focal| focal.pixels(side));
         let (x, y) = (pixels(self.focal_x, width), pixels(self.focal_y, height));
         let (Some(fl_x), Some(fl_y)) = (x.or(y), y.or(x)) else {
             return Err(malformed("fl_x", "a focal length (fl_x, camera_angle_x or x_fov)", "none"));
@@ -184,20 +191,25 @@ impl LensFields {
         })
     }
 
-    /// How the first focal length in pixels differs from the field of view beside it. That of a fisheye has several
-    /// definitions.
+    /// How the first focal length differs from the field of view beside it. That of a fisheye has several definitions.
     fn contradiction(&self, width: f64, height: f64) -> Option<String> {
         let [angle_x, angle_y] = self.angles;
         let axes = [("x", self.focal_x, angle_x, width), ("y", self.focal_y, angle_y, height)];
         axes.into_iter().filter(|_| self.fisheye != Some(true)).find_map(|(axis, focal, angle, side)| {
-            let (Some(Focal::Pixels(pixels)), Some(angle)) = (focal, angle) else { return None };
-            let of_angle = focal_of(angle, side);
-            (!SAME_FOCAL.accepts(of_angle, pixels)).then(|| {
+            let (focal, angle) = focal.zip(angle)?;
+            let pixels = focal.pixels(side);
+            (!SAME_FOCAL.accepts(focal_of(angle, side), pixels)).then(|| {
                 let (stated, degrees) = (angle.to_degrees(), 2.0 * (0.5 * side / pixels).atan().to_degrees());
-                format!(
-                    "the field of view (camera_angle_{axis} or {axis}_fov) is {stated:.2}°, that of fl_{axis} \
-                     {pixels:.2} for {side} pixels is {degrees:.2}°; fl_{axis} is used"
-                )
+                match focal {
+                    Focal::Pixels(_) => format!(
+                        "the field of view (camera_angle_{axis} or {axis}_fov) is {stated:.2}°, that of fl_{axis} \
+                         {pixels:.2} for {side} pixels is {degrees:.2}°; fl_{axis} is used"
+                    ),
+                    Focal::Angle(_) => format!(
+                        "the field of view camera_angle_{axis} is {stated:.2}°, {axis}_fov is {degrees:.2}°; \
+                         {axis}_fov is used"
+                    ),
+                }
             })
         })
     }
@@ -222,7 +234,15 @@ impl LensFields {
 }
 
 impl Focal {
-    /// The focal length, and the angle beside it if it is in pixels; that angle may be anything.
+    /// In pixels, over a side of a picture.
+    fn pixels(self, side: f64) -> f64 {
+        match self {
+            Self::Pixels(pixels) => pixels,
+            Self::Angle(angle) => focal_of(angle, side),
+        }
+    }
+
+    /// The focal length, and the angle in radians beside it, which may be anything.
     fn read(
         object: &Object<'_>,
         pixels: &str,
@@ -233,13 +253,13 @@ impl Focal {
             let beside = |name: &str| object.value(name).and_then(Value::as_f64);
             return Ok((Some(Self::Pixels(length)), beside(degrees).map(f64::to_radians).or_else(|| beside(radians))));
         }
-        let (name, angle) = match (object.number(degrees)?, object.number(radians)?) {
-            (Some(angle), _) => (degrees, angle.to_radians()),
-            (None, Some(angle)) => (radians, angle),
+        let (name, angle, beside) = match (object.number(degrees)?, object.number(radians)?) {
+            (Some(angle), beside) => (degrees, angle.to_radians(), beside),
+            (None, Some(angle)) => (radians, angle, None),
             (None, None) => return Ok((None, None)),
         };
         if angle > 0.0 && angle < std::f64::consts::PI {
-            return Ok((Some(Self::Angle(angle)), None));
+            return Ok((Some(Self::Angle(angle)), beside));
         }
         Err(object.wrong(name, "an angle between 0 and 180°", &format!("{}°", angle.to_degrees())))
     }

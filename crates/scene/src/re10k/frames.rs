@@ -15,15 +15,20 @@ enum Naming {
 
 /// Assigns each frame its picture from the first of `folders` that holds pictures.
 ///
-/// If no folder exists, the frames stay [`Picture::Absent`]. Otherwise a frame without a file becomes
-/// [`Picture::Missing`], with a warning. Pictures with a number that no row has are counted too: deleted rows leave
-/// them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong to a row.
+/// If no folder exists, the frames stay [`Picture::Absent`], unless pictures are `expected`. Otherwise a frame without
+/// a file becomes [`Picture::Missing`], with a warning. Pictures with a number that no row has are counted too: deleted
+/// rows leave them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong to a row.
 pub(super) fn attach_pictures(
     scene: &mut Scene,
     folders: &[PathBuf],
+    expected: bool,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
-    let Some(listing) = first_with_pictures(folders)? else { return Ok(()) };
+    let listing = match (first_with_pictures(folders)?, folders.first()) {
+        (Some(listing), _) => listing,
+        (None, Some(folder)) if expected => PictureListing::empty(folder.clone()),
+        (None, _) => return Ok(()),
+    };
     let mut numbers: BTreeMap<i64, &str> = BTreeMap::new();
     let mut repeated = Vec::new();
     for (number, stem) in listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))) {
@@ -125,7 +130,7 @@ mod tests {
             std::fs::write(folder.path().join(name), b"").unwrap();
         }
         let (mut scene, mut warnings) = (scene(), Warnings::new());
-        attach_pictures(&mut scene, &[folder.path().to_owned()], &mut warnings).unwrap();
+        attach_pictures(&mut scene, &[folder.path().to_owned()], false, &mut warnings).unwrap();
         (scene, warnings)
     }
 
@@ -191,7 +196,7 @@ mod tests {
         assert_eq!(names(&scene), ["no 0.jpg", "no 33366.jpg", "no 66733.jpg"]);
         assert_eq!(warnings.count(WarningKind::MissingPicture), 3);
         let (mut alone, mut warnings) = (self::scene(), Warnings::new());
-        attach_pictures(&mut alone, &[PathBuf::from("/nowhere")], &mut warnings).unwrap();
+        attach_pictures(&mut alone, &[PathBuf::from("/nowhere")], false, &mut warnings).unwrap();
         assert!(alone.frames.iter().all(|frame| matches!(frame.picture, Picture::Absent)));
         assert_eq!(warnings.total(), 0);
     }

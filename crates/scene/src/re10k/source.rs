@@ -22,7 +22,8 @@ pub struct Re10kOptions {
 /// Pictures (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
 /// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
 /// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. A
-/// picture with a timestamp or number that no row has is counted. Without such a folder the scene has no pictures.
+/// picture with a timestamp or number that no row has is counted. Without such a folder the scene has no pictures; if
+/// there is a `frames_root`, they are missing.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
     path: PathBuf,
@@ -118,7 +119,8 @@ impl SceneSource for Re10kScenes {
             let detail = format!("row {row}: columns 6 and 7 are not zero; no loader of the field reads them");
             warnings.push(WarningKind::LensDistortion, key, detail);
         }
-        attach_pictures(&mut scene, &self.picture_folders(key, file), warnings)?;
+        let expected = self.options.frames_root.is_some();
+        attach_pictures(&mut scene, &self.picture_folders(key, file), expected, warnings)?;
         report_cameras(&scene, warnings);
         Ok(scene)
     }
@@ -168,5 +170,43 @@ fn existing_folder(file: &Path) -> PathBuf {
     match file.parent() {
         Some(folder) if folder != Path::new("") => folder.to_owned(),
         _ => PathBuf::from("."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::Picture;
+
+    const ROWS: &str = "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n7 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
+
+    /// Two clips, of which one has a folder of frames below another root.
+    #[test]
+    fn pictures_are_missing_in_a_root_of_frames_without_the_clip() {
+        let folder = tempfile::tempdir().unwrap();
+        let (clips, root) = (folder.path().join("clips"), folder.path().join("frames"));
+        fs::create_dir_all(&clips).unwrap();
+        fs::create_dir_all(root.join("a")).unwrap();
+        for key in ["a", "b"] {
+            fs::write(clips.join(format!("{key}.txt")), ROWS).unwrap();
+        }
+        for time in [0, 7] {
+            fs::write(root.join(format!("a/{time}.png")), b"").unwrap();
+        }
+        let first_pictures = |frames_root: Option<PathBuf>| {
+            let mut warnings = Warnings::new();
+            let scenes = Re10kScenes::open(&clips, Re10kOptions { frames_root }, &mut warnings).unwrap();
+            let pictures = ["a", "b"].map(|key| scenes.load(key, &mut warnings).unwrap().frames[0].picture.clone());
+            (pictures, warnings.count(WarningKind::MissingPicture))
+        };
+        let ([a, b], missing) = first_pictures(Some(root));
+        assert!(matches!(&a, Picture::File(path) if path.ends_with("frames/a/0.png")), "{a:?}");
+        assert!(matches!(&b, Picture::Missing(path) if path.ends_with("frames/b/0.jpg")), "{b:?}");
+        assert_eq!(missing, 2, "one of each frame of b");
+        let ([a, b], missing) = first_pictures(None);
+        assert!(matches!((&a, &b), (Picture::Absent, Picture::Absent)), "{a:?} {b:?}");
+        assert_eq!(missing, 0, "nobody stated where frames should be");
     }
 }

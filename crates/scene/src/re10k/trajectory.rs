@@ -56,7 +56,8 @@ pub fn read_trajectory(path: &Path) -> Result<Trajectory, SceneError> {
 ///
 /// A byte order mark, carriage returns, blank lines and trailing blanks are accepted. The first line is a header if it
 /// starts with `#`, contains `://`, or is a single word that is not a number; pixelSplat's converter always skips the
-/// first line, so it loses a row of a file without a header. Numbers are parsed exactly like `str::parse::<f64>`.
+/// first line, so it loses a row of a file without a header. Numbers are parsed exactly like `str::parse::<f64>`. A
+/// last number without a line end that has fewer decimals than every other of its row was cut off, which is an error.
 ///
 /// # Errors
 /// [`SceneError::Malformed`] with line and column, [`SceneError::Camera`] for a row with an invalid camera.
@@ -77,7 +78,24 @@ pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneErr
         let found = format!("none in {} bytes", text.len());
         return Err(SceneError::malformed(FORMAT, path, "whole file", "at least one row of 19 columns", found));
     }
+    if let Some(number) = cut_off_number(text) {
+        let location = format!("line {}, column 19 (tz)", text.split(|byte| *byte == b'\n').count());
+        let found = format!("{} at the end of the file: is it cut off?", quoted(number));
+        return Err(SceneError::malformed(FORMAT, path, location, "as many decimals as in the columns before", found));
+    }
     Ok(trajectory)
+}
+
+/// The last number of a text that does not end with a line end, if it has fewer decimals than the others of its row,
+/// which have equally many.
+fn cut_off_number(text: &[u8]) -> Option<&[u8]> {
+    let row = text.rsplit(|byte| *byte == b'\n').next()?;
+    let numbers: Vec<&[u8]> = Columns::of(row).skip(1).collect();
+    let (last, others) = numbers.split_last()?;
+    let decimals = |number: &[u8]| number.iter().rev().position(|byte| *byte == b'.').unwrap_or(0);
+    let expected = decimals(others.first()?);
+    let is_cut_off = decimals(last) < expected && others.iter().all(|number| decimals(number) == expected);
+    is_cut_off.then_some(*last)
 }
 
 impl Trajectory {

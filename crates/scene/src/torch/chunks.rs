@@ -36,8 +36,8 @@ impl TorchChunks {
     /// theirs, and is not read if they hold chunks.
     ///
     /// Without an `index.json` every chunk's list is read, but no pictures. A scene whose chunk is missing, a chunk that
-    /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index does not
-    /// list, in a chunk of which it lists others, is found when a scene of that chunk is first loaded.
+    /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index lists
+    /// in another chunk, or in none, is found when a scene of its chunk is first loaded.
     ///
     /// # Errors
     /// [`SceneError::Io`] if the folder cannot be listed, [`SceneError::Malformed`] if there are no chunks, or
@@ -97,8 +97,9 @@ impl TorchChunks {
         }
         let named: BTreeSet<PathBuf> = entries.iter().map(|(_, chunk)| chunk.clone()).collect();
         let chunks: Vec<PathBuf> = named.into_iter().filter(|chunk| chunk.is_file()).collect();
+        let hint = if entries.is_empty() { " nor of another: was writing them interrupted?" } else { "" };
         for unindexed in found.iter().filter(|chunk| chunks.binary_search(chunk).is_err()) {
-            let detail = format!("{INDEX} lists no scene of this chunk");
+            let detail = format!("{INDEX} lists no scene of this chunk{hint}");
             warnings.push(WarningKind::UnindexedChunk, unindexed.display().to_string(), detail);
         }
         let mut scenes = Vec::with_capacity(entries.len());
@@ -170,9 +171,13 @@ impl TorchChunks {
         let chunk = Arc::new(Chunk::open(path, &mut from_chunk)?);
         if self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &chunk) {
             warnings.merge(from_chunk);
-            for key in chunk.keys().iter().filter(|key| !self.chunk_of.contains_key(*key)) {
-                let detail = format!("{INDEX} does not list it for this chunk ({})", path.display());
-                warnings.push(WarningKind::UnindexedScene, key, detail);
+            for key in chunk.keys() {
+                let (kind, problem) = match self.chunk_of.get(key) {
+                    Some(listed) if *listed == position => continue,
+                    Some(_) => (WarningKind::DuplicateScene, "lists it in another chunk: this one is not used"),
+                    None => (WarningKind::UnindexedScene, "does not list it for this chunk"),
+                };
+                warnings.push(kind, key, format!("{INDEX} {problem} ({})", path.display()));
             }
         }
         Ok(chunk)

@@ -15,8 +15,9 @@ const ALIGNMENT: u16 = 64;
 /// Writes scenes as numbered chunks and an `index.json`, like `real_estate_10k_tools` (`src/convert.py`,
 /// `src/generate_index.py`), for pixelSplat's loader and its descendants.
 ///
-/// A chunk is written when its pictures reach the target size; a scene is never split. Files are renamed into place when
-/// complete, and the same scenes give the same bytes.
+/// A chunk is written when its pictures reach the target size; a scene is never split. Files are renamed into place
+/// when complete, and the same scenes give the same bytes. Until the last chunk is written, the index is empty, so that
+/// what an interrupted writer leaves is not read as a whole dataset.
 #[derive(Debug)]
 pub struct ChunkWriter {
     folder: PathBuf,
@@ -82,10 +83,7 @@ impl ChunkWriter {
         if !self.pending.is_empty() {
             self.flush()?;
         }
-        let index = self.folder.join("index.json");
-        let json = serde_json::to_vec(&self.index)
-            .map_err(|source| SceneError::io("writing a chunk index", &index)(source.into()))?;
-        atsplat_files::write(&index, &json).map_err(SceneError::io("writing a chunk index", &index))?;
+        self.write_index(&self.index)?;
         let chunks = (0..self.chunks).map(|number| self.folder.join(name_of(number))).collect();
         Ok(ChunksWritten { chunks, scenes: self.index.len() })
     }
@@ -94,7 +92,17 @@ impl ChunkWriter {
         name_of(self.chunks)
     }
 
+    fn write_index(&self, index: &IndexMap<String, String>) -> Result<(), SceneError> {
+        let path = self.folder.join("index.json");
+        let json = serde_json::to_vec(index)
+            .map_err(|source| SceneError::io("writing a chunk index", &path)(source.into()))?;
+        atsplat_files::write(&path, &json).map_err(SceneError::io("writing a chunk index", &path))
+    }
+
     fn flush(&mut self) -> Result<(), SceneError> {
+        if self.chunks == 0 {
+            self.write_index(&IndexMap::new())?;
+        }
         write_chunk(&self.folder.join(self.chunk_name()), &self.pending)?;
         self.chunks += 1;
         self.pending.clear();

@@ -142,6 +142,23 @@ fn a_scene_that_the_index_does_not_list_is_reported() {
     assert!(warning.scene == KEYS[0] && warning.detail.contains("000000.torch"), "{warning}");
 }
 
+/// Both chunks hold both scenes, and the index lists one in each.
+#[test]
+fn a_scene_in_another_chunk_than_its_own_is_a_duplicate() {
+    let chunk = fixture_bytes("zip.torch");
+    let index = format!(r#"{{"{}": "000000.torch", "{}": "000001.torch"}}"#, KEYS[0], KEYS[1]);
+    let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", &chunk)]);
+    let (source, _) = open(folder.path());
+    let source = source.unwrap();
+    for (own, other, name) in [(KEYS[0], KEYS[1], "000000.torch"), (KEYS[1], KEYS[0], "000001.torch")] {
+        let mut warnings = Warnings::new();
+        source.load(own, &mut warnings).unwrap();
+        let duplicates: Vec<_> = warnings.kept().iter().filter(|w| w.kind == WarningKind::DuplicateScene).collect();
+        let [duplicate] = duplicates.as_slice() else { panic!("{duplicates:?}") };
+        assert!(duplicate.scene == other && duplicate.detail.contains(name), "{duplicate}");
+    }
+}
+
 #[test]
 fn a_truncated_index_is_not_said_to_repeat_keys() {
     let (source, _) = open(folder(&[("index.json", br#"{"a": "000000.torch", "b"#)]).path());
@@ -292,6 +309,21 @@ fn chunks_are_written_when_their_pictures_reach_the_target() {
     );
     let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left.len(), 4, "no partial file is left: {left:?}");
+}
+
+/// As after a kill: a writer that is not finished leaves the chunks that were full.
+#[test]
+fn an_interrupted_writer_leaves_no_dataset() {
+    let folder = TempDir::new().unwrap();
+    let mut writer = ChunkWriter::create(folder.path(), 1000).unwrap();
+    for scene in [numbered(0, 1000), numbered(1, 999)] {
+        writer.push(scene).unwrap();
+    }
+    drop(writer);
+    let (source, warnings) = open(folder.path());
+    assert!(folder.path().join("000000.torch").is_file() && source.unwrap().keys().is_empty());
+    assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnindexedChunk, 1)]);
+    assert!(warnings.kept()[0].detail.contains("interrupted"), "{:?}", warnings.kept());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::bins::{Entry, STEEPEST};
+use super::bins::{Entry, ROUNDING, STEEPEST};
 use super::project::Splat;
 
 /// Side of a block in pixels; a block's state stays in registers while its splats are composited.
@@ -207,6 +207,7 @@ impl Group {
             let [shift_u, shift_v] = [0, 1].map(|n| row(&self.shift[n], at));
             let [from_x, from_y] = [0, 1].map(|n| row(&self.from_base[n], at));
             let cut = row(&self.cut, at);
+            let slack = simd.mul_f32s(cut, splat(-ROUNDING));
             let slope = simd.div_f32s(shear, down);
             let middle = {
                 let bounded = simd.min_f32s(simd.max_f32s(slope, splat(-STEEPEST)), splat(STEEPEST));
@@ -242,7 +243,7 @@ impl Group {
                     simd.wrapping_dyn_shl_u32s(simd.splat_u32s(1), count)
                 };
                 let columns = simd.sub_u32s(ones(past), ones(from));
-                let touched = simd.greater_than_or_equal_f32s(inside, zero);
+                let touched = simd.greater_than_or_equal_f32s(inside, slack);
                 let columns = simd.select_u32s(touched, columns, simd.splat_u32s(0));
                 let index = block_row * across;
                 let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(BITS[index % 32]));
@@ -285,4 +286,30 @@ fn rectangle(cell: Cell, [columns, rows]: [[u16; 2]; 2]) -> u64 {
     let within = (1u64 << right).wrapping_sub(1 << left);
     // If the rectangle misses the cell, one of the ranges is empty.
     if right > left && bottom > top { (within * every_row) & below(bottom) & !below(top) } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The end of a needle far longer than the image, at 45°, is in pixel (22, 22): only rounding decides whether the
+    /// extreme of the ellipse is within it.
+    #[test]
+    fn the_block_at_the_end_of_a_steep_needle_is_listed() {
+        let cell = Cell { left: 0, top: 0, across: 8 };
+        for slope in 4000..5800u16 {
+            let (along, cut) = (0.85f32, 8.0f32);
+            let down = along / f32::from(slope);
+            #[expect(clippy::cast_possible_truncation, reason = "a few ten thousand pixels")]
+            let base = 22 - (cut.sqrt() / down).round() as i32;
+            let whitener = [along, -along, down];
+            let splat = Splat { whitener, base: [base, base], cut, reach: [[0, 32]; 2], ..Splat::default() };
+            let mut group = Group::default();
+            group.set(0, cell, &splat, &record(cell, 0, &splat));
+            group.find_blocks(pulp::Scalar256b, cell.across);
+            let blocks = group.blocks(0);
+            let (of_the_end, past_the_end) = ((blocks >> 45) & 1, blocks >> 48);
+            assert_eq!((of_the_end, past_the_end), (1, 0), "slope {slope}: {blocks:x}");
+        }
+    }
 }

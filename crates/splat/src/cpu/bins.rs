@@ -12,6 +12,9 @@ pub(super) const RUN: usize = 4096;
 /// overflows. From far smaller slopes on, the disc's extreme lies at `±√cut` in f32.
 pub(super) const STEEPEST: f32 = 1e15;
 
+/// Share of `cut` by which a steep slope's extreme may exceed it: far above the rounding errors of its square.
+pub(super) const ROUNDING: f32 = 1e-5;
+
 /// Half-open range of tile columns, then of tile rows.
 pub(super) type Reach = [[u16; 2]; 2];
 
@@ -78,8 +81,7 @@ impl Tiling {
             }
         };
         let (v_right, v_left) = (within(-middle), within(middle));
-        let inside = splat.cut - v_right * v_right;
-        if inside < 0.0 {
+        if v_right * v_right > splat.cut * (1.0 + ROUNDING) {
             return (first, first);
         }
         let half = |v: f32| (splat.cut - v * v).abs().sqrt();
@@ -175,4 +177,33 @@ impl Bins {
 pub(super) const fn depth_key(depth: f32) -> u32 {
     let bits = (depth + 0.0).to_bits();
     if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The end of a needle far longer than the image, at 45°: on the centre line only rounding decides whether the
+    /// extreme of the ellipse is within it.
+    #[test]
+    fn the_end_of_a_steep_needle_is_listed() {
+        let tiling = Tiling { side: 32, columns: 2, rows: 2 };
+        for slope in 4000..5800u16 {
+            let (along, cut) = (0.85f32, 8.0f32);
+            let down = along / f32::from(slope);
+            // Pixel (20, 20) is the last on the centre line with `u² + v² ≤ cut`.
+            #[expect(clippy::cast_possible_truncation, reason = "a few ten thousand pixels")]
+            let base = 20 - (cut.sqrt() / down).round() as i32;
+            let splat = Splat {
+                whitener: [along, -along, down],
+                base: [base, base],
+                cut: cut * 1.001 + 0.001,
+                reach: [[0, 64]; 2],
+                ..Splat::default()
+            };
+            let (from, past) = tiling.columns(&splat, 0, (0, 2));
+            assert!(from == 0 && past > 0, "slope {slope}: {from}..{past}");
+            assert_eq!(tiling.columns(&splat, 1, (0, 2)), (0, 0), "slope {slope}: past the end");
+        }
+    }
 }

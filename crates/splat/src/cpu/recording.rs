@@ -91,7 +91,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     /// Recomposites with other scalars, one per Gaussian: bit for bit the images of recording the Gaussians with these
     /// scalars, at the cost of compositing alone. Any number of channels can thus be rendered and differentiated in
     /// turn; gradients of shared parameters add up. The recorded Gaussians must have scalars, and the scalar image must
-    /// be one of the recorded channels.
+    /// be one of the recorded channels. A Gaussian that was culled for its recorded scalar stays culled.
     ///
     /// # Errors
     /// [`SplatError::Length`] if the number of scalars differs from that of the Gaussians, or nothing was recorded for

@@ -38,7 +38,9 @@ fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) 
     );
     let (count, largest) = beyond(&actual.alpha, &expected.alpha, 1e-5);
     assert!(count * 1000 <= actual.alpha.len() && largest < 0.01, "{what}: alpha {count}, {largest:.2e}");
+    assert_eq!(actual.median_depth.is_some(), expected.median_depth.is_some(), "{what}");
     for (actual, expected) in [(&actual.depth, &expected.depth), (&actual.scalar, &expected.scalar)] {
+        assert_eq!(actual.is_some(), expected.is_some(), "{what}");
         if let (Some(actual), Some(expected)) = (actual, expected) {
             let (count, largest) = beyond(actual, expected, 1e-4);
             assert!(count * 1000 <= actual.len() && largest < 0.1, "{what}: channel {count}, {largest:.2e}");

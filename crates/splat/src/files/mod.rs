@@ -61,7 +61,8 @@ pub enum Output {
     /// 3DGS' PLY; lossless except that infinite opacity logits become ±20.
     Ply(Encoding),
     /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units, log-scales to 1/16 within [−10,
-    /// 5.9375], coefficients to 1/16 (degree 1) or 1/8 within [−1, 1).
+    /// 5.9375], opacities to 1/255, coefficients to 4/153 within ±10/3 (degree 0), to 1/16 (degree 1) or 1/8 within
+    /// [−1, 1). Beyond these ranges, values become the nearest within.
     Spz2 {
         /// Whether the Gaussians were trained, and should be rendered, with [`crate::RasterMode::Antialiased`].
         antialiased: bool,
@@ -159,7 +160,7 @@ fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool
 }
 
 /// All bytes of a regular file; a pipe or device could block or never end.
-fn read_bytes(path: &Path) -> Result<Vec<u8>, SplatError> {
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, SplatError> {
     let failed = |source| SplatError::from(FileError { action: "reading Gaussians", path: path.to_owned(), source });
     let metadata = fs::metadata(path).map_err(failed)?;
     if !metadata.is_file() {

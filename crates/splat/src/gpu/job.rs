@@ -73,7 +73,8 @@ impl<'a> Job<'a> {
     pub(super) fn check(&self, context: &Context) -> Result<(), SplatError> {
         self.options.check()?;
         self.views.iter().try_for_each(|view| view.optics(&self.options.constants).map(|_| ()))?;
-        if !self.is_batch() {
+        // A single view of several scenes is no batch, and would show a part of the Gaussians.
+        if !self.is_batch() && self.scenes <= 1 {
             return Ok(());
         }
         let (views, scenes) = (self.views.len(), self.scenes.max(1) as usize);

@@ -3,7 +3,7 @@ use atsplat_numeric::Extremes as _;
 use super::MeasuredError;
 
 use crate::reference::Jump;
-use crate::{Gradients, ImageGradients, View};
+use crate::{Gradients, ImageGradients, SplatError, View};
 
 /// Image gradients that vary from pixel to pixel; zero where a pixel may jump, because no gradient exists there.
 pub(super) fn loss_gradients(view: &View, jumps: &[Jump]) -> ImageGradients<f32> {
@@ -22,10 +22,20 @@ pub(super) fn loss_gradients(view: &View, jumps: &[Jump]) -> ImageGradients<f32>
 }
 
 /// The largest error over all fields, absolute and relative to the field's largest value.
-pub(super) fn error(actual: &Gradients<f32>, expected: &Gradients<f64>, bound: f64) -> MeasuredError {
+///
+/// # Errors
+/// [`SplatError::Length`] naming the first field of another length, which cannot be compared.
+pub(super) fn error(
+    actual: &Gradients<f32>,
+    expected: &Gradients<f64>,
+    bound: f64,
+) -> Result<MeasuredError, SplatError> {
     let mut error = MeasuredError { name: "gradient", absolute: 0.0, relative: 0.0, bound, compared: 0 };
     let pairs = actual.fields().into_iter().zip(expected.fields());
-    for (((_, actual), (_, expected)), size) in pairs.zip(sizes(expected)) {
+    for (((field, actual), (_, expected)), size) in pairs.zip(sizes(expected)) {
+        if actual.len() != expected.len() {
+            return Err(SplatError::Length { field, expected: expected.len(), found: actual.len() });
+        }
         for (actual, expected) in actual.iter().zip(expected) {
             let difference = (f64::from(*actual) - expected).abs();
             error.absolute = error.absolute.maximum_of(difference);
@@ -33,7 +43,7 @@ pub(super) fn error(actual: &Gradients<f32>, expected: &Gradients<f64>, bound: f
             error.compared += 1;
         }
     }
-    error
+    Ok(error)
 }
 
 /// The largest gradient of each field. For log-scales, logits, SH coefficients and scalars, whose units are comparable,
@@ -56,4 +66,20 @@ pub(super) fn sizes(gradients: &Gradients<f64>) -> [f64; 10] {
 /// smaller gradients are zero in f32.
 pub(super) fn relative(difference: f64, size: f64) -> f64 {
     difference / size.maximum_of(f64::from(f32::MIN_POSITIVE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::renderer::saturated;
+
+    /// A missing gradient is not one without errors.
+    #[test]
+    fn every_gradient_is_compared() {
+        let expected = Gradients { scalars: vec![1.0, -2.0], ..Gradients::<f64>::default() };
+        let complete = expected.clone().map(saturated);
+        assert!(error(&complete, &expected, 1e-6).unwrap().passes());
+        let outcome = error(&Gradients { scalars: vec![1.0], ..complete }, &expected, 1e-6);
+        assert!(matches!(outcome, Err(SplatError::Length { field: "scalars", expected: 2, found: 1 })), "{outcome:?}");
+    }
 }

@@ -15,6 +15,9 @@ struct Compared<'a> {
 }
 
 /// The largest error over all images, minus the allowed jumps.
+///
+/// # Errors
+/// [`SplatError::Length`] naming the first image that is missing or of another size, which cannot be compared.
 pub(super) fn error(
     case: &HardCase,
     actual: &Rendering<f32>,
@@ -22,6 +25,7 @@ pub(super) fn error(
     jumps: &[Jump],
     bound: f64,
 ) -> Result<MeasuredError, SplatError> {
+    check_lengths(actual, expected)?;
     let mut error = MeasuredError { name: "image", absolute: 0.0, relative: 0.0, bound, compared: 0 };
     let [colour, depth, scalar] = spreads(case)?;
     let flat = |image: &[f64]| image.iter().fold(1.0, |most: f64, value| most.maximum_of(value.abs()));
@@ -57,6 +61,27 @@ pub(super) fn error(
     Ok(error)
 }
 
+fn check_lengths(actual: &Rendering<f32>, expected: &Rendering<f64>) -> Result<(), SplatError> {
+    for ((field, found), (_, expected)) in lengths(actual).into_iter().zip(lengths(expected)) {
+        if found != expected {
+            return Err(SplatError::Length { field, expected: expected.unwrap_or(0), found: found.unwrap_or(0) });
+        }
+    }
+    Ok(())
+}
+
+/// Name and number of pixels of each image; `None` for an image that is absent.
+fn lengths<T>(rendering: &Rendering<T>) -> [(&'static str, Option<usize>); 5] {
+    let Rendering { rgb, alpha, depth, scalar, median_depth, .. } = rendering;
+    [
+        ("rgb image", Some(rgb.len())),
+        ("alpha image", Some(alpha.len())),
+        ("depth image", depth.as_ref().map(Vec::len)),
+        ("scalar image", scalar.as_ref().map(Vec::len)),
+        ("median-depth image", median_depth.as_ref().map(Vec::len)),
+    ]
+}
+
 /// Ranges of the composited values: colour including the background, depth and scalar including zero.
 fn spreads(case: &HardCase) -> Result<[f64; 3], SplatError> {
     let mut ranges = [[0.0; 2]; 3];
@@ -75,4 +100,27 @@ fn spreads(case: &HardCase) -> Result<[f64; 3], SplatError> {
         widen(2, scalar);
     }
     Ok(ranges.map(|[low, high]| high - low))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hard_cases::catalogue;
+    use crate::renderer::saturated;
+
+    /// A missing image is not one without errors.
+    #[test]
+    fn every_image_is_compared() {
+        let case = catalogue().into_iter().find(|case| case.name == "zero-quaternions").unwrap();
+        let expected = reference::render(&case.gaussians, &case.view, &case.options).unwrap();
+        let jumps = reference::jumps(&case.gaussians, &case.view, &case.options, case.bounds.band).unwrap();
+        let of = |actual: &Rendering<f32>| error(&case, actual, &expected, &jumps, 1e-6);
+        let complete = expected.clone().map(saturated);
+        assert!(of(&complete).unwrap().passes());
+        let outcome = of(&Rendering { depth: None, ..complete.clone() });
+        assert!(matches!(outcome, Err(SplatError::Length { field: "depth image", expected: 432, found: 0 })));
+        let mut short = complete;
+        short.alpha.pop();
+        assert!(matches!(of(&short), Err(SplatError::Length { field: "alpha image", expected: 432, found: 431 })));
+    }
 }

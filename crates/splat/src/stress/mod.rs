@@ -130,7 +130,7 @@ impl<'a> Expected<'a> {
         let gradients = path.backward(gaussians, view, options, &self.images)?;
         row.non_finite = rendering.non_finite() + gradients.non_finite();
         row.errors.push(images::error(self.case, &rendering, &self.rendering, &self.jumps, self.bounds.image)?);
-        row.errors.push(gradients::error(&gradients, &self.gradients, self.bounds.gradient));
+        row.errors.push(gradients::error(&gradients, &self.gradients, self.bounds.gradient)?);
         row.errors.push(self.differences.error(self.case, path, self.bounds.gradient)?);
         if self.rendering.census.drawn > 0 {
             row.findings.extend(uncompared(&row.errors));

@@ -178,13 +178,19 @@ fn batches_of_unequal_scenes_and_of_too_many_views_are_refused() {
     let Some(mut gpu) = gpu() else { return };
     let resident = gpu.upload(&joined(&scenes(2, 100))).unwrap();
     let mut refused = |scenes, views: &[View]| gpu.render_batch(&resident, scenes, views, &everything()).unwrap_err();
-    let fields =
-        [(2, views(3, 20, 20)), (3, views(3, 20, 20)), (2, [views(3, 20, 20), views(1, 20, 21)].concat()), (1, vec![])];
+    let fields = [
+        (2, views(3, 20, 20)),
+        (2, views(1, 20, 20)),
+        (3, views(3, 20, 20)),
+        (2, [views(3, 20, 20), views(1, 20, 21)].concat()),
+        (1, vec![]),
+    ];
     let found = fields.map(|(scenes, views)| match refused(scenes, &views) {
         SplatError::Length { field, .. } => field,
         other => panic!("{other}"),
     });
     let expected = [
+        "views, the same number for every scene",
         "views, the same number for every scene",
         "Gaussians, the same number for every scene",
         "views of one size",

@@ -13,8 +13,8 @@ use atsplat_scene::preprocess::Step;
 use glam::{DMat3, DVec3};
 
 use super::{DataConfig, SourceConfig, TrainConfig, WHAT};
-use crate::TrainError;
 use crate::samples::{RoomsConfig, ViewChoice};
+use crate::{Parameters, TrainError};
 
 /// A choice of frames is impossible if this many draws give none.
 const DRAWS: u64 = 64;
@@ -70,13 +70,19 @@ impl TrainConfig {
         Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
     }
 
-    /// Checks the configuration against its network: patches divide the pictures of every source of known picture size, those of the
-    /// training have the scale of the network's resolution, and samples that go together expand as many tokens.
+    /// Checks the configuration against its network: patches divide the pictures of every source of known picture size,
+    /// those of the training have the scale of the network's resolution, samples that go together expand as many tokens, only a
+    /// frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] with the field; [`TrainError::Protocol`] for a preset that cannot be read.
     pub(crate) fn check_model(&self, model: &ModelConfig) -> Result<(), TrainError> {
         self.distance_patch()?;
+        if let Some(backbone) = self.model.backbone.as_ref().filter(|_| !model.backbone.is_frozen()) {
+            let expected = "none, as the network has no frozen backbone";
+            return refuse("model.backbone".to_owned(), expected, backbone.display());
+        }
+        Parameters::check_fresh(model, &self.model.fresh)?;
         let shorter = |size: ImageSize| size.height.min(size.width);
         // Those of the training come first.
         for (at, (field, source)) in self.sources().enumerate() {
@@ -135,30 +141,39 @@ fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
     if !(1..=MAX_RAYS).contains(&rooms.samples) {
         return refuse(format!("{field}.samples"), &format!("1 to {MAX_RAYS} rays a pixel"), rooms.samples);
     }
+    if rooms.first.checked_add(rooms.scenes.get() - 1).is_none() {
+        let found = format!("{} scenes from {} on", rooms.scenes, rooms.first);
+        return refuse(format!("{field}.first"), &format!("scenes up to number {}", u32::MAX), found);
+    }
     let views = format!("{field}.views");
     check_views(&views, &rooms.views)?;
     let seed = atsplat_rooms::SceneSeed { split: rooms.split, number: rooms.first };
     let offered = Request::new(rooms.scenes_of, seed).frames.div_ceil(rooms.stride.get());
     let last_step = rooms.views.gaps.warm_up_steps;
+    let [fewest, most] = rooms.views.context;
     for step in [0, last_step] {
-        if let Err(error) = try_draws(&rooms.views, offered, step) {
-            let expected = format!("frames among the {offered} that a clip offers at a stride of {}", rooms.stride);
-            return refuse(views, &expected, format!("{error}, at step {step}"));
+        for context in (fewest.get()..=most.get()).filter_map(NonZeroUsize::new) {
+            if let Err(error) = try_draws(&rooms.views, context, offered, step) {
+                let expected = format!("frames among the {offered} that a clip offers at a stride of {}", rooms.stride);
+                return refuse(views, &expected, format!("{error}, for {context} context views at step {step}"));
+            }
         }
     }
     Ok(())
 }
 
-/// Runs the sampler on a camera that moves along a line; the error of the last draw if no draw gives a sample.
-fn try_draws(views: &ViewChoice, frames: usize, step: u64) -> Result<(), NoEntry> {
+/// Runs the sampler with so many context views on a camera that moves along a line; the error of the last draw if no draw
+/// gives a sample.
+fn try_draws(views: &ViewChoice, context: NonZeroUsize, frames: usize, step: u64) -> Result<(), NoEntry> {
     #[expect(clippy::expect_used, reason = "a camera without rotation, of unit focal length")]
     let camera = |at: usize| {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-(at as f64), 0.0, 0.0)).expect("a pose");
         Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).expect("intrinsics"))
     };
     let cameras: Vec<Camera> = (0..frames).map(camera).collect();
+    let scene = SceneViews { key: "a line", cameras: &cameras };
     let mut random = SplitMix64::new(0);
-    let mut draw = || views.draw(&SceneViews { key: "a line", cameras: &cameras }, step, &mut random).map(drop);
+    let mut draw = || views.draw_with(context, &scene, step, &mut random).map(drop);
     (1..DRAWS).fold(draw(), |outcome, _| outcome.or_else(|_refused| draw()))
 }
 
@@ -178,6 +193,10 @@ fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
             let expected = format!("{names} in order, the larger at least 1");
             return refuse(format!("{field}.{group}"), &expected, format!("{min} and {max}"));
         }
+    }
+    if gaps.warm_up_steps == 0 && (gaps.initial_min > 0 || gaps.initial_max > 0) {
+        let expected = "a number of steps with initial-min and initial-max, which hold at their beginning";
+        return refuse(format!("{field}.gaps.warm-up-steps"), expected, gaps.warm_up_steps);
     }
     match gaps.falling() {
         Some((names, initial, last)) => {

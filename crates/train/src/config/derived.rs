@@ -15,7 +15,17 @@ const MAX_DEPTH: usize = 8;
 pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, TrainError> {
     let table = table(path, MAX_DEPTH)?;
     let place = path.display().to_string();
-    table.try_into().map_err(|error| TrainError::malformed(WHAT, place, "a training configuration", error))
+    let malformed = |error| TrainError::malformed(WHAT, place, "a training configuration", field_first(&error));
+    table.try_into().map_err(malformed)
+}
+
+/// The message of a table's error with the field in front, where it is never cut off.
+pub(super) fn field_first(error: &toml::de::Error) -> String {
+    let text = error.to_string();
+    match text.trim_end().rsplit_once("\nin ") {
+        Some((message, field)) => format!("in {field}: {message}"),
+        None => text.trim_end().to_owned(),
+    }
 }
 
 fn table(path: &Path, depth: usize) -> Result<Table, TrainError> {

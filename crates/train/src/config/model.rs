@@ -34,14 +34,19 @@ impl ModelChoice {
     /// The network's whole configuration.
     ///
     /// # Errors
-    /// [`TrainError::Model`] if there is no such network, [`TrainError::Malformed`] if the changes do not fit it.
+    /// [`TrainError::Malformed`] if the changes do not fit a configuration, [`TrainError::Model`] if there is no such network or
+    /// the changed one contradicts itself.
     pub fn config(&self) -> Result<ModelConfig, TrainError> {
         let base = ModelConfig::resolve(&self.base)?.to_toml()?;
         let mut table: Table =
             base.parse().map_err(|error: toml::de::Error| TrainError::malformed(WHAT, "model.base", "TOML", error))?;
         derived::merge(&mut table, self.changes.clone());
-        let text = toml::to_string(&table)
-            .map_err(|error| TrainError::malformed(WHAT, "model.changes", "values that TOML can hold", error))?;
-        Ok(ModelConfig::from_toml(&text)?)
+        let fits = |error: toml::de::Error| {
+            let found = derived::field_first(&error);
+            TrainError::malformed(WHAT, "model.changes", "changes that fit a model configuration", found)
+        };
+        let config: ModelConfig = table.try_into().map_err(fits)?;
+        config.validate()?;
+        Ok(config)
     }
 }

@@ -211,7 +211,8 @@ fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<PosedPictures> {
 
 impl Source for DatasetSource {
     fn name(&self) -> String {
-        format!("{} under {}", self.config.path.display(), self.config.preset)
+        let DatasetConfig { path, preset, views, .. } = &self.config;
+        format!("{} under {preset} ({views})", path.display())
     }
 
     fn warnings(&self) -> Warnings {

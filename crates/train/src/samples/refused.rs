@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Draws of a dataset's scenes that gave no sample, each replaced by another draw.
+/// Draws of scenes that gave no sample, each replaced by another draw.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RefusedDraws {
     /// How many there were.

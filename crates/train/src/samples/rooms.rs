@@ -1,10 +1,10 @@
-use atsplat_numeric::SplitMix64;
 use std::collections::{HashMap, VecDeque};
 use std::num::{NonZeroU32, NonZeroUsize};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::Rounding;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    NormalisedCameras, PatchDistances, PosedPictures, Sample, SampleId, Source, ViewChoice, distances, first_sample,
-    normalised, pixel_size,
+    NormalisedCameras, PatchDistances, PosedPictures, RefusedDraws, Sample, SampleId, Source, ViewChoice, distances,
+    first_sample, normalised, pixel_size,
 };
 use crate::TrainError;
 
@@ -51,6 +51,11 @@ impl RoomsConfig {
     pub(crate) const fn last(&self) -> u32 {
         self.first.saturating_add(self.scenes.get() - 1)
     }
+
+    /// The scenes and the size of their pictures. The text is the key of the stream of draws: another one gives other samples.
+    fn scenes_and_size(&self) -> String {
+        format!("{} {} {} to {} at {}", self.scenes_of, self.split, self.first, self.last(), self.size)
+    }
 }
 
 const fn train() -> Split {
@@ -77,6 +82,7 @@ pub struct RoomsSource {
     /// Side in pixels of the patches whose distances samples have.
     patch: Option<usize>,
     cache: Mutex<Cache>,
+    refused: Mutex<RefusedDraws>,
 }
 
 /// The offered frames of a scene.
@@ -138,7 +144,7 @@ fn kept<T>(slot: &OnceLock<T>, make: impl FnOnce() -> Result<T, TrainError>) -> 
 impl RoomsSource {
     /// A source whose cameras are normalised by `normalisation`.
     pub fn new(config: RoomsConfig, normalisation: PoseNormalisation) -> Self {
-        Self { config, normalisation, patch: None, cache: Mutex::default() }
+        Self { config, normalisation, patch: None, cache: Mutex::default(), refused: Mutex::default() }
     }
 
     /// Samples have the exact distances of context patches of so many pixels a side.
@@ -193,6 +199,17 @@ impl RoomsSource {
         Ok(simulation)
     }
 
+    fn refused_draws(&self) -> MutexGuard<'_, RefusedDraws> {
+        self.refused.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts a draw that gave no sample, and returns why.
+    fn refuse(&self, key: &str, error: &impl std::fmt::Display) -> String {
+        let reason = format!("{key}: {error}");
+        self.refused_draws().add(key, &reason);
+        reason
+    }
+
     /// A sample of one scene by one draw of frames, or why there is none.
     fn try_sample(&self, step: u64, random: &mut SplitMix64) -> Result<Result<Sample, String>, TrainError> {
         let last = self.config.scenes.get() as usize - 1;
@@ -203,13 +220,13 @@ impl RoomsSource {
         let clip = self.clip(number)?;
         let entry = match self.config.views.draw(&SceneViews { key: &key, cameras: &clip.cameras }, step, random) {
             Ok(entry) => entry,
-            Err(error) => return Ok(Err(format!("{key}: {error}"))),
+            Err(error) => return Ok(Err(self.refuse(&key, &error))),
         };
         let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
         let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
         let NormalisedCameras { context, targets, scale } = match cameras {
             Ok(cameras) => cameras,
-            Err(error) => return Ok(Err(format!("{key}: {error}"))),
+            Err(error) => return Ok(Err(self.refuse(&key, &error))),
         };
         let needed: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
         needed.into_par_iter().try_for_each(|frame| clip.picture(frame).map(drop))?;
@@ -244,13 +261,16 @@ impl RoomsSource {
 
 impl Source for RoomsSource {
     fn name(&self) -> String {
-        let RoomsConfig { scenes_of, split, first, size, .. } = &self.config;
-        let last = self.config.last();
-        format!("{scenes_of} {split} {first} to {last} at {size}")
+        let RoomsConfig { stride, views, .. } = &self.config;
+        format!("{} ({views}, stride {stride})", self.config.scenes_and_size())
+    }
+
+    fn refused(&self) -> RefusedDraws {
+        self.refused_draws().clone()
     }
 
     fn sample(&self, id: SampleId) -> Result<Sample, TrainError> {
-        first_sample(self, &self.name(), id, |random| self.try_sample(id.step, random))
+        first_sample(self, &self.config.scenes_and_size(), id, |random| self.try_sample(id.step, random))
     }
 }
 

@@ -1,6 +1,7 @@
-use atsplat_numeric::SplitMix64;
+use std::fmt;
 use std::num::NonZeroUsize;
 
+use atsplat_numeric::SplitMix64;
 use atsplat_protocol::IndexEntry;
 use atsplat_protocol::samplers::{Bounded, ExtraContext, GapSchedule, NoEntry, SceneViews};
 use serde::{Deserialize, Serialize};
@@ -40,6 +41,21 @@ impl ViewChoice {
         #[expect(clippy::expect_used, reason = "configurations with an empty range are rejected when they are read")]
         let views =
             random.within(fewest.get()..=most.get()).and_then(NonZeroUsize::new).expect("fewest to most context views");
+        self.draw_with(views, scene, step, random)
+    }
+
+    /// Draws the frames of one sample with so many context views.
+    ///
+    /// # Errors
+    /// As [`Self::draw`].
+    pub(crate) fn draw_with(
+        &self,
+        views: NonZeroUsize,
+        scene: &SceneViews<'_>,
+        step: u64,
+        random: &mut SplitMix64,
+    ) -> Result<IndexEntry, NoEntry> {
+        let [_, most] = self.context;
         let sampler = Bounded {
             context_views: views,
             target_views: self.targets,
@@ -51,5 +67,21 @@ impl ViewChoice {
             seed: 0,
         };
         sampler.draw(scene, step, random)
+    }
+}
+
+/// Numbers of views and gaps, as provenance states them: `2 to 4 views, gaps 3 to 5, then 6 to 12, targets 4`.
+impl fmt::Display for ViewChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [fewest, most] = self.context;
+        if fewest < most {
+            write!(f, "{fewest} to ")?;
+        }
+        let GapSchedule { min, max, initial_min, initial_max, warm_up_steps } = self.gaps;
+        write!(f, "{most} views, gaps ")?;
+        if warm_up_steps > 0 {
+            write!(f, "{initial_min} to {initial_max}, then ")?;
+        }
+        write!(f, "{min} to {max}, targets {}", self.targets)
     }
 }

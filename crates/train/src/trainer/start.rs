@@ -5,7 +5,7 @@ use std::path::Path;
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
 
-use super::STEPS;
+use super::{STEPS, WEIGHTS};
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
 use crate::parameters::Parameters;
@@ -58,6 +58,7 @@ pub(super) fn state(
     let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
     let weights = start.file().map(|file| file.path.display().to_string());
     tracing::info!(folder = %folder.display(), weights, last_checkpoint, "opening the run");
+    let no_run = |found: String| TrainError::malformed("output folder", folder.display().to_string(), "no run", found);
     match (found, start) {
         (Some((state, skipped)), Start::Resume) => {
             if state.adapter != adapter {
@@ -68,11 +69,11 @@ pub(super) fn state(
             let notices = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
             Ok((state, notices.collect()))
         }
-        (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
-            let found = format!("one of {} steps", state.step);
-            Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found))
-        }
+        (Some((state, _)), Start::Fresh | Start::Weights(_)) => Err(no_run(format!("one of {} steps", state.step))),
         (None, _) => {
+            if let Some(left) = outputs_in(folder).filter(|_| !start.is_resumed()) {
+                return Err(no_run(format!("{left} of a run without checkpoints")));
+            }
             let parameters =
                 if start.is_resumed() { parameters.with_frozen(frozen(config, model)?) } else { parameters };
             let state = State { initial_weights, adapter, ..State::new(parameters) };
@@ -82,6 +83,12 @@ pub(super) fn state(
             Ok((state, notices.into_iter().collect()))
         }
     }
+}
+
+/// What the first step or checkpoint of a new run would overwrite in a folder: a log with steps, or weights.
+fn outputs_in(folder: &Path) -> Option<&'static str> {
+    let has_content = |name: &&str| folder.join(name).metadata().is_ok_and(|found| found.len() > 0);
+    [STEPS, WEIGHTS].into_iter().find(has_content)
 }
 
 /// Parameters before the first step, and where they come from if they are given. Those of a run that resumes are without frozen
@@ -100,7 +107,8 @@ fn initial(
     #[expect(clippy::expect_used, reason = "weights that were read from a file have its hash")]
     let sha256 = weights.sha256.expect("the hash of the file");
     let data = weights.provenance.get("data").cloned();
-    let mut parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed)?;
+    let parameters = Parameters::from_weights(model, &weights.tensors, &config.model.fresh, config.seed);
+    let mut parameters = parameters.map_err(|error| error.in_file(&file.path))?;
     if let Some(backbone) = &config.model.backbone {
         let exact = frozen(config, model)?;
         require_same(parameters.frozen(), &exact, (&file.path, backbone))?;
@@ -109,12 +117,16 @@ fn initial(
     Ok((parameters, Some(InitialWeights { sha256, data })))
 }
 
-/// The weights of the configuration's backbone, if it names a file of them.
+/// The weights of a frozen backbone, from the file that the configuration names.
 fn frozen(config: &TrainConfig, model: &ModelConfig) -> Result<StoredTensors, TrainError> {
-    Ok(match &config.model.backbone {
-        Some(path) => read_backbone(path, model, None)?.tensors,
-        None => StoredTensors::default(),
-    })
+    match &config.model.backbone {
+        Some(path) => Ok(read_backbone(path, model, None)?.tensors),
+        None if model.backbone.is_frozen() => {
+            let expected = "the file of the frozen backbone's weights, or a run from weights that hold them (`--init`)";
+            Err(TrainError::malformed(WHAT, "model.backbone", expected, "none"))
+        }
+        None => Ok(StoredTensors::default()),
+    }
 }
 
 /// Refuses given weights whose frozen tensors are not those of the backbone's file, exactly or rounded as weights files are.

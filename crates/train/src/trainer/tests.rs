@@ -87,6 +87,16 @@ fn a_run_resumes_on_no_other_scenes() {
     }
 }
 
+/// Eight steps of a warm-up of a thousand end at 8/1000 of 2e-4.
+#[test]
+fn a_warm_up_that_outlasts_the_run_is_reported() {
+    let mut config = TrainConfig::shortest();
+    let expected = "schedule.warm-up-steps: 1000 in a run of 8, whose last learning rate is 1.60e-6";
+    assert_eq!(unreached_rate(&config).as_deref(), Some(expected));
+    config.schedule.warm_up_steps = 8;
+    assert_eq!(unreached_rate(&config), None);
+}
+
 #[test]
 fn resuming_needs_a_log_or_checkpoints() {
     let folder = tempfile::tempdir().unwrap();

@@ -166,27 +166,35 @@ fn trials_of_the_recipe_add_one_part_each() {
     assert!(gaps(&all).initial_max < gaps(&all).max);
 }
 
-#[test]
-fn errors_of_a_configuration_name_file_and_field() {
+/// The message for a configuration with this text, in a file `run.toml`.
+fn error_of(text: &str) -> String {
     let folder = tempdir().unwrap();
-    let read = |text: &str| {
-        let path = folder.path().join("run.toml");
-        std::fs::write(&path, text).unwrap();
-        TrainConfig::read(&path).unwrap_err().to_string()
-    };
-    let whole = std::fs::read_to_string(&experiments()[experiments().len() - 1]).unwrap();
-    let nano =
-        std::fs::read_to_string(experiments().into_iter().find(|path| path.ends_with("nano-rooms.toml")).unwrap());
-    let nano = nano.unwrap();
-    assert!(read(&whole.replace("seed = 1", "sead = 1")).contains("sead"));
-    assert!(read(&whole.replace("learning-rate = ", "learning-rate = -")).contains("a positive number"));
-    for (from, to, field, expected) in [
-        (
-            "size = [128, 128]",
-            "size = [128, 100]",
-            "data[0].source.rooms.size",
-            "patches of 16 pixels divide, found 128x100",
-        ),
+    let path = folder.path().join("run.toml");
+    std::fs::write(&path, text).unwrap();
+    TrainConfig::read(&path).unwrap_err().to_string()
+}
+
+fn nano() -> String {
+    std::fs::read_to_string(experiments().into_iter().find(|path| path.ends_with("nano-rooms.toml")).unwrap()).unwrap()
+}
+
+/// Changes of [`nano`], each with the field and the text that its message must have.
+fn assert_refused(changes: &[(&str, &str, &str, &str)]) {
+    let nano = nano();
+    for (from, to, field, expected) in changes {
+        let changed = nano.replacen(from, to, 1);
+        assert_ne!(changed, nano, "{from} was replaced");
+        let message = error_of(&changed);
+        assert!(
+            message.contains("run.toml, field ") && message.contains(field) && message.contains(expected),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn windows_that_hold_no_sample_name_file_and_field() {
+    assert_refused(&[
         ("min = 4, max = 9", "min = 9, max = 4", "data[0].source.rooms.views.gaps", "min and max in order"),
         (
             "min = 4, max = 9",
@@ -202,9 +210,61 @@ fn errors_of_a_configuration_name_file_and_field() {
         ),
         (
             "min = 4, max = 9",
+            "min = 4, max = 9, initial-min = 2, initial-max = 4",
+            "data[0].source.rooms.views.gaps.warm-up-steps",
+            "a number of steps with initial-min and initial-max, which hold at their beginning, found 0",
+        ),
+        (
+            "min = 4, max = 9",
             "min = 15, max = 20",
             "data[0].source.rooms.views",
             "frames among the 15 that a clip offers",
+        ),
+        // Windows of nine frames hold ten context views, not eleven.
+        (
+            "context = [2, 2]",
+            "context = [8, 12]",
+            "data[0].source.rooms.views",
+            "needs 11 frames, has 15, for 11 context views at step 0",
+        ),
+    ]);
+}
+
+#[test]
+fn errors_of_a_configuration_name_file_and_field() {
+    let whole = std::fs::read_to_string(&experiments()[experiments().len() - 1]).unwrap();
+    assert!(error_of(&whole.replace("seed = 1", "sead = 1")).contains("sead"));
+    assert!(error_of(&whole.replace("learning-rate = ", "learning-rate = -")).contains("a positive number"));
+    assert_refused(&[
+        (
+            "size = [128, 128]",
+            "size = [128, 100]",
+            "data[0].source.rooms.size",
+            "patches of 16 pixels divide, found 128x100",
+        ),
+        (
+            "scenes = 400",
+            "scenes = 400\nfirst = 4294966897",
+            "data[0].source.rooms.first",
+            "scenes up to number 4294967295, found 400 scenes from 4294966897 on",
+        ),
+        (
+            "base = \"nano\"",
+            "base = \"nano\"\nbackbone = \"some.pth\"",
+            "model.backbone",
+            "none, as the network has no frozen backbone, found some.pth",
+        ),
+        (
+            "base = \"nano\"",
+            "base = \"nano\"\nfresh = [\"head\", \"hea\"]",
+            "model.fresh",
+            "parts with trained parameters, found hea",
+        ),
+        (
+            "[model.changes]",
+            "[model.changes]\ncoarse.layerz = 1",
+            "model.changes",
+            "changes that fit a model configuration, found in `coarse`: unknown field `layerz`",
         ),
         ("samples = 2", "samples = 0", "data[0].source.rooms.samples", "1 to 256 rays a pixel, found 0"),
         ("context = [2, 2]", "context = [3, 2]", "data[0].source.rooms.views.context", "found 3 and 2"),
@@ -218,16 +278,23 @@ fn errors_of_a_configuration_name_file_and_field() {
         ),
         // White, as 8-bit pictures have it.
         ("[losses]", "[losses]\nbackground = [1, 1, 255]", "losses.background", "channels from 0 to 1, found 255"),
+    ]);
+    // After a list of all fields, its table would be cut off.
+    let nano = nano();
+    let unknown = error_of(&nano.replace("[losses]", "[losses]\nperceptual-wait = 0.1"));
+    assert!(unknown.contains("run.toml: expected a training configuration, found in `losses`: unknown"), "{unknown}");
+    for (from, to, expected) in [
+        (
+            "[model.changes]",
+            "[model.changes]\ncoarse.layers = 999",
+            "field coarse.layers: expected 0 to 256, found 999",
+        ),
+        ("base = \"nano\"", "base = \"nanno\"", "found \"nanno\""),
     ] {
-        let changed = nano.replacen(from, to, 1);
-        assert_ne!(changed, nano, "{from} was replaced");
-        let message = read(&changed);
-        assert!(
-            message.contains("run.toml, field ") && message.contains(field) && message.contains(expected),
-            "{message}"
-        );
+        let message = error_of(&nano.replacen(from, to, 1));
+        assert!(message.contains(expected) && message.ends_with("run.toml)"), "{message}");
     }
-    assert!(read("base = \"run.toml\"").contains("at most 8 files"));
-    assert!(read("base = 3").contains("a path as `base`"));
-    assert!(read("base = \"absent.toml\"").contains("absent.toml"));
+    assert!(error_of("base = \"run.toml\"").contains("at most 8 files"));
+    assert!(error_of("base = 3").contains("a path as `base`"));
+    assert!(error_of("base = \"absent.toml\"").contains("absent.toml"));
 }

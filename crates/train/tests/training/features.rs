@@ -111,6 +111,17 @@ fn rejects_the_cache_of_a_trained_backbone() {
     assert!(error.to_string().contains("model.feature-cache: expected a frozen backbone, found Patch"), "{error}");
 }
 
+/// Said before the run has a folder, in which another start would find a run.
+#[test]
+fn a_new_network_needs_the_file_of_its_frozen_backbone() {
+    let folder = tempdir().unwrap();
+    let run = folder.path().join("run");
+    let opened = Trainer::with_samples(with_dino(), Box::new(Noise::CLEAN), &run, &Start::Fresh);
+    let error = opened.unwrap_err().to_string();
+    assert!(error.contains("model.backbone: expected the file of the frozen backbone's weights"), "{error}");
+    assert!(!run.exists());
+}
+
 /// The file of given weights may be gone when their run resumes: its checkpoints hold the frozen backbone.
 #[test]
 fn a_run_from_given_weights_resumes_with_their_backbone() {

@@ -9,7 +9,7 @@ use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, Precision, TensorFile};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
-use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
+use atsplat_train::{Event, Limits, Start, TrainConfig, TrainError, Trainer};
 use tempfile::tempdir;
 
 fn run(trainer: &mut Trainer, steps: Option<u64>) -> Result<bool, TrainError> {
@@ -197,8 +197,17 @@ fn a_run_is_not_overwritten_or_mixed_with_another() {
     assert!(open(&tiny, &Start::Fresh).unwrap_err().to_string().contains("one of 4 steps"));
     let other = TrainConfig { clip: 2.0, ..tiny.clone() };
     let error = open(&other, &Start::Resume).unwrap_err().to_string();
-    assert!(error.contains("configuration: ") && error.ends_with("other settings: clip: 1.0, now 2.0"), "{error}");
+    assert!(error.contains("step-00000004.safetensors, field configuration: "), "{error}");
+    assert!(error.ends_with("other settings: clip: 1.0, now 2.0"), "{error}");
     open(&tiny, &Start::Resume).unwrap();
+    // Checkpoints are large, and may be removed after a run.
+    std::fs::remove_dir_all(folder.path().join("checkpoints")).unwrap();
+    for left in ["steps.jsonl", "weights.safetensors"] {
+        let error = open(&tiny, &Start::Fresh).unwrap_err().to_string();
+        assert!(error.ends_with(&format!("expected no run, found {left} of a run without checkpoints")), "{error}");
+        std::fs::remove_file(folder.path().join(left)).unwrap();
+    }
+    open(&tiny, &Start::Fresh).unwrap();
 }
 
 /// The configuration names the model by the same path.
@@ -226,7 +235,16 @@ fn a_run_can_start_from_the_weights_of_another() {
     let (config, folder, second) = (config(""), tempdir().unwrap(), tempdir().unwrap());
     let mut first = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut first, None).unwrap();
-    let start = Start::Weights(TensorFile::open(&folder.path().join("weights.safetensors")).unwrap());
+    let weights = folder.path().join("weights.safetensors");
+    let start = Start::Weights(TensorFile::open(&weights).unwrap());
+    let mut smaller = config.clone();
+    let head = smaller.model.changes["head"].as_table_mut().unwrap();
+    head.insert("gaussians-per-token".to_owned(), toml::Value::Integer(8));
+    let refused = Trainer::with_samples(smaller, Box::new(Noise::CLEAN), second.path(), &start);
+    let error = refused.unwrap_err().to_string();
+    let place = format!("{}, field head.mlp.fc2.weight: ", weights.display());
+    assert!(error.contains(&place), "{error}");
+    assert!(error.ends_with("expected a tensor of shape [112, 32], found float16 [224, 32]"), "{error}");
     let second = trainer(config, second.path(), &start, Noise::CLEAN);
     let far =
         first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
@@ -300,6 +318,27 @@ fn an_incomplete_line_is_dropped() {
     let mut resumed = trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN);
     run(&mut resumed, None).unwrap();
     assert_eq!(steps(folder.path()).last().unwrap().step, 11);
+}
+
+/// A crash of the system can lose lines of a log that a checkpoint followed.
+#[test]
+fn steps_that_the_log_lost_are_reported() {
+    let folder = tempdir().unwrap();
+    run(&mut trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN), Some(4)).unwrap();
+    let path = folder.path().join("steps.jsonl");
+    let text = std::fs::read_to_string(&path).unwrap();
+    for (kept, expected) in [(4, None), (1, Some("steps.jsonl: expected the 4 steps so far, found 1"))] {
+        std::fs::write(&path, text.split_inclusive('\n').take(kept).collect::<String>()).unwrap();
+        let mut resumed = trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN);
+        let mut notices = Vec::new();
+        let mut on_event = |event: &Event<'_>| {
+            if let Event::Notice(text) = event {
+                notices.push((*text).to_owned());
+            }
+        };
+        resumed.run(Limits { steps: Some(4), time: None }, &mut on_event).unwrap();
+        assert_eq!(notices.first().map(String::as_str), expected);
+    }
 }
 
 /// The average equals its recurrence over the weights of every step.

@@ -115,6 +115,41 @@ fn a_mixture_follows_its_shares_mirrors_half_and_repeats() {
     assert!(Mixture::new(vec![(0.0, Box::new(rooms(1, "")))], false, None).is_err());
 }
 
+/// Parts of a mixture may differ in their views alone. Draws depend on the scenes and their size, whatever the record says:
+/// these are the scenes that every version drew.
+#[test]
+fn names_state_views_and_draws_do_not_depend_on_them() {
+    let source = |views: &str| {
+        let text = "scenes-of = 'rooms'\nscenes = 500\nsize = [32, 32]\nsamples = 1\nstride = 10\nviews = ";
+        RoomsSource::new(toml::from_str::<RoomsConfig>(&format!("{text}{views}")).unwrap(), RULE)
+    };
+    let warm_up = "initial-min = 4, initial-max = 8, warm-up-steps = 7";
+    let two = source("{ context = [2, 2], targets = 3, gaps = { min = 4, max = 5 }, inset = 1 }");
+    let more = source(&format!("{{ context = [2, 4], targets = 2, gaps = {{ min = 6, max = 9, {warm_up} }} }}"));
+    assert_eq!(two.name(), "rooms train 0 to 499 at 32x32 (2 views, gaps 4 to 5, targets 3, stride 10)");
+    let expected = "rooms train 0 to 499 at 32x32 (2 to 4 views, gaps 4 to 8, then 6 to 9, targets 2, stride 10)";
+    assert_eq!(more.name(), expected);
+    for (number, scene) in (0..).zip([318, 459, 220]) {
+        for source in [&two, &more] {
+            let name = source.sample(id(number)).unwrap().name;
+            assert!(name.starts_with(&format!("rooms-train-{scene:08}, frames ")), "{number}: {name}");
+        }
+    }
+}
+
+/// Windows of three frames have two inside: a third of the draws, which other draws replace.
+#[test]
+fn draws_of_simulated_scenes_with_too_few_targets_are_counted() {
+    let source = rooms(1, "");
+    for number in 0..12 {
+        source.sample(id(number)).unwrap();
+    }
+    let refused = source.refused();
+    let reason = "rooms-train-00000000: needs 3 target frames, has 2 candidates";
+    assert_eq!(refused.scenes, BTreeMap::from([("rooms-train-00000000".to_owned(), reason.to_owned())]));
+    assert_eq!(refused.count, 7);
+}
+
 /// Samples from files have the same sizes and scale as from the simulation.
 #[test]
 fn a_dataset_on_disk_gives_samples() {
@@ -122,6 +157,8 @@ fn a_dataset_on_disk_gives_samples() {
     let data = folder.path().join("data");
     let config = rooms_on_disk(folder.path());
     let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
+    let name = format!("{} under {} (2 views, gaps 4 to 9, targets 3)", config.path.display(), config.preset);
+    assert_eq!(open().name(), name);
     let simulated = rooms(1, "").sample(id(0)).unwrap();
     for number in 0..4 {
         let sample = open().sample(id(number)).unwrap();

@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use atsplat_protocol::malformed_toml;
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use serde::{Deserialize, Serialize};
 
@@ -51,8 +52,8 @@ impl Recipe {
     /// Parses a recipe from TOML; omitted fields have their defaults.
     ///
     /// # Errors
-    /// [`DriftError::Invalid`] with line and column.
+    /// [`DriftError::Malformed`] with line and column.
     pub fn from_toml(text: &str) -> Result<Self, DriftError> {
-        toml::from_str(text).map_err(|error| DriftError::invalid("probe", "a recipe in TOML", error))
+        toml::from_str(text).map_err(|error| malformed_toml("probe", "a recipe", text, &error).into())
     }
 }

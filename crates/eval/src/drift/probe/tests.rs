@@ -231,7 +231,8 @@ fn rejects_invalid_recipes() {
     assert_eq!(Recipe::from_toml("").unwrap(), Recipe::default());
     let text = toml::to_string(&Recipe::default()).unwrap();
     assert_eq!(Recipe::from_toml(&text).unwrap(), Recipe::default());
-    assert!(Recipe::from_toml("modell = 'nano'").is_err());
+    let error = Recipe::from_toml("constants = 'exact'\nmodell = 'nano'").unwrap_err().to_string();
+    assert!(error.starts_with("probe: line 2 column 1: expected ") && error.contains("field `modell`"), "{error}");
     for broken in ["model = 'none'", "constants = 'none'", "metrics = ['none']", "metrics = ['lpips']"] {
         let recipe = Recipe::from_toml(broken).unwrap();
         let outcome = Pipeline::of(&recipe).and_then(|stages| run(&stages, &pattern()));

@@ -107,6 +107,28 @@ fn an_acceptance_names_targets_without_a_score() {
     assert!(!unsupported.contains(&failed) && unsupported.contains(&non_finite), "{unsupported}");
 }
 
+/// Neither trial has a score in either run, and one of them is of another kind now.
+#[test]
+fn a_method_that_fails_where_it_was_not_applicable_has_drifted() {
+    let with = |statuses: [TrialStatus; 2]| {
+        let mut base = store(true, 4, 0.0, 1);
+        for row in &mut base.targets[..6] {
+            row.status = TargetStatus::Failed;
+            row.scores.clear();
+        }
+        for (trial, status) in base.trials.iter_mut().zip(statuses) {
+            trial.status = status;
+        }
+        base
+    };
+    let baseline = Baseline::new(&with([TrialStatus::Failed, TrialStatus::NotApplicable]), &[], acceptance("first"));
+    let findings = |second| compare(&with([TrialStatus::Failed, second]), &baseline).findings;
+    assert!(findings(TrialStatus::NotApplicable).is_empty());
+    let found = findings(TrialStatus::Failed).swap_remove(0);
+    assert_eq!((found.kind, found.verdict, found.count), (FindingKind::Status, Verdict::Drifted, 3));
+    assert_eq!(found.example, "scene 001 0 frame 0: was not-applicable, is now failed");
+}
+
 #[test]
 fn a_single_bit_is_drift_for_deterministic_methods() {
     let base = store(true, 12, 0.0, 1);
@@ -274,10 +296,17 @@ fn baseline_files_are_exact_and_keep_the_history() {
     let rows = text.lines().filter(|line| line.contains("\"scene 001\"")).count();
     assert_eq!(rows, 4 + 1 + 3, "a row a line, and a line a picture:\n{text}");
     assert_eq!(second.read_probe(&path).unwrap(), None);
+    let twice = |part: &str| {
+        let row = text.lines().find(|line| line.contains(part)).unwrap();
+        text.replacen(row, &format!("{row}\n{row}"), 1)
+    };
     for broken in [
         text.replace("\"format\": 3", "\"format\": 4"),
         text.replace("\"limits\"", "\"limit\""),
         text[..text.len() / 2].to_owned(),
+        format!("{}\n}}\n", text.split_once(",\n  \"targets\": [").unwrap().0),
+        twice("\"trial_hash\""),
+        twice("\"target\":1,"),
     ] {
         std::fs::write(&path, broken).unwrap();
         assert!(matches!(Baseline::read(&path), Err(DriftError::Malformed(_))));

@@ -88,8 +88,8 @@ impl Exec {
     /// Sends a request and waits for the answer on a channel: a rayon thread that stole another trial while it waits
     /// might wait for the same process.
     fn ask(&self, slot: &mut Slot, request: &Request<'_>) -> Result<(Answer, Cost), MethodError> {
-        if slot.process.as_mut().is_some_and(Process::has_ended) {
-            slot.process = None;
+        if let Some(ended) = slot.process.take_if(Process::has_ended) {
+            ended.kill();
         }
         let mut process = match slot.process.take() {
             Some(process) => process,

@@ -17,8 +17,10 @@ const MAX_LINE: u64 = 1 << 20;
 /// Last lines on standard error that are kept for messages, and their longest length in bytes.
 const KEPT_LINES: usize = 6;
 const KEPT_BYTES: u64 = 300;
-/// How long a process may take to end after its standard input was closed.
+/// How long a process may take to end after its standard input was closed, and its last line to arrive after it has ended.
 const GRACE: Duration = Duration::from_secs(2);
+/// How often a process that does not answer is asked whether it has ended.
+const INTERVAL: Duration = Duration::from_millis(100);
 /// How long to wait for the status and the last lines of a process that has ended.
 const END_TIMEOUT: Duration = Duration::from_millis(500);
 /// Tells copies of a process apart, for instance to choose a graphics card: 0, 1 and so on.
@@ -89,13 +91,22 @@ impl Process {
         self.line(limit)
     }
 
-    /// Waits for its next line.
+    /// Waits for its next line. If it has ended, those that it started are killed: they may hold its output open.
     pub(super) fn line(&mut self, limit: Duration) -> Result<String, Fault> {
-        match self.lines.recv_timeout(limit) {
-            Ok(Ok(line)) => Ok(line),
-            Ok(Err(found)) => Err(Fault::Line(found)),
-            Err(RecvTimeoutError::Timeout) => Err(Fault::TimedOut { limit }),
-            Err(RecvTimeoutError::Disconnected) => Err(self.status(END_TIMEOUT).map_or(Fault::Closed, Fault::Ended)),
+        let begin = Instant::now();
+        loop {
+            let left = limit.saturating_sub(begin.elapsed());
+            let has_ended = self.has_ended();
+            if has_ended {
+                self.kill_all();
+            }
+            let wait = if has_ended { GRACE } else { left.min(INTERVAL) };
+            match self.lines.recv_timeout(wait) {
+                Ok(line) => return line.map_err(Fault::Line),
+                Err(RecvTimeoutError::Timeout) if !has_ended && left > INTERVAL => {}
+                Err(RecvTimeoutError::Timeout) if !has_ended => return Err(Fault::TimedOut { limit }),
+                Err(_) => return Err(self.status(END_TIMEOUT).map_or(Fault::Closed, Fault::Ended)),
+            }
         }
     }
 
@@ -116,10 +127,10 @@ impl Process {
         }
     }
 
-    /// Kills the process and those that it started, unless it has ended.
+    /// Kills the process, and those that it started even if it has ended itself.
     fn kill_all(&mut self) {
+        group::kill(self.child.id());
         if !self.has_ended() {
-            group::kill(self.child.id());
             self.child.kill().ok();
             self.child.wait().ok();
         }

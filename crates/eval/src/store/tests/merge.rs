@@ -65,6 +65,22 @@ fn rejects_merging_different_runs() {
     assert!(Results::merge(vec![shard(1, &["a"]), whole]).is_err());
 }
 
+/// Two stores of one shard, each with another method.
+#[test]
+fn rows_of_other_data_are_not_merged() {
+    let merged_with = |data: &str| {
+        let mut other = shard(1, &["a"]);
+        for trial in &mut other.trials {
+            (trial.key, trial.data_hash) = (trial.key.of_method("n"), Some(data.to_owned()));
+        }
+        other.targets.iter_mut().for_each(|target| target.key = target.key.of_method("n"));
+        Results::merge(vec![shard(1, &["a"]), other])
+    };
+    assert_eq!(merged_with("data a 0").unwrap().results.trials.len(), 2);
+    let error = merged_with("data a 1").unwrap_err().to_string();
+    assert!(error.contains("different pictures or cameras: m on p, scene \"a\", entry 0"), "{error}");
+}
+
 #[test]
 fn rejects_conflicting_times_of_one_pass() {
     let [mut first, mut second] = [shard(1, &["a"]), shard(2, &["b"])];

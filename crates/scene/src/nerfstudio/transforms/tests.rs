@@ -178,6 +178,16 @@ fn an_unknown_picture_size_is_an_error() {
     assert!(downscaled.is_err(), "a downscaled picture does not have the listed size");
 }
 
+/// The picture's own height may be that of a scaled copy of the width that is stated.
+#[test]
+fn half_a_size_is_not_completed_from_a_picture() {
+    for (side, missing) in [("w", "frames[0]: h: expected a height"), ("h", "frames[0]: w: expected a width")] {
+        let root = json!({ side: 640, "fl_x": 500, "frames": [frame("images/a.png")] });
+        let error = load(&root, &["images/a.png"], PictureFolder::Listed).unwrap_err().to_string();
+        assert!(error.contains(missing), "{error}");
+    }
+}
+
 #[test]
 fn camera_models_convert_to_lenses_or_are_unsupported() {
     let lens = |fields: Value| {
@@ -208,6 +218,22 @@ fn camera_models_convert_to_lenses_or_are_unsupported() {
     ] {
         let error = lens(fields).unwrap_err();
         assert!(matches!(&error, SceneError::UnsupportedCameraModel { model: found, .. } if found == model), "{error}");
+    }
+}
+
+#[test]
+fn a_model_and_a_flag_that_contradict_each_other_are_an_error() {
+    for (model, fisheye) in [("OPENCV", false), ("OPENCV_FISHEYE", true)] {
+        let with = |flag: bool| {
+            transforms(|root| {
+                root["frames"][0]["camera_model"] = json!(model);
+                root["frames"][0]["is_fisheye"] = json!(flag);
+            })
+        };
+        assert_eq!(parse(&with(fisheye)).unwrap().frames[0].lens.fisheye, Some(fisheye));
+        let error = message(&with(!fisheye));
+        let expected = format!("frames[0].is_fisheye: expected {fisheye}, as camera_model states, found {}", !fisheye);
+        assert!(error.contains(&expected), "{error}");
     }
 }
 
@@ -422,6 +448,13 @@ fn a_field_of_view_that_contradicts_the_focal_length_is_counted() {
         root["frames"][1]["camera_angle_x"] = json!(right);
     });
     assert!(of_frame.iter().any(|(_, detail)| detail.starts_with("1 of 2 frames, first 1: ")), "{of_frame:?}");
+    let angles = warned(|root| {
+        root["fl_x"] = Value::Null;
+        root["x_fov"] = json!(90);
+        root["camera_angle_x"] = json!(0.5);
+    });
+    let [(WarningKind::ContradictoryFieldOfView, detail)] = angles.as_slice() else { panic!("{angles:?}") };
+    assert!(detail.ends_with("camera_angle_x is 28.65°, x_fov is 90.00°; x_fov is used"), "{detail}");
 }
 
 #[test]

@@ -94,6 +94,22 @@ fn the_error_of_a_truncated_file_names_the_line() {
     assert!(message(cut).contains("line 2: expected 19 columns, found 15"), "{}", message(cut));
 }
 
+/// Official files have nine decimals in every column.
+#[test]
+fn a_file_that_ends_inside_a_number_is_an_error() {
+    let (time, numbers) = ROW.split_once(' ').unwrap();
+    let numbers = numbers.split(' ').map(|number| format!("{:.9}", number.parse::<f64>().unwrap()));
+    let whole = [time.to_owned()].into_iter().chain(numbers).collect::<Vec<_>>().join(" ");
+    assert!(parse(&whole).is_ok());
+    for length in whole.len() - 10..whole.len() {
+        let cut = &whole[..length];
+        let message = message(&format!("{whole}\n{cut}"));
+        assert!(message.contains("line 2, column 19 (tz): ") && message.contains("is it cut off?"), "{message}");
+        assert!(parse(&format!("{cut}\n")).is_ok(), "a line end after {cut}");
+    }
+    assert!(parse(&row_with(18, "-0.3")).is_ok(), "the other columns have different numbers of decimals");
+}
+
 #[test]
 fn trajectories_are_recognised_by_their_first_lines() {
     assert!(starts_like_a_trajectory(format!("https://youtu.be/x\n{ROW}\n").as_bytes()));

@@ -57,10 +57,18 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
             parts.sh.extend(interleaved(higher(), per_channel));
         }
     }
-    let known = ["chunk", "vertex", "sh"];
-    let others = header.elements.iter().filter(|element| !known.contains(&element.name));
-    let unused = others.map(|element| format!("element {}", element.name)).collect();
+    let elements = header.elements.iter().zip(&columns_by_element);
+    let unused = elements.flat_map(|(element, columns)| unused(element, columns)).collect();
     Ok(Stored { parts, format: Format::CompressedPly, unused, antialiased: None })
+}
+
+/// An element that is not read, or the properties of another that are not.
+fn unused(element: &Element<'_>, columns: &[usize]) -> Vec<String> {
+    if !["chunk", "vertex", "sh"].contains(&element.name) {
+        return vec![format!("element {}", element.name)];
+    }
+    let others = element.properties.iter().enumerate().filter(|(at, _)| !columns.contains(at));
+    others.map(|(_, property)| format!("property {} of element {}", property.name, element.name)).collect()
 }
 
 /// Names of a chunk's ranges, in triples of minima and maxima.
@@ -71,19 +79,28 @@ fn range_names(has_colours: bool) -> Vec<String> {
     ends.flat_map(|(end, (prefix, axes))| axes.chars().map(move |axis| format!("{end}_{prefix}{axis}"))).collect()
 }
 
-/// Indices of the required properties of an element.
+/// Indices of the required properties of an element. A range of one colour requires those of all.
 fn required_columns(element: &Element<'_>) -> Result<Vec<usize>, Malformed> {
-    let names = match element.name {
-        "chunk" => range_names(element.scalar("min_r").is_some()),
-        "vertex" => PACKED.map(str::to_owned).to_vec(),
-        "sh" => (0..element.properties.len()).map(|k| format!("f_rest_{k}")).collect(),
-        _ => Vec::new(),
+    let (names, kind) = match element.name {
+        "chunk" => {
+            let has_colours = range_names(true).iter().skip(12).any(|name| element.scalar(name).is_some());
+            (range_names(has_colours), None)
+        }
+        "vertex" => (PACKED.map(str::to_owned).to_vec(), Some((Scalar::U32, "uint"))),
+        "sh" => ((0..element.properties.len()).map(|k| format!("f_rest_{k}")).collect(), Some((Scalar::U8, "uchar"))),
+        _ => (Vec::new(), None),
     };
     let position = |name: &String| {
         let at = element.required(name)?;
-        let is_packed = element.properties.get(at).is_some_and(|property| property.kind == Kind::Scalar(Scalar::U32));
-        let malformed = || Malformed::new("element \"vertex\"", format!("{name} as uint"), "another type");
-        (is_packed || element.name != "vertex").then_some(at).ok_or_else(malformed)
+        let found = element.properties.get(at).map(|property| property.kind);
+        match kind {
+            // Packed and quantised numbers have no meaning in another type.
+            Some((scalar, type_name)) if found != Some(Kind::Scalar(scalar)) => {
+                let location = format!("element \"{}\"", element.name);
+                Err(Malformed::new(location, format!("{name} as {type_name}"), "another type"))
+            }
+            _ => Ok(at),
+        }
     };
     names.iter().map(position).collect()
 }

@@ -29,6 +29,10 @@ impl Axes {
                 .ok_or_else(|| Malformed::new("SPZ extensions", "a record of (type, length, bytes)", "the end"))?;
             match (kind, payload.first_chunk()) {
                 (COORDINATE_SYSTEM, Some(system)) => axes = Self::from_code(u32::from_le_bytes(*system))?,
+                (COORDINATE_SYSTEM, None) => {
+                    let found = format!("{} bytes", payload.len());
+                    return Err(Malformed::new("SPZ extensions", "a coordinate system of 4 bytes", found));
+                }
                 _ => unused.push(format!("extension 0x{kind:08x}")),
             }
             records = rest;
@@ -101,6 +105,18 @@ mod tests {
     fn sh_signs_match_the_reference() {
         let signs: String = Axes::RUB.sh_signs().iter().map(|sign| if *sign > 0.0 { '+' } else { '-' }).collect();
         assert_eq!(signs, ["+", "--+", "-++-+", "-+--+-+", "-+-++-+--"].concat());
+    }
+
+    /// The default in its place would mirror the Gaussians.
+    #[test]
+    fn a_coordinate_system_without_its_code_is_rejected() {
+        let of = |payload: &[u8]| {
+            let length = u32::try_from(payload.len()).unwrap().to_le_bytes();
+            let record = [&COORDINATE_SYSTEM.to_le_bytes()[..], &length[..], payload].concat();
+            Axes::from_extensions(&record, &mut Vec::new())
+        };
+        assert_eq!(of(&[7, 0, 0, 0]).unwrap(), Axes::from_code(7).unwrap());
+        assert!(of(&[7, 0]).is_err());
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::io::{self, Read, Write};
 
 use flate2::Compression;
-use flate2::read::GzDecoder;
+use flate2::bufread::GzDecoder;
 use flate2::write::GzEncoder;
 use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
@@ -28,14 +28,19 @@ pub(super) struct Container {
     /// header.
     pub(super) attributes: [Vec<u8>; 6],
     pub(super) extensions: Vec<u8>,
-    /// Description of undeclared bytes after the last attribute, if any.
+    /// Descriptions of undeclared bytes after the last attribute or the last stream, if any.
     pub(super) unused: Vec<String>,
 }
 
 impl Container {
     pub(super) fn open(bytes: &[u8]) -> Result<Self, Malformed> {
         if !bytes.starts_with(&MAGIC) {
-            return Self::in_one_stream(GzDecoder::new(bytes), bytes.len() as u64, DEFLATE_RATIO);
+            let mut stream = GzDecoder::new(bytes);
+            let mut container = Self::in_one_stream(&mut stream, bytes.len() as u64, DEFLATE_RATIO)?;
+            if !stream.get_ref().is_empty() {
+                container.unused.push("bytes after the gzip stream".to_owned());
+            }
+            return Ok(container);
         }
         let header = Header::parse(bytes)?;
         if header.version < 4 {
@@ -114,18 +119,19 @@ impl Container {
     }
 }
 
-/// Decompresses one Zstandard frame of `length` bytes.
+/// Decompresses a stream that is one Zstandard frame of `length` bytes.
 fn unpack(stream: &[u8], length: u64) -> Result<Vec<u8>, Malformed> {
     let mut frame = FrameDecoder::new();
     frame.set_max_window_size(if length > ZSTD_WINDOW { length } else { ZSTD_WINDOW });
     let decoder = StreamingDecoder::new_with_decoder(stream, frame);
     let mut decoder = decoder.map_err(|error| corrupt("SPZ stream", &io::Error::other(error.to_string())))?;
     let bytes = take(&mut decoder, "SPZ stream", length)?;
-    let trailing = take(&mut decoder, "SPZ stream", 1);
-    match trailing {
-        Ok(_) => Err(Malformed::new("SPZ stream", format!("{length} bytes"), "more")),
-        Err(_) => Ok(bytes),
+    let mut more = Vec::new();
+    decoder.by_ref().take(1).read_to_end(&mut more).map_err(|error| corrupt("SPZ stream", &error))?;
+    if more.is_empty() && decoder.get_ref().is_empty() {
+        return Ok(bytes);
     }
+    Err(Malformed::new("SPZ stream", format!("{length} bytes"), "more"))
 }
 
 /// The next `length` bytes; memory grows with the bytes present, not with the declared length.
@@ -163,6 +169,7 @@ mod tests {
             fractional_bits: 12,
             antialiased: false,
             has_extensions: false,
+            unknown_flags: 0,
         };
         let mut payload = header.to_bytes().to_vec();
         payload.extend([7; 200]);

@@ -28,6 +28,7 @@ pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased:
         fractional_bits: fractional_bits(&parts)?,
         antialiased,
         has_extensions: false,
+        unknown_flags: 0,
     };
     let mut payload = header.to_bytes().to_vec();
     let scale = f64::from(header.fractional_bits).exp2();

@@ -14,6 +14,8 @@ pub(super) struct Header {
     pub(super) fractional_bits: u8,
     pub(super) antialiased: bool,
     pub(super) has_extensions: bool,
+    /// Flags that the format does not define.
+    pub(super) unknown_flags: u8,
 }
 
 impl Header {
@@ -49,6 +51,7 @@ impl Header {
             fractional_bits,
             antialiased: flags & 1 != 0,
             has_extensions: flags & 2 != 0,
+            unknown_flags: flags & !3,
         })
     }
 

@@ -25,6 +25,9 @@ const COLOUR_SCALE: f64 = 0.15;
 pub(super) fn read(bytes: &[u8]) -> Result<Stored, Malformed> {
     let Container { header, attributes, extensions, mut unused } = Container::open(bytes)?;
     let axes = Axes::from_extensions(&extensions, &mut unused)?;
+    if header.unknown_flags != 0 {
+        unused.push(format!("flags 0x{:02x}", header.unknown_flags));
+    }
     let mut parts = decode::decode(&header, &attributes);
     axes.ply_from_stored(&mut parts);
     Ok(Stored { parts, format: Format::Spz(header.version), unused, antialiased: Some(header.antialiased) })

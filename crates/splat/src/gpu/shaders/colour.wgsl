@@ -42,8 +42,8 @@ fn main(
         scalar = scalars[gaussian];
     }
     let largest = max(max(max(abs(rgb.x), abs(rgb.y)), abs(rgb.z)), abs(scalar));
-    let is_valid_log_scale = are_finite(rgb) && is_finite(scalar) && largest <= LARGEST_CHANNEL;
-    if !is_valid_log_scale {
+    let is_valid = are_finite(rgb) && is_finite(scalar) && largest <= LARGEST_CHANNEL;
+    if !is_valid {
         reaches[index] = vec2(INVALID, 0u);
         return;
     }

@@ -5,6 +5,8 @@
 // The ellipse is widened by this many pixels, far above rounding errors, and by a share of its level.
 const MARGIN: f32 = 0.5;
 const SLACK: f32 = 1e-3;
+// Share of the level by which rounding may let a steep slope's extreme exceed it, as in `cpu/bins.rs`.
+const ROUNDING: f32 = 1e-5;
 
 // The side of a square is 2^shift tiles, the smallest for which 32 bits suffice; 65 535 pixels are at most 2^12 tiles.
 fn shift_of(tiles: vec4<u32>) -> u32 {
@@ -53,11 +55,11 @@ fn mask_of(tiles: vec4<u32>, shift: u32, shape: vec4<f32>, position: vec4<u32>) 
         let bottom = down * (first + width - 1.0 + MARGIN);
         let v_right = clamp(-extreme, top, bottom);
         let v_left = clamp(extreme, top, bottom);
-        if v_right * v_right > level || v_left * v_left > level {
+        if max(v_right * v_right, v_left * v_left) > level * (1.0 + ROUNDING) {
             continue;
         }
-        let right = (sqrt(level - v_right * v_right) - slope * v_right) / along - offset.x + base.x + MARGIN;
-        let left = (-sqrt(level - v_left * v_left) - slope * v_left) / along - offset.x + base.x - MARGIN;
+        let right = (sqrt(max(level - v_right * v_right, 0.0)) - slope * v_right) / along - offset.x + base.x + MARGIN;
+        let left = (-sqrt(max(level - v_left * v_left, 0.0)) - slope * v_left) / along - offset.x + base.x - MARGIN;
         for (var column = 0u; column < squares.x; column++) {
             let start = f32(16u * (tiles.x + (column << shift)));
             if right >= start && left <= start + width - 1.0 {
