@@ -1,6 +1,7 @@
 //! What tests need that a machine may lack: real data, a graphics adapter. A test that skips says so where it is seen,
 //! and appends a line to the file `$ATSPLAT_SKIP_LOG`, from which CI lists every skipped test at its end.
 
+use std::ffi::OsString;
 use std::fmt::Display;
 use std::fs::OpenOptions;
 use std::io::Write as _;
@@ -10,22 +11,26 @@ use std::path::{Path, PathBuf};
 /// is skipped and returns.
 ///
 /// # Panics
-/// Where there is none although `ATSPLAT_REQUIRE_SHARED_DATA` is set.
+/// Where there is none although `ATSPLAT_REQUIRE_SHARED_DATA` is set, to neither nothing nor 0.
 pub fn shared_data(test: &str) -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let folder = std::env::var_os("ATSPLAT_SHARED_DATA").map_or(beside, PathBuf::from);
     if folder.is_dir() {
         return Some(folder);
     }
-    let required = std::env::var_os("ATSPLAT_REQUIRE_SHARED_DATA").is_some();
+    let required = is_yes(std::env::var_os("ATSPLAT_REQUIRE_SHARED_DATA"));
     assert!(!required, "{test}: real data is required but absent ({})", folder.display());
     skip(test, format!("no real data ({})", folder.display()));
     None
 }
 
-/// Whether `ATSPLAT_REQUIRE_GPU=1`: no test may be skipped for want of a graphics adapter.
+/// Whether `ATSPLAT_REQUIRE_GPU` is set, to neither nothing nor 0: no test may be skipped for want of a graphics adapter.
 pub fn graphics_required() -> bool {
-    std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1")
+    is_yes(std::env::var_os("ATSPLAT_REQUIRE_GPU"))
+}
+
+fn is_yes(value: Option<OsString>) -> bool {
+    value.is_some_and(|value| !value.is_empty() && value != "0")
 }
 
 /// Skips a test because no graphics adapter could be opened.
@@ -49,4 +54,16 @@ pub fn skip(test: &str, reason: impl Display) {
     let file = OpenOptions::new().append(true).create(true).open(&log);
     let written = file.and_then(|mut file| file.write_all(line.as_bytes()));
     assert!(written.is_ok(), "{test}: the skip cannot be recorded in {}: {written:?}", log.display());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_and_zero_require_nothing() {
+        for (value, expected) in [(None, false), (Some(""), false), (Some("0"), false), (Some("1"), true)] {
+            assert_eq!(is_yes(value.map(OsString::from)), expected, "{value:?}");
+        }
+    }
 }

@@ -298,6 +298,27 @@ fn costs_of_effects_are_not_negative_and_compared_with_all() {
     assert!(none.contains("0/2") && !none.contains("    soft shadows"), "{none}");
 }
 
+/// A route's own lens is ignored in every layout.
+#[test]
+fn a_note_says_which_layout_keeps_lens_distortion_if_one_was_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_trajectory(&here.join("route.txt"), 3);
+    let route = std::fs::read_to_string(here.join("route.txt")).unwrap();
+    std::fs::write(here.join("repeated.txt"), route.replace("66734 ", "33367 ")).unwrap();
+    std::fs::write(here.join("bent.txt"), route.replace(" 0.5 0.5 0 0 ", " 0.5 0.5 0.1 0 ")).unwrap();
+    let plain = ["--size", "24x16", "--scenes", "3..4", "--layout", "chunks", "--effects"];
+    for (out, more, warning, is_noted) in [
+        ("repeated", &["none", "--route", "repeated.txt"][..], "duplicate-timestamp", false),
+        ("bent", &["none", "--route", "bent.txt"][..], "lens-distortion", false),
+        ("yards", &["lens-distortion", "--kind", "yards", "--frames", "2"][..], "lens-distortion", true),
+    ] {
+        let outcome = atsplat(here, &[&["data", "simulate", out], &plain[..], more].concat());
+        assert!(outcome.code == 0 && outcome.stderr.contains(warning), "{out}: {}", outcome.stderr);
+        assert_eq!(outcome.stderr.contains("note: --layout nerfstudio"), is_noted, "{out}: {}", outcome.stderr);
+    }
+}
+
 #[test]
 fn simulated_cameras_follow_a_given_route() {
     let folder = tempfile::tempdir().unwrap();

@@ -350,6 +350,18 @@ fn reports_a_changed_protocol_field_by_field() {
 }
 
 #[test]
+fn the_help_of_a_sweep_promises_no_url_as_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let help = |args: &[&str]| {
+        let text = succeed(folder.path(), &[args, &["--help"]].concat());
+        // Lines are wrapped at the terminal width.
+        text.split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    assert!(help(&["run"]).contains("Folder of the results, or a URL (s3://, gs://, az://); an unfinished run"));
+    assert!(help(&["tradeoff", "sweep"]).contains("Folder of the results; an unfinished run in it is resumed"));
+}
+
+#[test]
 fn only_commands_that_can_skip_have_strict() {
     let folder = tempfile::tempdir().unwrap();
     let help = |args: &[&str]| succeed(folder.path(), &[args, &["--help"]].concat());

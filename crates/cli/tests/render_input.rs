@@ -25,6 +25,9 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     assert!(again.stderr.contains("3 images of another call"), "{}", again.stderr);
     let along = ["render", "scene.ply", "--spline", "second/render.json", "3", "--frames", "0", "--out", "third"];
     let one = atsplat(here, &along);
+    let keyed = ["render", "scene.ply", "--cameras", "first/render.json", "--key", "garden", "--out", "third"];
+    let keyed = atsplat(here, &keyed);
+    assert!(keyed.code == 2 && keyed.stderr.contains("--key is for datasets"), "{}", keyed.stderr);
     assert!(one.code == 1 && one.stderr.contains("error: --spline second/render.json: "), "{}", one.stderr);
     for name in ["000001.png", "000003.png"] {
         assert_eq!(first[name], second[name], "{name}");

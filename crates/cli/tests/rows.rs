@@ -124,7 +124,10 @@ fn rejects_a_store_given_twice_and_counts_repeated_results() {
     for again in ["part-1", "./part-1/", "linked"] {
         let refused = atsplat(here, &["merge", "part-1", "part-2", again, "--out", "merged"]);
         assert!(refused.code == 1 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
+        let refused = atsplat(here, &["report", "part-1", again, "--out", "page"]);
+        assert!(refused.code == 1 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
     }
+    assert!(!here.join("page").exists());
     let copied = Command::new("cp").args(["-r", "part-1", "copy"]).current_dir(here).status().unwrap();
     assert!(copied.success());
     let merged = atsplat(here, &["merge", "part-1", "copy", "part-2", "--out", "merged"]);

@@ -1,7 +1,7 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use atsplat_files::{FileError, Malformed};
+use atsplat_files::{FileError, LockError, Malformed};
 use thiserror::Error;
 
 /// Why results cannot be computed, stored or read.
@@ -193,6 +193,15 @@ fn ways_to_an_index(accepted: &[String], sampler: Option<&str>) -> String {
     };
     let rule = sampler.map_or_else(String::new, |name| format!(" {name}"));
     format!("give {file} (--index), or a sampling rule for data without an index (--sampler{rule})")
+}
+
+impl From<LockError> for EvalError {
+    fn from(error: LockError) -> Self {
+        match error {
+            LockError::Io(error) => Self::Io(error),
+            LockError::InUse { folder, by } => Self::InUse { folder, by },
+        }
+    }
 }
 
 impl EvalError {

@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::runner::Summary;
 use crate::statistics::{Identical, Leaked, MetricQuery, summary};
 use crate::timing::{Spread, Times, times};
-use crate::{MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
+use crate::{IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Results, TargetRow, TargetStatus, WarningCount};
 
 /// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
 /// table.
@@ -27,7 +27,7 @@ pub struct RunReport {
     times: Vec<MethodTimes>,
     /// Metrics that were not computed, and why.
     not_computed: BTreeMap<String, String>,
-    /// Index entries and targets without scores, by reason.
+    /// Index entries and targets without scores, or without one of them, by reason.
     without: Vec<Unscored>,
     /// Warnings about indices and data.
     warnings: Vec<WarningCount>,
@@ -122,7 +122,8 @@ impl RunReport {
     }
 }
 
-/// Entries and targets without scores, with the first of each kind.
+/// Entries and targets without scores, and compared targets that lack a metric, with the first of each kind. Metrics without
+/// weights are not among them.
 fn unscored(results: &Results) -> Vec<Unscored> {
     let skipped = results.provenance.skipped.iter();
     let skipped = skipped.map(|entry| {
@@ -143,8 +144,18 @@ fn unscored(results: &Results) -> Vec<Unscored> {
         let what = format!("targets of {} failed", row.key.method);
         (&row.key.preset, what, kind_of(detail, &row.key.scene), example)
     });
+    let has_weights = |id: &str| results.provenance.metrics.iter().all(|own| own.id != id || own.absent.is_none());
+    let compared = results.targets.iter().filter(|row| row.status == TargetStatus::Scored);
+    let incomplete = compared.flat_map(|row| row.not_computed.iter().map(move |(id, why)| (row, id, why)));
+    let incomplete = incomplete.filter(|(_, id, _)| has_weights(id)).map(|(row, id, why)| {
+        let is_infinite = why == IDENTICAL;
+        let why = if is_infinite { "infinite: no sample differs after clipping or rounding" } else { why.as_str() };
+        let example = format!("scene {}, frame {}: {why}", row.key.scene, row.frame);
+        let what = format!("targets of {} not in the mean of {}", row.key.method, name(id));
+        (&row.key.preset, what, kind_of(why, &row.key.scene), example)
+    });
     let mut kinds: BTreeMap<(&String, String, String), (usize, String)> = BTreeMap::new();
-    for (preset, what, kind, example) in skipped.chain(refused).chain(failed) {
+    for (preset, what, kind, example) in skipped.chain(refused).chain(failed).chain(incomplete) {
         kinds.entry((preset, what, kind)).or_insert((0, example)).0 += 1;
     }
     let row = |((preset, what, _), (count, example)): ((&String, String, _), (usize, String))| Unscored {
@@ -359,6 +370,27 @@ mod tests {
         assert_eq!(summary_text(&summary), expected);
         assert_eq!(counted(1, "targets of targets failed"), "1 target of targets failed");
         assert_eq!(counted(1, "without a Gaussian in any target"), "1 without a Gaussian in any target");
+    }
+
+    /// Two of three targets are too small for one metric, and one of them is infinite in another.
+    #[test]
+    fn metrics_that_some_targets_lack_are_listed() {
+        let mut results = crate::sample_rows::results("m", "psnr", &[("a", 0, vec![20.0, 30.0]), ("b", 0, vec![40.0])]);
+        let absent = Some("no file".to_owned());
+        results.provenance.metrics.push(MetricRecord { id: "lpips".to_owned(), absent, ..MetricRecord::default() });
+        let small = "not computed: LPIPS (Alex): expected at least 31 pixels a side, found 8×8";
+        for row in &mut results.targets[1..] {
+            let reasons = [("lpips-alex", small), ("lpips", "weights absent")];
+            row.not_computed = reasons.map(|(id, why)| (id.to_owned(), why.to_owned())).into();
+        }
+        results.targets[2].not_computed.insert("psnr-8bit-rounded".to_owned(), IDENTICAL.to_owned());
+        let found = unscored(&results).into_iter().map(|own| (own.count, format!("{}: {}", own.what, own.example)));
+        let infinite = "infinite: no sample differs after clipping or rounding";
+        let expected = [
+            (2, format!("targets of m not in the mean of LPIPS (Alex): scene a, frame 1: {small}")),
+            (1, format!("targets of m not in the mean of PSNR (8 bit, rounded): scene b, frame 0: {infinite}")),
+        ];
+        assert_eq!(found.collect::<Vec<_>>(), expected);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Atomic file writes, SHA-256 digests, changes of records, and the parts that errors about files share.
+//! Atomic file writes, locks of folders, SHA-256 digests, dates, changes of records, and the parts that errors about files
+//! share.
 //!
 //! Everything that atsplat writes goes through [`write()`], [`write_with`], [`write_unsynced`] or an [`AtomicFile`]: to a
 //! temporary file with a unique name in the target's folder, which is renamed when it is complete. Readers see the old
@@ -7,14 +8,18 @@
 mod atomic;
 mod cache;
 mod changes;
+mod date;
 mod digest;
 mod error;
+mod lock;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
 pub use cache::cache_folder;
 pub use changes::changes;
+pub use date::{date, unix_seconds};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
+pub use lock::{FolderLock, LockError, this_process};
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {

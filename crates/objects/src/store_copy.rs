@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -11,7 +11,7 @@ use atsplat_files::{FileError, is_plain_name};
 use tempfile::TempDir;
 
 use crate::ObjectError;
-use crate::cache::Cache;
+use crate::cache::{self, Cache};
 use crate::storage::{Download, Object, Process, Storage, Traffic, Upload, Version};
 
 /// Says which process writes. The one that wrote it last may write; one before it finds that out and stops.
@@ -24,6 +24,8 @@ const FIRST: &str = "provenance.json";
 const TIMES: &str = "timings.parquet";
 /// The folder of rows that are not in the tables yet.
 const PARTS: &str = "parts/";
+/// Folders of a store, which object storage may hold as empty objects.
+const FOLDERS: [&str; 2] = [PARTS, "pictures/"];
 /// The tables of rows, in the order in which they must arrive.
 const TABLES: [&str; 2] = ["targets.parquet", "trials.parquet"];
 /// Results are sent at most this often while a run goes on.
@@ -37,6 +39,10 @@ const INTERVAL: Duration = Duration::from_secs(2);
 pub struct StoreCopy {
     storage: Box<dyn Storage>,
     folder: TempDir,
+    /// Links to parts: a run that ends moves its last parts into the tables before they are sent.
+    kept_folder: TempDir,
+    /// Parts that are linked, or were fetched.
+    kept: Mutex<BTreeMap<String, Stamp>>,
     claim: String,
     before: Option<(String, Version)>,
     /// The store as it was fetched.
@@ -78,11 +84,14 @@ impl StoreCopy {
         let stores = cache.stores();
         fs::create_dir_all(&stores).map_err(failed(&stores))?;
         let folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
+        let kept_folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
+        fs::create_dir(kept_folder.path().join(PARTS)).map_err(failed(kept_folder.path()))?;
         let before = storage.get(WRITER)?;
         let begun = list(storage.as_ref())?;
         let sent = Sent { claimed: false, files: BTreeMap::new(), last: None };
         let claim = claim_of(writer);
-        let copy = Self { storage, folder, claim, before, begun, sent: Mutex::new(sent), failed: Mutex::default() };
+        let (kept, sent, failed) = (Mutex::default(), Mutex::new(sent), Mutex::default());
+        let copy = Self { storage, folder, kept_folder, kept, claim, before, begun, sent, failed };
         copy.fetch()?;
         Ok(copy)
     }
@@ -134,6 +143,8 @@ impl StoreCopy {
             let gone = self.gone(&sent, |_name| true);
             self.remove(&mut sent, gone)?;
         }
+        let parts = sent.files.iter().filter(|(name, _)| name.starts_with(PARTS));
+        self.lock_kept().extend(parts.map(|(name, known)| (name.clone(), known.stamp)));
         self.send(&mut sent)
     }
 
@@ -150,14 +161,43 @@ impl StoreCopy {
     /// Sends what is new, unless that was done a moment ago or another thread does it; keeps the error for
     /// [`Self::failure`]. Callable from any thread, whenever a trial is finished.
     pub fn send_soon(&self) {
+        if let Err(error) = self.keep_parts() {
+            self.fail(error);
+        }
         let Ok(mut sent) = self.sent.try_lock() else { return };
         if sent.last.is_some_and(|last| last.elapsed() < INTERVAL) || self.failure().is_some() {
             return;
         }
         if let Err(error) = self.send(&mut sent) {
-            *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+            self.fail(error);
         }
         sent.last = Some(Instant::now());
+    }
+
+    fn fail(&self, error: ObjectError) {
+        self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+    }
+
+    /// Links parts that are new. Sent before the tables, they stand for rows of which only one table has arrived.
+    fn keep_parts(&self) -> Result<(), ObjectError> {
+        let folder = self.folder().join(PARTS);
+        let failed = || FileError::during::<ObjectError>("listing results", &folder);
+        let mut kept = self.lock_kept();
+        let entries = match fs::read_dir(&folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            outcome => outcome.map_err(failed())?,
+        };
+        for entry in entries {
+            let part = entry.map_err(failed())?.path();
+            let name = format!("{PARTS}{}", atsplat_files::name_of(&part));
+            // A part of the same name replaces one that was sent, which stands for its trial as well.
+            if is_shared(&name) && !kept.contains_key(&name) {
+                let stamp = stamp(&part).map_err(failed())?;
+                cache::link(&part, &self.kept_folder.path().join(&name))?;
+                kept.insert(name, stamp);
+            }
+        }
+        Ok(())
     }
 
     /// Sends everything, and removes what the store no longer holds.
@@ -196,8 +236,17 @@ impl StoreCopy {
         list_files(folder, "", &mut files)?;
         files.retain(|(name, _)| !name.starts_with(PARTS));
         files.extend(parts);
+        let kept = self.lock_kept();
+        let moved = kept.iter().filter(|(name, _)| !folder.join(name).exists());
+        files.extend(moved.map(|(name, stamp)| (name.clone(), *stamp)));
         files.retain(|(name, stamp)| is_shared(name) && sent.files.get(name).is_none_or(|known| known.stamp != *stamp));
         Ok(files)
+    }
+
+    /// The file of a name; of a part that is in the tables by now, the one that was kept.
+    fn file(&self, name: &str) -> PathBuf {
+        let own = self.folder().join(name);
+        if own.exists() { own } else { self.kept_folder.path().join(name) }
     }
 
     /// Objects that the local store no longer holds: tables before the parts, which stand for rows that tables lack.
@@ -222,10 +271,10 @@ impl StoreCopy {
         for files in rounds.into_values() {
             let upload = |(name, _): &(String, Stamp)| {
                 let replaces = sent.files.get(name).map(|known| known.version.clone());
-                Upload { name: name.clone(), file: self.folder().join(name), replaces }
+                Upload { name: name.clone(), file: self.file(name), replaces }
             };
             let versions = Mutex::new(BTreeMap::new());
-            // A part that is in the tables by now is left out.
+            // A part that went into the tables just now is left out; the next call sends the one that was kept.
             let outcome = self.storage.put(files.iter().map(upload).collect(), &|name, version| {
                 versions.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), version);
                 Ok(())
@@ -263,6 +312,10 @@ impl StoreCopy {
         Ok(())
     }
 
+    fn lock_kept(&self) -> MutexGuard<'_, BTreeMap<String, Stamp>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn lock(&self) -> MutexGuard<'_, Sent> {
         self.sent.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -291,13 +344,20 @@ fn list_files(folder: &Path, prefix: &str, found: &mut Vec<(String, Stamp)>) -> 
 /// The objects of a store; none if there is nothing below its URL.
 fn list(storage: &dyn Storage) -> Result<Vec<Object>, ObjectError> {
     match storage.list() {
-        Ok(mut objects) => {
-            objects.retain(|object| is_shared(&object.name));
-            Ok(objects)
+        Ok(all) => {
+            let is_file = |object: &&Object| is_shared(&object.name) && !is_folder(object, &all);
+            Ok(all.iter().filter(is_file).cloned().collect())
         }
         Err(ObjectError::NotFound { .. }) => Ok(Vec::new()),
         Err(error) => Err(error),
     }
+}
+
+/// Whether an object stands for a folder: some tools write an empty one for each.
+fn is_folder(object: &Object, all: &[Object]) -> bool {
+    let inside = format!("{}/", object.name);
+    let has_files = || all.iter().any(|other| other.name.starts_with(&inside));
+    object.bytes == 0 && (FOLDERS.contains(&inside.as_str()) || has_files())
 }
 
 fn stamp(path: &Path) -> io::Result<Stamp> {

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -72,9 +73,28 @@ impl Fixture {
 
     /// A copy of the store, and the changes that it makes there.
     fn recorded(&self) -> (StoreCopy, Arc<Mutex<Vec<String>>>) {
+        self.killed_after(usize::MAX)
+    }
+
+    /// As [`Self::recorded`], without any change after this many.
+    fn killed_after(&self, most: usize) -> (StoreCopy, Arc<Mutex<Vec<String>>>) {
         let changes: Arc<Mutex<Vec<String>>> = Arc::default();
-        let storage = Recorded { storage: self.storage("store"), changes: Arc::clone(&changes) };
+        let storage = Recorded { storage: self.storage("store"), changes: Arc::clone(&changes), most };
         (StoreCopy::of(Box::new(storage), &self.cache(), "one").unwrap(), changes)
+    }
+
+    /// The rows of a store whose files are words: as a reader, who ignores a table's rows of trials that have a part.
+    fn rows(&self) -> BTreeSet<String> {
+        let words = |name: &str| {
+            let text = self.storage("store").get(name).unwrap().map_or_else(String::new, |(text, _)| text);
+            text.split_whitespace().map(str::to_owned).collect::<BTreeSet<String>>()
+        };
+        let names = self.storage("store").list().unwrap().into_iter().map(|object| object.name);
+        let parts: BTreeSet<String> =
+            names.filter(|name| name.starts_with("parts/")).flat_map(|name| words(&name)).collect();
+        let [targets, trials] = ["targets.parquet", "trials.parquet"].map(|table| &words(table) - &parts);
+        assert_eq!(targets, trials, "rows of one table only, beside the parts {parts:?}");
+        &trials | &parts
     }
 }
 
@@ -83,6 +103,20 @@ impl Fixture {
 struct Recorded {
     storage: Box<Connected>,
     changes: Arc<Mutex<Vec<String>>>,
+    /// Further changes are errors.
+    most: usize,
+}
+
+impl Recorded {
+    fn change(&self, what: String) -> Result<(), ObjectError> {
+        let mut changes = self.changes.lock().unwrap();
+        if changes.len() == self.most {
+            let [url, action, detail] = ["s3://bucket/store", "changing", "killed"].map(str::to_owned);
+            return Err(ObjectError::Request { url, action, detail });
+        }
+        changes.push(what);
+        Ok(())
+    }
 }
 
 impl Storage for Recorded {
@@ -107,12 +141,14 @@ impl Storage for Recorded {
     }
 
     fn put(&self, uploads: Vec<Upload>, done: Done<'_>) -> Result<(), ObjectError> {
-        self.changes.lock().unwrap().extend(uploads.iter().map(|upload| upload.name.clone()));
-        self.storage.put(uploads, done)
+        uploads.into_iter().try_for_each(|upload| {
+            self.change(upload.name.clone())?;
+            self.storage.put(vec![upload], done)
+        })
     }
 
     fn delete(&self, name: &str) -> Result<(), ObjectError> {
-        self.changes.lock().unwrap().push(format!("-{name}"));
+        self.change(format!("-{name}"))?;
         self.storage.delete(name)
     }
 }
@@ -290,6 +326,56 @@ fn times_and_pictures_of_replaced_rows_are_gone_before_new_rows_arrive() {
         "-writer.txt",
     ];
     assert_eq!(*changes.lock().unwrap(), expected);
+}
+
+/// The second part is not sent on its own: it is in the tables when the run has ended.
+#[test]
+fn a_store_can_be_read_wherever_sending_its_tables_stopped() {
+    let of = |rows: &[&str]| rows.iter().copied().map(str::to_owned).collect::<BTreeSet<String>>();
+    let mut seen = BTreeSet::new();
+    for most in 0.. {
+        let fixture = Fixture::new(&[]);
+        for name in ["provenance.json", "targets.parquet", "trials.parquet"] {
+            fixture.put(&format!("store/{name}"), b"old");
+        }
+        let (copy, changes) = fixture.killed_after(most);
+        let run = || {
+            copy.claim()?;
+            let parts = copy.folder().join("parts");
+            fs::create_dir(&parts).unwrap();
+            for name in ["first", "second"] {
+                fs::write(parts.join(format!("{name}.json")), name).unwrap();
+                copy.send_soon();
+            }
+            fs::remove_dir_all(&parts).unwrap();
+            for table in ["targets.parquet", "trials.parquet"] {
+                fs::write(copy.folder().join(table), "old first second").unwrap();
+            }
+            copy.finish()
+        };
+        let outcome = run();
+        let rows = fixture.rows();
+        assert!(rows.contains("old"), "{rows:?} after {:?}", changes.lock().unwrap());
+        seen.insert(rows);
+        if outcome.is_ok() {
+            break;
+        }
+    }
+    let expected = [of(&["old"]), of(&["old", "first"]), of(&["old", "first", "second"])];
+    assert_eq!(seen, BTreeSet::from(expected));
+}
+
+/// Only those that stand for folders: an empty table is a damaged one.
+#[test]
+fn empty_objects_of_folders_are_skipped_in_a_store() {
+    let fixture = Fixture::of_store(&["parts/1.json", "provenance.json"]);
+    for name in ["parts", "pictures", "trials.parquet"] {
+        fixture.put(&format!("store/{name}"), b"");
+    }
+    let copy = fixture.copy("one").unwrap();
+    assert_eq!(read(&copy.folder().join("parts/1.json")), b"old contents");
+    assert!(!copy.folder().join("pictures").exists() && copy.folder().join("trials.parquet").is_file());
+    copy.finish().unwrap();
 }
 
 /// As when a method that failed in every trial is replaced by another of its name.

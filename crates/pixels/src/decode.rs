@@ -4,6 +4,7 @@ use image::codecs::{png::PngDecoder, webp::WebPDecoder};
 use image::{ColorType, ImageDecoder, ImageError, Limits};
 
 use crate::limits::zeroed;
+use crate::render::check_header;
 use crate::size::{header, unknown};
 use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
 
@@ -27,13 +28,19 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
     decoded(bytes, limits, |_, _, _| Ok(()))
 }
 
-/// [`decode`] for pictures that must be opaque. The colour of a transparent pixel depends on the background, and on
-/// whether the file's colours are premultiplied by alpha, which PNG does not state.
+/// [`decode`] for renders, whose stored samples have to be the picture: where the rules of [`decode`] would change it, the
+/// file is refused. The colour of a transparent pixel depends on the background, and on whether the file's colours are
+/// premultiplied by alpha, which PNG does not state.
 ///
 /// # Errors
-/// Those of [`decode`], and [`PixelError::Transparent`].
-pub fn decode_opaque(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
-    decoded(bytes, limits, require_opaque)
+/// Those of [`decode`]; [`PixelError::UnusableRender`] for other formats than PNG, for 16-bit samples, for linear light,
+/// PQ and HLG according to `gAMA` or `cICP`, and for an EXIF orientation; [`PixelError::Transparent`].
+pub fn decode_render(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
+    check_header(bytes)?;
+    decoded(bytes, limits, |color, stored, width| {
+        require_opaque(color, stored, width)?;
+        require_eight_bits(color)
+    })
 }
 
 fn decoded(
@@ -79,6 +86,17 @@ fn require_opaque(color: ColorType, stored: &[u8], width: u32) -> Result<(), Pix
     let Some((first, _)) = transparent.next() else { return Ok(()) };
     let (column, row) = (first % width as usize, first / width as usize);
     Err(PixelError::Transparent { count: 1 + transparent.count(), column, row })
+}
+
+fn require_eight_bits(color: ColorType) -> Result<(), PixelError> {
+    if color.bytes_per_pixel() == color.channel_count() {
+        return Ok(());
+    }
+    Err(PixelError::UnusableRender {
+        expected: "8-bit samples",
+        found: "16-bit samples, whose low bytes would be lost".to_owned(),
+        remedy: "write floats (EXR) for more than 8 bits",
+    })
 }
 
 /// The maximum number of pixels in a file of `length` bytes.

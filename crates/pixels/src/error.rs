@@ -33,6 +33,9 @@ pub enum PixelError {
     composite it over the background of the comparison"
     )]
     Transparent { count: usize, column: usize, row: usize },
+    /// A render's stored samples are not the picture that is to be compared.
+    #[error("expected {expected}, found {found}: {remedy}")]
+    UnusableRender { expected: &'static str, found: String, remedy: &'static str },
     /// The file holds floats, not 8-bit samples.
     #[error("expected 8-bit samples, found an EXR of floats: read it with the exr functions")]
     HoldsFloats,

@@ -9,9 +9,10 @@ use std::io::Cursor;
 use ::exr::image::read::read as exr_reader;
 use ::exr::image::write::WritableImage;
 use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
-use ::exr::meta::MetaData;
+use ::exr::math::Vec2;
 use ::exr::meta::attribute::{AttributeValue, Text};
 use ::exr::meta::header::{Header, LayerAttributes};
+use ::exr::meta::{Headers, MetaData};
 use ::exr::prelude::{ReadChannels as _, ReadLayers as _, f16};
 
 use crate::limits::reserved;
@@ -150,12 +151,13 @@ fn rgb_of(channels: &Channels) -> Result<(Image, Values), PixelError> {
     Ok((Image::new(channels.width, channels.height, samples)?, red.values.clone()))
 }
 
-/// [`read_rgb`] for pictures that must be opaque: a channel `A`, if present, has to be 1 everywhere, or described as
-/// [`COMPOSED`].
+/// [`read_rgb`] for renders, which must be opaque and whole: a channel `A`, if present, has to be 1 everywhere, or
+/// described as [`COMPOSED`], and the only layer has to cover the display window exactly.
 ///
 /// # Errors
-/// Those of [`read_rgb`], and [`PixelError::Transparent`].
-pub fn read_opaque_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
+/// Those of [`read_rgb`]; [`PixelError::UnusableRender`] and [`PixelError::Transparent`].
+pub fn read_render(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
+    require_whole(bytes)?;
     let channels = read(bytes, limits)?;
     let composed = Values::Named(COMPOSED.to_owned());
     if let Some(alpha) = channels.planes.iter().find(|plane| plane.name == "A" && plane.values != composed) {
@@ -167,6 +169,23 @@ pub fn read_opaque_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Va
         }
     }
     rgb_of(&channels)
+}
+
+/// An error for a file of several layers, any of which may be the picture, and for a layer that is a crop of the picture.
+fn require_whole(bytes: &[u8]) -> Result<(), PixelError> {
+    let unusable = |expected, found, remedy| Err(PixelError::UnusableRender { expected, found, remedy });
+    let headers = headers(bytes)?;
+    let [header] = &headers[..] else {
+        return unusable("one layer", headers.len().to_string(), "write the picture alone");
+    };
+    let shown = header.shared_attributes.display_window;
+    let (position, size) = (header.own_attributes.layer_position, header.layer_size);
+    if position == shown.position && size == shown.size {
+        return Ok(());
+    }
+    let window = |at: Vec2<i32>, size: Vec2<usize>| format!("{}×{} at column {}, row {}", size.0, size.1, at.0, at.1);
+    let found = format!("{} of a picture of {}", window(position, size), window(shown.position, shown.size));
+    unusable("all pixels of the display window", found, "write them without cropping")
 }
 
 /// Encodes named planes as an EXR, losslessly compressed (ZIP, 16 rows).
@@ -194,7 +213,7 @@ pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
 
 /// Decodes every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
 ///
-/// The picture is the layer's data window; its position in the display window is ignored.
+/// The picture is the layer's data window; its position in the display window is ignored, as are other layers.
 ///
 /// # Errors
 /// [`PixelError::OverLimit`] before decoding, [`PixelError::Unsupported`] for deep data, subsampled or integer channels,
@@ -240,10 +259,14 @@ pub(crate) fn size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     layer_size(&first_header(bytes)?)
 }
 
+fn headers(bytes: &[u8]) -> Result<Headers, PixelError> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
+    meta.map(|meta| meta.headers).map_err(|error| header_problem(PictureFormat::Exr, error.to_string()))
+}
+
 fn first_header(bytes: &[u8]) -> Result<Header, PixelError> {
-    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false)
-        .map_err(|error| header_problem(PictureFormat::Exr, error.to_string()))?;
-    meta.headers.into_iter().next().ok_or_else(|| header_problem(PictureFormat::Exr, "expected a layer, found none"))
+    let first = headers(bytes)?.into_iter().next();
+    first.ok_or_else(|| header_problem(PictureFormat::Exr, "expected a layer, found none"))
 }
 
 fn layer_size(header: &Header) -> Result<(u32, u32), PixelError> {

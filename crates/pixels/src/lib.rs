@@ -13,13 +13,14 @@ mod limits;
 mod orientation;
 mod picture;
 mod preview;
+mod render;
 mod resize;
 mod rounding;
 mod size;
 
 pub use animation::AnimatedPng;
 pub use crop::crop;
-pub use decode::{decode, decode_opaque};
+pub use decode::{decode, decode_render};
 pub use encode::{encode_jpeg, encode_png};
 pub use error::PixelError;
 pub use format::PictureFormat;

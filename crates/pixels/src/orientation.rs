@@ -96,18 +96,22 @@ fn exif_of_jpeg(bytes: &[u8]) -> Option<&[u8]> {
     }
 }
 
-/// A PNG is a sequence of chunks of length (big endian), name, data and checksum.
 fn exif_of_png(bytes: &[u8]) -> Option<&[u8]> {
-    let mut rest = bytes.get(8..)?;
-    loop {
+    let mut chunks = png_chunks(bytes).take_while(|(name, _)| *name != b"IEND");
+    chunks.find(|(name, _)| *name == b"eXIf").map(|(_, data)| data)
+}
+
+/// Names and data of the complete chunks at the start of a PNG, each stored as length (big endian), name, data and
+/// checksum.
+pub(crate) fn png_chunks(bytes: &[u8]) -> impl Iterator<Item = (&[u8; 4], &[u8])> {
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    std::iter::from_fn(move || {
         let ([length, name], _) = rest.as_chunks::<4>().0.split_first_chunk::<2>()?;
         let end = usize::try_from(u32::from_be_bytes(*length)).ok()?.checked_add(8)?;
-        match name {
-            b"eXIf" => return rest.get(8..end),
-            b"IEND" => return None,
-            _ => rest = rest.get(end.checked_add(4)?..)?,
-        }
-    }
+        let data = rest.get(8..end)?;
+        rest = rest.get(end.checked_add(4)?..)?;
+        Some((name, data))
+    })
 }
 
 /// A WebP is a sequence of chunks of name, length (little endian) and data padded to an even length (RFC 9649, section

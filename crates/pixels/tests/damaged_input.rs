@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_pixels::{
-    DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, decode_opaque, encode_jpeg, encode_png, exr,
+    DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, decode_render, encode_jpeg, encode_png, exr,
     size_of,
 };
 use image::codecs::{png::PngEncoder, webp::WebPEncoder};
@@ -191,7 +191,7 @@ fn sixteen_bit_grey_keeps_its_high_byte() {
 }
 
 #[test]
-fn transparent_pixels_are_errors_if_the_picture_must_be_opaque() {
+fn transparent_pixels_of_renders_are_errors() {
     let limits = DecodeLimits::default();
     let png = |samples: &[u8], color| {
         let mut bytes = Vec::new();
@@ -199,9 +199,9 @@ fn transparent_pixels_are_errors_if_the_picture_must_be_opaque() {
         bytes
     };
     let opaque = png(&[9, 9, 9, 255, 0, 0, 0, 255, 7, 7, 7, 255], ExtendedColorType::Rgba8);
-    assert_eq!(decode_opaque(&opaque, &limits).unwrap(), decode(&opaque, &limits).unwrap());
+    assert_eq!(decode_render(&opaque, &limits).unwrap(), decode(&opaque, &limits).unwrap());
     let grey = png(&[0, 1, 2], ExtendedColorType::L8);
-    assert_eq!(decode_opaque(&grey, &limits).unwrap().samples(), [0, 0, 0, 1, 1, 1, 2, 2, 2], "no alpha at all");
+    assert_eq!(decode_render(&grey, &limits).unwrap().samples(), [0, 0, 0, 1, 1, 1, 2, 2, 2], "no alpha at all");
     let deep: Vec<u8> = [5u16, 0xffff, 5, 0xfffe, 5, 0].iter().flat_map(|value| value.to_ne_bytes()).collect();
     for bytes in [
         png(&[9, 9, 9, 255, 0, 0, 0, 254, 7, 7, 7, 0], ExtendedColorType::Rgba8),
@@ -209,8 +209,29 @@ fn transparent_pixels_are_errors_if_the_picture_must_be_opaque() {
         png(&deep, ExtendedColorType::La16),
     ] {
         decode(&bytes, &limits).unwrap();
-        let outcome = decode_opaque(&bytes, &limits);
+        let outcome = decode_render(&bytes, &limits);
         assert!(matches!(outcome, Err(PixelError::Transparent { count: 2, column: 1, row: 0 })), "{outcome:?}");
+    }
+}
+
+#[test]
+fn renders_that_would_lose_bits_or_light_are_errors() {
+    let read = |name: &str| std::fs::read(crate_folder("tests/fixtures/pictures").join(name)).unwrap();
+    for (name, found) in [
+        ("colour2_16.png", "16-bit samples"),
+        ("gamma_is_ignored.png", "the exponent 1.000 in `gAMA`"),
+        ("rgb.jpg", "a JPEG"),
+        ("lossless.webp", "a WebP"),
+    ] {
+        let bytes = read(name);
+        decode(&bytes, &DecodeLimits::default()).unwrap();
+        let error = decode_render(&bytes, &DecodeLimits::default()).unwrap_err().to_string();
+        assert!(error.contains(&format!("found {found}")), "{name}: {error}");
+    }
+    for name in ["colour2_8.png", "grey4.png", "palette2.png"] {
+        let bytes = read(name);
+        let stored = decode(&bytes, &DecodeLimits::default()).unwrap();
+        assert_eq!(decode_render(&bytes, &DecodeLimits::default()).unwrap(), stored, "{name}");
     }
 }
 

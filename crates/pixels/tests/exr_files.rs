@@ -1,6 +1,6 @@
 //! The meaning of an EXR's values, and files of other programs.
 
-use atsplat_pixels::exr::{Channel, Channels, Values, read, read_rgb, write, write_rgb};
+use atsplat_pixels::exr::{Channel, Channels, Values, read, read_render, read_rgb, write, write_rgb};
 use atsplat_pixels::{DecodeLimits, Image, PixelError};
 
 fn plane(name: &str, values: Values, samples: &[f32]) -> Channel {
@@ -94,4 +94,14 @@ fn reads_files_of_another_program() {
     }
     let integers = read(&file("integers.exr"), &DecodeLimits::default());
     assert!(matches!(integers, Err(PixelError::Unsupported { .. })), "{integers:?}");
+    let (whole, _) = read_render(&file("rgb_f16_zip.exr"), &DecodeLimits::default()).unwrap();
+    assert_eq!(whole.samples(), ramp, "a render");
+    for (name, found) in
+        [("shifted.exr", "5×4 at column 2, row 1 of a picture of 5×4 at column 0, row 0: "), ("two_parts.exr", "2: ")]
+    {
+        let (first, _) = read_rgb(&file(name), &DecodeLimits::default()).unwrap();
+        assert_eq!(first.samples(), ramp, "{name}");
+        let error = read_render(&file(name), &DecodeLimits::default()).unwrap_err().to_string();
+        assert!(error.contains(&format!(", found {found}")), "{name}: {error}");
+    }
 }

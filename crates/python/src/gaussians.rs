@@ -77,8 +77,8 @@ impl Gaussians {
         })
     }
 
-    /// Writes a file by its extension.
-    fn write(&self, py: Python<'_>, path: PathBuf, antialiased: bool) -> Result<(), Failure> {
+    /// Writes a file by its extension; returns notes on what its format cannot hold.
+    fn write(&self, py: Python<'_>, path: PathBuf, antialiased: bool) -> Result<Vec<String>, Failure> {
         let output = match path.extension().and_then(|extension| extension.to_str()) {
             Some("ply") if antialiased => {
                 return Err(Failure::invalid("antialiased", "expected a path that ends in .spz, found .ply"));
@@ -90,7 +90,7 @@ impl Gaussians {
                 return Err(Failure::invalid("path", format!("expected .ply or .spz, found {found}")));
             }
         };
-        work(py, || Ok(files::write(&path, &self.0, output)?))
+        work(py, || Ok(files::write(&path, &self.0, output)?.warnings()))
     }
 
     fn __len__(&self) -> usize {

@@ -173,6 +173,15 @@ def test_what_gaussians_cannot_keep_of_a_file_is_a_warning(tmp_path):
         atsplat.Gaussians.read(tmp_path / "named.ply")
 
 
+def test_values_beyond_the_ranges_of_spz_are_a_warning(tmp_path):
+    made = atsplat.Gaussians(np.zeros((1, 3)), [[1, 0, 0, 0]], log_scales=[[-12, 0, 7]], opacities=[0.5], colours=[[0.5, 0.5, 0.5]])
+    with pytest.warns(UserWarning, match="far.spz: 2 log-scales were clamped"):
+        made.write(tmp_path / "far.spz")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made.write(tmp_path / "far.ply")
+
+
 def test_logits_that_are_read_as_opacities_are_a_warning(tmp_path):
     shape = {"scales": np.ones((2, 3)), "colours": np.zeros((2, 3))}
     made = atsplat.Gaussians(np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, opacity_logits=[2.0, 0.75], **shape)

@@ -5,6 +5,7 @@ import pytest
 from conftest import INDEX, PROTOCOL, SCENES
 
 import atsplat
+from atsplat.protocols import scores
 
 
 def test_a_method_sees_context_images_and_target_cameras_only(trials):
@@ -59,6 +60,21 @@ def test_scores_of_gaussians_are_those_of_their_rendering(trials):
         opacity_logits=gaussians.opacity_logits, sh=gaussians.sh[:, :, ::-1],
     )
     assert trial.score(other).mean["psnr"] != scored.mean["psnr"]
+
+
+def test_targets_identical_to_the_truth_are_in_no_mean():
+    def row(status, scored, missing):
+        return {"status": status, "scores": scored, "not_computed": missing}
+
+    targets = [
+        row("scored", {"psnr": 20.0, "ssim": 0.5}, {"psnr-8bit-rounded": "identical", "lpips": "weights absent"}),
+        row("identical", {"ssim": 1.0}, {"psnr": "identical", "psnr-8bit-rounded": "identical", "lpips": "weights absent"}),
+        row("scored", {"psnr": 23.0, "ssim": 0.75, "psnr-8bit-rounded": 23.5}, {"lpips": "weights absent"}),
+        row("non-finite", {}, {"psnr": "samples that are no numbers"}),
+    ]
+    scored = scores({"status": "done", "detail": None}, targets)
+    assert scored.mean == {"psnr": 21.5, "ssim": 0.625, "psnr-8bit-rounded": 23.5}
+    assert (scored.identical, len(scored.targets), scored.targets[1]["psnr"]) == (1, 4, float("inf"))
 
 
 def test_scores_of_gaussians_are_the_binarys_of_their_files(trials, rooms, binary, tmp_path):

@@ -43,6 +43,12 @@ pub enum CameraFileError {
         /// The file.
         path: PathBuf,
     },
+    /// A key for cameras that belong to no scene.
+    #[error("--key is for datasets: the cameras in {} belong to no scene with a key", path.display())]
+    NoScenes {
+        /// The file.
+        path: PathBuf,
+    },
     /// No camera.
     #[error("{} holds no camera", path.display())]
     Empty {
@@ -115,7 +121,7 @@ struct TrainedCamera {
     fy: f64,
 }
 
-/// Reads every camera of a file or folder; `key` selects a scene if there are several. Images may be missing.
+/// Reads every camera of a file or folder; `key` selects a scene of a dataset, if there are several. Images may be missing.
 ///
 /// # Errors
 /// [`CameraFileError`] naming the file, the camera, and what was expected.
@@ -127,6 +133,15 @@ pub fn read(
 ) -> Result<Vec<FileCamera>, CameraFileError> {
     let malformed = |problem| CameraFileError::Malformed { path: path.to_owned(), problem };
     let json = if path.is_file() { parse_if_json(path)? } else { None };
+    let is_dataset = match &json {
+        None => true,
+        // Files of OpenMVG also have a field `views`.
+        Some(Value::Object(object)) => !object.contains_key("views") || object.contains_key("sfm_data_version"),
+        Some(_) => false,
+    };
+    if key.is_some() && !is_dataset {
+        return Err(CameraFileError::NoScenes { path: path.to_owned() });
+    }
     if let Some(list @ Value::Array(entries)) = &json
         && poses::is_list_of_poses(list)
     {
@@ -137,8 +152,7 @@ pub fn read(
     }
     let cameras = match json {
         Some(list @ Value::Array(_)) => cameras_from_3dgs(list).map_err(malformed)?,
-        // Files of OpenMVG also have a field `views`.
-        Some(Value::Object(mut object)) if object.contains_key("views") && !object.contains_key("sfm_data_version") => {
+        Some(Value::Object(mut object)) if !is_dataset => {
             let views = object.remove("views").unwrap_or(Value::Null);
             let views: Vec<Value> =
                 serde_json::from_value(views).map_err(|error| malformed(format!("views: {error}")))?;
@@ -286,6 +300,21 @@ mod tests {
         std::fs::write(&path, text).unwrap();
         let lens = LensOfPoses { fov: Some(60.0), size: Some(ImageSize { width: 64, height: 48 }) };
         read(&path, None, lens, &mut Warnings::new())
+    }
+
+    /// Datasets alone have scenes to choose from.
+    #[test]
+    fn a_key_is_refused_for_cameras_without_scenes() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cameras.json");
+        let poses = "[[1, 0, 0, 5, 0, 1, 0, 0, 0, 0, 1, 0]]";
+        let (trained, record) = (r#"[{ "position": [0, 0, 0], "rotation": [] }]"#, r#"{ "views": [] }"#);
+        let dataset = r#"{ "views": [], "sfm_data_version": "0.3" }"#;
+        for (text, is_refused) in [(poses, true), (trained, true), (record, true), (dataset, false)] {
+            std::fs::write(&path, text).unwrap();
+            let error = read(&path, Some("garden"), LensOfPoses::default(), &mut Warnings::new()).unwrap_err();
+            assert_eq!(matches!(error, CameraFileError::NoScenes { .. }), is_refused, "{text}: {error}");
+        }
     }
 
     #[test]

@@ -49,8 +49,11 @@ impl SceneSource for OneScene {
         &self.keys
     }
 
-    fn load(&self, _key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
-        Ok(self.scene.clone())
+    fn load(&self, key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        if key == self.scene.key {
+            return Ok(self.scene.clone());
+        }
+        Err(SceneError::unknown_scene(key, Path::new(&format!("the loaded scene {}", self.scene.key))))
     }
 }
 
@@ -88,4 +91,19 @@ pub fn load_scenes(
 pub(crate) fn find_by_key<'a, T>(keys: &[String], items: &'a [T], key: &str, path: &Path) -> Result<&'a T, SceneError> {
     let at = keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
     at.and_then(|at| items.get(at)).ok_or_else(|| SceneError::unknown_scene(key, path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_scene_has_no_other_key() {
+        let source = OneScene::new(Scene { key: "garden".to_owned(), url: None, frames: Vec::new() });
+        let load = |key: &str| source.load(key, &mut Warnings::new());
+        assert_eq!(load(&source.keys()[0]).unwrap().key, "garden");
+        let error = load("kitchen").unwrap_err();
+        assert!(matches!(error, SceneError::UnknownScene { .. }), "{error}");
+        assert_eq!(error.to_string(), "no scene \"kitchen\" in the dataset (the loaded scene garden)");
+    }
 }

@@ -34,6 +34,12 @@ pub enum SceneError {
         /// Why: the trajectory has no pictures, or the file is missing.
         reason: String,
     },
+    /// A frame cannot be stored in a chunk, whose frames have timestamps.
+    #[error(
+        "frame {frame} of scene {scene:?}: expected a timestamp, or a name that is a number or ends in _ and one, found \
+         the name {name:?}"
+    )]
+    NoTimestamp { scene: String, frame: usize, name: String },
     /// A picture cannot be decoded or preprocessed.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Pixels { scene: String, frame: usize, source: PixelError },

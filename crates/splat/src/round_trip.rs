@@ -9,7 +9,7 @@ use atsplat_files::FileError;
 use atsplat_numeric::Extremes as _;
 use serde::Serialize;
 
-use crate::files::{self, Encoding, Output};
+use crate::files::{self, Encoding, Export, Output};
 use crate::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View};
 
 /// Minimum PSNR of lossless formats after a round trip; less is a bug.
@@ -92,12 +92,16 @@ struct Row {
     /// Over the view that differs most.
     worst_view_psnr_db: Option<f64>,
     largest_difference: f64,
+    /// What the format cannot hold.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// Accumulates the differences of one format.
 struct Trip {
     format: RoundTripFormat,
     bytes: u64,
+    export: Export,
     back: Result<Gaussians, String>,
     identical: bool,
     squares: f64,
@@ -120,9 +124,11 @@ impl Trip {
     ) -> Result<Self, SplatError> {
         let written = files::write(path, gaussians, format.output(antialiased));
         let bytes = if written.is_ok() { length(path)? } else { 0 };
-        let back = written.and_then(|()| files::read(path)).map(|(back, _)| back).map_err(|error| error.to_string());
+        let export = written.as_ref().copied().unwrap_or_default();
+        let back = written.and_then(|_export| files::read(path)).map(|(back, _)| back);
+        let back = back.map_err(|error| error.to_string());
         let (identical, squares, samples, worst_mse, largest) = (true, 0.0, 0.0, 0.0, 0.0);
-        Ok(Self { format, bytes, back, identical, squares, samples, worst_mse, largest })
+        Ok(Self { format, bytes, export, back, identical, squares, samples, worst_mse, largest })
     }
 
     fn compare(&mut self, renderer: &mut dyn Renderer, before: &Rendering<f32>, view: &View, options: &RenderOptions) {
@@ -157,6 +163,7 @@ impl Trip {
             psnr_db: psnr(self.squares / self.samples),
             worst_view_psnr_db: psnr(self.worst_mse),
             largest_difference: self.largest,
+            warnings: self.export.warnings(),
             fault: self.back.err(),
         }
     }
@@ -271,6 +278,9 @@ impl fmt::Display for RoundTrips {
             let (psnr, worst) = (shown(row.psnr_db), shown(row.worst_view_psnr_db));
             let (bytes, share, largest) = (row.bytes, 100.0 * row.size_over_ply, row.largest_difference);
             writeln!(f, "{name:>14} {bytes:>11} {share:>5.1} % {psnr:>10} {worst:>11} {largest:>10.2e}")?;
+            for warning in &row.warnings {
+                writeln!(f, "{:>14} {warning}", "")?;
+            }
         }
         writeln!(f, "{:>14} {} views; {}", "", self.views, self.convention)
     }
@@ -279,7 +289,7 @@ impl fmt::Display for RoundTrips {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ReferenceRenderer;
+    use crate::{GaussianParts, ReferenceRenderer};
 
     /// Without a view there is no difference to be found, which does not make the images identical.
     #[test]
@@ -291,6 +301,30 @@ mod tests {
             RoundTrips::measure(&mut ReferenceRenderer, &gaussians, &[], &formats, scratch.path(), &mut || ()).unwrap();
         let failure = of_nothing.failure().unwrap();
         assert!(failure.contains("no view could be rendered"), "{failure}");
+    }
+
+    #[test]
+    fn values_that_a_format_clamps_are_reported() {
+        let scratch = tempfile::tempdir().unwrap();
+        let parts = GaussianParts {
+            means: vec![[0.0; 3]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-12.0, 7.0, 0.0]],
+            opacity_logits: vec![1.0],
+            sh: vec![[0.0, 0.0, -4.0]],
+            ..GaussianParts::default()
+        };
+        let gaussians = Gaussians::new(parts).unwrap();
+        let row = |format| Trip::start(format, &gaussians, false, &scratch.path().join("file")).unwrap().row(1);
+        assert_eq!(row(RoundTripFormat::Ply).warnings, Vec::<String>::new());
+        let expected = [
+            "2 log-scales were clamped to SPZ's range [-10, 5.9375]",
+            "1 SH coefficients of degree 0 were clamped to SPZ's range ±10/3",
+        ];
+        let rows = vec![row(RoundTripFormat::Spz3)];
+        assert_eq!(rows[0].warnings, expected);
+        let trips = RoundTrips { convention: CONVENTION, views: 1, fault: None, rows };
+        assert!(trips.to_string().contains(expected[1]), "{trips}");
     }
 
     /// Only a lossless format that was read back can have changed the images.
@@ -305,6 +339,7 @@ mod tests {
             psnr_db,
             worst_view_psnr_db: psnr_db,
             largest_difference: 0.0,
+            warnings: Vec::new(),
         };
         let failure = |row| RoundTrips { convention: CONVENTION, views: 1, fault: None, rows: vec![row] }.failure();
         let fault = failure(row(RoundTripFormat::PlyAscii, Some("no space left"), None)).unwrap();

@@ -21,6 +21,7 @@ const METADATA_DIGEST: &str = "metadata-sha256";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 const INITIAL_DATA: &str = "initial-weights-data";
 const ADAPTER: &str = "adapter";
+const PROCESSOR: &str = "processor";
 /// Folder of the checkpoints in a run's folder.
 const FOLDER: &str = "checkpoints";
 
@@ -52,14 +53,25 @@ pub struct State {
     pub initial_weights: Option<InitialWeights>,
     /// The graphics adapter that the run is computed on, with its driver; `None` for the CPU.
     pub adapter: Option<String>,
+    /// The type of processor that the latest steps ran on; `None` in a checkpoint of an earlier version.
+    pub processor: Option<String>,
 }
 
 impl State {
     /// The state before the first step.
     pub fn new(parameters: Parameters) -> Self {
         let moments = parameters.values().iter().map(|values| Moments::zeros(values.len())).collect();
-        let (average, initial_weights, adapter) = (None, None, None);
-        Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments, average, initial_weights, adapter }
+        Self {
+            step: 0,
+            updates: 0,
+            faults_in_a_row: 0,
+            parameters,
+            moments,
+            average: None,
+            initial_weights: None,
+            adapter: None,
+            processor: None,
+        }
     }
 
     /// The same state with moving averages that start at the weights.
@@ -117,6 +129,7 @@ impl State {
             (INITIAL_WEIGHTS, given.map(|given| &given.sha256)),
             (INITIAL_DATA, given.and_then(|given| given.data.as_ref())),
             (ADAPTER, self.adapter.as_ref()),
+            (PROCESSOR, self.processor.as_ref()),
         ];
         let present = optional.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?.clone())));
         stored.metadata.extend(present);
@@ -178,11 +191,11 @@ impl State {
         }
         let faults_in_a_row = u32::try_from(number("faults-in-a-row")?)
             .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
-        let [sha256, data, adapter] =
-            [INITIAL_WEIGHTS, INITIAL_DATA, ADAPTER].map(|key| stored.metadata.get(key).cloned());
+        let [sha256, data, adapter, processor] =
+            [INITIAL_WEIGHTS, INITIAL_DATA, ADAPTER, PROCESSOR].map(|key| stored.metadata.get(key).cloned());
         let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data });
         let (step, updates) = (number("step")?, number("updates")?);
-        Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights, adapter })
+        Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights, adapter, processor })
     }
 }
 

@@ -1,7 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::CameraError;
-use atsplat_files::{FileError, Malformed};
+use atsplat_files::{FileError, LockError, Malformed};
 use atsplat_metrics::MetricError;
 use atsplat_model::ModelError;
 use atsplat_pixels::PixelError;
@@ -23,6 +23,16 @@ pub enum TrainError {
     /// A configuration, checkpoint or log is malformed.
     #[error(transparent)]
     Malformed(#[from] Malformed),
+    /// Another process trains in the folder of the run.
+    #[error(
+        "{} is being written by {by}: wait until that process ends, or train into another folder", folder.display()
+    )]
+    InUse {
+        /// The folder.
+        folder: PathBuf,
+        /// Which process, on which machine, since when.
+        by: String,
+    },
     /// Too many steps in a row failed.
     #[error("{0}")]
     Stopped(Box<Diagnosis>),
@@ -74,6 +84,15 @@ pub enum TrainError {
         /// The error.
         source: Box<TrainError>,
     },
+}
+
+impl From<LockError> for TrainError {
+    fn from(error: LockError) -> Self {
+        match error {
+            LockError::Io(error) => Self::Io(error),
+            LockError::InUse { folder, by } => Self::InUse { folder, by },
+        }
+    }
 }
 
 impl TrainError {

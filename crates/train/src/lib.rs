@@ -1,8 +1,8 @@
 //! Training of the network: the paper's losses, optimiser, curricula and data, in runs that can be killed at any moment.
 //!
-//! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`. A step depends on the
-//! configuration and the step number alone, so a resumed run ends bit for bit like an uninterrupted one, on any number of
-//! threads.
+//! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`, which one process at a time
+//! writes (`run.lock`). A step depends on the configuration and the step number alone, so a resumed run ends bit for bit like an
+//! uninterrupted one, on any number of threads; on another type of processor it may differ in the last bits, and says so.
 
 mod checkpoint;
 mod config;

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use atsplat_files::Sha256Digest;
+use atsplat_files::{FolderLock, Sha256Digest};
 use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
 use atsplat_model::weights::{ModelWeights, Precision};
 use atsplat_model::{ModelConfig, ModelError};
@@ -51,6 +51,8 @@ pub enum Event<'a> {
 
 /// The log of a run's steps, created when the run starts.
 const STEPS: &str = "steps.jsonl";
+/// The log of its evaluations.
+const EVALUATIONS: &str = "evaluations.jsonl";
 /// A run's weights, written with each checkpoint.
 const WEIGHTS: &str = "weights.safetensors";
 
@@ -85,13 +87,16 @@ pub struct Trainer {
     /// Number of scenes whose refused draws were reported.
     reported_refusals: usize,
     folder: PathBuf,
+    /// Keeps other processes from training in the folder.
+    _lock: FolderLock,
 }
 
 impl Trainer {
     /// Opens data, folder and logs.
     ///
     /// # Errors
-    /// [`TrainError`] if anything that the run needs is missing or malformed; all of it is checked before long work starts.
+    /// [`TrainError`] if anything that the run needs is missing or malformed, and [`TrainError::InUse`] if another process trains in
+    /// the folder; all of it is checked before long work starts.
     pub fn new(config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
         Self::on(Processor::Cpu, config, folder, start)
     }
@@ -151,6 +156,7 @@ impl Trainer {
             .transpose()?;
         let resolved = Resolved::new(&config, &model, &objective)?.with_scenes(samples.as_ref(), evaluated.as_deref());
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
+        let lock = start::lock_existing(folder)?;
         let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
         let features = match &config.model.feature_cache {
             Some(folder) => {
@@ -174,7 +180,7 @@ impl Trainer {
             Processor::Wgpu(_) => Some(Resident::new(&state, &template)?),
         };
         // Not earlier: what fails before leaves no folder.
-        std::fs::create_dir_all(folder).map_err(TrainError::io("creating a folder", folder))?;
+        let lock = lock.map_or_else(|| start::lock_new(folder), Ok)?;
         if start.file().is_some() {
             // Before the log: with a log but no checkpoint, a run would resume from newly initialised weights.
             checkpoints.write(&state, &config)?;
@@ -183,7 +189,7 @@ impl Trainer {
         if (logged.len() as u64) < state.step {
             notices.push(format!("{STEPS}: expected the {} steps so far, found {}", state.step, logged.len()));
         }
-        let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
+        let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join(EVALUATIONS), state.step)?;
         Ok(Self {
             config,
             model,
@@ -204,6 +210,7 @@ impl Trainer {
             reported_warnings: Warnings::new(),
             reported_refusals: 0,
             folder: folder.to_owned(),
+            _lock: lock,
         })
     }
 

@@ -11,7 +11,7 @@ use atsplat_rooms::{
     CostSummary, EffectChoice, EffectMillis, FrameCosts, Layout, ManifestScene, PictureEncoding, Request, Route,
     SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
-use atsplat_scene::{SceneSource as _, Warnings, scene_key};
+use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::Serialize;
 
 use crate::output::{print_report, print_warnings, warn};
@@ -127,6 +127,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
         progress.step();
     };
+    let of_route = warnings.count(WarningKind::LensDistortion);
     let options = WriteOptions { layout: args.layout, coding: args.pictures, depth: args.depth };
     write_dataset(&args.out, requests, &options, &mut warnings, record)?;
     drop(progress);
@@ -139,7 +140,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    if args.layout != Layout::Nerfstudio && warnings.counts().next().is_some() {
+    if warnings.count(WarningKind::LensDistortion) > of_route {
         warn("note: --layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
     }
     Ok(true)

@@ -100,6 +100,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let options = args.renders.options(photos.trial().near_far())?;
         args.plots.draw(&network, &photos, options, args.network.seed, &subject)
     })?;
+    let mut notes = reconstruct::warnings(&reconstruction, &photos, processor);
+    notes.extend_from_slice(&output.clamped);
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         input: args.input.record(&photos),
@@ -113,7 +115,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         output,
         renders,
         plots,
-        warnings: reconstruct::warnings(&reconstruction, &photos, processor),
+        warnings: notes,
     };
     let text = serde_json::to_string_pretty(&record)?;
     record_file.finish(format!("{text}\n").as_bytes())?;

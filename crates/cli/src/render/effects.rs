@@ -12,8 +12,8 @@ pub(crate) struct EffectArgs {
     #[arg(long, value_name = "LIST", default_value = "auto")]
     pub(super) effects: EffectSelection,
 
-    /// Largest change of any colour or opacity sample that `auto` may cause, in units of display range, by default a quarter of
-    /// a grey level of 8 bits; depth and scalar never change.
+    /// Largest change of any colour sample that `auto` may cause, in units of display range, by default a quarter of a
+    /// grey level of 8 bits; alpha, depth and scalar never change.
     #[arg(long, value_name = "CHANGE", value_parser = parse::not_negative)]
     tolerance: Option<f64>,
 

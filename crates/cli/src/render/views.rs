@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_eval::rendering::{PathRecord, Plan, Shot};
-use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
+use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
 use atsplat_scene::{FrameSelection, Warnings};
 use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
 use atsplat_splat::{Exposure, View, framing};
@@ -115,7 +115,10 @@ impl ViewArgs {
     pub(crate) fn read(&self, warnings: &mut Warnings) -> anyhow::Result<Option<Vec<FileCamera>>> {
         let Some(file) = self.file() else { return Ok(None) };
         let lens = LensOfPoses { fov: self.fov, size: self.size };
-        let mut cameras = camera_file::read(&file, self.key.as_deref(), lens, warnings)?;
+        let mut cameras = match camera_file::read(&file, self.key.as_deref(), lens, warnings) {
+            Err(error @ CameraFileError::NoScenes { .. }) => return Err(parse::usage_error(error).into()),
+            cameras => cameras?,
+        };
         if let Some(selection) = &self.frames {
             let picked = selection.of(cameras.len()).context("--frames")?;
             cameras = picked.into_iter().filter_map(|position| cameras.get(position).cloned()).collect();

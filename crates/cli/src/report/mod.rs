@@ -17,6 +17,7 @@ use serde_json::json;
 use crate::objects::CacheArgs;
 use crate::output::{print_text, warn};
 use crate::parse::{named, once, usage_error};
+use crate::run::merge::reject_duplicates;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -86,6 +87,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         .flat_map(|(name, format)| args.format.iter().filter(move |own| *own == format).map(|_| (*name).to_owned()))
         .collect();
     once("--format", &formats).map_err(usage_error)?;
+    reject_duplicates(&args.stores)?;
     let labels = store_labels(&args.stores);
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;

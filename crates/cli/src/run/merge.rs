@@ -55,7 +55,7 @@ fn read(store: &Path, cache: &CacheArgs) -> anyhow::Result<Results> {
 }
 
 /// Rejects stores that are given twice, even by different paths.
-fn reject_duplicates(stores: &[PathBuf]) -> anyhow::Result<()> {
+pub(crate) fn reject_duplicates(stores: &[PathBuf]) -> anyhow::Result<()> {
     let mut seen: Vec<(PathBuf, &PathBuf)> = Vec::new();
     for store in stores {
         // A missing store is reported when it is read.

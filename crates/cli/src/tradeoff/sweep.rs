@@ -19,6 +19,7 @@ use crate::run::protocols::ProtocolArgs;
 use crate::run::settings::{RepetitionArgs, SettingArgs};
 
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("out", |out| out.help("Folder of the results; an unfinished run in it is resumed")))]
 pub(super) struct Args {
     #[command(flatten)]
     protocols: ProtocolArgs,

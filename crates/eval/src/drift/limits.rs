@@ -68,10 +68,12 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
     queries.into_iter().map(limit).collect()
 }
 
+/// The mean that is compared: each entry of the index has one vote.
 fn mean(run: &Results, query: &MetricQuery) -> Option<f64> {
     let scenes = scene_means(run, query);
-    let sum: f64 = scenes.iter().map(|scene| scene.mean).sum();
-    (!scenes.is_empty()).then(|| sum / scenes.len() as f64)
+    let sum: f64 = scenes.iter().map(|scene| scene.mean * scene.weight).sum();
+    let entries: f64 = scenes.iter().map(|scene| scene.weight).sum();
+    (!scenes.is_empty()).then(|| sum / entries)
 }
 
 fn spread(means: &[f64]) -> Option<f64> {

@@ -24,12 +24,14 @@ mod report;
 #[cfg(test)]
 mod tests;
 
+pub use atsplat_files::date;
+
 pub use acceptance::{AcceptanceReport, acceptable};
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use compare::compare;
 pub use data::{ChangedPicture, DataComparison, PictureDigest, PictureRole};
 pub use error::DriftError;
-pub use history::{Acceptance, date};
+pub use history::Acceptance;
 pub use limits::{Limit, least_limit, metric_bound};
 pub use numbers::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use provenance::{Difference, same_machine};

@@ -1,7 +1,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_opaque, exr};
+use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_render, exr};
 use atsplat_protocol::trial::Trial;
 
 use super::frame_files::FrameFiles;
@@ -30,8 +30,9 @@ use crate::{EvalError, MethodRecord};
 /// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
-/// over a background or skipped. So is a frame with two files, in whichever of the scene's folders: either may be the right
-/// one.
+/// over a background or skipped. So is a file whose samples are not the picture as they are stored (16 bits in a PNG, linear
+/// light, a rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's
+/// folders: either may be the right one.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -135,13 +136,13 @@ pub(super) fn read(path: &Path) -> Result<Image, String> {
     let bytes = fs::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {
-        return match exr::read_opaque_rgb(&bytes, &limits).map_err(|error| explained(&error))? {
+        return match exr::read_render(&bytes, &limits).map_err(|error| explained(&error))? {
             (_, exr::Values::Linear) => Err("expected display-referred values, found linear light".to_owned()),
             (_, exr::Values::Depth) => Err("expected a picture, found depths".to_owned()),
             (image, _) => check_range(&image).map(|()| image),
         };
     }
-    Ok(Image::from_u8(&decode_opaque(&bytes, &limits).map_err(|error| error.to_string())?))
+    Ok(Image::from_u8(&decode_render(&bytes, &limits).map_err(|error| error.to_string())?))
 }
 
 fn explained(error: &PixelError) -> String {
@@ -159,6 +160,29 @@ fn explained(error: &PixelError) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Each would be compared as other samples than those that its writer meant.
+    #[test]
+    fn rejects_files_that_are_not_the_picture_as_stored() {
+        const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures");
+        let folder = tempfile::tempdir().unwrap();
+        let read_as = |file: &str, name: &str| {
+            let path = folder.path().join(name);
+            fs::write(&path, fs::read(Path::new(FIXTURES).join(file)).unwrap()).unwrap();
+            read(&path)
+        };
+        for (file, name, found) in [
+            ("pictures/colour2_16.png", "29.png", "16-bit samples"),
+            ("pictures/gamma_is_ignored.png", "29.png", "the exponent 1.000"),
+            ("pictures/rgb.jpg", "29.png", "a JPEG"),
+            ("exr/shifted.exr", "29.exr", "5×4 at column 2, row 1 "),
+            ("exr/two_parts.exr", "29.exr", "2: "),
+        ] {
+            let error = read_as(file, name).unwrap_err();
+            assert!(error.contains(&format!(", found {found}")), "{file}: {error}");
+        }
+        assert!(read_as("pictures/colour2_8.png", "29.png").is_ok());
+    }
 
     #[test]
     fn rejects_names_that_leave_the_folder() {

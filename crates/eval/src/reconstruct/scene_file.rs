@@ -38,6 +38,9 @@ pub struct OutputRecord {
     pub gaussians: usize,
     /// Degree of their spherical harmonics.
     pub sh_degree: u8,
+    /// Values that the format clamped, in words; part of the report's warnings.
+    #[serde(skip)]
+    pub clamped: Vec<String>,
 }
 
 impl SceneFormat {
@@ -68,7 +71,35 @@ pub fn write_gaussians(
         SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
         SceneFormat::Spz => Output::Spz3 { antialiased: false },
     };
-    files::write(path, gaussians, format)?;
+    let clamped = files::write(path, gaussians, format)?.warnings();
     let (file, sh_degree) = (path.to_owned(), gaussians.sh_degree());
-    Ok(OutputRecord { file, format, frame, gaussians: gaussians.len(), sh_degree })
+    Ok(OutputRecord { file, format, frame, gaussians: gaussians.len(), sh_degree, clamped })
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_splat::GaussianParts;
+
+    use super::*;
+
+    #[test]
+    fn values_that_only_spz_clamps_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let gaussians = Gaussians::new(GaussianParts {
+            means: vec![[0.5; 3]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-11.0, -3.0, -3.0]],
+            opacity_logits: vec![2.0],
+            sh_degree: 0,
+            sh: vec![[0.25; 3]],
+            scalars: None,
+            filter_3d: None,
+        })
+        .unwrap();
+        let clamped = |name: &str, format| {
+            write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Scene).unwrap().clamped
+        };
+        assert_eq!(clamped("scene.spz", SceneFormat::Spz), ["1 log-scales were clamped to SPZ's range [-10, 5.9375]"]);
+        assert!(clamped("scene.ply", SceneFormat::Ply).is_empty());
+    }
 }

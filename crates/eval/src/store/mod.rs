@@ -19,7 +19,6 @@ mod columns;
 mod data;
 pub(crate) mod disk;
 mod extras;
-mod lock;
 mod merge;
 mod parts;
 mod read;
@@ -35,15 +34,15 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::FolderLock;
+pub use atsplat_files::this_process;
 use atsplat_protocol::trial::PictureDigests;
 pub(crate) use extras::OwnPicture;
-pub use lock::this_process;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
 use crate::{EvalError, Provenance, Results, TargetRow, TrialRow};
 use data::KnownResults;
-use lock::Lock;
 use read::{Content, Rows};
 
 /// The file that makes a folder a store.
@@ -61,7 +60,7 @@ pub struct Store {
     /// Methods with at least one scored target.
     scored_methods: BTreeSet<String>,
     digests: PictureDigests,
-    lock: Lock,
+    lock: FolderLock,
 }
 
 impl Store {
@@ -71,11 +70,11 @@ impl Store {
     /// [`EvalError::Io`]; [`EvalError::Settings`] if the folder already holds a store, or rows of one; [`EvalError::InUse`] if
     /// another process is creating one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
-        let lock = Lock::of(folder)?;
+        let lock = FolderLock::of(folder)?;
         Self::create_locked(folder, provenance, lock)
     }
 
-    fn create_locked(folder: &Path, provenance: Provenance, lock: Lock) -> Result<Self, EvalError> {
+    fn create_locked(folder: &Path, provenance: Provenance, lock: FolderLock) -> Result<Self, EvalError> {
         if folder.join(PROVENANCE).exists() {
             return Err(EvalError::Settings {
                 what: "folder of the results",
@@ -112,11 +111,11 @@ impl Store {
         if !folder.join(PROVENANCE).exists() {
             return Err(EvalError::NoStore { folder: folder.to_owned() });
         }
-        let lock = Lock::of(folder)?;
+        let lock = FolderLock::of(folder)?;
         Self::open_locked(folder, lock)
     }
 
-    fn open_locked(folder: &Path, lock: Lock) -> Result<Self, EvalError> {
+    fn open_locked(folder: &Path, lock: FolderLock) -> Result<Self, EvalError> {
         let Content { provenance, rows, .. } = Content::read(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(EvalError::io("opening a results store", &parts))?;
@@ -135,7 +134,7 @@ impl Store {
     /// Those of [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] if the existing results were made in
     /// another way or with an older schema.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
-        let lock = Lock::of(folder)?;
+        let lock = FolderLock::of(folder)?;
         if !folder.join(PROVENANCE).exists() {
             return Self::create_locked(folder, provenance, lock);
         }

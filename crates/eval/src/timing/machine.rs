@@ -1,6 +1,6 @@
 use std::fmt;
-use std::fs;
 
+use atsplat_splat::cpu::processor;
 use serde::{Deserialize, Serialize};
 
 /// A machine type; only times of equal machine types are compared.
@@ -40,14 +40,4 @@ impl fmt::Display for Machine {
         let plural = if *threads == 1 { "thread" } else { "threads" };
         write!(f, "{processor}, {threads} {plural} on {cpus} logical processors")
     }
-}
-
-/// The processor's name, if known, and the instruction set used for rendering.
-fn processor() -> String {
-    // Systems other than Linux have no such file.
-    let cpuinfo = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = cpuinfo.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    let name = name.map_or("unknown processor", |(_, name)| name.trim());
-    let renderer = atsplat_splat::Renderer::name(&atsplat_splat::cpu::CpuRenderer::default());
-    format!("{name}, {renderer}")
 }

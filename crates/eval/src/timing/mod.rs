@@ -21,15 +21,9 @@ pub use pass::TimingPlan;
 pub use row::TimingRow;
 pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
 
+pub(crate) use atsplat_files::unix_seconds;
 pub(crate) use load::processor_secs_of_stat;
 pub(crate) use memory::status_bytes;
 pub(crate) use pass::pass;
 pub(crate) use quiet::evaluating;
 pub(crate) use row::merged;
-
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Seconds since 1970; 0 if the machine's clock is set to before it.
-pub(crate) fn unix_seconds() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
-}

@@ -81,11 +81,13 @@ class Gaussians:
         return cls._of(native)
 
     def write(self, path: str | PathLike, *, antialiased: bool = False) -> None:
-        """Writes ``.ply`` (lossless, but infinite opacity logits become ±20) or ``.spz`` (quantised).
+        """Writes ``.ply`` (lossless, but infinite opacity logits become ±20) or ``.spz`` (quantised; values beyond its ranges are
+        clamped, with a warning).
 
         ``antialiased`` records in SPZ that they were trained, and should be rendered, with ``antialiased=True``.
         """
-        self._native.write(fspath(path), antialiased)
+        for note in self._native.write(fspath(path), antialiased):
+            warnings.warn(f"{fspath(path)}: {note}", stacklevel=2)
 
     def __len__(self) -> int:
         return len(self._native)

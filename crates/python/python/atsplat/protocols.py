@@ -206,12 +206,15 @@ class Scores:
     #: For each target: its ``frame``, ``status``, why it failed as ``detail``, and a number for each metric id (None if it was not
     #: computed, with the reason in ``not_computed``; a PSNR of identical images is infinite).
     targets: list[dict[str, Any]]
-    #: Metrics by id, over the targets that have a number.
+    #: Metrics by id, over the targets that have a finite number. As in tables, targets whose render is identical to the truth are in no
+    #: mean, of whichever metric.
     mean: dict[str, float] = field(default_factory=dict)
     #: ``done``, ``partial``, ``failed`` or ``not-applicable``.
     status: str = "done"
     #: Why it failed.
     detail: str | None = None
+    #: Number of targets whose render is identical to the truth.
+    identical: int = 0
 
 
 class Trial:
@@ -257,9 +260,12 @@ def scores(trial: dict[str, Any], targets: list[dict[str, Any]]) -> Scores:
     """Scores from the rows of a trial."""
     rows = [with_metrics(row) for row in targets]
     ids = dict.fromkeys(key for row in targets for key in (*row["scores"], *row["not_computed"]))
-    values = {key: [row[key] for row in rows if row.get(key) is not None] for key in ids}
+    compared = [row for row in rows if row["status"] == "scored"]
+    # A PSNR of 8-bit pictures may be infinite although the render differs.
+    values = {key: [row[key] for row in compared if row.get(key) is not None and np.isfinite(row[key])] for key in ids}
     mean = {key: float(np.mean(own)) for key, own in values.items() if own}
-    return Scores(rows, mean, trial["status"], trial["detail"])
+    identical = sum(row["status"] == "identical" for row in rows)
+    return Scores(rows, mean, trial["status"], trial["detail"], identical)
 
 
 def with_metrics(row: dict[str, Any]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 use atsplat_metrics::Direction;
 
+use super::latex_text::{beyond_pdflatex, escaped};
 use crate::plot::Origin;
 use crate::table::{Mark, NoteKind, Row, Table};
 
@@ -10,13 +11,14 @@ const LABEL_WIDTH: &str = "p{42mm}";
 const ORIGIN_WIDTH: &str = "p{38mm}";
 
 /// A `table` environment, which needs `\usepackage{booktabs,graphicx}`; a table wider than its page is scaled down.
-/// Conventions and counts are comments above it; what readers must know to read the numbers is printed: in the rows, the
-/// caption, and below the table.
+/// Conventions, counts and characters that pdfLaTeX lacks are comments above it; what readers must know to read the
+/// numbers is printed: in the rows, the caption, and below the table.
 pub(super) fn write(table: &Table) -> String {
     let mut text = String::new();
     for note in table.footer.iter().filter(|note| !is_printed(note.kind)) {
         text.push_str(&format!("% {}\n", comment(&note.text)));
     }
+    let comments = text.len();
     let measured = table.is_measured();
     let names = table.labels.len() + usize::from(measured);
     let columns = table.columns().count();
@@ -60,6 +62,10 @@ pub(super) fn write(table: &Table) -> String {
         text.push_str(&format!("\\par\\smallskip{{\\footnotesize {}.\\par}}\n", printed.join(". ")));
     }
     text.push_str(&format!("\\end{{table{wide}}}\n"));
+    if let Some(others) = beyond_pdflatex(&text[comments..]) {
+        let note = format!("% needs a Unicode engine, XeLaTeX or LuaLaTeX, and a font with {others}\n");
+        text.insert_str(comments, &note);
+    }
     text
 }
 
@@ -126,37 +132,6 @@ fn line(cells: &[String]) -> String {
     let is_argument = cells.first().is_some_and(|cell| cell.trim_start().starts_with(['[', '*']));
     let guard = if is_argument { "{}" } else { "" };
     format!("{guard}{} \\tabularnewline\n", cells.join(" & "))
-}
-
-/// Escapes all of LaTeX's special characters.
-fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
-                safe.push('\\');
-                safe.push(letter);
-            }
-            '\\' => safe.push_str("\\textbackslash{}"),
-            '~' => safe.push_str("\\textasciitilde{}"),
-            '^' => safe.push_str("\\textasciicircum{}"),
-            '<' => safe.push_str("$<$"),
-            '>' => safe.push_str("$>$"),
-            '×' => safe.push_str("$\\times$"),
-            '→' => safe.push_str("$\\rightarrow$"),
-            '−' => safe.push_str("$-$"),
-            '–' => safe.push_str("--"),
-            '-' if safe.ends_with('-') => safe.push_str("{}-"),
-            '`' => safe.push_str("\\textasciigrave{}"),
-            '|' => safe.push_str("\\textbar{}"),
-            '§' => safe.push_str("\\S{}"),
-            '†' => safe.push_str("$^\\dagger$"),
-            '‡' => safe.push_str("$^\\ddagger$"),
-            letter if letter.is_control() => safe.push(' '),
-            letter => safe.push(letter),
-        }
-    }
-    safe
 }
 
 /// Replaces control characters, because a line break would end the comment.

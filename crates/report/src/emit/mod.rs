@@ -2,6 +2,7 @@
 
 mod csv_file;
 mod latex;
+mod latex_text;
 mod markdown;
 mod orders;
 mod terminal;

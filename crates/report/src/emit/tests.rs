@@ -94,6 +94,30 @@ fn escapes_hostile_names_in_every_format() {
     serde_json::from_str::<Value>(&write(TableFormat::Json)).unwrap();
 }
 
+/// pdfLaTeX stops at what is left; it prints accented letters as they are.
+#[test]
+fn characters_have_their_commands_in_latex_or_are_listed_in_its_comment() {
+    let latex = |title: &str| {
+        let mut method = floor();
+        method.title = title.to_owned();
+        let results = results(vec![preset("re10k-2v-256")], vec![method]);
+        let source = Source { label: "run", results: &results };
+        let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+        TableFormat::Latex.write(&table).unwrap()
+    };
+    let known = latex("σ ≥ 0.5 − α·Σ ± 2×3 °… “é” -– -— -");
+    for expected in [
+        "$\\sigma$ $\\ge$ 0.5 $-$ $\\alpha$$\\cdot$$\\Sigma$ $\\pm$ 2$\\times$3 ",
+        " $^\\circ$\\dots{} ``é'' -{}-- -{}--- - & ",
+    ] {
+        assert!(known.contains(expected), "{expected}\n{known}");
+    }
+    assert!(!known.contains("Unicode engine"), "{known}");
+    let others = latex("σ 视图 é ✓ đ");
+    let comment = " and a font with đ (U+0111), ✓ (U+2713), 图 (U+56FE), 视 (U+89C6)\n\\begin{table}";
+    assert!(others.contains(comment) && others.contains("$\\sigma$ 视图 é ✓ đ"), "{others}");
+}
+
 /// `\tabularnewline` takes a star and a length in brackets, `\midrule` the latter.
 #[test]
 fn labels_are_no_arguments_of_the_latex_above_them() {

@@ -140,7 +140,8 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
          first</option><option value=\"difference\">by difference</option></select></label> \
          <label>by <select id=\"metric\"></select></label></div>\n<div class=\"strip\" id=\"extremes\"></div>\n\
          <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"Scenes\"><table><thead><tr>\
-         <th class=\"label\">Scene</th>{heads}<th id=\"lead\" hidden>Lead</th><th></th></tr></thead><tbody id=\"list\"></tbody></table></div>\
+         <th class=\"label\">Scene</th>{heads}\
+         <th id=\"lead\" title=\"positive: better than the run beside\" hidden>Lead</th><th></th></tr></thead><tbody id=\"list\"></tbody></table></div>\
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
         super::escaped(&album.summary()),
     )

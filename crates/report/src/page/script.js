@@ -89,11 +89,11 @@
     return run && run.trials.find(other => other.scene === trial.scene && other.entry === trial.entry);
   };
   const numbers = value => value !== undefined && value !== null;
-  // How much better a trial is than under the other method.
+  // How much better a trial is than under the other method; negative if it is worse, by whichever metric.
   const lead = (trial, by) => {
     const other = partner(trial);
     if (!other || !numbers(trial.scores[by.id]) || !numbers(other.scores[by.id])) return undefined;
-    return trial.scores[by.id] - other.scores[by.id];
+    return (by.higher ? 1 : -1) * (trial.scores[by.id] - other.scores[by.id]);
   };
 
   const list = () => {
@@ -108,7 +108,7 @@
       worst: goodness,
       best: trial => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
       typical: trial => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
-      difference: trial => { const value = lead(trial, by); return value === undefined ? Infinity : sign * value; },
+      difference: trial => { const value = lead(trial, by); return value === undefined ? Infinity : value; },
     };
     const key = keys[order.value];
     const trials = [...ascending].sort((a, b) => key(a.trial) - key(b.trial));

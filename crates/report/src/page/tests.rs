@@ -227,6 +227,34 @@ fn a_citation_names_the_method_of_its_column() {
     }
 }
 
+/// Two trainings, each in a store of its own, one from another machine.
+#[test]
+fn a_citation_of_a_mean_over_trainings_names_every_store() {
+    let trained = |seed: &str| MethodRecord {
+        weights_sha256: Some(seed.repeat(16)),
+        training: Some(TrainingRecord { data: "simulated rooms".to_owned(), seed: Some(seed.to_owned()) }),
+        ..atsplat(&format!("seed {seed}"), |_| ())
+    };
+    let mut all = ["1234", "abcd"].map(|seed| results_over(vec![preset("rooms-2v-128")], vec![trained(seed)], 7));
+    all[1].provenance.processor = "another processor".to_owned();
+    let store = |(label, results)| PageStore { source: Source { label, results }, folder: None };
+    let stores = [("one", &all[0]), ("two", &all[1])].map(store);
+    let sources = stores.map(|store| store.source);
+    let table = tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Apart).unwrap().swap_remove(0);
+    let mean = table.rows.iter().find(|row| row.is_over_trainings()).unwrap();
+    let citation = cite::citation(&table, mean, (0, 0), &stores).unwrap();
+    for expected in [
+        " of 2 trainings; method ATSplat; ",
+        "; training seed 1234 of store one, weights 123412341234, constants gsplat, backend cpu; ",
+        "; training seed abcd of store two, weights abcdabcdabcd, ",
+        ", a processor, 2 threads; atsplat 0.1.0 at ",
+        ", another processor, 2 threads",
+    ] {
+        assert!(citation.contains(expected), "{expected}: {citation}");
+    }
+    assert_eq!(citation.matches("; protocol ").count(), 1, "one protocol: {citation}");
+}
+
 /// Two stores of one protocol, and one of another.
 #[test]
 fn a_protocol_of_several_stores_counts_once() {
@@ -292,7 +320,13 @@ fn slots_are_filled_in_one_pass() {
 #[test]
 fn a_browser_clicks_through_the_page() {
     let Some(chromium) = chromium("a_browser_clicks_through_the_page") else { return };
-    let page = Sample::new().write(usize::MAX, Some(include_str!("selftest.js")));
+    let mut sample = Sample::new();
+    // A metric of which less is better.
+    for row in &mut sample.results.targets {
+        let error = row.scores.get("psnr").map(|psnr| 1.0 - psnr / 40.0);
+        row.scores.extend(error.map(|error| ("l1".to_owned(), error)));
+    }
+    let page = sample.write(usize::MAX, Some(include_str!("selftest.js")));
     for width in [1280, 500] {
         let checks = report_in_frame(&chromium, &page, width);
         let failed: Vec<&String> =

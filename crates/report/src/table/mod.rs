@@ -129,6 +129,9 @@ pub struct Row {
     /// For each group of columns, the method and the protocol that were measured; empty for published rows.
     #[serde(skip)]
     pub protocols: Vec<Option<StoreProtocol>>,
+    /// The same of every training, if it is a mean over trainings (`protocols` are those of the first); else empty.
+    #[serde(skip)]
+    pub trainings: Vec<Vec<StoreProtocol>>,
     /// Whether its weights are random; such rows are never ranked.
     pub untrained: bool,
     /// Whether its weights are those of another row whose network differs: an ablation that was not retrained.
@@ -313,7 +316,7 @@ impl Value {
 }
 
 /// Each value once, where it is first.
-fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+pub(crate) fn distinct<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut found = Vec::new();
     for value in values {
         if !found.contains(&value) {
@@ -392,9 +395,14 @@ impl Row {
         self.protocols.get(group)?.as_ref()
     }
 
-    /// Whether it is a mean over several trainings, whose protocols are those of the first.
-    pub(crate) fn is_over_trainings(&self) -> bool {
-        self.cells.iter().flatten().any(|cell| cell.trainings.is_some())
+    /// What was measured for a group of columns: one protocol, or that of each training.
+    pub(crate) fn measured(&self, group: usize) -> Vec<&StoreProtocol> {
+        self.trainings.get(group).map_or_else(|| self.protocol(group).into_iter().collect(), |own| own.iter().collect())
+    }
+
+    /// Whether it is a mean over several trainings.
+    pub(crate) const fn is_over_trainings(&self) -> bool {
+        !self.trainings.is_empty()
     }
 
     /// The labels that are not empty.

@@ -119,8 +119,10 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
     let text = distinct(texts).join("; ");
     let measured_on = first.measured_on.clone().map(|measured_on| MeasuredOn { text, ..measured_on });
     let stores = distinct(training.trainings.iter().map(|(part, _)| part.source.label)).join(", ");
+    let of_group = |group| training.rows.iter().filter_map(|row| row.protocol(group).cloned()).collect();
+    let trainings = (0..training.groups.len()).map(of_group).collect();
     let (method, store) = (None, Some(stores));
-    Some(Row { labels, measured_on, remarks, method, store, cells: cells.collect(), ..first.clone() })
+    Some(Row { labels, measured_on, remarks, method, store, trainings, cells: cells.collect(), ..first.clone() })
 }
 
 /// The label of the first training without what tells it apart from the others: its name in parentheses, or its own title.

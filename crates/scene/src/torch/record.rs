@@ -94,8 +94,8 @@ impl ChunkScene {
     /// (`src/scripts/convert_dl3dv_test.py`: the integer after the last `_` of the file stem).
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`] for a frame without a picture or number, [`SceneError::Io`] and [`SceneError::Damaged`] if a
-    /// picture cannot be read.
+    /// [`SceneError::NoTimestamp`] for a frame with neither timestamp nor number, [`SceneError::NoPicture`] for one without a
+    /// picture, [`SceneError::Io`] and [`SceneError::Damaged`] if a picture cannot be read.
     pub fn from_scene(scene: &Scene, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut stored = Self {
             key: scene.key.clone(),
@@ -109,8 +109,10 @@ impl ChunkScene {
             let no_picture =
                 |reason: String| SceneError::NoPicture { scene: scene.key.clone(), frame: position, reason };
             let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
-            let timestamp = timestamp.ok_or_else(|| {
-                no_picture(format!("expected a timestamp or a numbered name, found {:?}", frame.name))
+            let timestamp = timestamp.ok_or_else(|| SceneError::NoTimestamp {
+                scene: scene.key.clone(),
+                frame: position,
+                name: frame.name.clone(),
             })?;
             match frame.header(&scene.key, position) {
                 Ok(header) => frame.report(&scene.key, position, &header, warnings),

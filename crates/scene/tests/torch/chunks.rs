@@ -368,7 +368,10 @@ fn frames_without_a_picture_or_number_cannot_be_stored() {
         frame.timestamp_micros = None;
         frame.name = "first".to_owned();
     };
-    assert!(matches!(with(&unnumbered), Err(SceneError::NoPicture { .. })));
+    let error = with(&unnumbered).unwrap_err();
+    assert!(matches!(error, SceneError::NoTimestamp { frame: 1, .. }), "{error}");
+    let text = error.to_string();
+    assert!(text.ends_with("or ends in _ and one, found the name \"first\"") && !text.contains("picture"), "{text}");
     let named = with(&|frame| {
         frame.timestamp_micros = None;
         frame.name = "frame_00042".to_owned();

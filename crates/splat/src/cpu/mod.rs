@@ -15,6 +15,7 @@ mod images;
 mod math;
 mod memory;
 mod order;
+mod processor;
 mod project;
 mod project_backward;
 mod recording;
@@ -32,6 +33,7 @@ use memory::MemoryBudget;
 use crate::renderer::saturated;
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 
+pub use processor::processor;
 pub use recording::Recording;
 pub use simd::SimdLevel;
 

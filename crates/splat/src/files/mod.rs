@@ -62,7 +62,7 @@ pub enum Output {
     Ply(Encoding),
     /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units, log-scales to 1/16 within [−10,
     /// 5.9375], opacities to 1/255, coefficients to 4/153 within ±10/3 (degree 0), to 1/16 (degree 1) or 1/8 within
-    /// [−1, 1). Beyond these ranges, values become the nearest within.
+    /// [−1, 1). Beyond these ranges, values become the nearest within, which [`Export`] counts.
     Spz2 {
         /// Whether the Gaussians were trained, and should be rendered, with [`crate::RasterMode::Antialiased`].
         antialiased: bool,
@@ -89,6 +89,31 @@ pub struct Import {
     /// Whether all opacity values of a PLY file lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
     /// where all others write logits, without marking the file. [`Gaussians::with_linear_opacities`] converts them.
     pub opacities_may_be_no_logits: bool,
+}
+
+/// Report of writing a file: how many values a format's ranges changed by more than rounding does, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Export {
+    /// Log-scales, of three per Gaussian.
+    pub log_scales: u64,
+    /// SH coefficients of degree 0, of three per Gaussian.
+    pub colours: u64,
+    /// SH coefficients of higher degrees.
+    pub coefficients: u64,
+}
+
+impl Export {
+    /// What was clamped, in words; nothing if no value was.
+    pub fn warnings(&self) -> Vec<String> {
+        let kinds = [
+            (self.log_scales, "log-scales", "[-10, 5.9375]"),
+            (self.colours, "SH coefficients of degree 0", "±10/3"),
+            (self.coefficients, "SH coefficients of higher degrees", "[-1, 1)"),
+        ];
+        let clamped = kinds.into_iter().filter(|(count, ..)| *count > 0);
+        clamped.map(|(count, what, range)| format!("{count} {what} were clamped to SPZ's range {range}")).collect()
+    }
 }
 
 /// Contents of a file, as a format's reader returns them.
@@ -141,22 +166,26 @@ fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
     }
 }
 
-/// Writes Gaussians to a file, which appears when it is complete.
+/// Writes Gaussians to a file, which appears when it is complete; returns what the format's ranges changed.
 ///
 /// # Errors
 /// [`SplatError::Format`] if the format cannot store the Gaussians, [`SplatError::Io`].
-pub fn write(path: &Path, gaussians: &Gaussians, output: Output) -> Result<(), SplatError> {
+pub fn write(path: &Path, gaussians: &Gaussians, output: Output) -> Result<Export, SplatError> {
     let parts = gaussians.parts();
     match output {
-        Output::Ply(encoding) => write_file(path, |out| ply::write(parts, encoding, out)),
+        Output::Ply(encoding) => {
+            write_file(path, |out| ply::write(parts, encoding, out))?;
+            Ok(Export::default())
+        }
         Output::Spz2 { antialiased } => write_spz(path, parts, 2, antialiased),
         Output::Spz3 { antialiased } => write_spz(path, parts, 3, antialiased),
     }
 }
 
-fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool) -> Result<(), SplatError> {
-    let payload = spz::encode(parts, version, antialiased).map_err(|malformed| malformed.in_file(path))?;
-    write_file(path, |out| spz::compress(&payload, out))
+fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool) -> Result<Export, SplatError> {
+    let (payload, export) = spz::encode(parts, version, antialiased).map_err(|malformed| malformed.in_file(path))?;
+    write_file(path, |out| spz::compress(&payload, out))?;
+    Ok(export)
 }
 
 /// All bytes of a regular file; a pipe or device could block or never end.

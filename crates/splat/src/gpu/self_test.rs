@@ -17,15 +17,37 @@ const GRADIENT_BOUND: f64 = 1e-3;
 /// More than one block of work for every kernel.
 const COUNT: u16 = 2100;
 
-/// Sources other than kernels that determine a verdict: this file, and the code that drives the kernels.
-pub(super) const SOURCES: [&str; 6] = [
-    include_str!("self_test.rs"),
-    include_str!("forward.rs"),
-    include_str!("lists.rs"),
-    include_str!("sort.rs"),
-    include_str!("backward.rs"),
-    include_str!("uniforms.rs"),
-];
+macro_rules! sources {
+    ($($name:literal),+) => { &[$(($name, include_str!($name))),+] };
+}
+
+/// Sources other than kernels that determine a verdict, by name: this file, and the code that drives the kernels.
+pub(super) const SOURCES: &[(&str, &str)] = sources!(
+    "backward.rs",
+    "bounds.rs",
+    "context.rs",
+    "forward.rs",
+    "gaussians.rs",
+    "gradients.rs",
+    "host.rs",
+    "images.rs",
+    "job.rs",
+    "kernels.rs",
+    "lists.rs",
+    "mod.rs",
+    "options.rs",
+    "probe.rs",
+    "read.rs",
+    "record.rs",
+    "render.rs",
+    "self_test.rs",
+    "sort.rs",
+    "status.rs",
+    "uniforms.rs",
+    "verdict.rs",
+    "windows.rs",
+    "work.rs"
+);
 
 /// Compares an image and its gradients with the reference.
 pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
@@ -122,4 +144,34 @@ fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     }
     let differences = actual.iter().zip(expected).map(|(a, b)| (a - b).abs());
     differences.fold(0.0, atsplat_numeric::Extremes::maximum_of)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::SOURCES;
+
+    /// They choose adapters, count, describe errors, keep verdicts, or serve what the self-test does not call.
+    const OTHERS: [&str; 9] = [
+        "adapters.rs",
+        "counts.rs",
+        "error.rs",
+        "fallback.rs",
+        "panics.rs",
+        "pending.rs",
+        "picture.rs",
+        "tests.rs",
+        "verdict_cache.rs",
+    ];
+
+    /// A remembered verdict would outlive changes of a file that is in neither list.
+    #[test]
+    fn every_file_determines_verdicts_or_is_known_not_to() {
+        let folder = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")).unwrap();
+        let paths = folder.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
+        let mut found: Vec<String> = paths.map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect();
+        found.sort();
+        let mut known: Vec<&str> = SOURCES.iter().map(|(name, _)| *name).chain(OTHERS).collect();
+        known.sort_unstable();
+        assert_eq!(found, known);
+    }
 }

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use atsplat_files::FolderLock;
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, read_backbone};
+use atsplat_splat::cpu;
 
-use super::{STEPS, WEIGHTS};
+use super::{EVALUATIONS, STEPS, WEIGHTS};
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
 use crate::parameters::Parameters;
@@ -45,6 +47,24 @@ pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), 
     Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
 }
 
+/// Locks the folder of a run, if there is one, before anything in it is read that another process may be writing.
+pub(super) fn lock_existing(folder: &Path) -> Result<Option<FolderLock>, TrainError> {
+    Ok(folder.is_dir().then(|| FolderLock::of(folder)).transpose()?)
+}
+
+/// Creates and locks the folder of a new run, unless another process has started one there in the meantime.
+pub(super) fn lock_new(folder: &Path) -> Result<FolderLock, TrainError> {
+    let lock = FolderLock::of(folder)?;
+    if Checkpoints::exist_in(folder) || outputs_in(folder).is_some() {
+        return Err(no_run(folder, "one that another process has started"));
+    }
+    Ok(lock)
+}
+
+fn no_run(folder: &Path, found: impl ToString) -> TrainError {
+    TrainError::malformed("output folder", folder.display().to_string(), "no run", found)
+}
+
 /// The state before the next step in a run's folder, and notices about it.
 pub(super) fn state(
     config: &TrainConfig,
@@ -58,7 +78,7 @@ pub(super) fn state(
     let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
     let weights = start.file().map(|file| file.path.display().to_string());
     tracing::info!(folder = %folder.display(), weights, last_checkpoint, "opening the run");
-    let no_run = |found: String| TrainError::malformed("output folder", folder.display().to_string(), "no run", found);
+    let processor = cpu::processor();
     match (found, start) {
         (Some((state, skipped)), Start::Resume) => {
             if state.adapter != adapter {
@@ -66,17 +86,21 @@ pub(super) fn state(
                 let expected = format!("{}, on which the run was started", name(state.adapter));
                 return Err(TrainError::malformed("checkpoint", "adapter", expected, name(adapter)));
             }
-            let notices = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
-            Ok((state, notices.collect()))
+            let skipped = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
+            let notices = skipped.chain(other_processor(state.processor.as_deref(), &processor)).collect();
+            Ok((State { processor: Some(processor), ..state }, notices))
         }
-        (Some((state, _)), Start::Fresh | Start::Weights(_)) => Err(no_run(format!("one of {} steps", state.step))),
+        (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
+            Err(no_run(folder, format!("one of {} steps", state.step)))
+        }
         (None, _) => {
             if let Some(left) = outputs_in(folder).filter(|_| !start.is_resumed()) {
-                return Err(no_run(format!("{left} of a run without checkpoints")));
+                return Err(no_run(folder, format!("{left} of a run without checkpoints")));
             }
             let parameters =
                 if start.is_resumed() { parameters.with_frozen(frozen(config, model)?) } else { parameters };
-            let state = State { initial_weights, adapter, ..State::new(parameters) };
+            let processor = Some(processor);
+            let state = State { initial_weights, adapter, processor, ..State::new(parameters) };
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
@@ -85,10 +109,19 @@ pub(super) fn state(
     }
 }
 
-/// What the first step or checkpoint of a new run would overwrite in a folder: a log with steps, or weights.
+/// That a checkpoint was computed on another type of processor; one of an earlier version does not state it.
+fn other_processor(recorded: Option<&str>, own: &str) -> Option<String> {
+    let recorded = recorded.filter(|recorded| *recorded != own)?;
+    Some(format!(
+        "the checkpoint was computed on another type of processor, {recorded}, now {own}: the run may not end bit for \
+         bit as it would have there"
+    ))
+}
+
+/// What the first step or checkpoint of a new run would overwrite in a folder: a log with records, or weights.
 fn outputs_in(folder: &Path) -> Option<&'static str> {
     let has_content = |name: &&str| folder.join(name).metadata().is_ok_and(|found| found.len() > 0);
-    [STEPS, WEIGHTS].into_iter().find(has_content)
+    [STEPS, EVALUATIONS, WEIGHTS].into_iter().find(has_content)
 }
 
 /// Parameters before the first step, and where they come from if they are given. Those of a run that resumes are without frozen

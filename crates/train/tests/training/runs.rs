@@ -27,6 +27,18 @@ fn steps(folder: &Path) -> Vec<StepRecord> {
     journal::read(&folder.join("steps.jsonl")).unwrap()
 }
 
+/// What a run reports until a step.
+fn notices(trainer: &mut Trainer, steps: u64) -> Vec<String> {
+    let mut notices = Vec::new();
+    let mut on_event = |event: &Event<'_>| {
+        if let Event::Notice(text) = event {
+            notices.push((*text).to_owned());
+        }
+    };
+    trainer.run(Limits { steps: Some(steps), time: None }, &mut on_event).unwrap();
+    notices
+}
+
 fn position(trainer: &Trainer, parameter: &str) -> usize {
     trainer.state().parameters.list().iter().position(|own| own.name == parameter).unwrap()
 }
@@ -117,6 +129,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     let text = error.to_string();
     assert!(text.contains("context picture 0") && text.contains("all weights are finite"), "{text}");
     assert!(text.contains("3 steps in a row could not be used\n"), "{text}");
+    drop(stopped);
     // The checkpoint before the faults is kept.
     let resumed = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, Noise::CLEAN);
     assert_eq!(resumed.state().step, 4);
@@ -141,6 +154,7 @@ fn a_weight_that_is_not_finite_is_named_and_never_written() {
     assert!(text.contains("coarse.fuse.weight holds 1 value"), "{text}");
     let text = broken.write_checkpoint().unwrap_err().to_string();
     assert!(text.contains("coarse.fuse.weight") && text.contains("finite weights"), "{text}");
+    drop(broken);
     let resumed = trainer(config("most-faults = 2"), folder.path(), &Start::Resume, Noise::CLEAN);
     assert_eq!(resumed.state().step, 4);
     assert!(resumed.state().parameters.non_finite().is_empty());
@@ -202,12 +216,51 @@ fn a_run_is_not_overwritten_or_mixed_with_another() {
     open(&tiny, &Start::Resume).unwrap();
     // Checkpoints are large, and may be removed after a run.
     std::fs::remove_dir_all(folder.path().join("checkpoints")).unwrap();
-    for left in ["steps.jsonl", "weights.safetensors"] {
+    std::fs::write(folder.path().join("evaluations.jsonl"), "{}\n").unwrap();
+    for left in ["steps.jsonl", "evaluations.jsonl", "weights.safetensors"] {
         let error = open(&tiny, &Start::Fresh).unwrap_err().to_string();
         assert!(error.ends_with(&format!("expected no run, found {left} of a run without checkpoints")), "{error}");
         std::fs::remove_file(folder.path().join(left)).unwrap();
     }
     open(&tiny, &Start::Fresh).unwrap();
+}
+
+/// Steps of one would follow those of the other in the logs.
+#[test]
+fn one_process_at_a_time_trains_in_a_folder() {
+    let (config, folder) = (config(""), tempdir().unwrap());
+    let run = folder.path().join("run");
+    let open = |start: &Start| Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), &run, start);
+    let first = open(&Start::Fresh).unwrap();
+    for start in [Start::Fresh, Start::Resume] {
+        let error = open(&start).unwrap_err();
+        assert!(matches!(error, TrainError::InUse { .. }), "{error}");
+        let holder = format!("run is being written by process {} on ", std::process::id());
+        assert!(error.to_string().contains(&holder), "{error}");
+    }
+    drop(first);
+    // As a killed process leaves it.
+    std::fs::write(run.join("run.json"), r#"{"pid":1,"host":"elsewhere","since":0}"#).unwrap();
+    open(&Start::Resume).unwrap();
+}
+
+/// Products of matrices have other bits there.
+#[test]
+fn another_type_of_processor_is_reported() {
+    let folder = tempdir().unwrap();
+    run(&mut trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN), Some(4)).unwrap();
+    let path = folder.path().join("checkpoints/step-00000004.safetensors");
+    let mut stored = TensorFile::open(&path).unwrap().stored;
+    // As in earlier versions, which state neither.
+    let [_, own] = ["metadata-sha256", "processor"].map(|key| stored.metadata.remove(key).unwrap());
+    for recorded in [None, Some(own.clone()), Some("an older one".to_owned())] {
+        stored.metadata.extend(recorded.clone().map(|recorded| ("processor".to_owned(), recorded)));
+        stored.write(&path).unwrap();
+        let noticed = notices(&mut trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN), 4);
+        let expected = format!("another type of processor, an older one, now {own}: ");
+        let found = noticed.iter().any(|notice| notice.contains(&expected));
+        assert_eq!(found, recorded.is_some_and(|recorded| recorded != own), "{noticed:?}");
+    }
 }
 
 /// The configuration names the model by the same path.
@@ -329,14 +382,7 @@ fn steps_that_the_log_lost_are_reported() {
     let text = std::fs::read_to_string(&path).unwrap();
     for (kept, expected) in [(4, None), (1, Some("steps.jsonl: expected the 4 steps so far, found 1"))] {
         std::fs::write(&path, text.split_inclusive('\n').take(kept).collect::<String>()).unwrap();
-        let mut resumed = trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN);
-        let mut notices = Vec::new();
-        let mut on_event = |event: &Event<'_>| {
-            if let Event::Notice(text) = event {
-                notices.push((*text).to_owned());
-            }
-        };
-        resumed.run(Limits { steps: Some(4), time: None }, &mut on_event).unwrap();
+        let notices = notices(&mut trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN), 4);
         assert_eq!(notices.first().map(String::as_str), expected);
     }
 }

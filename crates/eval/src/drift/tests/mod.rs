@@ -245,6 +245,25 @@ fn reports_have_human_readable_numbers() {
     assert!(!report.contains("name"), "what is the same is not listed: {report}");
 }
 
+/// Three of four entries move by 4 dB, all of one scene: their mean moves by 3 dB, a mean over the two scenes by 2 dB.
+#[test]
+fn limits_are_of_the_mean_that_is_compared() {
+    let run = |by: f64| {
+        let entry = |number, score: f64| ("a", number, vec![score + by]);
+        let rows = [entry(0, 20.0), entry(1, 22.0), entry(2, 24.0), ("b", 0, vec![30.0])];
+        let mut made = results("m", "psnr", &rows);
+        add_method(&mut made, false);
+        made
+    };
+    let (first, second) = (run(0.0), run(4.0));
+    let baseline = Baseline::new(&first, std::slice::from_ref(&second), acceptance("first"));
+    let moved = compare(&second, &baseline).comparisons[0].paired.as_ref().map(|paired| paired.difference);
+    Tolerance::F64.assert(moved, [3.0], "difference");
+    // The standard deviation of two runs is their difference over √2; one degree of freedom.
+    let student = (0.495 * std::f64::consts::PI).tan();
+    Tolerance::absolute(1e-9).assert([baseline.limits[0].limit], [student * 3.0], "limit");
+}
+
 /// Runs with the same noise as those behind the limits are not drift; a much larger shift is.
 #[test]
 fn noise_is_not_drift_and_a_shift_is() {

@@ -1,7 +1,7 @@
 use super::axes::Axes;
 use super::header::Header;
 use super::quaternions::{to_four_bytes, to_three_bytes};
-use super::{COLOUR_SCALE, Malformed};
+use super::{COLOUR_SCALE, Export, Malformed};
 use crate::{GaussianParts, sh_coefficients};
 
 /// As in the reference: a quarter of a millimetre if a scene unit is a metre.
@@ -12,10 +12,14 @@ const LARGEST_CENTRE: f64 = 8_388_607.0;
 /// degree 1 and 4 bits above.
 const STEPS: (i32, i32) = (1 << 3, 1 << 4);
 
-/// Encodes the uncompressed payload of version 2 or 3.
+/// Encodes the uncompressed payload of version 2 or 3, and counts what it clamps.
 ///
 /// A scene extending beyond ±2047 gets fewer fractional bits.
-pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased: bool) -> Result<Vec<u8>, Malformed> {
+pub(in super::super) fn encode(
+    parts: &GaussianParts,
+    version: u32,
+    antialiased: bool,
+) -> Result<(Vec<u8>, Export), Malformed> {
     check(parts)?;
     let mut parts = parts.clone();
     // Signs are their own inverse.
@@ -53,10 +57,38 @@ pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased:
     }
     for of_one in parts.sh.chunks_exact(coefficients) {
         for (k, rgb) in of_one.iter().enumerate().skip(1) {
-            payload.extend(rgb.map(|value| coefficient(value, if k < 4 { STEPS.0 } else { STEPS.1 })));
+            payload.extend(rgb.map(|value| coefficient(value, step(k))));
         }
     }
-    Ok(payload)
+    Ok((payload, clamped(&parts)))
+}
+
+/// The step of coefficient `k`, above degree 0.
+const fn step(k: usize) -> i32 {
+    if k < 4 { STEPS.0 } else { STEPS.1 }
+}
+
+/// Counts the values of Gaussians in the stored axes that are beyond the format's ranges.
+fn clamped(parts: &GaussianParts) -> Export {
+    let log_scales = beyond(parts.log_scales.as_flattened(), [-10.0, 5.9375], 1.0 / 16.0);
+    let mut export = Export { log_scales, ..Export::default() };
+    let largest = 0.5 / COLOUR_SCALE;
+    for of_one in parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)) {
+        for (k, rgb) in of_one.iter().enumerate() {
+            if k == 0 {
+                export.colours += beyond(rgb, [-largest, largest], 1.0 / (255.0 * COLOUR_SCALE));
+            } else {
+                export.coefficients += beyond(rgb, [-1.0, 127.0 / 128.0], f64::from(step(k)) / 128.0);
+            }
+        }
+    }
+    export
+}
+
+/// Counts values that are further beyond a range than values within are from what is stored.
+fn beyond(values: &[f32], [low, high]: [f64; 2], step: f64) -> u64 {
+    let stored = low - step / 2.0..=high + step / 2.0;
+    values.iter().filter(|value| !stored.contains(&f64::from(**value))).count() as u64
 }
 
 /// Rejects what the format cannot store: non-finite values and unsupported fields.
@@ -119,4 +151,29 @@ fn coefficient(value: f32, step: i32) -> u8 {
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded, and `as` saturates")]
 pub(super) fn byte(value: f64) -> u8 {
     value.round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mirrored axes exchange the ends of coefficients' ranges, which differ.
+    #[test]
+    fn values_beyond_the_format_are_counted_by_kind() {
+        let within = GaussianParts {
+            means: vec![[0.0; 3]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-10.03, 0.0, 5.96]],
+            opacity_logits: vec![f32::INFINITY],
+            sh_degree: 1,
+            sh: vec![[3.34, -3.34, 0.0], [1.03, -1.02, 0.0], [0.0; 3], [0.0; 3]],
+            ..GaussianParts::default()
+        };
+        assert_eq!(encode(&within, 3, false).unwrap().1, Export::default(), "rounding");
+        let mut beyond = within;
+        beyond.log_scales = vec![[f32::NEG_INFINITY, 0.0, 5.98]];
+        beyond.sh = vec![[3.5, -3.4, -9.0], [1.03, 1.03, -1.03], [0.0; 3], [0.0; 3]];
+        let expected = Export { log_scales: 2, colours: 3, coefficients: 1 };
+        assert_eq!(encode(&beyond, 2, true).unwrap().1, expected);
+    }
 }

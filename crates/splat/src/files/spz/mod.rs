@@ -15,7 +15,7 @@ pub(super) use container::{GZIP_MAGIC, compress};
 pub(super) use encode::encode;
 pub(super) use header::MAGIC;
 
-use super::{Format, Malformed, Stored};
+use super::{Export, Format, Malformed, Stored};
 use axes::Axes;
 use container::Container;
 

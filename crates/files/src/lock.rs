@@ -1,29 +1,45 @@
-//! Allows one writer per store. The operating system holds the lock, so a killed writer leaves none behind.
+//! Allows one writer per folder. The operating system holds the lock, so a killed writer leaves none behind.
 
 use std::fmt;
 use std::fs::{self, File, TryLockError};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
-use super::disk;
-use crate::EvalError;
-use crate::timing::unix_seconds;
+use crate::{FileError, date, unix_seconds, write_unsynced};
 
 /// The locked file. It stays behind, empty: removing it would let two writers lock two different files of that name.
 const LOCK: &str = "run.lock";
 /// Describes the lock's holder; a separate file, since a locked file is not readable on every system.
 const HOLDER: &str = "run.json";
 
-/// Exclusive right to write to a store, until dropped.
+/// Exclusive right to write to a folder, until dropped.
 #[derive(Debug)]
-pub(super) struct Lock {
+pub struct FolderLock {
     holder: PathBuf,
     _file: File,
 }
 
-/// The process that writes to a store.
+/// Why a folder cannot be locked.
+#[derive(Debug, Error)]
+pub enum LockError {
+    /// A file operation failed.
+    #[error(transparent)]
+    Io(#[from] FileError),
+    /// Another writer has the lock.
+    #[error("{} is being written by {by}", folder.display())]
+    InUse {
+        /// The folder.
+        folder: PathBuf,
+        /// Which process, on which machine, since when.
+        by: String,
+    },
+}
+
+/// The process that writes to a folder.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Holder {
     pid: u32,
@@ -32,31 +48,29 @@ struct Holder {
     since: u64,
 }
 
-impl Lock {
-    /// Locks a store's folder, creating it if needed.
+impl FolderLock {
+    /// Locks a folder, creating it if needed.
     ///
     /// # Errors
-    /// [`EvalError::InUse`] if another writer has the lock, [`EvalError::Io`].
-    pub(super) fn of(folder: &Path) -> Result<Self, EvalError> {
+    /// [`LockError::InUse`] if another writer has the lock, [`LockError::Io`].
+    pub fn of(folder: &Path) -> Result<Self, LockError> {
         let path = folder.join(LOCK);
-        fs::create_dir_all(folder).map_err(EvalError::io("creating a results store", folder))?;
+        fs::create_dir_all(folder).map_err(during("creating a folder", folder))?;
         let file = File::options().create(true).truncate(false).write(true).open(&path);
-        let file = file.map_err(EvalError::io("opening a results store", &path))?;
+        let file = file.map_err(during("opening the lock of a folder", &path))?;
         let holder = folder.join(HOLDER);
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => return Err(in_use(folder, &holder)),
-            Err(TryLockError::Error(source)) => return Err(EvalError::io("locking a results store", &path)(source)),
+            Err(TryLockError::Error(source)) => return Err(during("locking a folder", &path)(source)),
         }
-        let json = serde_json::to_vec(&Holder::current());
-        let json =
-            json.map_err(|error| EvalError::malformed(&holder, "file", "a process that JSON can represent", error))?;
-        disk::write_unsynced(&holder, &json)?;
+        let json = serde_json::to_vec(&Holder::current()).map_err(io::Error::from);
+        json.and_then(|json| write_unsynced(&holder, &json)).map_err(during("locking a folder", &holder))?;
         Ok(Self { holder, _file: file })
     }
 }
 
-impl Drop for Lock {
+impl Drop for FolderLock {
     fn drop(&mut self) {
         // A file that stays behind is overwritten by the next writer and not read before.
         fs::remove_file(&self.holder).ok();
@@ -65,8 +79,7 @@ impl Drop for Lock {
 
 impl Holder {
     fn current() -> Self {
-        let since = unix_seconds();
-        Self { pid: std::process::id(), host: host(), since }
+        Self { pid: std::process::id(), host: host(), since: unix_seconds() }
     }
 }
 
@@ -74,26 +87,30 @@ impl fmt::Display for Holder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { pid, host, since } = self;
         let (hours, minutes, seconds) = (since / 3600 % 24, since / 60 % 60, since % 60);
-        let date = crate::drift::date(*since);
+        let date = date(*since);
         write!(f, "process {pid} on {host}, since {date} {hours:02}:{minutes:02}:{seconds:02} UTC")
     }
 }
 
-/// A description of this process for messages about stores: its number, its machine and the time.
+/// A description of this process for messages about folders that it writes: its number, its machine and the time.
 pub fn this_process() -> String {
     Holder::current().to_string()
 }
 
-/// The error for a locked store. Waits briefly for the holder's description: the lock may be a moment old.
-fn in_use(folder: &Path, holder: &Path) -> EvalError {
+fn during(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> LockError {
+    FileError::during(action, path)
+}
+
+/// The error for a locked folder. Waits briefly for the holder's description: the lock may be a moment old.
+fn in_use(folder: &Path, holder: &Path) -> LockError {
     const INTERVAL: Duration = Duration::from_millis(20);
-    let read = || serde_json::from_slice::<Holder>(&disk::read(holder).ok()??).ok();
+    let read = || serde_json::from_slice::<Holder>(&fs::read(holder).ok()?).ok();
     let found = (0..10).find_map(|_| {
         std::thread::sleep(INTERVAL);
         read()
     });
     let by = found.map_or_else(|| "an unidentified process".to_owned(), |holder| holder.to_string());
-    EvalError::InUse { folder: folder.to_owned(), by }
+    LockError::InUse { folder: folder.to_owned(), by }
 }
 
 /// The machine's name, if known.
@@ -110,14 +127,14 @@ mod tests {
 
     /// The second after 2023-11-14 22:13:19 UTC is the 1 700 000 000th since 1970.
     #[test]
-    fn a_locked_store_says_by_whom_and_since_when() {
+    fn a_locked_folder_says_by_whom_and_since_when() {
         let folder = tempfile::tempdir().unwrap();
-        let lock = Lock::of(folder.path()).unwrap();
+        let lock = FolderLock::of(folder.path()).unwrap();
         let holder = Holder { pid: 71, host: "there".to_owned(), since: 1_700_000_000 };
         fs::write(folder.path().join(HOLDER), serde_json::to_vec(&holder).unwrap()).unwrap();
-        let Err(EvalError::InUse { by, .. }) = Lock::of(folder.path()) else { panic!("locked twice") };
+        let Err(LockError::InUse { by, .. }) = FolderLock::of(folder.path()) else { panic!("locked twice") };
         assert_eq!(by, "process 71 on there, since 2023-11-14 22:13:20 UTC");
         drop(lock);
-        assert!(Lock::of(folder.path()).is_ok(), "free again");
+        assert!(FolderLock::of(folder.path()).is_ok(), "free again");
     }
 }

@@ -1,0 +1,108 @@
+//! Headers of files that another program rendered: their stored samples have to be the picture.
+
+use std::ops::RangeInclusive;
+
+use crate::orientation::png_chunks;
+use crate::{Orientation, PictureFormat, PixelError};
+
+/// Exponents in `gAMA`, times 100 000, of samples that are encoded for display: 1/2.8 to 1/1.7.
+const FOR_DISPLAY: RangeInclusive<u32> = 35_000..=60_000;
+/// Transfer functions in `cICP` that are not for a display of standard range: linear, logarithmic, PQ, SMPTE 428, HLG
+/// (ITU-T H.273, table 3).
+const NOT_FOR_DISPLAY: [u8; 6] = [8, 9, 10, 16, 17, 18];
+
+/// An error for a format other than PNG, and for a header that says that the stored samples are to be turned or encoded
+/// before they are shown. Damaged files and EXR are left to the decoder.
+pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
+    let unusable = |expected, found, remedy| Err(PixelError::UnusableRender { expected, found, remedy });
+    if let Some(format @ (PictureFormat::Jpeg | PictureFormat::WebP)) = PictureFormat::sniff(bytes) {
+        let remedy = "the losses of other formats would count as errors of the method";
+        return unusable("a PNG or EXR file", format!("a {format}"), remedy);
+    }
+    if let Some(orientation) = Orientation::of(bytes) {
+        let found = format!("one that is {orientation} according to its EXIF data");
+        return unusable("an upright picture", found, "store the pixels as they are to be compared");
+    }
+    if let Some(found) = other_encoding(bytes) {
+        return unusable("samples encoded as sRGB", found, "encode them, or correct the header");
+    }
+    Ok(())
+}
+
+/// What a PNG says about the encoding of its samples, if it is not one for display. `cICP` takes precedence over a
+/// profile, which is not read, and a profile over `gAMA` (PNG specification, third edition, 4.3).
+fn other_encoding(bytes: &[u8]) -> Option<String> {
+    if PictureFormat::sniff(bytes) != Some(PictureFormat::Png) {
+        return None;
+    }
+    let (mut has_profile, mut exponent) = (false, None);
+    for (name, data) in png_chunks(bytes).take_while(|(name, _)| *name != b"IDAT") {
+        match (name, data) {
+            (b"cICP", [_, transfer, ..]) => {
+                return NOT_FOR_DISPLAY.contains(transfer).then(|| format!("transfer function {transfer} in `cICP`"));
+            }
+            (b"iCCP" | b"sRGB", _) => has_profile = true,
+            (b"gAMA", [a, b, c, d, ..]) => exponent = Some(u32::from_be_bytes([*a, *b, *c, *d])),
+            _ => {}
+        }
+    }
+    let exponent = exponent.filter(|exponent| !has_profile && !FOR_DISPLAY.contains(exponent))?;
+    Some(format!("the exponent {:.3} in `gAMA`", f64::from(exponent) / 100_000.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ImageU8, encode_jpeg, encode_png};
+
+    fn picture() -> ImageU8 {
+        ImageU8::new(2, 1, vec![10, 20, 30, 40, 50, 60]).unwrap()
+    }
+
+    /// A PNG with these chunks after its header.
+    fn png(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
+        let plain = encode_png(&picture()).unwrap();
+        let (header, pixels) = plain.split_at(33);
+        let mut bytes = header.to_vec();
+        for &(name, data) in chunks {
+            let length = u32::try_from(data.len()).unwrap().to_be_bytes();
+            bytes.extend([&length[..], &name[..], data, b"crc."].concat());
+        }
+        [&bytes[..], pixels].concat()
+    }
+
+    fn problem(bytes: &[u8]) -> Option<String> {
+        check_header(bytes).err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn samples_that_are_not_encoded_for_display_are_refused() {
+        let [linear, usual] = [100_000u32, 45_455].map(u32::to_be_bytes);
+        let found = |chunks: &[(&[u8; 4], &[u8])]| problem(&png(chunks));
+        let expected = |found: &str| {
+            Some(format!("expected samples encoded as sRGB, found {found}: encode them, or correct the header"))
+        };
+        assert_eq!(found(&[(b"gAMA", &linear)]), expected("the exponent 1.000 in `gAMA`"));
+        assert_eq!(found(&[(b"tEXt", b"a\0"), (b"cICP", &[9, 16, 0, 1])]), expected("transfer function 16 in `cICP`"));
+        assert_eq!(found(&[]), None);
+        assert_eq!(found(&[(b"gAMA", &usual)]), None);
+        assert_eq!(found(&[(b"gAMA", &linear), (b"sRGB", &[0])]), None, "sRGB takes precedence");
+        assert_eq!(found(&[(b"gAMA", &linear), (b"cICP", &[16, 13, 0, 1])]), None, "primaries 16, but sRGB's function");
+    }
+
+    #[test]
+    fn turned_pictures_and_other_formats_are_refused() {
+        // One entry: the orientation, half a turn.
+        let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
+        let turned = problem(&png(&[(b"eXIf", exif)])).unwrap();
+        assert!(turned.starts_with("expected an upright picture, found one that is to be turned by 180° "), "{turned}");
+        let jpeg = problem(&encode_jpeg(&picture(), 95).unwrap()).unwrap();
+        assert!(jpeg.starts_with("expected a PNG or EXR file, found a JPEG: "), "{jpeg}");
+    }
+
+    #[test]
+    fn a_truncated_header_is_left_to_the_decoder() {
+        let bytes = png(&[(b"gAMA", &45_455u32.to_be_bytes())]);
+        assert!((0..bytes.len()).all(|length| check_header(&bytes[..length]).is_ok()));
+    }
+}
