@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// is skipped and returns.
 ///
 /// # Panics
-/// Where there is none although `ATSPLAT_REQUIRE_SHARED_DATA` is set, to neither nothing nor 0.
+/// Where there is none although `ATSPLAT_REQUIRE_SHARED_DATA` is set and neither empty nor 0.
 pub fn shared_data(test: &str) -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let folder = std::env::var_os("ATSPLAT_SHARED_DATA").map_or(beside, PathBuf::from);
@@ -24,7 +24,7 @@ pub fn shared_data(test: &str) -> Option<PathBuf> {
     None
 }
 
-/// Whether `ATSPLAT_REQUIRE_GPU` is set, to neither nothing nor 0: no test may be skipped for want of a graphics adapter.
+/// Whether `ATSPLAT_REQUIRE_GPU` is set and neither empty nor 0: no test may be skipped for want of a graphics adapter.
 pub fn graphics_required() -> bool {
     is_yes(std::env::var_os("ATSPLAT_REQUIRE_GPU"))
 }
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_and_zero_require_nothing() {
+    fn empty_and_zero_require_nothing() {
         for (value, expected) in [(None, false), (Some(""), false), (Some("0"), false), (Some("1"), true)] {
             assert_eq!(is_yes(value.map(OsString::from)), expected, "{value:?}");
         }

@@ -38,6 +38,7 @@ fn held_out_photos_are_compared_at_other_scales() {
     let size = |row: &Value| (row["scale"].as_f64(), row["width"].as_u64(), row["height"].as_u64());
     let expected = [(2.0, 64), (1.0, 32), (0.25, 8)].map(|(scale, side)| (Some(scale), Some(side), Some(side)));
     assert_eq!(rows.iter().map(size).collect::<Vec<_>>(), expected);
+    assert_eq!(report["configuration"]["constants"]["blur"], 0.1, "the blur that rendered");
     let last = report["evaluations"].as_array().unwrap().last().unwrap();
     assert_eq!((&rows[1]["psnr"], &rows[1]["ssim"]), (&last["psnr"], &last["ssim"]), "once the size itself");
     assert!([0, 2].iter().all(|&at| rows[at]["psnr"].as_f64().unwrap() > 10.0 && rows[at]["psnr"] != last["psnr"]));

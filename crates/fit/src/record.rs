@@ -24,8 +24,8 @@ pub struct FitRecord {
     pub dropped: usize,
     /// Of the scene, in units of the data.
     pub extent: f64,
-    /// Its extent is in units of the data; near and far of its renderer's constants are in the unit of length of the views, which is
-    /// the network's after `--refine`.
+    /// Its extent is in units of the data; its renderer's constants are those of the optimisation, Mip-Splatting's blur included, near
+    /// and far in the unit of length of the views, which is the network's after `--refine`.
     pub configuration: FitConfig,
     /// Graphics adapter and driver, or `cpu`.
     pub device: String,

@@ -237,7 +237,7 @@ impl StoreCopy {
         files.retain(|(name, _)| !name.starts_with(PARTS));
         files.extend(parts);
         let kept = self.lock_kept();
-        let moved = kept.iter().filter(|(name, _)| !folder.join(name).exists());
+        let moved = kept.iter().filter(|(name, _)| !sent.files.contains_key(*name) && !folder.join(name).exists());
         files.extend(moved.map(|(name, stamp)| (name.clone(), *stamp)));
         files.retain(|(name, stamp)| is_shared(name) && sent.files.get(name).is_none_or(|known| known.stamp != *stamp));
         Ok(files)

@@ -33,8 +33,8 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
 /// premultiplied by alpha, which PNG does not state.
 ///
 /// # Errors
-/// Those of [`decode`]; [`PixelError::UnusableRender`] for other formats than PNG, for 16-bit samples, for linear light,
-/// PQ and HLG according to `gAMA` or `cICP`, and for an EXIF orientation; [`PixelError::Transparent`].
+/// Those of [`decode`]; [`PixelError::UnusableRender`] for other formats than PNG, for 16-bit samples, for samples that are
+/// not encoded for display according to `gAMA` or `cICP`, and for an EXIF orientation; [`PixelError::Transparent`].
 pub fn decode_render(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
     check_header(bytes)?;
     decoded(bytes, limits, |color, stored, width| {

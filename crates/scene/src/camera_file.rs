@@ -44,7 +44,7 @@ pub enum CameraFileError {
         path: PathBuf,
     },
     /// A key for cameras that belong to no scene.
-    #[error("--key is for datasets: the cameras in {} belong to no scene with a key", path.display())]
+    #[error("--key is for datasets: {} holds cameras without scenes", path.display())]
     NoScenes {
         /// The file.
         path: PathBuf,

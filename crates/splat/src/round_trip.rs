@@ -318,8 +318,8 @@ mod tests {
         let row = |format| Trip::start(format, &gaussians, false, &scratch.path().join("file")).unwrap().row(1);
         assert_eq!(row(RoundTripFormat::Ply).warnings, Vec::<String>::new());
         let expected = [
-            "2 log-scales were clamped to SPZ's range [-10, 5.9375]",
-            "1 SH coefficients of degree 0 were clamped to SPZ's range ±10/3",
+            "log-scales clamped to SPZ's range [-10, 5.9375]: 2",
+            "SH coefficients of degree 0 clamped to SPZ's range ±10/3: 1",
         ];
         let rows = vec![row(RoundTripFormat::Spz3)];
         assert_eq!(rows[0].warnings, expected);

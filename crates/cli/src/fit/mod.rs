@@ -280,7 +280,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         start_gaussians: count + removed,
         dropped: removed + fit.dropped(),
         extent: fit.extent() / normalisation.scale,
-        configuration: FitConfig { extent: args.optimisation.extent, ..fit.config().clone() },
+        configuration: FitConfig {
+            extent: args.optimisation.extent,
+            constants: fit.options().constants,
+            ..fit.config().clone()
+        },
         device: fit.device().to_owned(),
         steps: fit.step_count(),
         file: args.out.clone(),

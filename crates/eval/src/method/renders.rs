@@ -30,9 +30,9 @@ use crate::{EvalError, MethodRecord};
 /// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
-/// over a background or skipped. So is a file whose samples are not the picture as they are stored (16 bits in a PNG, linear
-/// light, a rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's
-/// folders: either may be the right one.
+/// over a background or skipped. So are a file whose stored samples are not the picture (16 bits in a PNG, linear light, a
+/// rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's folders:
+/// either may be the right one.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,

@@ -99,7 +99,7 @@ mod tests {
         let clamped = |name: &str, format| {
             write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Scene).unwrap().clamped
         };
-        assert_eq!(clamped("scene.spz", SceneFormat::Spz), ["1 log-scales were clamped to SPZ's range [-10, 5.9375]"]);
+        assert_eq!(clamped("scene.spz", SceneFormat::Spz), ["log-scales clamped to SPZ's range [-10, 5.9375]: 1"]);
         assert!(clamped("scene.ply", SceneFormat::Ply).is_empty());
     }
 }

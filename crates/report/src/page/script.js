@@ -108,7 +108,7 @@
       worst: goodness,
       best: trial => numbers(trial.scores[by.id]) ? -goodness(trial) : Infinity,
       typical: trial => numbers(trial.scores[by.id]) ? Math.abs(goodness(trial) - middle) : Infinity,
-      difference: trial => { const value = lead(trial, by); return value === undefined ? Infinity : value; },
+      difference: trial => lead(trial, by) ?? Infinity,
     };
     const key = keys[order.value];
     const trials = [...ascending].sort((a, b) => key(a.trial) - key(b.trial));

@@ -2,8 +2,7 @@
 //!
 //! A plan is a reduced request, which every backend renders like any other, so that a skipped effect costs nothing.
 //! Bounds are proved from the data in exact arithmetic; f32 rounding comes on top, as between any two backends. Shapes,
-//! positions and opacities stay, and with them every threshold decision and the depth and scalar images; alpha loses at
-//! most the tolerance, where nothing but Gaussians behind opaque ones is left out.
+//! positions and opacities stay, and with them every threshold decision and the alpha, depth and scalar images.
 //!
 //! **For rendering, not for training.** A reduced request has other gradients: SH coefficients that are all zero have a
 //! gradient, which the reduced options would drop. Differentiate the original request, never the reduced one.

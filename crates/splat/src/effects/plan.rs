@@ -54,7 +54,7 @@ impl EffectPlan {
     /// Decides which effects a scene needs.
     ///
     /// Under [`EffectSelection::Auto`] the skipped effects together change each colour sample by at most `tolerance`,
-    /// in units of display range, alpha by at most as much, and no other image. The other selections report the bounds but do not enforce them.
+    /// in units of display range, and no other image. The other selections report the bounds but do not enforce them.
     ///
     /// # Errors
     /// [`SplatError::Tolerance`] if it is negative or not finite, [`SplatError::Options`] for invalid options,

@@ -92,8 +92,7 @@ pub struct Import {
 }
 
 /// Report of writing a file: how many values a format's ranges changed by more than rounding does, by kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Export {
     /// Log-scales, of three per Gaussian.
     pub log_scales: u64,
@@ -112,7 +111,7 @@ impl Export {
             (self.coefficients, "SH coefficients of higher degrees", "[-1, 1)"),
         ];
         let clamped = kinds.into_iter().filter(|(count, ..)| *count > 0);
-        clamped.map(|(count, what, range)| format!("{count} {what} were clamped to SPZ's range {range}")).collect()
+        clamped.map(|(count, what, range)| format!("{what} clamped to SPZ's range {range}: {count}")).collect()
     }
 }
 

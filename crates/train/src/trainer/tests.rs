@@ -115,6 +115,19 @@ fn resuming_needs_a_log_or_checkpoints() {
     assert!(error.contains("neither: expected a run that was started there"), "{error}");
 }
 
+/// Of two processes that found no folder, one creates it and may have ended when the other locks it.
+#[test]
+fn a_new_run_does_not_follow_one_that_was_started_meanwhile() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run");
+    let lock = start::lock_new(&run).unwrap();
+    std::fs::write(run.join(WEIGHTS), "weights").unwrap();
+    assert!(matches!(start::lock_new(&run), Err(TrainError::InUse { .. })));
+    drop(lock);
+    let error = start::lock_new(&run).unwrap_err().to_string();
+    assert!(error.ends_with("expected no run, found one that another process has started"), "{error}");
+}
+
 /// The reader of chunks prefers `test` to `train`.
 #[test]
 fn training_on_a_folder_with_test_scenes_is_refused() {
