@@ -10,7 +10,7 @@ use atsplat_scene::Warnings;
 use crate::embedded;
 use crate::model_args::ChangeArgs;
 use crate::objects::RemoteData;
-use crate::output::{print_report, print_text, print_warnings, warn};
+use crate::output::{print_json, print_report, print_warnings, warn};
 use crate::progress::Progress;
 use crate::run::protocols::ProtocolArgs;
 
@@ -89,8 +89,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     match reports.as_slice() {
         [] => {}
-        [only] => print_report(only, true)?,
-        several => print_text(&format!("{}\n", serde_json::to_string_pretty(several)?))?,
+        [only] => print_json(only)?,
+        several => print_json(several)?,
     }
     print_warnings(&warnings);
     Ok(complete)

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use atsplat_eval::store::this_process;
+use atsplat_files::this_process;
 use atsplat_objects::{Mirror, ObjectError, StoreCopy, Traffic};
 use atsplat_scene::Fetch;
 

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf, absolute};
 
 use anyhow::Context as _;
 use atsplat_eval::{Results, WarningCount};
@@ -11,11 +11,12 @@ use serde::Serialize;
 
 /// Prints a report on standard output, as text or as JSON.
 pub(crate) fn print_report<R: Display + Serialize>(report: &R, json: bool) -> anyhow::Result<()> {
-    if json {
-        print_text(&format!("{}\n", serde_json::to_string_pretty(report)?))
-    } else {
-        print_text(&report.to_string())
-    }
+    if json { print_json(report) } else { print_text(&report.to_string()) }
+}
+
+/// Prints JSON on standard output.
+pub(crate) fn print_json<T: Serialize + ?Sized>(value: &T) -> anyhow::Result<()> {
+    print_text(&format!("{}\n", serde_json::to_string_pretty(value)?))
 }
 
 /// Prints text on standard output; a closed pipe is not an error.
@@ -30,6 +31,11 @@ pub(crate) fn print_text(text: &str) -> anyhow::Result<()> {
 /// Prints a line on standard error, where progress and warnings go.
 pub(crate) fn warn(line: &str) {
     writeln!(std::io::stderr(), "{line}").ok();
+}
+
+/// The place of a file or folder, whichever path leads to it. Links to one that does not exist are not followed.
+pub(crate) fn place(path: &Path) -> std::io::Result<PathBuf> {
+    Path::new(".").join(path).canonicalize().or_else(|_missing| absolute(path))
 }
 
 /// A file opened before long work starts, which replaces its target only when the work is done.

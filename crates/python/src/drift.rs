@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use atsplat_eval::Results;
 use atsplat_eval::drift::probe::{Pipeline, attribute};
-use atsplat_eval::drift::{Acceptance, Baseline, acceptable, compare, date, same_machine};
+use atsplat_eval::drift::{Acceptance, Baseline, acceptable, compare, same_machine};
 use atsplat_eval::runner::current_provenance;
+use atsplat_files::date;
 use pyo3::prelude::*;
 
 use crate::error::Failure;

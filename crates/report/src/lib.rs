@@ -32,10 +32,15 @@ pub use written::Written;
 
 /// A number of things, each of which is a `what`: `1 scene`, `2 scenes`, `3 entries`.
 pub fn counted(count: u64, what: &str) -> String {
+    format!("{count} {}", noun(count, what))
+}
+
+/// The word for so many of a `what`: `scene`, `scenes`, `entries`.
+fn noun(count: u64, what: &str) -> String {
     match what.strip_suffix("ry") {
-        _ if count == 1 => format!("1 {what}"),
-        Some(stem) => format!("{count} {stem}ries"),
-        None => format!("{count} {what}s"),
+        _ if count == 1 => what.to_owned(),
+        Some(stem) => format!("{stem}ries"),
+        None => format!("{what}s"),
     }
 }
 

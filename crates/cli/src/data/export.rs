@@ -1,5 +1,6 @@
 use std::fmt;
-use std::path::{Path, PathBuf, absolute};
+use std::io;
+use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
@@ -8,7 +9,7 @@ use atsplat_scene::{SceneSource as _, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
-use crate::output::{print_report, print_warnings};
+use crate::output::{place, print_report, print_warnings};
 use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
@@ -67,7 +68,7 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
     if args.out.is_file() {
         bail!("expected a folder for the chunks, found the file {}", args.out.display());
     }
-    if is_read_first(&args.out, &args.dataset.data) {
+    if is_read_first(&args.out, &args.dataset.data)? {
         let (out, data) = (args.out.display(), args.dataset.data.display());
         bail!("{out}: chunks there would be read in place of the scenes of {data}: give another folder");
     }
@@ -79,11 +80,10 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
 }
 
 /// Whether chunks in `out` would be read in place of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
-fn is_read_first(out: &Path, data: &Path) -> bool {
+fn is_read_first(out: &Path, data: &Path) -> io::Result<bool> {
     let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
-    let place = |path: &Path| Path::new(".").join(path).canonicalize().or_else(|_| absolute(path)).ok();
-    let out = place(out);
-    out.is_some() && ["", "test", "train"].iter().any(|stage| place(&folder.join(stage)) == out)
+    let is_out = |folder: &Path| Ok::<_, io::Error>(place(folder)? == place(out)?);
+    Ok(is_out(folder)? || is_out(&folder.join("test"))? || is_out(&folder.join("train"))?)
 }
 
 impl fmt::Display for Report {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_eval::fitting::{Start, StartError, StartGaussians, common_size, fit_recipe};
-use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos};
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError};
 use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
@@ -109,13 +109,11 @@ impl InputArgs {
             bail!("--views: all of them are held out");
         }
         let selection = PhotoSelection { context, targets };
-        let recipe = |size| fit_recipe(size, network.map(|source| &source.config));
-        let prepared =
-            |size, warnings: &mut Warnings| Photos::new(scene.clone(), selection.clone(), recipe(size), warnings);
-        let photos = prepared(self.size, warnings).map_err(|error| {
-            let is_of_size = is_of_size(&scene, &selection, &recipe(self.size));
-            if is_of_size { self.in_size(network, error.into()) } else { error.into() }
-        })?;
+        let prepared = |size, warnings: &mut Warnings| {
+            let recipe = fit_recipe(size, network.map(|source| &source.config));
+            Photos::new(scene.clone(), selection.clone(), recipe, warnings)
+        };
+        let photos = prepared(self.size, warnings).map_err(|error| self.in_size(network, error))?;
         let (training, held_out) = (photos.training_views()?, photos.held_out_views()?);
         let mut scaled = Vec::new();
         for &scale in &self.scales {
@@ -130,15 +128,17 @@ impl InputArgs {
         Ok(Input { photos, training, held_out, scaled })
     }
 
-    /// The error of photos that do not have the size, with what sets it.
-    fn in_size(&self, network: Option<&NetworkSource>, error: anyhow::Error) -> anyhow::Error {
+    /// The error with what sets the size, if photos do not have it.
+    fn in_size(&self, network: Option<&NetworkSource>, error: ReconstructError) -> anyhow::Error {
+        let is_of_size = is_of_size(&error);
+        let error = anyhow::Error::from(error);
         match (self.size, network) {
-            (Some(ImageSize { width, height }), _) => error.context(format!("--size {width}x{height}")),
-            (None, Some(source)) => {
+            (Some(ImageSize { width, height }), _) if is_of_size => error.context(format!("--size {width}x{height}")),
+            (None, Some(source)) if is_of_size => {
                 let size = &source.config.resolution;
                 error.context(format!("--refine without --size scales photos to {}x{}", size.width, size.height))
             }
-            (None, None) => error,
+            _ => error,
         }
     }
 }

@@ -4,7 +4,7 @@ mod input;
 mod report;
 
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf, absolute};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, ensure};
@@ -14,7 +14,7 @@ use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 
 use crate::device::DeviceArgs;
-use crate::output::{PendingFile, print_report, print_warnings, warn};
+use crate::output::{PendingFile, place, print_report, print_warnings, warn};
 use crate::parse;
 use input::{InputArgs, StartArgs};
 use report::Log;
@@ -167,9 +167,8 @@ impl Args {
     /// Refuses a checkpoint in a file that the results replace.
     fn check_checkpoint(&self, record_file: &Path) -> anyhow::Result<()> {
         let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
-        let place = absolute(checkpoint)?;
         for file in [self.out.as_path(), record_file] {
-            if absolute(file)? == place {
+            if place(file)? == place(checkpoint)? {
                 let (checkpoint, file) = (checkpoint.display(), file.display());
                 let text = format!("--checkpoint {checkpoint}: --out writes {file}: give the checkpoint another file");
                 return Err(parse::usage_error(text).into());

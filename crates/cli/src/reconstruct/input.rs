@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, ensure};
 use atsplat_camera::{Distortion, ImageSize as CameraSize};
-use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recipe, rendered_scene};
+use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, ReconstructError, photo_recipe, rendered_scene};
 use atsplat_eval::sources::AlreadyCropped;
 use atsplat_model::{ImageSize, ModelConfig};
-use atsplat_protocol::trial::{SkipReason, TrialRecipe, check};
-use atsplat_protocol::{IndexEntry, Preset};
+use atsplat_protocol::Preset;
+use atsplat_protocol::trial::{SkipReason, Skipped, TrialRecipe};
 use atsplat_scene::{FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
 
 use crate::dataset_args::PictureArgs;
@@ -72,8 +72,8 @@ impl InputArgs {
         let targets = self.targets.as_ref().map(|targets| targets.of(count)).transpose().context("--targets")?;
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         let (scene, recipe) = self.prepared(scene, config)?;
-        match Photos::new(scene.clone(), selection.clone(), recipe.clone(), warnings) {
-            Err(error) if self.protocol.is_none() && is_of_size(&scene, &selection, &recipe) => {
+        match Photos::new(scene, selection, recipe, warnings) {
+            Err(error) if self.protocol.is_none() && is_of_size(&error) => {
                 let ImageSize { width, height } = self.size(config);
                 Err(error).context(format!("photos at {width}×{height}, as --size or the model says"))
             }
@@ -110,13 +110,9 @@ impl InputArgs {
     }
 }
 
-/// Whether photos give no trial because they cannot have its size: the reason as a value, which the error of [`Photos::new`]
-/// only quotes.
-pub(crate) fn is_of_size(scene: &Scene, selection: &PhotoSelection, recipe: &TrialRecipe) -> bool {
-    let PhotoSelection { context, targets: target } = selection.clone();
-    let entry = IndexEntry { context, target, overlap: None };
-    let refused = check(&Arc::new(scene.clone()), &entry, recipe, &mut Warnings::new()).err();
-    refused.is_some_and(|refusal| refusal.reason == SkipReason::Preprocessing)
+/// Whether photos give no trial because they cannot have its size.
+pub(crate) fn is_of_size(error: &ReconstructError) -> bool {
+    matches!(error, ReconstructError::Skipped(Skipped { reason: SkipReason::Preprocessing, .. }))
 }
 
 /// The scene of a dataset, or the output of `atsplat render`.

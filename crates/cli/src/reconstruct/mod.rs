@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let reconstruction = network.reconstruct(&views, args.network.seed).context("reconstructing")?;
     clock.extend(reconstruction.seconds.stages());
 
-    let output = clock.time("writing", || -> anyhow::Result<_> {
+    let (output, clamped) = clock.time("writing", || -> anyhow::Result<_> {
         let in_scene = match args.frame {
             GaussianFrame::Network => None,
             GaussianFrame::Scene => Some(photos.in_scene(&reconstruction.gaussians)?),
@@ -101,7 +101,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         args.plots.draw(&network, &photos, options, args.network.seed, &subject)
     })?;
     let mut notes = reconstruct::warnings(&reconstruction, &photos, processor);
-    notes.extend_from_slice(&output.clamped);
+    notes.extend(clamped);
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         input: args.input.record(&photos),

@@ -15,7 +15,7 @@ use atsplat_report::{Report, Request, Written, counted, store_labels};
 use serde_json::json;
 
 use crate::objects::CacheArgs;
-use crate::output::{print_text, warn};
+use crate::output::{print_json, print_text, warn};
 use crate::parse::{named, once, usage_error};
 use crate::run::merge::reject_duplicates;
 
@@ -121,7 +121,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let tables: Vec<_> = report.tables.iter().map(json_of).collect();
         let unmeasured = &report.unmeasured;
         let written = json!({ "tables": tables, "unmeasured": unmeasured, "files": files, "removed": removed });
-        print_text(&format!("{}\n", serde_json::to_string_pretty(&written)?))?;
+        print_json(&written)?;
     } else {
         print_tables(&report)?;
         let (files, folder, page) = (counted(files.len() as u64, "file"), &args.out, args.out.join("index.html"));

@@ -1,10 +1,11 @@
 use std::collections::BTreeSet;
 
 use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_protocol::Aggregation;
 use serde::{Deserialize, Serialize};
 
 use crate::Results;
-use crate::statistics::{Identical, Leaked, MetricQuery, scene_means, student_quantile};
+use crate::statistics::{Identical, Leaked, MetricQuery, student_quantile, summary};
 
 /// How far a mean may change before it counts as drift.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,21 +60,15 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         .collect();
     let limit = |(preset, method, metric): (&str, &str, &str)| {
         let query = MetricQuery { preset, method, metric, leaked: Leaked::Included, identical: Identical::Capped };
-        let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &query)).collect();
+        // The mean that is compared.
+        let means: Vec<f64> =
+            runs.iter().filter_map(|run| summary(run, &query, Aggregation::SceneMeans).mean).collect();
         let least = least_limit(metric);
         let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
         let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
         Limit { preset, method, metric, limit, runs: means.len() as u64 }
     };
     queries.into_iter().map(limit).collect()
-}
-
-/// The mean that is compared: each entry of the index has one vote.
-fn mean(run: &Results, query: &MetricQuery) -> Option<f64> {
-    let scenes = scene_means(run, query);
-    let sum: f64 = scenes.iter().map(|scene| scene.mean * scene.weight).sum();
-    let entries: f64 = scenes.iter().map(|scene| scene.weight).sum();
-    (!scenes.is_empty()).then(|| sum / entries)
 }
 
 fn spread(means: &[f64]) -> Option<f64> {

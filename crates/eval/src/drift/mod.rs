@@ -24,8 +24,6 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-pub use atsplat_files::date;
-
 pub use acceptance::{AcceptanceReport, acceptable};
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use compare::compare;

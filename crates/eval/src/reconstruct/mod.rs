@@ -27,6 +27,7 @@ mod report;
 mod scene_file;
 
 use atsplat_model::network::{Network, Reconstruction};
+use atsplat_protocol::trial::Skipped;
 use atsplat_scene::{Scene, Warnings};
 
 pub use network_source::{BackboneRecord, ModelRecord, NetworkSource, UntrainedBackbone, WeightsRecord, WrittenFor};
@@ -43,7 +44,7 @@ pub use scene_file::{GaussianFrame, OutputRecord, SceneFormat, write_gaussians};
 pub enum ReconstructError {
     /// The photos cannot become a trial.
     #[error("{0}")]
-    Skipped(String),
+    Skipped(Skipped),
     /// No context view was selected.
     #[error("no context view")]
     NoContext,

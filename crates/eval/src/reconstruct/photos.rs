@@ -77,7 +77,7 @@ impl Photos {
         let trial = trials.next();
         warnings.merge(trials.warnings().clone());
         let trial = trial.ok_or(ReconstructError::NoContext)?;
-        let (trial, ground_truth) = trial.map_err(|skipped| ReconstructError::Skipped(skipped.to_string()))?;
+        let (trial, ground_truth) = trial.map_err(ReconstructError::Skipped)?;
         Ok(Self { trial, ground_truth, names })
     }
 

@@ -38,9 +38,6 @@ pub struct OutputRecord {
     pub gaussians: usize,
     /// Degree of their spherical harmonics.
     pub sh_degree: u8,
-    /// Values that the format clamped, in words; part of the report's warnings.
-    #[serde(skip)]
-    pub clamped: Vec<String>,
 }
 
 impl SceneFormat {
@@ -57,7 +54,7 @@ impl SceneFormat {
     }
 }
 
-/// Writes Gaussians that are given in this frame.
+/// Writes Gaussians that are given in this frame; also says which values the format clamped.
 ///
 /// # Errors
 /// Those of [`files::write`].
@@ -66,14 +63,14 @@ pub fn write_gaussians(
     gaussians: &Gaussians,
     format: SceneFormat,
     frame: GaussianFrame,
-) -> Result<OutputRecord, SplatError> {
+) -> Result<(OutputRecord, Vec<String>), SplatError> {
     let format = match format {
         SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
         SceneFormat::Spz => Output::Spz3 { antialiased: false },
     };
     let clamped = files::write(path, gaussians, format)?.warnings();
     let (file, sh_degree) = (path.to_owned(), gaussians.sh_degree());
-    Ok(OutputRecord { file, format, frame, gaussians: gaussians.len(), sh_degree, clamped })
+    Ok((OutputRecord { file, format, frame, gaussians: gaussians.len(), sh_degree }, clamped))
 }
 
 #[cfg(test)]
@@ -97,7 +94,7 @@ mod tests {
         })
         .unwrap();
         let clamped = |name: &str, format| {
-            write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Scene).unwrap().clamped
+            write_gaussians(&folder.path().join(name), &gaussians, format, GaussianFrame::Scene).unwrap().1
         };
         assert_eq!(clamped("scene.spz", SceneFormat::Spz), ["log-scales clamped to SPZ's range [-10, 5.9375]: 1"]);
         assert!(clamped("scene.ply", SceneFormat::Ply).is_empty());

@@ -1,6 +1,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use atsplat_files::unix_seconds;
 use atsplat_metrics::Suite;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::Prefetch;
@@ -10,7 +11,7 @@ use serde::Serialize;
 use super::selection::Selected;
 use super::{CONTEXT, KeepPictures, PlannedIndex, Selection, TRUTH, metric_records};
 use crate::method::Method;
-use crate::timing::{Machine, TimingPlan, unix_seconds};
+use crate::timing::{Machine, TimingPlan};
 use crate::{EvalError, PresetRecord, Provenance};
 
 /// A dataset with the protocol that it is evaluated under.

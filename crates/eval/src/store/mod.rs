@@ -35,7 +35,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::FolderLock;
-pub use atsplat_files::this_process;
 use atsplat_protocol::trial::PictureDigests;
 pub(crate) use extras::OwnPicture;
 pub use merge::{Merged, Unfinished};

@@ -339,7 +339,7 @@ fn a_second_writer_is_rejected_with_the_first_ones_identity() {
     for error in opened.map(Result::unwrap_err) {
         assert!(matches!(error, EvalError::InUse { .. }), "{error}");
         let message = error.to_string();
-        let since = crate::drift::date(std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap().as_secs());
+        let since = atsplat_files::date(std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap().as_secs());
         for part in [&format!("process {} on ", std::process::id()), &since, "--shard 1/2", "atsplat merge"] {
             assert!(message.contains(part), "{part}: {message}");
         }

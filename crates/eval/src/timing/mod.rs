@@ -21,7 +21,6 @@ pub use pass::TimingPlan;
 pub use row::TimingRow;
 pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
 
-pub(crate) use atsplat_files::unix_seconds;
 pub(crate) use load::processor_secs_of_stat;
 pub(crate) use memory::status_bytes;
 pub(crate) use pass::pass;

@@ -2,6 +2,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
+use atsplat_files::unix_seconds;
 use atsplat_numeric::Extremes as _;
 use atsplat_protocol::trial::{ContextView, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
@@ -10,7 +11,7 @@ use rayon::ThreadPool;
 use super::load::{LoadMonitor, OwnTime};
 use super::quiet;
 use super::samples::{PreparedTrial, Samples, is_long};
-use super::{Load, Machine, TimingRow, unix_seconds};
+use super::{Load, Machine, TimingRow};
 use crate::method::Method;
 use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
 use crate::{EvalError, Store};

@@ -1,8 +1,8 @@
 use std::collections::BTreeSet;
 
 use super::{PageStore, escaped};
-use crate::counted;
 use crate::table::{Table, short, verdict};
+use crate::{counted, noun};
 
 /// A summary in a few numbers, then a line per table.
 pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
@@ -14,11 +14,8 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let presets = results().flat_map(|results| &results.provenance.presets);
     let protocols = presets.map(|preset| (&preset.name, &preset.hash, &preset.index_sha256)).collect::<BTreeSet<_>>();
     let facts = [(protocols.len(), "protocol"), (methods, "method"), (trials, "trial"), (targets, "target view")];
-    let fact = |(count, what): (usize, &str)| {
-        let text = counted(count as u64, what);
-        let (count, what) = text.split_once(' ').unwrap_or((text.as_str(), ""));
-        format!("<li><b>{count}</b><span>{what}</span></li>")
-    };
+    let fact =
+        |(count, what): (usize, &str)| format!("<li><b>{count}</b><span>{}</span></li>", noun(count as u64, what));
     let facts: String = facts.map(fact).concat();
     let mut text = format!("<ul class=\"facts\">{facts}</ul>");
     let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();

@@ -1,3 +1,4 @@
+use atsplat_files::date;
 use atsplat_numeric::{SplitMix64, Tolerance};
 
 use super::probe::{Inputs, Outputs, Pipeline, Recipe, Stage, attribute, run};
