@@ -29,7 +29,7 @@ pub use scene_means::{SceneMean, direction, scene_means, weighted_scene_means, w
 pub use seeds::{Seeds, difference_of_seeds, of_seeds};
 pub use significance::sign_test;
 pub use summary::{Summary, summary};
-pub use trend::{Trend, along_distance, along_overlap, along_setting};
+pub use trend::{Trend, along_distance, along_overlap, along_setting, lead_along_distance, lead_along_overlap};
 
 pub(crate) use contrast::contrast;
 pub(crate) use paired::of_selected as paired_of;

@@ -73,7 +73,7 @@ pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction:
 
 /// `a − b` of the targets that both have a score for, and the number of targets that only one has; both lists are ordered by
 /// [`SelectedTarget::id`].
-fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
+pub(super) fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
     let mut others = b.iter().filter_map(|other| Some((other, other.score()?))).peekable();
     let (mut differences, mut unpaired) = (Vec::new(), 0);
     for (one, value) in a.iter().filter_map(|one| Some((one, one.score()?))) {

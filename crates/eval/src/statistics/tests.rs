@@ -442,6 +442,38 @@ fn slopes_over_overlap_and_distance_are_least_squares() {
     assert_eq!(along_overlap(&store, &query("m")), None, "no overlaps");
 }
 
+/// Two methods that share up to 18 dB of noise: it cancels in their lead, whose slopes are exact.
+#[test]
+fn slopes_of_a_lead_are_paired_by_target() {
+    let names = ["a", "b", "c", "d", "e", "f", "g", "h"];
+    let scenes = |height: f64, fall: f64, per_scene: f64| -> Vec<(&str, u32, Vec<f64>)> {
+        let scores = |at: u8| {
+            let top = height + 3.0 * f64::from(at * at % 7) + per_scene * f64::from(at);
+            vec![top - fall, top - 5.0 * fall]
+        };
+        names.into_iter().zip(0..).map(|(name, at)| (name, 0, scores(at))).collect()
+    };
+    let mut store = results("first", "psnr", &scenes(30.0, 1.0, -2.0));
+    store.targets.extend(results("second", "psnr", &scenes(33.0, 3.0, 0.0)).targets);
+    for (row, scene) in store.targets.iter_mut().zip((0..8u8).chain(0..8).flat_map(|scene| [scene, scene])) {
+        row.signed_distance = [-1, 5][row.target as usize];
+        row.overlap = Some(0.1 * f64::from(scene));
+    }
+    let (first, second) = (query("first"), query("second"));
+    let [lead, back] = [[&first, &second], [&second, &first]].map(|pair| pair.map(|query| (&store, query)));
+    let by_distance = lead_along_distance(lead[0], lead[1]).unwrap();
+    Tolerance::absolute(1e-9).assert([by_distance.slope], [2.0], "one falls by 1 dB a frame, the other by 3");
+    Tolerance::absolute(1e-9).assert(by_distance.interval.unwrap(), [2.0; 2], "the noise cancels");
+    let by_overlap = lead_along_overlap(lead[0], lead[1]).unwrap();
+    Tolerance::absolute(1e-9).assert([by_overlap.slope], [-20.0], "2 dB for each 0.1 of overlap");
+    Tolerance::absolute(1e-9).assert(
+        [lead_along_overlap(back[0], back[1]).unwrap().slope],
+        [20.0],
+        "the other way round",
+    );
+    assert!(along_overlap(&store, &first).unwrap().interval.unwrap()[1] > -19.0, "alone, the noise stays");
+}
+
 /// Coverage of slopes over 30 scenes with scattered overlaps and noise.
 #[test]
 fn slopes_have_their_nominal_coverage() {

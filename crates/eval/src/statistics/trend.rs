@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::bootstrap::{MIN_SCENES, interval_of, resamples};
-use super::selection::select;
+use super::paired::differences;
+use super::selection::{SelectedTarget, select};
 use super::{MetricQuery, SceneMean};
 use crate::Results;
 
@@ -28,26 +29,48 @@ type Points = Vec<[f64; 2]>;
 /// The slope over overlap (per 1.0 of overlap): one line through the targets of all scenes, because overlap differs between
 /// trials more than within them. `None` without two different overlaps.
 pub fn along_overlap(results: &Results, query: &MetricQuery) -> Option<Trend> {
-    let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
-    for target in select(results, query) {
-        if let Some((overlap, score)) = target.overlap.zip(target.score()) {
-            scenes.entry(target.scene).or_default().push([overlap, score]);
-        }
-    }
-    of_sums(&one_line(&scenes.into_values().collect::<Vec<_>>()))
+    over_overlap(&select(results, query))
 }
 
 /// The slope over the distance from the window of context frames, per frame, of the targets outside it: lines of one slope,
 /// each scene with its own height. `None` without two different distances in a scene.
 pub fn along_distance(results: &Results, query: &MetricQuery) -> Option<Trend> {
+    over_distance(&select(results, query))
+}
+
+/// The slope of `a − b` over overlap, as of [`along_overlap`], over the targets that both have a score for.
+pub fn lead_along_overlap(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Trend> {
+    over_overlap(&differences(&select(a.0, a.1), &select(b.0, b.1)).0)
+}
+
+/// The slope of `a − b` over the distance from the window, as of [`along_distance`], over the targets that both have a score
+/// for.
+pub fn lead_along_distance(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Trend> {
+    over_distance(&differences(&select(a.0, a.1), &select(b.0, b.1)).0)
+}
+
+fn over_overlap(targets: &[SelectedTarget<'_>]) -> Option<Trend> {
+    let scenes = by_scene(targets, |target| target.overlap);
+    of_sums(&one_line(&scenes.into_values().collect::<Vec<_>>()))
+}
+
+fn over_distance(targets: &[SelectedTarget<'_>]) -> Option<Trend> {
+    let outside = |distance: i64| (distance != 0).then(|| distance.unsigned_abs() as f64);
+    of_sums(&parallel_lines(by_scene(targets, |target| target.distance.and_then(outside)).into_values()))
+}
+
+/// The points of every scene, of the targets that have the property and a score.
+fn by_scene<'a>(
+    targets: &[SelectedTarget<'a>],
+    property: impl Fn(&SelectedTarget<'a>) -> Option<f64>,
+) -> BTreeMap<&'a str, Points> {
     let mut scenes: BTreeMap<&str, Points> = BTreeMap::new();
-    for target in select(results, query) {
-        let distance = target.distance.filter(|distance| *distance != 0);
-        if let Some((distance, score)) = distance.zip(target.score()) {
-            scenes.entry(target.scene).or_default().push([distance.unsigned_abs() as f64, score]);
+    for target in targets {
+        if let Some((at, score)) = property(target).zip(target.score()) {
+            scenes.entry(target.scene).or_default().push([at, score]);
         }
     }
-    of_sums(&parallel_lines(scenes.into_values()))
+    scenes
 }
 
 /// The slope over a setting, given as its value with the scene means that it led to: lines of one slope, each scene with its

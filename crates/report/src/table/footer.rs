@@ -6,6 +6,7 @@ use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES, Trend, along_setting, cos
 use atsplat_metrics::{Definition, Measure};
 
 use super::edition::{Edition, Part};
+use super::leads::changes_of_leads;
 use super::orders::means;
 use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, StoreProtocol, Table, Trainings, Value, distinct};
 use crate::counted;
@@ -42,6 +43,9 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     left_out(&mut notes, table);
     several_trainings(&mut notes, table);
     if let Some(text) = trend_over_gaussians(table, definition, edition) {
+        notes.add(NoteKind::Trend, text);
+    }
+    for text in changes_of_leads(table, definition, edition) {
         notes.add(NoteKind::Trend, text);
     }
     trained_on(&mut notes, table, edition);
@@ -412,7 +416,7 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
     }
 }
 
-fn name(row: &Row) -> String {
+pub(super) fn name(row: &Row) -> String {
     let labels = row.printed_labels();
     labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect::<Vec<_>>().join(", ")
 }

@@ -3,6 +3,7 @@
 mod build;
 mod edition;
 mod footer;
+mod leads;
 mod measure;
 mod measured_on;
 mod orders;
@@ -286,7 +287,7 @@ pub enum NoteKind {
     NotComputed,
     /// Times measured on a busy machine.
     Busy,
-    /// Slopes over a setting.
+    /// Slopes over a setting, and of leads over overlap or distance.
     Trend,
     /// Targets that are left out of means, and intervals of too few scenes.
     LeftOut,
