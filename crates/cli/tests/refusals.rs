@@ -31,6 +31,7 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&baseline, &["--context-size", "given"], "--context-size is for methods with a network"),
         (&baseline, &["--max-gaussians", "5"], "--max-gaussians is for 3dgs"),
         (&baseline, &["--seed", "7"], "--seed is for methods with a network, 3dgs, mip-splatting and mcmc"),
+        (&baseline, &["--seed", "0"], "--seed is for methods with a network, 3dgs, mip-splatting and mcmc"),
         (&optimised, &["--method-timeout", "3"], "--method-timeout is for exec"),
         (&optimised, &["--method-processes", "3"], "--method-processes is for exec"),
         (&optimised, &["--ply-frame", "trial"], "--ply-frame is for ply"),

@@ -30,4 +30,4 @@ pub use picture::{Image, ImageU8};
 pub use preview::{Preview, preview_frame};
 pub use resize::{Filter, resize};
 pub use rounding::Rounding;
-pub use size::{has_alpha, size_of};
+pub use size::{has_16_bits, has_alpha, size_of};

@@ -30,6 +30,13 @@ pub fn has_alpha(bytes: &[u8]) -> bool {
     }
 }
 
+/// Whether a PNG stores 16 bits per sample, of which [`decode`](crate::decode()) keeps the high byte; `false` for other
+/// formats.
+pub fn has_16_bits(bytes: &[u8]) -> bool {
+    const BIT_DEPTH: usize = 24;
+    PictureFormat::sniff(bytes) == Some(PictureFormat::Png) && bytes.get(BIT_DEPTH) == Some(&16)
+}
+
 /// The start of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 
@@ -155,5 +162,28 @@ mod tests {
         assert!(has_alpha(&transparent_colour), "one transparent colour");
         let behind_text = [&png[..header_end], b"\0\0\0\x02tEXta\0crc.", &transparent_colour[header_end..]].concat();
         assert!(has_alpha(&behind_text) && !has_alpha(&behind_text[..50]), "after another chunk");
+    }
+
+    #[test]
+    fn sixteen_bits_are_read_from_the_header() {
+        let samples = [5; 6 * 8];
+        let colours = [
+            (ExtendedColorType::L8, false),
+            (ExtendedColorType::L16, true),
+            (ExtendedColorType::Rgb8, false),
+            (ExtendedColorType::Rgb16, true),
+            (ExtendedColorType::Rgba16, true),
+        ];
+        for (colour, deep) in colours {
+            let mut png = Vec::new();
+            let bytes = 6 * usize::from(colour.bits_per_pixel() / 8);
+            PngEncoder::new(&mut png).write_image(&samples[..bytes], 3, 2, colour).unwrap();
+            assert_eq!(has_16_bits(&png), deep, "{colour:?}");
+            assert!(!has_16_bits(&png[..24]), "a truncated header");
+        }
+        let mut webp = Vec::new();
+        WebPEncoder::new_lossless(&mut webp).write_image(&samples[..18], 3, 2, ExtendedColorType::Rgb8).unwrap();
+        webp[24] = 16;
+        assert!(!has_16_bits(&webp), "another format");
     }
 }

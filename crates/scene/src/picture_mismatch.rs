@@ -82,8 +82,8 @@ impl Frame {
         }
     }
 
-    /// Warns if the picture of this frame, the scene's at `position`, does not fit its camera, is turned by EXIF or has
-    /// an alpha channel.
+    /// Warns if the picture of this frame, the scene's at `position`, does not fit its camera, is turned by EXIF, or
+    /// has an alpha channel or 16-bit samples.
     pub fn report(&self, scene: &str, position: usize, header: &PictureHeader, warnings: &mut Warnings) {
         if let Some(mismatch) = self.mismatch(header.size) {
             warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {mismatch}"));
@@ -96,6 +96,10 @@ impl Frame {
             let detail =
                 format!("frame {position}: its alpha channel is dropped, transparent pixels keep their colour");
             warnings.push(WarningKind::DroppedAlpha, scene, detail);
+        }
+        if header.has_16_bits {
+            let detail = format!("frame {position}: its samples have 16 bits; the low byte of each is dropped");
+            warnings.push(WarningKind::DroppedLowBytes, scene, detail);
         }
     }
 }

@@ -58,6 +58,8 @@ pub struct PictureHeader {
     pub orientation: Option<Orientation>,
     /// Whether there is an alpha channel. It is dropped when decoding, as everywhere in the field.
     pub has_alpha: bool,
+    /// Whether samples have 16 bits. The low byte is dropped when decoding, as everywhere in the field.
+    pub has_16_bits: bool,
 }
 
 /// Which copy of a capture's pictures to use, if there are several sizes.
@@ -209,7 +211,7 @@ impl Frame {
         match &self.picture {
             Picture::File(path) => header_of_file(path, in_frame(scene, position)),
             Picture::Generated(picture) => {
-                Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false })
+                Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false, has_16_bits: false })
             }
             _ => header_of(&self.bytes(scene, position)?).map_err(in_frame(scene, position)),
         }
@@ -244,5 +246,6 @@ fn header_of(bytes: &[u8]) -> Result<PictureHeader, PixelError> {
         size: ImageSize { width, height },
         orientation: Orientation::of(bytes),
         has_alpha: atsplat_pixels::has_alpha(bytes),
+        has_16_bits: atsplat_pixels::has_16_bits(bytes),
     })
 }

@@ -46,6 +46,8 @@ pub enum WarningKind {
     TurnedPicture,
     /// A picture has an alpha channel, which is dropped without compositing, as in all loaders of the field.
     DroppedAlpha,
+    /// A picture has 16-bit samples, of which only the high byte is kept, as in all loaders of the field.
+    DroppedLowBytes,
     /// Two scenes of a dataset have the same key; the first is used, or the one that the index lists.
     DuplicateScene,
     /// A scene could not be read.
@@ -172,6 +174,7 @@ impl WarningKind {
                 | Self::UnexpectedSize
                 | Self::TurnedPicture
                 | Self::DroppedAlpha
+                | Self::DroppedLowBytes
                 | Self::AmbiguousNumbering
                 | Self::UnreadablePicture
         )
@@ -218,7 +221,8 @@ mod tests {
     #[test]
     fn about_cameras_omits_warnings_about_pictures() {
         let mut warnings = Warnings::new();
-        for kind in [WarningKind::MissingPicture, WarningKind::BadCamera, WarningKind::TurnedPicture] {
+        let about_pictures = [WarningKind::MissingPicture, WarningKind::TurnedPicture, WarningKind::DroppedLowBytes];
+        for kind in about_pictures.into_iter().chain([WarningKind::BadCamera]) {
             warnings.push(kind, "s", "detail");
         }
         let left = warnings.about_cameras();

@@ -80,7 +80,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     budget::budget(&source.config, photos.trial().context().len(), source.sees(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
     let views = clock.time("pictures", || photos.views())?;
-    let reconstruction = network.reconstruct(&views, args.network.seed).context("reconstructing")?;
+    let reconstruction = network.reconstruct(&views, args.network.call_seed()).context("reconstructing")?;
     clock.extend(reconstruction.seconds.stages());
 
     let (output, clamped) = clock.time("writing", || -> anyhow::Result<_> {
@@ -98,7 +98,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     let plots = clock.time("plots", || {
         let options = args.renders.options(photos.trial().near_far())?;
-        args.plots.draw(&network, &photos, options, args.network.seed, &subject)
+        args.plots.draw(&network, &photos, options, args.network.call_seed(), &subject)
     })?;
     let mut notes = reconstruct::warnings(&reconstruction, &photos, processor);
     notes.extend(clamped);
@@ -107,7 +107,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         input: args.input.record(&photos),
         model: source.record()?,
         weights,
-        seed: args.network.seed,
+        seed: args.network.call_seed(),
         device: processor,
         adapter: network.adapter().as_ref().map(AdapterRecord::from),
         seen_at: reconstruction.seen_at,

@@ -56,9 +56,9 @@ pub(crate) struct NetworkArgs {
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
 
-    /// Seed of random token selection.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub(crate) seed: u64,
+    /// Seed of random token selection. By default 0.
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
 }
 
 /// Size at which a network sees its context.
@@ -107,6 +107,11 @@ impl NetworkArgs {
 
     pub(crate) const fn has_weights(&self) -> bool {
         self.weights.is_some()
+    }
+
+    /// The seed of calls of the network: the one given, or 0.
+    pub(crate) fn call_seed(&self) -> u64 {
+        self.seed.unwrap_or_default()
     }
 
     /// The first argument about a network that is given.

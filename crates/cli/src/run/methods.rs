@@ -95,7 +95,7 @@ impl MethodArgs {
             (optimises, of(self.max_gaussians.is_some(), "--max-gaussians"), "is for 3dgs, mip-splatting and mcmc"),
             (
                 networks || optimises,
-                of(self.network.seed != 0, "--seed"),
+                of(self.network.seed.is_some(), "--seed"),
                 "is for methods with a network, 3dgs, mip-splatting and mcmc",
             ),
             (executes, of(self.method_timeout.is_some(), "--method-timeout"), "is for exec"),
@@ -134,7 +134,7 @@ impl MethodArgs {
         device: &ComputeDevice,
     ) -> anyhow::Result<Arc<dyn Method>> {
         let name = name.as_deref();
-        let seed = self.network.seed;
+        let seed = self.network.call_seed();
         match kind {
             MethodKind::AtSplat => {
                 let source = self.network.source().context("--method atsplat")?;

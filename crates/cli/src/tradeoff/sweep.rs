@@ -98,7 +98,7 @@ fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
         tensors: network.weights()?,
         weights: record.weights(),
         trained_at: network.trained_size(),
-        call_seed: args.seed,
+        call_seed: args.call_seed(),
         constants: ConstantsChoice::FromPreset,
         background: None,
         device,

@@ -54,7 +54,7 @@ impl SceneFormat {
     }
 }
 
-/// Writes Gaussians that are given in this frame; also says which values the format clamped.
+/// Writes Gaussians that are given in this frame; also says which values the format's ranges changed.
 ///
 /// # Errors
 /// Those of [`files::write`].

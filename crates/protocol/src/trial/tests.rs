@@ -206,18 +206,25 @@ fn warns_about_pictures_with_an_exif_rotation() {
 }
 
 #[test]
-fn warns_about_an_alpha_channel_that_is_dropped() {
+fn warns_about_an_alpha_channel_and_low_bytes_that_are_dropped() {
     use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
-    let mut transparent = Vec::new();
-    let pixels: Vec<u8> = [9, 8, 7, 0].repeat(64 * 48);
-    PngEncoder::new(&mut transparent).write_image(&pixels, 64, 48, ExtendedColorType::Rgba8).unwrap();
-    let mut with_alpha = scene("s", 9, 5);
-    with_alpha.frames[6].picture = Picture::Encoded(SharedBytes::new(transparent));
     let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
-    let mut trials = Trials::new(Arc::new(MemorySource::new([with_alpha])), &index, recipe(), Prefetch::default());
-    trials.next().unwrap().unwrap();
-    assert_eq!(trials.warnings().count(WarningKind::DroppedAlpha), 1, "the other frames have none");
-    assert!(trials.warnings().kept().iter().any(|warning| warning.to_string().starts_with("s: frame 6: its alpha")));
+    let deep: Vec<u8> = [0x0980u16, 0x0880, 0x0780].iter().flat_map(|sample| sample.to_ne_bytes()).collect();
+    for (pixel, colour, kind, expected) in [
+        (vec![9, 8, 7, 0], ExtendedColorType::Rgba8, WarningKind::DroppedAlpha, "s: frame 6: its alpha"),
+        (deep, ExtendedColorType::Rgb16, WarningKind::DroppedLowBytes, "s: frame 6: its samples have 16 bits"),
+    ] {
+        let mut png = Vec::new();
+        PngEncoder::new(&mut png).write_image(&pixel.repeat(64 * 48), 64, 48, colour).unwrap();
+        let mut with_more = scene("s", 9, 5);
+        with_more.frames[6].picture = Picture::Encoded(SharedBytes::new(png));
+        let mut trials = Trials::new(Arc::new(MemorySource::new([with_more])), &index, recipe(), Prefetch::default());
+        let (trial, _) = trials.next().unwrap().unwrap();
+        assert_eq!(trial.context()[1].picture().unwrap().samples()[..3], [9, 8, 7], "{kind}");
+        assert_eq!(trials.warnings().count(kind), 1, "{kind}: the other frames have none");
+        let kept = trials.warnings().kept().iter().find(|warning| warning.kind == kind).unwrap();
+        assert!(kept.to_string().starts_with(expected), "{kept}");
+    }
 }
 
 /// A picture truncated after its header: the trial is valid, and requesting the picture gives the same error every time.

@@ -26,7 +26,9 @@ pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageSto
     if let Some([low, high]) = cell.interval {
         text.push_str(&format!(" [95 % {}, {}]", column.format(low), column.format(high)));
     }
-    if let Some(counts) = cell.counts {
+    // A slope is over the targets of other columns, whose citations count them.
+    let is_slope = matches!(column.quantity, Quantity::Slope(..));
+    if let Some(counts) = cell.counts.filter(|_| !is_slope) {
         text.push_str(&format!(" over {}, {}", counted(counts.scenes, "scene"), counted(counts.targets, "target")));
     }
     if let Some(Trainings { count, .. }) = cell.trainings {

@@ -25,8 +25,14 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
         Quantity::Slope(metric, along) => {
             let query = MetricQuery { preset, method, metric: metric.id, leaked, identical };
             match along {
-                SlopeOver::Overlap => slope_cell(along_overlap(results, &query), 0.1),
-                SlopeOver::Distance => slope_cell(along_distance(results, &query), 1.0),
+                SlopeOver::Overlap => {
+                    let targets = summary(results, &query, part.protocol.aggregation);
+                    slope_cell(along_overlap(results, &query), &targets, 0.1)
+                }
+                SlopeOver::Distance => {
+                    let outside = within_distances(results, &query, 1..=u64::MAX);
+                    slope_cell(along_distance(results, &query), &outside, 1.0)
+                }
             }
         }
         Quantity::Seconds => time_cell(times(results, preset, method)),
@@ -49,27 +55,32 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
         }
         (Some(_), None) => Summary::default(),
     };
-    let counts = Counts {
+    Cell {
+        value: found.mean.map_or(Value::Absent, Value::Number),
+        interval: found.interval,
+        counts: Some(counts_of(&found)),
+        not_computed: found.not_computed,
+        ..Cell::default()
+    }
+}
+
+const fn counts_of(found: &Summary) -> Counts {
+    Counts {
         scenes: found.scenes,
         targets: found.targets,
         identical: found.identical,
         failed: found.failed,
         not_applicable: found.not_applicable,
         non_finite: found.non_finite,
-    };
-    Cell {
-        value: found.mean.map_or(Value::Absent, Value::Number),
-        interval: found.interval,
-        counts: Some(counts),
-        not_computed: found.not_computed,
-        ..Cell::default()
     }
 }
 
-fn slope_cell(trend: Option<Trend>, unit: f64) -> Cell {
-    let Some(Trend { slope, interval, .. }) = trend else { return Cell::default() };
+/// `targets` are those that the slope is measured along.
+fn slope_cell(trend: Option<Trend>, targets: &Summary, unit: f64) -> Cell {
+    let Some(Trend { slope, interval, scenes }) = trend else { return Cell::default() };
     let interval = interval.map(|ends| ends.map(|end| end * unit));
-    Cell { value: Value::Number(slope * unit), interval, ..Cell::default() }
+    let counts = Some(Counts { scenes, ..counts_of(targets) });
+    Cell { value: Value::Number(slope * unit), interval, counts, ..Cell::default() }
 }
 
 fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {

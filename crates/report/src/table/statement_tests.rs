@@ -407,6 +407,17 @@ fn protocol_tables_have_bins_and_distances_with_their_slopes() {
     let numbers: Vec<f64> = (2..5).map(|group| row.cells[group][0].value.number().unwrap()).collect();
     Tolerance::absolute(1e-9).assert(numbers, [26.0, 18.0, -4.0], "1 and 3 frames outside, and the slope");
     assert_eq!(row.cells[4][0].print(tables[1].column((4, 0))), "-4.000 [-4.000, -4.000]");
+    let counts = row.cells[4][0].counts.unwrap();
+    assert_eq!((counts.scenes, counts.targets), (8, 16), "without the targets inside the window");
+    // Files have the scenes of slopes; footers list those of means.
+    for (table, column) in tables.iter().zip(["slope-over-overlap_scenes", "slope-over-distance_scenes"]) {
+        let records = csv_text::parse(&TableFormat::Csv.write(table).unwrap()).unwrap();
+        let at = records[0].iter().position(|name| name == column).unwrap();
+        let own = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
+        assert_eq!(records[own + 1][at], "8", "{column}");
+        let listed = notes(table, NoteKind::Counts);
+        assert!(listed.contains("8 scenes, ") && !listed.contains("Trend of PSNR"), "{listed}");
+    }
     // Ablations have rows too, and say what they are.
     let labels: Vec<String> = measured(&tables[0]).map(|row| row.printed_labels().concat()).collect();
     assert!(labels.iter().any(|label| label == "ATSplat, random, changed at inference only"), "{labels:?}");

@@ -60,9 +60,10 @@ pub enum Format {
 pub enum Output {
     /// 3DGS' PLY; lossless except that infinite opacity logits become ±20.
     Ply(Encoding),
-    /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units, log-scales to 1/16 within [−10,
-    /// 5.9375], opacities to 1/255, coefficients to 4/153 within ±10/3 (degree 0), to 1/16 (degree 1) or 1/8 within
-    /// [−1, 1). Beyond these ranges, values become the nearest within, which [`Export`] counts.
+    /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units within ±2047, log-scales to 1/16
+    /// within [−10, 5.9375], opacities to 1/255, coefficients to 4/153 within ±10/3 (degree 0), to 1/16 (degree 1) or
+    /// 1/8 within [−1, 1). Beyond these ranges, all centres get coarser steps, and other values become the nearest
+    /// within, which [`Export`] counts.
     Spz2 {
         /// Whether the Gaussians were trained, and should be rendered, with [`crate::RasterMode::Antialiased`].
         antialiased: bool,
@@ -91,7 +92,7 @@ pub struct Import {
     pub opacities_may_be_no_logits: bool,
 }
 
-/// Report of writing a file: how many values a format's ranges changed by more than rounding does, by kind.
+/// Report of writing a file: how many values a format's ranges changed by more than its usual rounding does, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Export {
     /// Log-scales, of three per Gaussian.
@@ -100,10 +101,12 @@ pub struct Export {
     pub colours: u64,
     /// SH coefficients of higher degrees.
     pub coefficients: u64,
+    /// Coordinates of centres, of three per Gaussian; one beyond the range of the usual steps makes all steps coarser.
+    pub centres: u64,
 }
 
 impl Export {
-    /// What was clamped, in words; nothing if no value was.
+    /// What was clamped or rounded more coarsely than usual, in words; nothing if no value was.
     pub fn warnings(&self) -> Vec<String> {
         let kinds = [
             (self.log_scales, "log-scales", "[-10, 5.9375]"),
@@ -111,7 +114,10 @@ impl Export {
             (self.coefficients, "SH coefficients of higher degrees", "[-1, 1)"),
         ];
         let clamped = kinds.into_iter().filter(|(count, ..)| *count > 0);
-        clamped.map(|(count, what, range)| format!("{what} clamped to SPZ's range {range}: {count}")).collect()
+        let clamped = clamped.map(|(count, what, range)| format!("{what} clamped to SPZ's range {range}: {count}"));
+        let coarser = "coordinates of centres in steps above SPZ's usual 1/4096, because one is beyond ±2047";
+        let centres = (self.centres > 0).then(|| format!("{coarser}: {}", self.centres));
+        clamped.chain(centres).collect()
     }
 }
 

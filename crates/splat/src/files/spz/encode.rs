@@ -12,7 +12,7 @@ const LARGEST_CENTRE: f64 = 8_388_607.0;
 /// degree 1 and 4 bits above.
 const STEPS: (i32, i32) = (1 << 3, 1 << 4);
 
-/// Encodes the uncompressed payload of version 2 or 3, and counts what it clamps.
+/// Encodes the uncompressed payload of version 2 or 3, and counts what it clamps or rounds more coarsely than usual.
 ///
 /// A scene extending beyond ±2047 gets fewer fractional bits.
 pub(in super::super) fn encode(
@@ -60,7 +60,8 @@ pub(in super::super) fn encode(
             payload.extend(rgb.map(|value| coefficient(value, step(k))));
         }
     }
-    Ok((payload, clamped(&parts)))
+    let centres = coarser(parts.means.as_flattened(), header.fractional_bits);
+    Ok((payload, Export { centres, ..clamped(&parts) }))
 }
 
 /// The step of coefficient `k`, above degree 0.
@@ -83,6 +84,14 @@ fn clamped(parts: &GaussianParts) -> Export {
         }
     }
     export
+}
+
+/// Counts coordinates that are further from what is stored than [`FRACTIONAL_BITS`] would leave them.
+fn coarser(centres: &[f32], fractional_bits: u8) -> u64 {
+    let usual = (-f64::from(FRACTIONAL_BITS)).exp2() / 2.0;
+    let scale = f64::from(fractional_bits).exp2();
+    let error = |centre: f64| ((centre * scale).round() / scale - centre).abs();
+    centres.iter().filter(|centre| error(f64::from(**centre)) > usual).count() as u64
 }
 
 /// Counts values that are further beyond a range than values within are from what is stored.
@@ -173,7 +182,29 @@ mod tests {
         let mut beyond = within;
         beyond.log_scales = vec![[f32::NEG_INFINITY, 0.0, 5.98]];
         beyond.sh = vec![[3.5, -3.4, -9.0], [1.03, 1.03, -1.03], [0.0; 3], [0.0; 3]];
-        let expected = Export { log_scales: 2, colours: 3, coefficients: 1 };
+        let expected = Export { log_scales: 2, colours: 3, coefficients: 1, centres: 0 };
         assert_eq!(encode(&beyond, 2, true).unwrap().1, expected);
+    }
+
+    /// Coordinates that coarser steps store as well are not.
+    #[test]
+    fn centres_that_lose_bits_to_a_distant_one_are_counted() {
+        let exported = |mean: [f32; 3]| {
+            let parts = GaussianParts {
+                means: vec![mean],
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+                log_scales: vec![[0.0; 3]],
+                opacity_logits: vec![0.0],
+                sh: vec![[0.0; 3]],
+                ..GaussianParts::default()
+            };
+            encode(&parts, 3, false).unwrap().1
+        };
+        let odd = 1.0 / 4096.0;
+        assert_eq!(exported([2047.0, odd, 0.1]), Export::default(), "steps of 1/4096");
+        assert_eq!(exported([3000.0, odd, 0.5]), Export { centres: 1, ..Export::default() }, "steps of 1/2048");
+        let whole = exported([8_388_607.0, 0.3, -0.6]);
+        let expected = "coordinates of centres in steps above SPZ's usual 1/4096, because one is beyond ±2047: 2";
+        assert_eq!(whole.warnings(), [expected]);
     }
 }
