@@ -82,7 +82,8 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
 /// Whether chunks in `out` would be read in place of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
 fn is_read_first(out: &Path, data: &Path) -> io::Result<bool> {
     let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
-    let is_out = |folder: &Path| Ok::<_, io::Error>(place(folder)? == place(out)?);
+    let out = place(out)?;
+    let is_out = |folder: &Path| Ok::<_, io::Error>(place(folder)? == out);
     Ok(is_out(folder)? || is_out(&folder.join("test"))? || is_out(&folder.join("train"))?)
 }
 

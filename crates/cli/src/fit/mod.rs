@@ -167,8 +167,9 @@ impl Args {
     /// Refuses a checkpoint in a file that the results replace.
     fn check_checkpoint(&self, record_file: &Path) -> anyhow::Result<()> {
         let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
+        let kept = place(checkpoint)?;
         for file in [self.out.as_path(), record_file] {
-            if place(file)? == place(checkpoint)? {
+            if place(file)? == kept {
                 let (checkpoint, file) = (checkpoint.display(), file.display());
                 let text = format!("--checkpoint {checkpoint}: --out writes {file}: give the checkpoint another file");
                 return Err(parse::usage_error(text).into());

@@ -1,3 +1,5 @@
+mod trend;
+
 use atsplat_metrics::DECIBEL_CAP;
 use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_protocol::{Aggregation, BinRule, OverlapBins};
@@ -392,111 +394,6 @@ fn distances_are_selected_on_both_sides() {
 
 fn scene_mean(scene: &str, mean: f64) -> SceneMean {
     SceneMean { scene: scene.to_owned(), mean, weight: 1.0, targets: 1, identical: 0 }
-}
-
-/// Scenes differ by 10 dB in height and every one of them falls by 2 dB per doubling: pooled, the missing points would tilt
-/// the line.
-#[test]
-fn slopes_over_settings_compare_within_scenes() {
-    let setting = |x: f64, scenes: std::ops::Range<usize>| {
-        (x, scenes.map(|at| scene_mean(&format!("{at}"), 10.0 * at as f64 - 2.0 * x)).collect::<Vec<_>>())
-    };
-    let found = along_setting(&[setting(2.0, 0..7), setting(3.0, 0..7), setting(5.0, 1..9)]).unwrap();
-    Tolerance::absolute(1e-9).assert([found.slope], [-2.0], "per unit");
-    Tolerance::absolute(1e-9).assert(found.interval.unwrap(), [-2.0; 2], "every scene agrees");
-    assert_eq!(found.scenes, 6, "those that all settings have");
-    assert_eq!(along_setting(&[setting(2.0, 0..7)]), None, "one setting has no slope");
-    assert_eq!(along_setting(&[setting(2.0, 0..3), setting(4.0, 0..3)]).unwrap().interval, None, "three scenes");
-}
-
-/// Against the least-squares line through nine points, by hand: Σ(x − x̄)(y − ȳ) / Σ(x − x̄)².
-#[test]
-fn slopes_over_overlap_and_distance_are_least_squares() {
-    let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
-    let points: Vec<(f64, f64)> = (0..9u8).map(|at| (0.1 * f64::from(at), 20.0 + f64::from(at * at % 7))).collect();
-    let scenes: Vec<_> = names.iter().zip(&points).map(|(name, (_, y))| (*name, 0, vec![*y])).collect();
-    let mut store = psnr(&scenes);
-    for (row, (overlap, _)) in store.targets.iter_mut().zip(&points) {
-        row.overlap = Some(*overlap);
-    }
-    let (mx, my) = (0.4, points.iter().map(|(_, y)| y).sum::<f64>() / 9.0);
-    let by_hand = points.iter().map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
-        / points.iter().map(|(x, _)| (x - mx).powi(2)).sum::<f64>();
-    let found = along_overlap(&store, &query("m")).unwrap();
-    Tolerance::relative(1e-9).assert([found.slope], [by_hand], "overlap");
-    let [low, high] = found.interval.unwrap();
-    assert!(low < found.slope && found.slope < high && low < 0.0 && high > 0.0, "no trend in noise: {low} to {high}");
-
-    // 3 dB per frame on either side, whatever the height of the scene; targets inside the window do not count.
-    let scenes: Vec<_> = names
-        .iter()
-        .zip(0u8..)
-        .map(|(name, at)| (*name, 0, vec![99.0, 40.0 - f64::from(at), 31.0 - f64::from(at)]))
-        .collect();
-    let mut store = psnr(&scenes);
-    for (row, distance) in store.targets.iter_mut().zip([0, -1, 4].into_iter().cycle()) {
-        row.signed_distance = distance;
-    }
-    let found = along_distance(&store, &query("m")).unwrap();
-    Tolerance::relative(1e-9).assert([found.slope], [-3.0], "distance");
-    assert_eq!(along_overlap(&store, &query("m")), None, "no overlaps");
-}
-
-/// Two methods that share up to 18 dB of noise: it cancels in their lead, whose slopes are exact.
-#[test]
-fn slopes_of_a_lead_are_paired_by_target() {
-    let names = ["a", "b", "c", "d", "e", "f", "g", "h"];
-    let scenes = |height: f64, fall: f64, per_scene: f64| -> Vec<(&str, u32, Vec<f64>)> {
-        let scores = |at: u8| {
-            let top = height + 3.0 * f64::from(at * at % 7) + per_scene * f64::from(at);
-            vec![top - fall, top - 5.0 * fall]
-        };
-        names.into_iter().zip(0..).map(|(name, at)| (name, 0, scores(at))).collect()
-    };
-    let mut store = results("first", "psnr", &scenes(30.0, 1.0, -2.0));
-    store.targets.extend(results("second", "psnr", &scenes(33.0, 3.0, 0.0)).targets);
-    for (row, scene) in store.targets.iter_mut().zip((0..8u8).chain(0..8).flat_map(|scene| [scene, scene])) {
-        row.signed_distance = [-1, 5][row.target as usize];
-        row.overlap = Some(0.1 * f64::from(scene));
-    }
-    let (first, second) = (query("first"), query("second"));
-    let [lead, back] = [[&first, &second], [&second, &first]].map(|pair| pair.map(|query| (&store, query)));
-    let by_distance = lead_along_distance(lead[0], lead[1]).unwrap();
-    Tolerance::absolute(1e-9).assert([by_distance.slope], [2.0], "one falls by 1 dB a frame, the other by 3");
-    Tolerance::absolute(1e-9).assert(by_distance.interval.unwrap(), [2.0; 2], "the noise cancels");
-    let by_overlap = lead_along_overlap(lead[0], lead[1]).unwrap();
-    Tolerance::absolute(1e-9).assert([by_overlap.slope], [-20.0], "2 dB for each 0.1 of overlap");
-    Tolerance::absolute(1e-9).assert(
-        [lead_along_overlap(back[0], back[1]).unwrap().slope],
-        [20.0],
-        "the other way round",
-    );
-    assert!(along_overlap(&store, &first).unwrap().interval.unwrap()[1] > -19.0, "alone, the noise stays");
-}
-
-/// Coverage of slopes over 30 scenes with scattered overlaps and noise.
-#[test]
-fn slopes_have_their_nominal_coverage() {
-    let mut random = SplitMix64::new(5);
-    let samples = 60;
-    let mut held = 0;
-    for _ in 0..samples {
-        let names: Vec<String> = (0..30).map(|at| format!("{at:02}")).collect();
-        let xs: Vec<f64> = names.iter().map(|_| uniform(&mut random)).collect();
-        let noise = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
-        let scenes: Vec<_> = names
-            .iter()
-            .zip(&xs)
-            .map(|(name, x)| (name.as_str(), 0, vec![20.0 + 4.0 * x + noise(&mut random)]))
-            .collect();
-        let mut store = psnr(&scenes);
-        for (row, x) in store.targets.iter_mut().zip(&xs) {
-            row.overlap = Some(*x);
-        }
-        let [low, high] = along_overlap(&store, &query("m")).unwrap().interval.unwrap();
-        held += u32::from(low <= 4.0 && 4.0 <= high);
-    }
-    assert!((52..=60).contains(&held), "{held} of {samples} intervals hold the slope");
 }
 
 /// Three trainings of six scenes by hand: the spread of scenes is 2 dB apart in steps, that of trainings 0.3 dB.

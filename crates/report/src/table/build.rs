@@ -8,7 +8,7 @@ use super::measured_on::{MeasuredOn, ProtocolRun};
 use super::orders::orders;
 use super::rank::rank;
 use super::trainings::{distinguish, mean_rows};
-use super::{Cell, Column, Group, Place, Row, Source, Table, Value, distinct, has_trials};
+use super::{Cell, Column, Group, Row, Source, Table, Value, distinct, has_trials};
 use crate::ReportError;
 use crate::definition::{
     ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, by_quantile, has_own_training,
@@ -107,20 +107,7 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
         edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
     rank(&mut table, definition.marks, one_ranking);
     table.orders = edition.map(|edition| orders(&table, definition, edition)).unwrap_or_default();
-    table.footer = footer(&without_counts_of_slopes(&table), definition, edition);
-    table
-}
-
-/// The table as its footer lists it: a slope is over the targets of other columns, which would be listed twice.
-fn without_counts_of_slopes(table: &Table) -> Table {
-    let slopes = table.columns().filter(|(_, column)| matches!(column.quantity, Quantity::Slope(..)));
-    let slopes: Vec<Place> = slopes.map(|(place, _)| place).collect();
-    let mut table = table.clone();
-    for row in &mut table.rows {
-        for &(group, column) in &slopes {
-            row.cells[group][column].counts = None;
-        }
-    }
+    table.footer = footer(&table, definition, edition);
     table
 }
 

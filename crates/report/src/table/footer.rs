@@ -8,7 +8,9 @@ use atsplat_metrics::{Definition, Measure};
 use super::edition::{Edition, Part};
 use super::leads::changes_of_leads;
 use super::orders::means;
-use super::{BUSY, Cell, CellTiming, Counts, Note, NoteKind, Row, StoreProtocol, Table, Trainings, Value, distinct};
+use super::{
+    BUSY, Cell, CellTiming, Counts, Group, Note, NoteKind, Row, StoreProtocol, Table, Trainings, Value, distinct,
+};
 use crate::counted;
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::Origin;
@@ -124,16 +126,21 @@ fn trend_over_gaussians(table: &Table, definition: &TableDefinition, edition: &E
     });
     let settings: Vec<_> = settings.collect();
     let Trend { slope, interval, scenes } = along_setting(&settings)?;
-    let interval = match interval {
-        Some([low, high]) => format!("[{low:+.3}, {high:+.3}]"),
-        None => format!("without an interval: fewer than {MIN_SCENES} scenes"),
-    };
+    let interval = interval_of_slope(interval);
     Some(format!(
         "trend: {} changes by {slope:+.3} {interval} per doubling of Gaussians, over {} settings and {}",
         metric.name,
         settings.len(),
         counted(scenes, "scene")
     ))
+}
+
+/// The interval of a slope in a sentence.
+pub(super) fn interval_of_slope(interval: Option<[f64; 2]>) -> String {
+    match interval {
+        Some([low, high]) => format!("[{low:+.3}, {high:+.3}]"),
+        None => format!("without an interval: fewer than {MIN_SCENES} scenes"),
+    }
 }
 
 /// The training data of the networks in the table.
@@ -325,8 +332,10 @@ fn times(notes: &mut Notes, table: &Table) {
 /// Scenes and targets of a row; groups of columns with equal counts are listed together.
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
-    for (group, own) in table.groups.iter().enumerate() {
-        let Some(text) = counts_of(&row.cells[group]) else { continue };
+    // A slope is over the targets of other columns, which would be listed twice.
+    let is_slope = |group: &&Group| group.columns.iter().all(|column| matches!(column.quantity, Quantity::Slope(..)));
+    for (own, cells) in table.groups.iter().zip(&row.cells).filter(|(group, _)| !is_slope(group)) {
+        let Some(text) = counts_of(cells) else { continue };
         let title = if own.title.is_empty() { "all" } else { own.title.as_str() };
         match by_text.iter_mut().find(|(_, known)| *known == text) {
             Some((groups, _)) => groups.push(title),

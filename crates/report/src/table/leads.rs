@@ -1,8 +1,8 @@
-use atsplat_eval::statistics::{Identical, Leaked, MIN_SCENES, MetricQuery, lead_along_distance, lead_along_overlap};
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, lead_along_distance, lead_along_overlap};
 
 use super::Table;
 use super::edition::Edition;
-use super::footer::name;
+use super::footer::{interval_of_slope, name};
 use crate::counted;
 use crate::definition::{ColumnGroup, Quantity, SlopeOver, TableDefinition, is_ablation, is_full};
 use crate::plot::Origin;
@@ -51,13 +51,7 @@ fn in_group(
             SlopeOver::Distance => (lead_along_distance(pair.0, pair.1), 1.0, "frame outside"),
         };
         let Some(trend) = found else { continue };
-        let interval = match trend.interval {
-            Some(ends) => {
-                let [low, high] = ends.map(|end| end * unit);
-                format!("[{low:+.3}, {high:+.3}]")
-            }
-            None => format!("without an interval: fewer than {MIN_SCENES} scenes"),
-        };
+        let interval = interval_of_slope(trend.interval.map(|ends| ends.map(|end| end * unit)));
         changes.push(format!(
             "lead: {title} of {} minus that of {} changes by {:+.3} {interval} per {per}, over {}, without context frames",
             name(network),
