@@ -16,6 +16,7 @@ mod mirror;
 pub mod serve;
 mod storage;
 mod store_copy;
+mod store_files;
 #[cfg(all(test, feature = "object-storage"))]
 mod tests;
 

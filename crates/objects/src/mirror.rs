@@ -11,6 +11,7 @@ use atsplat_files::{FileError, is_plain_name};
 use crate::ObjectError;
 use crate::cache::{self, Cache};
 use crate::storage::{Download, Object, Process, Storage, Traffic};
+use crate::store_files::{self, file_name};
 
 /// A file or folder of object storage as one list showed it.
 ///
@@ -21,6 +22,7 @@ pub struct Mirror {
     storage: Box<dyn Storage>,
     cache: Cache,
     root: PathBuf,
+    /// By the names of files.
     objects: BTreeMap<String, Object>,
     state: Mutex<State>,
     settled: Condvar,
@@ -65,23 +67,14 @@ impl Mirror {
     }
 
     pub(crate) fn of(storage: Box<dyn Storage>, cache: Cache) -> Result<Self, ObjectError> {
-        let mut objects: BTreeMap<String, Object> = BTreeMap::new();
-        for object in storage.list()? {
-            let is_file = object.name.is_empty() || object.name.split('/').all(is_plain_name);
-            if !is_file {
-                return Err(ObjectError::Name { url: storage.url().to_owned(), name: object.name });
-            }
-            objects.insert(object.name.clone(), object);
+        let listed = storage.list()?;
+        let is_name = |name: &str| name.is_empty() || name.split('/').all(is_plain_name);
+        if let Some(Object { name, .. }) = listed.iter().find(|object| !is_name(&object.name)) {
+            return Err(ObjectError::Name { url: storage.url().to_owned(), name: name.clone() });
         }
-        // Some tools write an empty object for each folder.
-        let folders: Vec<String> = objects
-            .values()
-            .filter(|object| object.bytes == 0 && below(&objects, &object.name).nth(1).is_some())
-            .map(|object| object.name.clone())
-            .collect();
-        for folder in &folders {
-            objects.remove(folder);
-        }
+        let files = store_files::files(&listed).into_iter();
+        let objects: BTreeMap<String, Object> =
+            files.map(|object| (file_name(&object.name).to_owned(), object)).collect();
         let root = cache.tree(storage.url(), objects.values());
         let (state, settled) = (Mutex::default(), Condvar::new());
         let mirror = Self { storage, cache, root, objects, state, settled };
@@ -190,7 +183,7 @@ impl Mirror {
 
     /// Puts an object that has arrived into the tree.
     fn place(&self, name: &str) -> Result<(), ObjectError> {
-        let Some(object) = self.objects.get(name) else { return Ok(()) };
+        let Some(object) = self.objects.get(file_name(name)) else { return Ok(()) };
         cache::link(&self.cache.blob(self.url(), object), &self.file(object))?;
         self.lock().complete.insert(object.name.clone());
         self.settled.notify_all();
@@ -199,7 +192,7 @@ impl Mirror {
 
     fn file(&self, object: &Object) -> PathBuf {
         // A path that ends in a separator is not a file.
-        if object.name.is_empty() { self.root.clone() } else { self.root.join(&object.name) }
+        if object.name.is_empty() { self.root.clone() } else { self.root.join(file_name(&object.name)) }
     }
 
     /// The name of a path below the root.

@@ -1,9 +1,19 @@
 //! A results store that is written in a local folder and sent to object storage.
+//!
+//! A process may be killed between any two requests. What it leaves can be read, or at least resumed:
+//!
+//! | while | object storage holds |
+//! |---|---|
+//! | rows are added | the old tables or the new ones: those in `update/` count from when both are there until one is removed |
+//! | rows without a score are removed, for others to take their place | the same, and the old records until the rows are gone |
+//! | all rows are removed, or a store is created | no records, so that it is no store: the next writer removes the rest |
+//!
+//! Programs that do not know `update/` may find two tables that contradict each other until the store is resumed.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -11,23 +21,12 @@ use atsplat_files::{FileError, is_plain_name};
 use tempfile::TempDir;
 
 use crate::ObjectError;
-use crate::cache::{self, Cache};
+use crate::cache::Cache;
 use crate::storage::{Download, Object, Process, Storage, Traffic, Upload, Version};
+use crate::store_files::{
+    self, PARTS, RECORDS, TIMES, UPDATE, UPDATED, WRITER, file_name, holds_rows, is_folder, is_shared, is_table, round,
+};
 
-/// Says which process writes. The one that wrote it last may write; one before it finds that out and stops.
-const WRITER: &str = "writer.txt";
-/// Files of a store that mean nothing on another machine.
-const LOCAL: [&str; 3] = ["run.lock", "run.json", "digests.txt"];
-/// The file without which a folder is no store.
-const FIRST: &str = "provenance.json";
-/// The table of times: those of a row are removed before another row takes its place.
-const TIMES: &str = "timings.parquet";
-/// The folder of rows that are not in the tables yet.
-const PARTS: &str = "parts/";
-/// Folders of a store, which object storage may hold as empty objects.
-const FOLDERS: [&str; 2] = [PARTS, "pictures/"];
-/// The tables of rows, in the order in which they must arrive.
-const TABLES: [&str; 2] = ["targets.parquet", "trials.parquet"];
 /// Results are sent at most this often while a run goes on.
 const INTERVAL: Duration = Duration::from_secs(2);
 
@@ -39,13 +38,9 @@ const INTERVAL: Duration = Duration::from_secs(2);
 pub struct StoreCopy {
     storage: Box<dyn Storage>,
     folder: TempDir,
-    /// Links to parts: a run that ends moves its last parts into the tables before they are sent.
-    kept_folder: TempDir,
-    /// Parts that are linked, or were fetched.
-    kept: Mutex<BTreeMap<String, Stamp>>,
     claim: String,
     before: Option<(String, Version)>,
-    /// The store as it was fetched.
+    /// The store as it was listed.
     begun: Vec<Object>,
     sent: Mutex<Sent>,
     /// Apart, because it is asked for while something is sent.
@@ -84,32 +79,35 @@ impl StoreCopy {
         let stores = cache.stores();
         fs::create_dir_all(&stores).map_err(failed(&stores))?;
         let folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
-        let kept_folder = tempfile::tempdir_in(&stores).map_err(failed(&stores))?;
-        fs::create_dir(kept_folder.path().join(PARTS)).map_err(failed(kept_folder.path()))?;
         let before = storage.get(WRITER)?;
         let begun = list(storage.as_ref())?;
         let sent = Sent { claimed: false, files: BTreeMap::new(), last: None };
         let claim = claim_of(writer);
-        let (kept, sent, failed) = (Mutex::default(), Mutex::new(sent), Mutex::default());
-        let copy = Self { storage, folder, kept_folder, kept, claim, before, begun, sent, failed };
+        let (sent, failed) = (Mutex::new(sent), Mutex::default());
+        let copy = Self { storage, folder, claim, before, begun, sent, failed };
         copy.fetch()?;
         Ok(copy)
     }
 
     fn fetch(&self) -> Result<(), ObjectError> {
+        let mut objects = store_files::files(&self.begun);
+        // What a process left that was killed before its records arrived is of no store.
+        if self.before.is_some() && objects.iter().all(|object| object.name != RECORDS) {
+            objects.retain(|object| !holds_rows(&object.name) && object.name != TIMES);
+        }
         let mut wanted = Vec::new();
-        for object in self.begun.clone() {
+        for object in objects {
             if !object.name.split('/').all(is_plain_name) {
-                return Err(ObjectError::Name { url: self.storage.url().to_owned(), name: object.name.clone() });
+                return Err(ObjectError::Name { url: self.storage.url().to_owned(), name: object.name });
             }
-            let file = self.folder().join(&object.name);
+            let file = self.folder().join(file_name(&object.name));
             let folder = file.parent().unwrap_or(&file);
             fs::create_dir_all(folder)
                 .map_err(FileError::during::<ObjectError>("creating a copy of a results store", folder))?;
             wanted.push(Download { object, file });
         }
         self.storage.download(wanted, &|name, version| {
-            let file = self.folder().join(name);
+            let file = self.folder().join(file_name(name));
             let stamp =
                 stamp(&file).map_err(FileError::during::<ObjectError>("reading a copy of a results store", &file))?;
             self.lock().files.insert(name.to_owned(), SentFile { stamp, version });
@@ -135,17 +133,23 @@ impl StoreCopy {
     pub fn claim(&self) -> Result<(), ObjectError> {
         let mut sent = self.lock();
         self.check_claim(&mut sent)?;
-        if sent.files.contains_key(FIRST) {
+        // What was not fetched: tables that those in `update/` replace, and what is of no store.
+        let names = self.begun.iter().map(|object| &object.name);
+        let unused = names.filter(|name| !sent.files.contains_key(*name)).cloned().collect();
+        self.remove(&mut sent, unused)?;
+        if sent.files.contains_key(RECORDS) {
             // Removed rows must be gone before new records arrive: a later run would take them to belong to these.
-            let mut tables = self.changed(&sent)?;
-            tables.retain(|(name, _)| TABLES.contains(&name.as_str()));
-            self.upload(&mut sent, tables)?;
-            let gone = self.gone(&sent, |_name| true);
+            let mut rows = self.changed(&sent)?;
+            rows.retain(|(name, _)| name == TIMES || is_table(name));
+            self.upload(&mut sent, rows)?;
+            let mut gone = self.gone(&sent, |_name| true);
+            if gone.iter().any(|name| is_table(name)) {
+                // No row is left. Both tables cannot go at once, but without records they are of no store.
+                gone.insert(0, RECORDS.to_owned());
+            }
             self.remove(&mut sent, gone)?;
         }
-        let parts = sent.files.iter().filter(|(name, _)| name.starts_with(PARTS));
-        self.lock_kept().extend(parts.map(|(name, known)| (name.clone(), known.stamp)));
-        self.send(&mut sent)
+        self.send(&mut sent, |_name| true)
     }
 
     /// What was exchanged.
@@ -161,43 +165,15 @@ impl StoreCopy {
     /// Sends what is new, unless that was done a moment ago or another thread does it; keeps the error for
     /// [`Self::failure`]. Callable from any thread, whenever a trial is finished.
     pub fn send_soon(&self) {
-        if let Err(error) = self.keep_parts() {
-            self.fail(error);
-        }
         let Ok(mut sent) = self.sent.try_lock() else { return };
         if sent.last.is_some_and(|last| last.elapsed() < INTERVAL) || self.failure().is_some() {
             return;
         }
-        if let Err(error) = self.send(&mut sent) {
-            self.fail(error);
+        // The tables change only when the run ends, one after the other.
+        if let Err(error) = self.send(&mut sent, |name| !is_table(name)) {
+            self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
         }
         sent.last = Some(Instant::now());
-    }
-
-    fn fail(&self, error: ObjectError) {
-        self.failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-    }
-
-    /// Links parts that are new. Sent before the tables, they stand for rows of which only one table has arrived.
-    fn keep_parts(&self) -> Result<(), ObjectError> {
-        let folder = self.folder().join(PARTS);
-        let failed = || FileError::during::<ObjectError>("listing results", &folder);
-        let mut kept = self.lock_kept();
-        let entries = match fs::read_dir(&folder) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-            outcome => outcome.map_err(failed())?,
-        };
-        for entry in entries {
-            let part = entry.map_err(failed())?.path();
-            let name = format!("{PARTS}{}", atsplat_files::name_of(&part));
-            // A part of the same name replaces one that was sent, which stands for its trial as well.
-            if is_shared(&name) && !kept.contains_key(&name) {
-                let stamp = stamp(&part).map_err(failed())?;
-                cache::link(&part, &self.kept_folder.path().join(&name))?;
-                kept.insert(name, stamp);
-            }
-        }
-        Ok(())
     }
 
     /// Sends everything, and removes what the store no longer holds.
@@ -206,17 +182,20 @@ impl StoreCopy {
     /// [`ObjectError::TakenOver`], [`ObjectError::Denied`], [`ObjectError::Request`], [`ObjectError::Io`].
     pub fn finish(&self) -> Result<(), ObjectError> {
         let mut sent = self.lock();
-        self.send(&mut sent)?;
+        self.send(&mut sent, |_name| true)?;
         let gone = self.gone(&sent, |_name| true);
         self.check_claim(&mut sent)?;
+        // Until it is removed, a part that was sent stands for its trial, even if the tables hold a newer row, from other data, that
+        // was never sent as a part. Who resumes a run that is killed here evaluates the trial again.
         self.remove(&mut sent, gone)?;
         self.storage.delete(WRITER)
     }
 
-    /// Sends what is new. Parts that are gone are in the tables by now and stay until [`Self::finish`]; what else is gone
-    /// belonged to rows that new ones replace.
-    fn send(&self, sent: &mut Sent) -> Result<(), ObjectError> {
-        let files = self.changed(sent)?;
+    /// Sends what is new of `which` files. Parts that are gone are in the tables by now and stay until [`Self::finish`]; what else
+    /// is gone belonged to rows that new ones replace.
+    fn send(&self, sent: &mut Sent, which: impl Fn(&str) -> bool) -> Result<(), ObjectError> {
+        let mut files = self.changed(sent)?;
+        files.retain(|(name, _)| which(name));
         let gone = self.gone(sent, |name| !holds_rows(name));
         if files.is_empty() && gone.is_empty() {
             return Ok(());
@@ -236,20 +215,11 @@ impl StoreCopy {
         list_files(folder, "", &mut files)?;
         files.retain(|(name, _)| !name.starts_with(PARTS));
         files.extend(parts);
-        let kept = self.lock_kept();
-        let moved = kept.iter().filter(|(name, _)| !sent.files.contains_key(*name) && !folder.join(name).exists());
-        files.extend(moved.map(|(name, stamp)| (name.clone(), *stamp)));
         files.retain(|(name, stamp)| is_shared(name) && sent.files.get(name).is_none_or(|known| known.stamp != *stamp));
         Ok(files)
     }
 
-    /// The file of a name; of a part that is in the tables by now, the one that was kept.
-    fn file(&self, name: &str) -> PathBuf {
-        let own = self.folder().join(name);
-        if own.exists() { own } else { self.kept_folder.path().join(name) }
-    }
-
-    /// Objects that the local store no longer holds: tables before the parts, which stand for rows that tables lack.
+    /// Objects that the local store no longer holds, times before the parts with their rows.
     fn gone(&self, sent: &Sent, which: impl Fn(&str) -> bool) -> Vec<String> {
         let is_gone = |name: &&String| which(name) && !self.folder().join(name).exists();
         sent.files.keys().rev().filter(is_gone).cloned().collect()
@@ -263,7 +233,38 @@ impl StoreCopy {
         Ok(())
     }
 
+    /// Sends files, and then tables. The records of a new store are the last, and make it one.
     fn upload(&self, sent: &mut Sent, files: Vec<(String, Stamp)>) -> Result<(), ObjectError> {
+        let is_new = !sent.files.contains_key(RECORDS);
+        let (tables, files): (Vec<_>, Vec<_>) = files.into_iter().partition(|(name, _)| is_table(name));
+        let (records, files): (Vec<_>, Vec<_>) = files.into_iter().partition(|(name, _)| is_new && name == RECORDS);
+        self.put(sent, files)?;
+        self.put_tables(sent, tables)?;
+        if records.is_empty() {
+            return Ok(());
+        }
+        // Another process that has claimed the folder since removes what has arrived.
+        self.check_claim(sent)?;
+        self.put(sent, records)
+    }
+
+    /// Replaces tables. While the second is on its way, those in [`UPDATE`] count, from this process or from one that was killed
+    /// here.
+    fn put_tables(&self, sent: &mut Sent, tables: Vec<(String, Stamp)>) -> Result<(), ObjectError> {
+        if tables.is_empty() {
+            return Ok(());
+        }
+        let is_update = tables.len() > 1 && sent.files.contains_key(RECORDS);
+        if is_update && !sent.files.contains_key(UPDATED) {
+            let update = tables.iter().map(|(name, stamp)| (format!("{UPDATE}{name}"), *stamp)).collect();
+            self.put(sent, update)?;
+        }
+        self.put(sent, tables)?;
+        let update = sent.files.keys().rev().filter(|name| name.starts_with(UPDATE)).cloned().collect();
+        self.remove(sent, update)
+    }
+
+    fn put(&self, sent: &mut Sent, files: Vec<(String, Stamp)>) -> Result<(), ObjectError> {
         let mut rounds: BTreeMap<usize, Vec<(String, Stamp)>> = BTreeMap::new();
         for (name, stamp) in files {
             rounds.entry(round(&name)).or_default().push((name, stamp));
@@ -271,10 +272,10 @@ impl StoreCopy {
         for files in rounds.into_values() {
             let upload = |(name, _): &(String, Stamp)| {
                 let replaces = sent.files.get(name).map(|known| known.version.clone());
-                Upload { name: name.clone(), file: self.file(name), replaces }
+                Upload { name: name.clone(), file: self.folder().join(file_name(name)), replaces }
             };
             let versions = Mutex::new(BTreeMap::new());
-            // A part that went into the tables just now is left out; the next call sends the one that was kept.
+            // A part that went into the tables just now is left out.
             let outcome = self.storage.put(files.iter().map(upload).collect(), &|name, version| {
                 versions.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), version);
                 Ok(())
@@ -310,10 +311,6 @@ impl StoreCopy {
         }
         sent.claimed = true;
         Ok(())
-    }
-
-    fn lock_kept(&self) -> MutexGuard<'_, BTreeMap<String, Stamp>> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn lock(&self) -> MutexGuard<'_, Sent> {
@@ -353,36 +350,9 @@ fn list(storage: &dyn Storage) -> Result<Vec<Object>, ObjectError> {
     }
 }
 
-/// Whether an object stands for a folder: some tools write an empty one for each.
-fn is_folder(object: &Object, all: &[Object]) -> bool {
-    let inside = format!("{}/", object.name);
-    let has_files = || all.iter().any(|other| other.name.starts_with(&inside));
-    object.bytes == 0 && (FOLDERS.contains(&inside.as_str()) || has_files())
-}
-
 fn stamp(path: &Path) -> io::Result<Stamp> {
     let metadata = fs::metadata(path)?;
     Ok((metadata.len(), metadata.modified().ok()))
-}
-
-fn is_shared(name: &str) -> bool {
-    let is_partial = name.rsplit('.').next() == Some(atsplat_files::PARTIAL);
-    !is_partial && name != WRITER && !LOCAL.contains(&name)
-}
-
-fn holds_rows(name: &str) -> bool {
-    name.starts_with(PARTS) || TABLES.contains(&name)
-}
-
-/// Files of a later round are sent when those of the earlier ones have arrived, so that a store that is read or resumed
-/// meanwhile lacks nothing, and no row has the times or pictures of the one before it.
-fn round(name: &str) -> usize {
-    match name {
-        FIRST => 0,
-        TIMES => 1,
-        _ if name.starts_with(PARTS) => 3,
-        _ => TABLES.iter().position(|table| *table == name).map_or(2, |position| 4 + position),
-    }
 }
 
 /// The process as text, and a number that no other process has.

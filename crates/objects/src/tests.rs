@@ -2,7 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::collections::BTreeSet;
+mod killed;
+
 use std::fs;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -81,20 +82,6 @@ impl Fixture {
         let changes: Arc<Mutex<Vec<String>>> = Arc::default();
         let storage = Recorded { storage: self.storage("store"), changes: Arc::clone(&changes), most };
         (StoreCopy::of(Box::new(storage), &self.cache(), "one").unwrap(), changes)
-    }
-
-    /// The rows of a store whose files are words: as a reader, who ignores a table's rows of trials that have a part.
-    fn rows(&self) -> BTreeSet<String> {
-        let words = |name: &str| {
-            let text = self.storage("store").get(name).unwrap().map_or_else(String::new, |(text, _)| text);
-            text.split_whitespace().map(str::to_owned).collect::<BTreeSet<String>>()
-        };
-        let names = self.storage("store").list().unwrap().into_iter().map(|object| object.name);
-        let parts: BTreeSet<String> =
-            names.filter(|name| name.starts_with("parts/")).flat_map(|name| words(&name)).collect();
-        let [targets, trials] = ["targets.parquet", "trials.parquet"].map(|table| &words(table) - &parts);
-        assert_eq!(targets, trials, "rows of one table only, beside the parts {parts:?}");
-        &trials | &parts
     }
 }
 
@@ -321,48 +308,15 @@ fn times_and_pictures_of_replaced_rows_are_gone_before_new_rows_arrive() {
         "timings.parquet",
         "pictures/new.png",
         "parts/1.json",
+        "update/targets.parquet",
+        "update/trials.parquet",
         "targets.parquet",
         "trials.parquet",
+        "-update/trials.parquet",
+        "-update/targets.parquet",
         "-writer.txt",
     ];
     assert_eq!(*changes.lock().unwrap(), expected);
-}
-
-/// The second part is not sent on its own: it is in the tables when the run has ended.
-#[test]
-fn a_store_can_be_read_wherever_sending_its_tables_stopped() {
-    let of = |rows: &[&str]| rows.iter().copied().map(str::to_owned).collect::<BTreeSet<String>>();
-    let mut seen = BTreeSet::new();
-    for most in 0.. {
-        let fixture = Fixture::new(&[]);
-        for name in ["provenance.json", "targets.parquet", "trials.parquet"] {
-            fixture.put(&format!("store/{name}"), b"old");
-        }
-        let (copy, changes) = fixture.killed_after(most);
-        let run = || {
-            copy.claim()?;
-            let parts = copy.folder().join("parts");
-            fs::create_dir(&parts).unwrap();
-            for name in ["first", "second"] {
-                fs::write(parts.join(format!("{name}.json")), name).unwrap();
-                copy.send_soon();
-            }
-            fs::remove_dir_all(&parts).unwrap();
-            for table in ["targets.parquet", "trials.parquet"] {
-                fs::write(copy.folder().join(table), "old first second").unwrap();
-            }
-            copy.finish()
-        };
-        let outcome = run();
-        let rows = fixture.rows();
-        assert!(rows.contains("old"), "{rows:?} after {:?}", changes.lock().unwrap());
-        seen.insert(rows);
-        if outcome.is_ok() {
-            break;
-        }
-    }
-    let expected = [of(&["old"]), of(&["old", "first"]), of(&["old", "first", "second"])];
-    assert_eq!(seen, BTreeSet::from(expected));
 }
 
 /// Only those that stand for folders: an empty table is a damaged one.
@@ -374,8 +328,20 @@ fn empty_objects_of_folders_are_skipped_in_a_store() {
     }
     let copy = fixture.copy("one").unwrap();
     assert_eq!(read(&copy.folder().join("parts/1.json")), b"old contents");
-    assert!(!copy.folder().join("pictures").exists() && copy.folder().join("trials.parquet").is_file());
+    let mirror = fixture.mirror("store").unwrap();
+    for folder in [copy.folder(), mirror.path()] {
+        assert!(folder.join("parts").is_dir() && !folder.join("pictures").exists());
+        assert!(folder.join("trials.parquet").is_file());
+    }
     copy.finish().unwrap();
+}
+
+#[test]
+fn an_empty_object_of_a_folder_without_files_is_skipped() {
+    let fixture = Fixture::of_store(&["provenance.json"]);
+    fixture.put("store/parts", b"");
+    let mirror = fixture.mirror("store").unwrap();
+    assert!(mirror.path().join("provenance.json").exists() && !mirror.path().join("parts").exists());
 }
 
 /// As when a method that failed in every trial is replaced by another of its name.
@@ -393,7 +359,18 @@ fn rows_that_were_removed_on_opening_a_store_are_gone_before_its_new_records_arr
     }
     copy.claim().unwrap();
     let [targets, trials] = tables;
-    let expected = ["writer.txt", targets, trials, "-timings.parquet", "-parts/1.json", "provenance.json"];
+    let expected = [
+        "writer.txt",
+        "update/targets.parquet",
+        "update/trials.parquet",
+        targets,
+        trials,
+        "-update/trials.parquet",
+        "-update/targets.parquet",
+        "-timings.parquet",
+        "-parts/1.json",
+        "provenance.json",
+    ];
     assert_eq!(*changes.lock().unwrap(), expected);
     // All rows: the tables go with them.
     let fixture = Fixture::of_store(&of_store);
@@ -403,14 +380,21 @@ fn rows_that_were_removed_on_opening_a_store_are_gone_before_its_new_records_arr
     }
     fs::write(copy.folder().join("provenance.json"), "new").unwrap();
     copy.claim().unwrap();
-    let removed = ["-trials.parquet", "-timings.parquet", "-targets.parquet", "-parts/1.json", "provenance.json"];
-    assert_eq!(changes.lock().unwrap()[1..], removed);
-    // A store that is new has its records first.
+    let expected = [
+        "-provenance.json",
+        "-trials.parquet",
+        "-timings.parquet",
+        "-targets.parquet",
+        "-parts/1.json",
+        "provenance.json",
+    ];
+    assert_eq!(changes.lock().unwrap()[1..], expected);
+    // The records make a new store one.
     let fixture = Fixture::new(&[]);
     let (copy, changes) = fixture.recorded();
     for name in tables.iter().chain(&["provenance.json"]) {
         fs::write(copy.folder().join(name), "new").unwrap();
     }
     copy.claim().unwrap();
-    assert_eq!(changes.lock().unwrap()[1..], ["provenance.json", targets, trials]);
+    assert_eq!(changes.lock().unwrap()[1..], [targets, trials, "provenance.json"]);
 }
