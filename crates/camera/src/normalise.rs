@@ -3,9 +3,9 @@ mod mean_camera;
 use std::fmt;
 
 use atsplat_numeric::{Extremes, Tolerance};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
-use crate::{CameraError, Similarity, WorldFromCamera};
+use crate::{CameraError, Similarity, WorldFromCamera, no_fields};
 pub use mean_camera::MeanCameraScale;
 
 /// Smallest baseline that pixelSplat and NoPoSplat accept (`baseline_epsilon`, `baseline_min`).
@@ -22,7 +22,7 @@ const MAX_PAIRWISE: &str = "max-pairwise";
 pub enum PoseNormalisation {
     /// The dataset's own world: MVSplat, DepthSplat.
     #[default]
-    #[serde(deserialize_with = "no_parameters")]
+    #[serde(deserialize_with = "no_fields")]
     None,
     /// Divides lengths by the distance between the first and the last context view, without moving the world.
     /// pixelSplat `src/dataset/dataset_re10k.py:141-154`, NoPoSplat `:163-179`.
@@ -35,7 +35,7 @@ pub enum PoseNormalisation {
         maximum: Option<f64>,
     },
     /// The first context view becomes the world: `E ← E₀⁻¹ · E`. NoPoSplat `misc/cam_utils.py:27-41`.
-    #[serde(deserialize_with = "no_parameters")]
+    #[serde(deserialize_with = "no_fields")]
     FirstViewRelative,
     /// Divides lengths by the largest distance between two context views, without moving the world. YoNoSplat
     /// `src/dataset/norm_scale.py:20-55`, method `max_pairwise_d`.
@@ -70,18 +70,6 @@ pub enum PoseNormalisation {
 
 const fn baseline_minimum() -> f64 {
     BASELINE_MINIMUM
-}
-
-/// Refuses parameters of a rule that has none, which serde would ignore.
-fn no_parameters<'de, D: Deserializer<'de>>(table: D) -> Result<(), D::Error> {
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    #[expect(
-        clippy::empty_structs_with_brackets,
-        reason = "without them, it would be read from a unit and not from a table"
-    )]
-    struct Nothing {}
-    Nothing::deserialize(table).map(|Nothing {}| ())
 }
 
 const fn one() -> f64 {

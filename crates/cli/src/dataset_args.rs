@@ -1,9 +1,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use atsplat_scene::{
-    ColmapOptions, Dataset, Fetch, Format, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings,
-};
+use atsplat_scene::{Dataset, Fetch, Format, OpenOptions, PictureOptions, Warnings};
 
 use crate::objects::{CacheArgs, RemoteData};
 use crate::parse::usage_error;
@@ -61,42 +59,21 @@ impl PictureArgs {
         if let Some(url) = self.frames.as_deref().and_then(atsplat_objects::url) {
             anyhow::bail!("--frames: expected a folder of this machine, found {url}");
         }
-        let pictures = match self.images {
-            None => PictureFolder::default(),
-            Some(1) => PictureFolder::Listed,
-            Some(factor) => PictureFolder::Downscaled(factor),
-        };
-        let options = OpenOptions {
-            re10k: Re10kOptions { frames_root: self.frames.clone() },
-            nerfstudio: NerfstudioOptions {
-                pictures,
-                prefer_gaussian_splat: self.prefer_undistorted,
-                ..NerfstudioOptions::default()
-            },
-            colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
-            fetch: remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>),
-        };
+        let fetch = remote.map(|remote| Arc::clone(remote) as Arc<dyn Fetch>);
+        let options = OpenOptions { fetch, ..self.options().open_options() };
         let path = remote.map_or(path, |remote| remote.path());
         let dataset = atsplat_scene::open_with(path, &options, warnings)?;
-        self.check(Some(dataset.format)).map_err(usage_error)?;
+        self.check(Some(dataset.format))?;
         Ok(dataset)
     }
 
     /// Refuses arguments that datasets of this format do not read; `None` is the output of `atsplat render`.
-    pub(crate) fn check(&self, format: Option<Format>) -> Result<(), String> {
-        let (is_re10k, is_colmap) = (format == Some(Format::Re10k), format == Some(Format::Colmap));
-        let is_nerfstudio = format == Some(Format::Nerfstudio);
-        let rendered = || "the output of `atsplat render`".to_owned();
-        let found = || format.map_or_else(rendered, |format| format!("a dataset in the format {format}"));
-        for (name, given, is_read, what) in [
-            ("--images", self.images.is_some(), is_nerfstudio || is_colmap, "captures of nerfstudio or COLMAP"),
-            ("--frames", self.frames.is_some(), is_re10k || is_colmap, "RE10K trajectories or a COLMAP model"),
-            ("--prefer-undistorted", self.prefer_undistorted, is_nerfstudio, "captures of nerfstudio or DL3DV"),
-        ] {
-            if given && !is_read {
-                return Err(format!("{name}: expected {what}, found {}", found()));
-            }
-        }
-        Ok(())
+    pub(crate) fn check(&self, format: Option<Format>) -> Result<(), clap::Error> {
+        self.options().check(format).map_err(|unread| usage_error(format!("--{unread}")))
+    }
+
+    fn options(&self) -> PictureOptions {
+        let (images, frames) = (self.images, self.frames.clone());
+        PictureOptions { images, frames, prefer_undistorted: self.prefer_undistorted }
     }
 }

@@ -12,7 +12,7 @@ use atsplat_metrics::learned::LoadError;
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
 use atsplat_report::ReportError;
-use atsplat_scene::SceneError;
+use atsplat_scene::{SceneError, UnreadOption};
 use atsplat_splat::SplatError;
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
@@ -150,6 +150,7 @@ failures! {
         ReportError::Store(error) => of_store(error),
         _ => Place::default(),
     },
+    UnreadOption => |unread| Place::field(unread.option),
 }
 
 impl From<EvalError> for Failure {

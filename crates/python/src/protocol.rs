@@ -5,9 +5,7 @@ use std::sync::Arc;
 
 use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
 use atsplat_protocol::{IndexBuilder, Preset};
-use atsplat_scene::{
-    ColmapOptions, Format, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, SceneSource, Warnings,
-};
+use atsplat_scene::{PictureOptions, SceneSource, Warnings};
 use pyo3::prelude::*;
 
 use crate::error::Failure;
@@ -81,20 +79,9 @@ impl Protocol {
     ) -> Result<Data, Failure> {
         work(py, || {
             let mut warnings = Warnings::new();
-            let (has_frames, has_images) = (frames.is_some(), images.is_some());
-            let pictures = match images {
-                None => PictureFolder::default(),
-                Some(1) => PictureFolder::Listed,
-                Some(factor) => PictureFolder::Downscaled(factor),
-            };
-            let options = OpenOptions {
-                re10k: Re10kOptions { frames_root: frames.clone() },
-                nerfstudio: NerfstudioOptions { pictures, ..NerfstudioOptions::default() },
-                colmap: ColmapOptions { pictures, images_root: frames },
-                ..OpenOptions::default()
-            };
-            let opened = atsplat_scene::open_with(&data, &options, &mut warnings)?;
-            check_is_read(opened.format, has_frames, has_images)?;
+            let pictures = PictureOptions { images, frames, ..PictureOptions::default() };
+            let opened = atsplat_scene::open_with(&data, &pictures.open_options(), &mut warnings)?;
+            pictures.check(Some(opened.format))?;
             let source: Arc<dyn SceneSource> = Arc::new(opened);
             let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;
             let index = match (sampler.as_deref().zip(rule.as_ref()), &index) {
@@ -110,20 +97,6 @@ impl Protocol {
             Ok(Data { dataset: Arc::new(dataset), warnings })
         })
     }
-}
-
-/// Refuses arguments that datasets of this format do not read.
-fn check_is_read(format: Format, has_frames: bool, has_images: bool) -> Result<(), Failure> {
-    let (is_re10k, is_colmap) = (format == Format::Re10k, format == Format::Colmap);
-    for (name, given, is_read, what) in [
-        ("frames", has_frames, is_re10k || is_colmap, "RE10K trajectories or a COLMAP model"),
-        ("images", has_images, is_colmap || format == Format::Nerfstudio, "captures of nerfstudio or COLMAP"),
-    ] {
-        if given && !is_read {
-            return Err(Failure::invalid(name, format!("expected {what}, found a dataset in the format {format}")));
-        }
-    }
-    Ok(())
 }
 
 #[pymethods]

@@ -36,19 +36,6 @@ pub enum TensorError {
 }
 
 impl TensorError {
-    pub(crate) fn malformed(
-        what: &'static str,
-        location: impl Into<String>,
-        expected: impl Into<String>,
-        found: impl ToString,
-    ) -> Self {
-        Malformed::new(what, location, expected, found).into()
-    }
-
-    pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
-        FileError::during(action, path)
-    }
-
     /// The same error with its file.
     #[must_use]
     pub fn in_file(self, path: impl Into<PathBuf>) -> Self {

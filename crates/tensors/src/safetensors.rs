@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
+use atsplat_files::Malformed;
 use atsplat_pickle::{DType, SharedBytes, shortened};
 use indexmap::IndexMap;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
@@ -181,5 +182,5 @@ fn dtype_name(dtype: DType) -> &'static str {
 }
 
 fn malformed(location: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> TensorError {
-    TensorError::malformed(WHAT, location, expected, found)
+    Malformed::new(WHAT, location, expected, found).into()
 }

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::{FileError, Malformed};
 use atsplat_pickle::{Dict, Key, SharedBytes, Tensor, Value, shortened};
 use indexmap::IndexMap;
 use sha2::{Digest, Sha256};
@@ -8,6 +9,8 @@ use sha2::{Digest, Sha256};
 use crate::{StoredTensor, TensorError, safetensors};
 
 const WHAT: &str = "checkpoint";
+/// The formats of files.
+const EXPECTED: &str = "a safetensors file, or one of torch.save";
 /// Depth to which containers of a checkpoint are searched.
 const MAX_DEPTH: usize = 5;
 /// Largest number of visited objects: objects of a hostile file can be shared so that a walk along every path never ends.
@@ -41,7 +44,7 @@ impl TensorFile {
     /// # Errors
     /// [`TensorError::Io`], or [`TensorError::InFile`] around the errors of [`StoredTensors::parse`].
     pub fn open(path: &Path) -> Result<Self, TensorError> {
-        let file = atsplat_pickle::map(path).map_err(TensorError::io("reading weights", path))?;
+        let file = atsplat_pickle::map(path).map_err(FileError::during::<TensorError>("reading weights", path))?;
         Self::parse(path.to_owned(), file)
     }
 
@@ -81,7 +84,8 @@ impl TensorFile {
             None => Ok(()),
             Some(expected) => {
                 let expected = format!("a file of sha256 {expected}");
-                Err(TensorError::malformed("weights", "file", expected, &self.sha256).in_file(&self.path))
+                let other = Malformed::new("weights", "file", expected, &self.sha256);
+                Err(TensorError::from(other).in_file(&self.path))
             }
         }
     }
@@ -109,11 +113,11 @@ impl StoredTensors {
         }
         if atsplat_pickle::is_lfs_pointer(&file) {
             let found = "a Git LFS pointer to it: run `git lfs pull` in its repository";
-            return Err(TensorError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found));
+            return Err(Malformed::new("weights", "byte 0", EXPECTED, found).into());
         }
         let start: Vec<String> = file.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
         let found = if start.is_empty() { "an empty file".to_owned() } else { start.join(" ") };
-        Err(TensorError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found))
+        Err(Malformed::new("weights", "byte 0", EXPECTED, found).into())
     }
 
     /// The safetensors file of these tensors. The same tensors give the same bytes.
@@ -130,7 +134,7 @@ impl StoredTensors {
     /// [`TensorError::Io`], and as [`Self::to_safetensors`].
     pub fn write(&self, path: &Path) -> Result<(), TensorError> {
         let bytes = self.to_safetensors()?;
-        atsplat_files::write(path, &bytes).map_err(TensorError::io("writing weights", path))
+        atsplat_files::write(path, &bytes).map_err(FileError::during("writing weights", path))
     }
 
     /// SHA-256 in hexadecimal of names, types, shapes and bytes of the tensors, independent of their order and file.
@@ -170,14 +174,15 @@ struct Walk {
 impl Walk {
     fn visit(&mut self, value: &Value, path: &str, depth: usize) -> Result<(), TensorError> {
         let location = || format!("object {:?}", shortened(path));
-        self.objects_left = self.objects_left.checked_sub(1).ok_or_else(|| {
-            TensorError::malformed(WHAT, location(), format!("at most {MAX_OBJECTS} objects"), "more")
-        })?;
+        self.objects_left = self
+            .objects_left
+            .checked_sub(1)
+            .ok_or_else(|| Malformed::new(WHAT, location(), format!("at most {MAX_OBJECTS} objects"), "more"))?;
         if let Some(tensor) = value.as_tensor() {
             let stored = self.stored(tensor, &location())?;
             return match self.found.tensors.insert(path.to_owned(), stored) {
                 None => Ok(()),
-                Some(_) => Err(TensorError::malformed(WHAT, location(), "a unique name", "two tensors")),
+                Some(_) => Err(Malformed::new(WHAT, location(), "a unique name", "two tensors").into()),
             };
         }
         let Some(depth) = depth.checked_sub(1) else { return Ok(()) };
@@ -200,12 +205,11 @@ impl Walk {
             let bytes =
                 usize::try_from(tensor.element_count()).unwrap_or(usize::MAX).saturating_mul(tensor.dtype().bytes());
             self.copies_left = self.copies_left.checked_sub(bytes).ok_or_else(|| {
-                TensorError::malformed(WHAT, location, "strided tensors of at most twice the file's size", tensor)
+                Malformed::new(WHAT, location, "strided tensors of at most twice the file's size", tensor)
             })?;
         }
         let shape: Option<Vec<usize>> = tensor.shape().iter().map(|&size| usize::try_from(size).ok()).collect();
-        let shape = shape
-            .ok_or_else(|| TensorError::malformed(WHAT, location, "sizes that this machine can address", tensor))?;
-        StoredTensor::new(tensor.dtype(), shape, tensor.to_bytes()?)
+        let too_large = || Malformed::new(WHAT, location, "sizes that this machine can address", tensor);
+        StoredTensor::new(tensor.dtype(), shape.ok_or_else(too_large)?, tensor.to_bytes()?)
     }
 }

@@ -1,5 +1,6 @@
 use std::fmt;
 
+use atsplat_files::Malformed;
 use atsplat_pickle::{DType, SharedBytes};
 use half::{bf16, f16};
 
@@ -26,7 +27,7 @@ impl StoredTensor {
         if length != Some(bytes.len()) {
             let length = length.map_or("fewer than 2⁶⁴".to_owned(), |length| length.to_string());
             let expected = format!("{length} bytes of {dtype} in shape {shape:?}");
-            return Err(TensorError::malformed(WHAT, "tensor", expected, format!("{} bytes", bytes.len())));
+            return Err(Malformed::new(WHAT, "tensor", expected, format!("{} bytes", bytes.len())).into());
         }
         Ok(Self { dtype, shape, bytes })
     }
@@ -67,7 +68,7 @@ impl StoredTensor {
             DType::Bf16 => each(bytes, |b| bf16::from_le_bytes(b).to_f32()),
             DType::F32 => each(bytes, f32::from_le_bytes),
             DType::F64 => each(bytes, |b| f64::from_le_bytes(b) as f32),
-            other => return Err(TensorError::malformed(WHAT, "tensor", "floating-point elements", other)),
+            other => return Err(Malformed::new(WHAT, "tensor", "floating-point elements", other).into()),
         };
         Ok(values)
     }
@@ -105,7 +106,7 @@ impl StoredTensor {
         for value in self.to_f32()? {
             let (is_finite, rounded) = round(value);
             if value.is_finite() && !is_finite {
-                return Err(TensorError::malformed(WHAT, "tensor", expected, value));
+                return Err(Malformed::new(WHAT, "tensor", expected, value).into());
             }
             bytes.extend_from_slice(&rounded);
         }
@@ -119,7 +120,7 @@ impl StoredTensor {
     pub fn transposed(&self) -> Result<Self, TensorError> {
         let [rows, columns] = *self.shape.as_slice() else {
             let found = format!("{:?}", self.shape);
-            return Err(TensorError::malformed(WHAT, "tensor to transpose", "two dimensions", found));
+            return Err(Malformed::new(WHAT, "tensor to transpose", "two dimensions", found).into());
         };
         let size = self.dtype.bytes();
         let mut bytes = Vec::with_capacity(self.bytes.len());
@@ -146,7 +147,7 @@ impl StoredTensor {
             Self::new(self.dtype, [&[rows], &self.shape[1..]].concat(), bytes)
         } else {
             let expected = format!("{count} equal parts along the first dimension");
-            Err(TensorError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
+            Err(Malformed::new(WHAT, "tensor to split", expected, format!("{:?}", self.shape)).into())
         }
     }
 
@@ -161,7 +162,7 @@ impl StoredTensor {
         let (true, Some(first)) = (same, parts.first()) else {
             let found: Vec<String> = parts.iter().map(ToString::to_string).collect();
             let expected = "parts of one type and width";
-            return Err(TensorError::malformed(WHAT, "tensors to join", expected, found.join(", ")));
+            return Err(Malformed::new(WHAT, "tensors to join", expected, found.join(", ")).into());
         };
         let rows: usize = parts.iter().map(|part| part.shape[0]).sum();
         let shape = [&[rows], &first.shape[1..]].concat();

@@ -123,7 +123,7 @@ pub(crate) fn scene(
     warnings: &mut Warnings,
 ) -> anyhow::Result<Scene> {
     if let Some(scene) = rendered_scene(data)? {
-        pictures.check(None).map_err(parse::usage_error)?;
+        pictures.check(None)?;
         let (own, data) = (&scene.key, data.display());
         if let Some(key) = key {
             ensure!(key == own, "--key {key}: the output of `atsplat render` is one scene, {own} ({data})");

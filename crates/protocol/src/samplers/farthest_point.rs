@@ -1,10 +1,11 @@
 use std::num::NonZeroUsize;
 
+use atsplat_camera::no_fields;
 use atsplat_numeric::SplitMix64;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::{NoEntry, SceneViews, entry, no_settings};
+use super::{NoEntry, SceneViews, entry};
 use crate::IndexEntry;
 
 /// Context frames spread out by farthest-point sampling of camera centres inside a window of frames: how
@@ -29,10 +30,10 @@ pub struct FarthestPoint {
 #[serde(tag = "rule", rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
 pub enum TargetRule {
     /// Every frame of the window, including context frames: DepthSplat's 2, 4 and 6 views.
-    #[serde(deserialize_with = "no_settings")]
+    #[serde(deserialize_with = "no_fields")]
     Window,
     /// Every frame from the first to the last context frame, both included: DepthSplat's 12 views.
-    #[serde(deserialize_with = "no_settings")]
+    #[serde(deserialize_with = "no_fields")]
     BetweenContext,
     /// Distinct random frames from the first to the last context frame: YoNoSplat's eight targets.
     Sampled {

@@ -10,9 +10,9 @@ pub use evenly_spaced::EvenlySpaced;
 pub use farthest_point::{FarthestPoint, TargetRule, farthest_points};
 pub use overlap_pairs::{OverlapPairs, PairTargets};
 
-use atsplat_camera::Camera;
+use atsplat_camera::{Camera, no_fields};
 use glam::DVec3;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::IndexEntry;
@@ -50,20 +50,8 @@ pub enum Sampler {
     /// A random window of bounded width (the papers' training sampler, at the end of its schedule).
     Bounded(Bounded),
     /// Every frame is context and target (pixelSplat's `view_sampler_all.py`).
-    #[serde(deserialize_with = "no_settings")]
+    #[serde(deserialize_with = "no_fields")]
     AllFrames,
-}
-
-/// Refuses settings of a variant that has none, which serde would ignore.
-fn no_settings<'de, D: Deserializer<'de>>(table: D) -> Result<(), D::Error> {
-    #[derive(Deserialize)]
-    #[serde(deny_unknown_fields)]
-    #[expect(
-        clippy::empty_structs_with_brackets,
-        reason = "without them, it would be read from a unit and not from a table"
-    )]
-    struct Nothing {}
-    Nothing::deserialize(table).map(|Nothing {}| ())
 }
 
 impl Sampler {

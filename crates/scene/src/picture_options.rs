@@ -1,0 +1,145 @@
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::{ColmapOptions, Format, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions};
+
+/// Where a dataset's pictures are, as users say it before the format is known.
+#[derive(Clone, Debug, Default)]
+pub struct PictureOptions {
+    /// Which copy of a capture's pictures: 1 for `images`, 2, 4 or 8 for `images_2` and so on.
+    pub images: Option<u32>,
+    /// Folder of the frames, if they are not next to the poses.
+    pub frames: Option<PathBuf>,
+    /// Use DL3DV's undistorted `gaussian_splat/` in scenes that have it.
+    pub prefer_undistorted: bool,
+}
+
+impl PictureOptions {
+    /// The same as options of every format.
+    pub fn open_options(&self) -> OpenOptions {
+        let pictures = match self.images {
+            None => PictureFolder::default(),
+            Some(1) => PictureFolder::Listed,
+            Some(factor) => PictureFolder::Downscaled(factor),
+        };
+        OpenOptions {
+            re10k: Re10kOptions { frames_root: self.frames.clone() },
+            nerfstudio: NerfstudioOptions {
+                pictures,
+                prefer_gaussian_splat: self.prefer_undistorted,
+                ..NerfstudioOptions::default()
+            },
+            colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
+            ..OpenOptions::default()
+        }
+    }
+
+    /// Refuses an option that data of this format would ignore; `None` stands for the output of `atsplat render`.
+    ///
+    /// # Errors
+    /// The first such option.
+    pub fn check(&self, format: Option<Format>) -> Result<(), UnreadOption> {
+        let is_one = |readers: &[Format]| format.is_some_and(|format| readers.contains(&format));
+        let captures = is_one(&[Format::Nerfstudio, Format::Colmap]);
+        let separate = is_one(&[Format::Re10k, Format::Colmap]);
+        let variants = is_one(&[Format::Nerfstudio]);
+        let options = [
+            ("images", self.images.is_some(), captures, "captures of nerfstudio or COLMAP"),
+            ("frames", self.frames.is_some(), separate, "RE10K trajectories or a COLMAP model"),
+            ("prefer-undistorted", self.prefer_undistorted, variants, "captures of nerfstudio or DL3DV"),
+        ];
+        match options.into_iter().find(|(_, is_given, is_read, _)| *is_given && !is_read) {
+            None => Ok(()),
+            Some((option, _, _, expected)) => Err(UnreadOption { option, expected, format }),
+        }
+    }
+}
+
+/// An option that the data at hand do not read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("{option}: expected {expected}, found {}", described(*format))]
+pub struct UnreadOption {
+    /// Its name without prefix.
+    pub option: &'static str,
+    /// Data that read it.
+    pub expected: &'static str,
+    /// The dataset's format; `None` for the output of `atsplat render`.
+    pub format: Option<Format>,
+}
+
+fn described(format: Option<Format>) -> String {
+    format.map_or_else(
+        || "the output of `atsplat render`".to_owned(),
+        |format| format!("a dataset in the format {format}"),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn each() -> [PictureOptions; 3] {
+        [
+            PictureOptions { images: Some(8), ..PictureOptions::default() },
+            PictureOptions { frames: Some("frames".into()), ..PictureOptions::default() },
+            PictureOptions { prefer_undistorted: true, ..PictureOptions::default() },
+        ]
+    }
+
+    /// `Debug` of the options shows what a format would read.
+    #[test]
+    fn an_option_is_refused_exactly_where_it_changes_nothing() {
+        let defaults = OpenOptions::default();
+        for given in each() {
+            let options = given.open_options();
+            for (format, found, default) in [
+                (Format::Re10k, format!("{:?}", options.re10k), format!("{:?}", defaults.re10k)),
+                (Format::TorchChunks, String::new(), String::new()),
+                (Format::Nerfstudio, format!("{:?}", options.nerfstudio), format!("{:?}", defaults.nerfstudio)),
+                (Format::Colmap, format!("{:?}", options.colmap), format!("{:?}", defaults.colmap)),
+            ] {
+                assert_eq!(given.check(Some(format)).is_ok(), found != default, "{given:?} {format}");
+                assert_eq!(PictureOptions::default().check(Some(format)), Ok(()));
+            }
+            assert!(given.check(None).is_err(), "{given:?}");
+        }
+        assert_eq!(PictureOptions::default().check(None), Ok(()));
+    }
+
+    #[test]
+    fn the_error_names_option_and_format() {
+        let [images, frames, undistorted] = each();
+        for (given, format, expected) in [
+            (
+                &images,
+                Some(Format::Re10k),
+                "images: expected captures of nerfstudio or COLMAP, found a dataset in the format re10k",
+            ),
+            (
+                &frames,
+                None,
+                "frames: expected RE10K trajectories or a COLMAP model, found the output of `atsplat render`",
+            ),
+            (
+                &undistorted,
+                Some(Format::Colmap),
+                "prefer-undistorted: expected captures of nerfstudio or DL3DV, found a dataset in the format colmap",
+            ),
+        ] {
+            let unread = given.check(format).unwrap_err();
+            assert_eq!((unread.to_string(), unread.format), (expected.to_owned(), format));
+        }
+    }
+
+    #[test]
+    fn images_are_named_by_the_suffix_of_their_folder() {
+        let folder = |images| {
+            let options = PictureOptions { images, ..PictureOptions::default() }.open_options();
+            (options.nerfstudio.pictures, options.colmap.pictures)
+        };
+        assert_eq!(folder(None), (PictureFolder::Listed, PictureFolder::Listed));
+        assert_eq!(folder(Some(1)), (PictureFolder::Listed, PictureFolder::Listed));
+        assert_eq!(folder(Some(4)), (PictureFolder::Downscaled(4), PictureFolder::Downscaled(4)));
+    }
+}
