@@ -7,7 +7,7 @@ use clap::CommandFactory as _;
 use clap_complete::Shell;
 
 use crate::Cli;
-use crate::output::print_text;
+use crate::output::{NewFolders, print_text};
 
 const BINARY: &str = "atsplat";
 
@@ -34,7 +34,7 @@ pub(crate) fn completions(args: &CompletionsArgs) -> anyhow::Result<()> {
 /// Prints or writes manual pages.
 pub(crate) fn man(args: &ManArgs) -> anyhow::Result<()> {
     if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))?;
+        let _folders = NewFolders::of(folder)?;
         return clap_mangen::generate_to(Cli::command(), folder)
             .with_context(|| format!("writing manual pages into {}", folder.display()));
     }

@@ -78,7 +78,8 @@ fn a_command_that_is_no_method_is_an_error_before_the_run() {
     assert_eq!(run("exec:").code, 2);
 }
 
-/// A process that never reads its input again; it is killed with its parent by the kernel.
+/// A process that never reads its input again; it is killed with its parent by the kernel. The folder of its trials is removed
+/// by the next run.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_killed_run_leaves_no_process_behind() {
@@ -95,9 +96,19 @@ fn a_killed_run_leaves_no_process_behind() {
     write_noise(here, 1);
     fs::write(here.join("hung.sh"), format!("{HELLO}\nread -r line\necho $$ > pid\nwhile :; do sleep 1; done\n"))
         .unwrap();
-    let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"));
-    run.args(["run", "tiny.toml", "--data", "data", "--method", "exec:sh hung.sh", "--out", "store"]);
-    let mut run = run.current_dir(here).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    fs::write(here.join("ended.sh"), HELLO).unwrap();
+    let temporary = here.join("temporary");
+    fs::create_dir(&temporary).unwrap();
+    let start = |method: &str, out: &str| {
+        let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+        run.args(["run", "tiny.toml", "--data", "data", "--method", method, "--out", out]);
+        run.current_dir(here).env("TMPDIR", &temporary).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let folders = || {
+        let names = fs::read_dir(&temporary).unwrap().map(|entry| entry.unwrap().file_name());
+        names.filter(|name| name.to_string_lossy().starts_with("atsplat-method-")).count()
+    };
+    let mut run = start("exec:sh hung.sh", "store");
     let eventually = |condition: &dyn Fn() -> bool| {
         (0..300).any(|_| {
             condition() || {
@@ -114,4 +125,7 @@ fn a_killed_run_leaves_no_process_behind() {
     run.kill().unwrap();
     run.wait().unwrap();
     assert!(eventually(&|| !lives()), "it lives on");
+    assert_eq!(folders(), 1, "nobody could remove it");
+    start("exec:sh ended.sh", "other").wait().unwrap();
+    assert_eq!(folders(), 0);
 }

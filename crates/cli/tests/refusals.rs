@@ -116,6 +116,27 @@ fn a_report_of_no_store_creates_nothing() {
     assert!(!folder.path().join("page").exists());
 }
 
+/// Outputs are opened before inputs are read. One of their folders was there before.
+#[test]
+fn a_failure_leaves_no_folder_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir(here.join("there")).unwrap();
+    for args in [
+        "reconstruct nowhere --views 0 --weights random:1 --out out/a.ply --renders out/b --plots there",
+        "fit nowhere --views .. --strategy 3dgs --steps 1 --out out/a.ply --plots out/b --checkpoint there/c",
+        "reproduce --weights nowhere.safetensors --out out",
+        "render nowhere.ply --orbit --out out/a --preview out/b/c.png",
+        "data simulate out/a --route nowhere",
+        "weights import nowhere.pth --model nano --out out/a/b.safetensors",
+    ] {
+        let failed = atsplat(here, &args.split(' ').collect::<Vec<_>>());
+        assert!(failed.code == 1 && failed.stderr.contains("nowhere"), "{args}: {}", failed.stderr);
+        let left: Vec<_> = fs::read_dir(here).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["there"], "{args}");
+    }
+}
+
 /// Failed rows, and renders without a Gaussian, are what `--strict` is for.
 #[test]
 fn strict_finds_failed_rows_and_empty_renders() {

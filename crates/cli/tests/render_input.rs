@@ -271,5 +271,5 @@ fn errors_name_unreadable_and_unwritable_files() {
         assert_eq!(outcome.code, 1, "{args:?}: {}", outcome.stderr);
         assert!(outcome.stderr.contains(expected), "{args:?}: {}", outcome.stderr);
     }
-    assert!(!here.join("out/render.json").exists(), "a record belongs to images that were written");
+    assert!(!here.join("out").exists(), "a record belongs to images that were written, and a folder to its files");
 }

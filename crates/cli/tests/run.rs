@@ -260,7 +260,7 @@ fn times_are_measured_on_request_and_otherwise_absent_with_a_reason() {
     let refused = atsplat(here, &["reproduce", "--out", "report", "--curve", "store"]);
     let expected = "--curve: expected trials that were optimised with several budgets, and timed; found none";
     assert!(refused.code == 1 && refused.stderr.contains(expected), "{}", refused.stderr);
-    assert!(!here.join("report/results").exists(), "nothing was run");
+    assert!(!here.join("report").exists(), "nothing was run");
     assert!(table.contains("Timed on") && !table.contains("skipped: no timing"), "{table}");
 }
 

@@ -5,6 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use atsplat_camera::PoseNormalisation;
 use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
 use atsplat_eval::runner::{KeepPictures, Summary, current_provenance, picture_path, run};
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
@@ -118,6 +119,35 @@ fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
         let found = warnings.iter().find(|warning| warning.kind == "off-centre-principal-point").unwrap();
         assert_eq!((found.count, found.example.as_str()), (3, "wall-0: for the test"), "{poses}");
     }
+}
+
+/// pixelSplat's poses refuse the second entry of each scene, whose context views are too close to each other.
+#[test]
+fn entries_skipped_for_one_methods_poses_are_not_done_for_another() {
+    let [store, fresh] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let run = |methods: &[&'static str]| {
+        let mut walls = dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6]), entry(&[0, 2], &[1, 3])]);
+        let pixelsplat = walls.preset.methods.iter_mut().find(|setting| setting.method == "pixelSplat").unwrap();
+        pixelsplat.pose_normalisation = PoseNormalisation::BaselineOne { minimum: 0.5, maximum: None };
+        let methods = methods.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
+        Run::new(vec![walls], methods.collect())
+    };
+    let both = run(&["pixelSplat", "MVSplat"]);
+    let (alone, summary) = run(&["pixelSplat"]).run(store.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.skipped, alone.unfinished().len()), (2, 2, 0));
+    // A run that is killed before its first trial.
+    let provenance = both.plan().provenance(current_provenance("0", None, Vec::new())).unwrap();
+    drop(Store::resume(store.path(), provenance).unwrap());
+    let killed = Results::read(store.path()).unwrap().unfinished();
+    let left: Vec<_> = killed.iter().map(|run| (run.method.as_str(), run.entries, run.of)).collect();
+    assert_eq!(left, [("MVSplat", 0, 4)]);
+    // Its poses refuse nothing, and what it records does not replace what the other method's run found.
+    let (joined, summary) = run(&["MVSplat"]).run(store.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.skipped, joined.unfinished().len()), (4, 0, 0));
+    let (expected, _) = both.run(fresh.path()).unwrap();
+    assert_eq!(joined.provenance.skipped, expected.provenance.skipped);
+    let reasons: Vec<&str> = expected.provenance.skipped.iter().map(|skipped| skipped.reason.as_str()).collect();
+    assert_eq!(reasons, ["baseline"; 2]);
 }
 
 #[test]

@@ -5,8 +5,9 @@ mod common;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use atsplat_eval::method::{Method, MethodError, Prediction, TrialInput, Warp};
+use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, TrialInput, Warp};
 use atsplat_eval::runner::{Selection, current_provenance, evaluate_trial, run_until};
+use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, MethodRecord, Results, Store};
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use common::{Run, Walls, baselines, dataset, entry, rows};
@@ -54,6 +55,31 @@ fn a_stopped_run_keeps_what_was_finished_and_resumes() {
     assert_eq!((summary.resumed, summary.evaluated), (3, 3));
     let whole = walls(vec![Arc::new(Warp)]).run(tempfile::tempdir().unwrap().path()).unwrap().0;
     assert_eq!(rows(&resumed), rows(&whole));
+}
+
+/// The second of two methods is interrupted at its first timed trial.
+#[test]
+fn a_stopped_timing_pass_keeps_the_times_of_finished_methods() {
+    let folder = tempfile::tempdir().unwrap();
+    let timed = |methods: Vec<Arc<dyn Method>>| {
+        let timing = TimingPlan { trials: 2, warm_up: 0, repetitions: 1, ..TimingPlan::default() };
+        Run { timing: Some(timing), ..walls(methods) }
+    };
+    let method = Arc::new(Counted { calls: AtomicUsize::new(0), last: 7 });
+    let run = timed(vec![Arc::new(NearestView), Arc::clone(&method) as Arc<dyn Method>]);
+    let plan = run.plan();
+    let store =
+        Store::resume(folder.path(), plan.provenance(current_provenance("0", None, Vec::new())).unwrap()).unwrap();
+    let stop = || method.calls.load(Ordering::Relaxed) >= method.last;
+    let stopped = run_until(&plan, store, &|| (), &stop).unwrap_err();
+    assert!(matches!(stopped, EvalError::Stopped), "{stopped}");
+    assert_eq!(method.calls.load(Ordering::Relaxed), 7, "six trials, and no timed one after the first");
+    let kept = Results::read(folder.path()).unwrap();
+    let timed_methods: Vec<&str> = kept.timings.iter().map(|row| row.key.method.as_str()).collect();
+    assert_eq!((kept.trials.len(), timed_methods), (12, vec!["nearest-view"; 2]));
+    let (resumed, summary) = timed(baselines()).run(folder.path()).unwrap();
+    assert_eq!((summary.resumed, resumed.timings.len()), (12, 4));
+    assert!(resumed.timings.iter().all(|row| row.detail.is_none()), "an interrupted trial was not rejected");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use atsplat_rooms::{
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::Serialize;
 
-use crate::output::{print_report, print_warnings, warn};
+use crate::output::{NewFolders, print_report, print_warnings, warn};
 use crate::parse;
 use crate::plot::PlotFile;
 use crate::progress::Progress;
@@ -113,7 +113,7 @@ struct SceneRecord {
 
 /// Simulates; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    reject_nonempty_folder(&args.out)?;
+    let _folders = new_folder(&args.out)?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
     let requests = args.requests(&mut warnings)?;
@@ -180,8 +180,8 @@ impl Args {
     }
 }
 
-/// Files of an earlier dataset would mix with the new ones.
-fn reject_nonempty_folder(folder: &Path) -> anyhow::Result<()> {
+/// Creates the folder, and rejects one that is not empty: files of an earlier dataset would mix with the new ones.
+fn new_folder(folder: &Path) -> anyhow::Result<NewFolders> {
     if folder.is_file() {
         bail!("expected a folder, found the file {}", folder.display());
     }
@@ -191,7 +191,7 @@ fn reject_nonempty_folder(folder: &Path) -> anyhow::Result<()> {
             bail!("{} is not empty: expected a new or empty folder", folder.display());
         }
     }
-    std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))
+    NewFolders::of(folder)
 }
 
 impl Report {

@@ -43,13 +43,12 @@ pub(crate) use with_opencv::run;
 mod with_opencv {
     use std::fmt;
 
-    use anyhow::Context as _;
     use atsplat_opencv::{UndistortMode, UndistortedFrames, undistort_scene};
     use atsplat_scene::{SceneSource as _, WarningKind, Warnings, is_plain_name};
     use serde::Serialize;
 
     use super::{Args, Mode};
-    use crate::output::{print_report, print_warnings};
+    use crate::output::{NewFolders, print_report, print_warnings};
     use crate::progress::Progress;
 
     #[derive(Serialize)]
@@ -72,7 +71,7 @@ mod with_opencv {
             Mode::KeepK => UndistortMode::KeepK,
             Mode::LongLrm => UndistortMode::LongLrm,
         };
-        std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
+        let _folders = NewFolders::of(&args.out)?;
         let mut warnings = Warnings::new();
         let dataset = args.dataset.open(&mut warnings)?;
         let mut report = Report { written: 0, skipped: 0 };

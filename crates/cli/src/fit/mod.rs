@@ -14,7 +14,7 @@ use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 
 use crate::device::DeviceArgs;
-use crate::output::{PendingFile, place, print_report, print_warnings, warn};
+use crate::output::{NewFolders, PendingFile, place, print_report, print_warnings, warn};
 use crate::parse;
 use input::{InputArgs, StartArgs};
 use report::Log;
@@ -178,14 +178,17 @@ impl Args {
         Ok(())
     }
 
-    /// Fails before long work if a file cannot be written. None stays open meanwhile: a run that is interrupted leaves nothing.
-    fn check_outputs(&self, record_file: &Path) -> anyhow::Result<()> {
+    /// Fails before long work if a file cannot be written. None stays open meanwhile: a run that is interrupted leaves no part
+    /// of one. Returns the folders that were created for them.
+    fn check_outputs(&self, record_file: &Path) -> anyhow::Result<NewFolders> {
         let plot = self.plots.as_ref().map(|folder| folder.join("learning-curve.svg"));
         let files = [Some(record_file), Some(self.out.as_path()), self.checkpoint.as_deref(), plot.as_deref()];
+        let mut folders = NewFolders::default();
         for file in files.into_iter().flatten() {
+            folders.create_for(file)?;
             drop(PendingFile::open(file)?);
         }
-        Ok(())
+        Ok(folders)
     }
 }
 
@@ -218,7 +221,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.start.check()?;
     let record_file = args.out.with_added_extension("json");
     args.check_checkpoint(&record_file)?;
-    args.check_outputs(&record_file)?;
+    let _folders = args.check_outputs(&record_file)?;
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
     let device = if network.is_some() { args.device.open_for_networks()? } else { args.device.open()? };

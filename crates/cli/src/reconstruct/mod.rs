@@ -69,8 +69,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let record_file = PendingFile::open(&output::record_path(&args.out))?;
     // Fails before long work if the scene file cannot be written.
     drop(PendingFile::open(&args.out)?);
-    args.renders.open()?;
-    args.plots.open()?;
+    args.renders.check_folder()?;
+    args.plots.check_folder()?;
 
     let mut warnings = Warnings::new();
     let source = args.network.source()?;

@@ -67,8 +67,8 @@ impl RenderArgs {
         unread.map_or(Ok(()), |name| Err(format!("{name} is for renders: add --renders DIR or --plots DIR")))
     }
 
-    /// Creates the folder before long work starts.
-    pub(super) fn open(&self) -> anyhow::Result<()> {
+    /// Fails before long work if the folder cannot be written.
+    pub(super) fn check_folder(&self) -> anyhow::Result<()> {
         let Some(folder) = &self.renders else { return Ok(()) };
         PendingFile::open(&folder.join("inputs").join(frame_file_name(0, "png"))).map(drop)
     }
@@ -111,8 +111,8 @@ impl PlotArgs {
         self.plots.is_some()
     }
 
-    /// Creates the folder before long work starts.
-    pub(super) fn open(&self) -> anyhow::Result<()> {
+    /// Fails before long work if the folder cannot be written.
+    pub(super) fn check_folder(&self) -> anyhow::Result<()> {
         let Some(folder) = &self.plots else { return Ok(()) };
         PendingFile::open(&folder.join("uncertainty.svg")).map(drop)
     }

@@ -15,7 +15,7 @@ use atsplat_report::{Report, Request, Written, counted, store_labels};
 use serde_json::json;
 
 use crate::objects::CacheArgs;
-use crate::output::{print_json, print_text, warn};
+use crate::output::{NewFolders, print_json, print_text, warn};
 use crate::parse::{named, once, usage_error};
 use crate::run::merge::reject_duplicates;
 
@@ -92,7 +92,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
     let folders = args.stores.iter().map(|store| args.cache.store(store)).collect::<anyhow::Result<Vec<PathBuf>>>()?;
     let results = folders.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
-    std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
+    let _folders = NewFolders::of(&args.out)?;
     let stores: Vec<PageStore<'_>> = results
         .iter()
         .zip(&labels)

@@ -27,7 +27,7 @@ use clap::ValueEnum;
 
 use crate::device::DeviceArgs;
 use crate::embedded;
-use crate::output::{print_findings, print_warnings};
+use crate::output::{NewFolders, print_findings, print_warnings};
 use crate::progress::Progress;
 use crate::provenance;
 
@@ -118,7 +118,7 @@ struct Evaluated {
 
 /// Reproduces; `true` if nothing was skipped and nothing failed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    std::fs::create_dir_all(&args.out).with_context(|| format!("creating the folder {}", args.out.display()))?;
+    let _folders = NewFolders::of(&args.out)?;
     let curves = args.curves()?;
     let mut warnings = Warnings::new();
     let DiscoveredDatasets { datasets, mut not_run } = args.found(&mut warnings)?;

@@ -55,7 +55,7 @@ pub(crate) struct RepetitionArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=10_000))]
     repetitions: Option<u32>,
 
-    /// Warm-up repetitions, which are not counted; by default 1, and none for work of a minute or more.
+    /// Warm-up repetitions, which are not counted; by default 1, and none for work of five seconds or more.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     warm_up: Option<u32>,
 }

@@ -1,11 +1,12 @@
 //! Merges the provenance of two runs.
 
 use std::collections::BTreeSet;
+use std::mem::take;
 
 use serde::Serialize;
 
 use super::difference::differences;
-use super::{MethodRecord, PresetRecord, Provenance, WarningCount};
+use super::{MethodRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
 use crate::EvalError;
 
 impl Provenance {
@@ -41,9 +42,8 @@ impl Provenance {
         }
         // In the order of one run's, whichever shard reported a kind first.
         self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
-        self.skipped.extend(other.skipped);
-        self.skipped.sort();
-        self.skipped.dedup();
+        let skipped = take(&mut self.skipped).into_iter().chain(other.skipped);
+        self.skipped = SkippedEntry::joined(skipped.collect());
         Ok(())
     }
 

@@ -1,4 +1,5 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::mem::take;
 
 use atsplat_model::network::Network;
 use atsplat_protocol::Preset;
@@ -140,6 +141,13 @@ impl Provenance {
         let names: Vec<String> = adapters.iter().map(ToString::to_string).collect();
         (!names.is_empty()).then(|| names.join("; "))
     }
+
+    /// Drops the reasons that concern only these methods, which are replaced by others of their names.
+    pub(crate) fn forget_skipped(&mut self, methods: &BTreeSet<String>) {
+        let all = take(&mut self.skipped).into_iter();
+        let kept = |found: SkippedEntry| if found.methods.is_empty() { Some(found) } else { found.for_others(methods) };
+        self.skipped = all.filter_map(kept).collect();
+    }
 }
 
 impl MethodRecord {
@@ -213,4 +221,35 @@ pub struct SkippedEntry {
     pub reason: String,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
+    /// Methods whose own poses are the reason; empty if it is the same for all, and in stores of older versions.
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
+    pub methods: BTreeSet<String>,
+}
+
+impl SkippedEntry {
+    /// Whether a method has no trial for this reason.
+    pub fn concerns(&self, method: &str) -> bool {
+        self.methods.is_empty() || self.methods.contains(method)
+    }
+
+    /// The same for the methods that are not among `methods`; `None` if it names no other.
+    pub(crate) fn for_others(&self, methods: &BTreeSet<String>) -> Option<Self> {
+        let others: BTreeSet<String> = self.methods.difference(methods).cloned().collect();
+        (!others.is_empty()).then(|| Self { methods: others, ..self.clone() })
+    }
+
+    /// Sorted, each reason of an entry once: independent of how the work was divided.
+    pub(crate) fn joined(mut all: Vec<Self>) -> Vec<Self> {
+        all.sort();
+        all.dedup_by(|next, first| {
+            let without_methods = |entry: &Self| Self { methods: BTreeSet::new(), ..entry.clone() };
+            let is_same = without_methods(next) == without_methods(first);
+            // No methods stand for all of them, and come first.
+            if is_same && !first.methods.is_empty() {
+                first.methods.append(&mut next.methods);
+            }
+            is_same
+        });
+        all
+    }
 }

@@ -1,7 +1,7 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_protocol::EvaluationIndex;
-use atsplat_protocol::trial::{SkipReport, Skipped};
+use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
+use atsplat_protocol::{DropReason, EvaluationIndex};
 use atsplat_scene::Warnings;
 
 use crate::{SkippedEntry, WarningCount};
@@ -65,16 +65,18 @@ impl Findings {
         }
     }
 
-    /// Adds entries without a trial. Methods with different pose normalisations walk the same index; duplicates are removed
-    /// by [`Self::in_order`].
-    pub(super) fn add_skipped(&mut self, preset: &str, report: &SkipReport) {
+    /// Adds entries without a trial under these methods. Methods with different pose normalisations walk the same index;
+    /// duplicates are removed by [`Self::in_order`].
+    pub(super) fn add_skipped(&mut self, preset: &str, methods: &BTreeSet<String>, report: &SkipReport) {
         for Skipped { scene, entry_number, reason, detail } in &report.skipped {
+            let methods = if depends_on_poses(*reason) { methods.clone() } else { BTreeSet::new() };
             self.skipped.push(SkippedEntry {
                 preset: preset.to_owned(),
                 scene: scene.clone(),
                 entry: super::walk::to_u32(*entry_number),
                 reason: reason.name().to_owned(),
                 detail: detail.clone(),
+                methods,
             });
         }
     }
@@ -82,8 +84,12 @@ impl Findings {
     /// Sorted and without duplicates: independent of how the work was divided.
     pub(super) fn in_order(mut self) -> Self {
         self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
-        self.skipped.sort();
-        self.skipped.dedup();
+        self.skipped = SkippedEntry::joined(self.skipped);
         self
     }
+}
+
+/// Whether an entry may be skipped for this reason under one method and have a trial under another.
+pub(super) const fn depends_on_poses(reason: SkipReason) -> bool {
+    matches!(reason, SkipReason::PoseNormalisation | SkipReason::Dropped(DropReason::Baseline))
 }

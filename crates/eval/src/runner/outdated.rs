@@ -1,6 +1,6 @@
-use atsplat_protocol::DropReason;
-use atsplat_protocol::trial::{SkipReason, Skipped, Trial};
+use atsplat_protocol::trial::{Skipped, Trial};
 
+use super::findings::depends_on_poses;
 use super::plan::{Dataset, Plan};
 use super::walk::to_u32;
 use crate::{EvalError, Store, TrialKey};
@@ -36,7 +36,7 @@ impl<'a> Outdated<'a> {
     /// Checks an entry that is skipped now. Whether poses can be normalised depends on the method, so that reason alone does
     /// not make other methods' results outdated.
     pub(super) fn check_skipped(&mut self, skipped: &Skipped) {
-        if matches!(skipped.reason, SkipReason::PoseNormalisation | SkipReason::Dropped(DropReason::Baseline)) {
+        if depends_on_poses(skipped.reason) {
             return;
         }
         let key = self.key(&skipped.scene, skipped.entry_number);

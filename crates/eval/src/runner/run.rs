@@ -9,7 +9,7 @@ use super::selection::Selected;
 use super::walk::{Walk, groups};
 use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepPictures};
-use crate::{EvalError, Results, Store, TargetStatus, timing};
+use crate::{EvalError, Results, SkippedEntry, Store, TargetStatus, timing};
 
 /// The kind of the warning about scenes of an index that the data lack.
 pub const MISSING_SCENES: &str = "scenes of the index that are not in the data";
@@ -25,8 +25,8 @@ pub fn run(plan: &Plan<'_>, store: Store, step: &(dyn Fn() + Sync)) -> Result<(R
     run_until(plan, store, step, &|| false)
 }
 
-/// Like [`run`], but stops when `stop` returns true: the trials in progress are dropped, and finished ones stay in the
-/// store, which another run resumes.
+/// Like [`run`], but stops when `stop` returns true: the trials in progress are dropped; finished ones, and the times of
+/// methods that were timed, stay in the store, which another run resumes.
 ///
 /// # Errors
 /// Those of [`run`], and [`EvalError::Stopped`].
@@ -68,7 +68,7 @@ pub fn run_until(
     }
     drop((extras, evaluating));
     if let Some(timing) = plan.timing {
-        timing::pass(plan, timing, &store, step)?;
+        timing::pass(plan, timing, &store, step, stop)?;
     }
     let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
     let mut findings = findings.in_order();
@@ -77,7 +77,9 @@ pub fn run_until(
     summary.skipped = skipped.collect::<BTreeSet<_>>().len() as u64;
     let before = store.provenance();
     findings.warnings.extend(before.warnings.iter().filter(|found| !is_run(&found.preset)).cloned());
-    findings.skipped.extend(before.skipped.iter().filter(|found| !is_run(&found.preset)).cloned());
+    let own: BTreeSet<String> = plan.methods.iter().map(|method| method.record().name).collect();
+    let kept = |found: &SkippedEntry| if is_run(&found.preset) { found.for_others(&own) } else { Some(found.clone()) };
+    findings.skipped.extend(before.skipped.iter().filter_map(kept));
     let findings = findings.in_order();
     store.set_findings(findings);
     let results = store.finish()?;

@@ -1,6 +1,7 @@
-use atsplat_files::Sha256Digest;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
+use atsplat_files::Sha256Digest;
 use atsplat_protocol::trial::{
     DecodeAhead, PictureDigests, Prefetch, Skipped, TargetPictures, Trial, TrialRecipe, Trials,
 };
@@ -101,6 +102,7 @@ impl Walk<'_> {
         findings: &mut Findings,
         summary: &mut Summary,
     ) -> Result<(), EvalError> {
+        let names: BTreeSet<String> = self.methods.iter().map(|method| method.record().name).collect();
         let (known, mut rest) = self.split_known(index);
         let (preset, with_results, new) = (&self.dataset.name, known.scenes.len(), rest.scenes.len());
         tracing::info!(preset, with_results, new, "scenes to evaluate, of which some have results in the store");
@@ -131,7 +133,7 @@ impl Walk<'_> {
         self.store.digests().save()?;
         outdated.into_result()?;
         warnings.join(reading);
-        findings.add_skipped(&self.dataset.name, trials.report());
+        findings.add_skipped(&self.dataset.name, &names, trials.report());
         for state in scenes.values().filter(|state| !state.is_incomplete) {
             let methods = self.methods.len() as u64;
             summary.resumed += state.trials * methods;
@@ -169,7 +171,7 @@ impl Walk<'_> {
             }
         }
         warnings.join(reading);
-        findings.add_skipped(&self.dataset.name, trials.report());
+        findings.add_skipped(&self.dataset.name, &names, trials.report());
         Ok(())
     }
 

@@ -64,7 +64,8 @@ impl Results {
             let of_both = |key: &&TrialKey| key.preset == preset.name && key.method == method.name;
             let rows = self.trials.iter().map(|trial| &trial.key).filter(of_both);
             let mut known: BTreeSet<(&str, u32)> = rows.map(|key| (key.scene.as_str(), key.entry)).collect();
-            let skipped = skipped.iter().filter(|skipped| skipped.preset == preset.name);
+            let skipped =
+                skipped.iter().filter(|skipped| skipped.preset == preset.name && skipped.concerns(&method.name));
             known.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
             let entries = known.len() as u64;
             if entries < preset.entries {

@@ -153,6 +153,7 @@ impl Store {
                 if !replaced.is_empty() {
                     store.remove_rows(|method| replaced.contains(method))?;
                     store.known.forget(&replaced);
+                    joined.forget_skipped(&replaced);
                 }
                 store.provenance = joined;
                 store.write_provenance()?;

@@ -7,7 +7,9 @@ use super::schema::{self, Column, Kind, Schema};
 use super::table::PolarsOutcome;
 use super::*;
 use crate::timing::{Load, TimingRow};
-use crate::{PresetRecord, Shard, TargetStatus, TrialKey, TrialStatus, WarningCount, sample_rows};
+use crate::{
+    MethodRecord, PresetRecord, Shard, SkippedEntry, TargetStatus, TrialKey, TrialStatus, WarningCount, sample_rows,
+};
 
 fn key(scene: &str) -> TrialKey {
     TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: scene.to_owned(), entry: 0 }

@@ -24,15 +24,15 @@ pub struct TimingPlan {
     /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
     /// A warm-up run that takes at least this long counts as a repetition, and no more follow: cold caches cost long
-    /// work less than a thousandth.
+    /// work less than a hundredth.
     pub warm_up_until: Duration,
-    /// Minimum number of repetitions of each trial; two are enough if each takes five seconds.
+    /// Minimum number of repetitions of each trial; two are enough if each takes two seconds.
     pub repetitions: u32,
 }
 
 impl Default for TimingPlan {
     fn default() -> Self {
-        Self { trials: 3, warm_up: 1, warm_up_until: Duration::from_mins(1), repetitions: 5 }
+        Self { trials: 3, warm_up: 1, warm_up_until: Duration::from_secs(5), repetitions: 5 }
     }
 }
 
@@ -40,15 +40,18 @@ impl Default for TimingPlan {
 const SPARE: usize = 8;
 
 /// Times a plan's methods and adds the rows to the store, protocol by protocol. Undisturbed times of the same trials on the
-/// same machine type are not measured again. `step` is called after each method and protocol.
+/// same machine type are not measured again. `step` is called after each method and protocol. The pass stops between two
+/// trials when `stop` returns true; the times of methods that were finished stay in the store.
 ///
 /// # Errors
-/// [`EvalError::Settings`] if the pass cannot have the process to itself or create its threads, [`EvalError::Io`].
+/// [`EvalError::Settings`] if the pass cannot have the process to itself or create its threads, [`EvalError::Io`],
+/// [`EvalError::Stopped`].
 pub(crate) fn pass(
     plan: &Plan<'_>,
     timing: TimingPlan,
     store: &Store,
     step: &(dyn Fn() + Sync),
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(), EvalError> {
     let _exclusive = quiet::exclusive()?;
     let machine = Machine::current();
@@ -59,7 +62,7 @@ pub(crate) fn pass(
         found: error.to_string(),
     })?;
     let started = unix_seconds();
-    let pass = Pass { plan, timing, store, machine, started, pool: &pool, step };
+    let pass = Pass { plan, timing, store, machine, started, pool: &pool, step, stop };
     // On a thread outside any pool: a pool's thread would steal other work while it waits.
     let outcome = std::thread::scope(|scope| scope.spawn(|| pass.run()).join());
     outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
@@ -73,6 +76,7 @@ struct Pass<'a> {
     started: u64,
     pool: &'a ThreadPool,
     step: &'a (dyn Fn() + Sync),
+    stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl Pass<'_> {
@@ -105,7 +109,7 @@ impl Pass<'_> {
             record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"))
         };
         let own = if new.iter().all(is_cpu) { OwnTime::Pool } else { OwnTime::Process };
-        let mut rows = Vec::new();
+        let (mut rows, mut outcome) = (Vec::new(), Ok(()));
         // Pictures are decoded first: decoding is part of neither the times nor the load.
         trials.prepare(self.timing.trials as usize);
         let outside = |methods: &[&Arc<dyn Method>]| -> f64 {
@@ -114,14 +118,27 @@ impl Pass<'_> {
         let outside_before = outside(&new);
         let monitor = LoadMonitor::start(self.pool, own);
         for method in &new {
-            rows.extend(self.method(dataset, &mut trials, method.as_ref()));
+            match self.method(dataset, &mut trials, method.as_ref()) {
+                Ok(timed) => rows.extend(timed),
+                Err(error) => {
+                    outcome = Err(error);
+                    break;
+                }
+            }
             (self.step)();
         }
         let load = monitor.finish((outside(&new) - outside_before).maximum_of(0.0));
         for row in &mut rows {
             row.load = load;
         }
-        if rows.is_empty() { Ok(()) } else { self.store.add_timings(rows) }
+        if !rows.is_empty() {
+            self.store.add_timings(rows)?;
+        }
+        outcome
+    }
+
+    fn check_stop(&self) -> Result<(), EvalError> {
+        if (self.stop)() { Err(EvalError::Stopped) } else { Ok(()) }
     }
 
     /// Whether the known rows already hold what this pass would measure.
@@ -144,17 +161,25 @@ impl Pass<'_> {
     }
 
     /// The rows of one method: the requested number of timed trials, or the first that could not be timed, with the reason.
-    fn method(&self, dataset: &Dataset, trials: &mut TimingTrials, method: &dyn Method) -> Vec<TimingRow> {
+    fn method(
+        &self,
+        dataset: &Dataset,
+        trials: &mut TimingTrials,
+        method: &dyn Method,
+    ) -> Result<Vec<TimingRow>, EvalError> {
         let (requested, available) = (self.timing.trials as usize, trials.len());
         let (mut rows, mut rejected) = (Vec::new(), None);
         let timed = method.timed();
         for position in 0..requested + SPARE {
+            self.check_stop()?;
             let Some(prepared) = trials.get(position) else { break };
             let measured = if timed.encoding || timed.rendering {
                 self.pool.install(|| Samples::of(self.timing, &dataset.preset, prepared, method))
             } else {
                 Err("it imports finished pictures".to_owned())
             };
+            // A trial that was interrupted was not rejected.
+            self.check_stop()?;
             let mut row = self.row(dataset, prepared, method, available);
             match measured {
                 Ok(samples) => {
@@ -170,7 +195,7 @@ impl Pass<'_> {
                 break;
             }
         }
-        if rows.is_empty() { rejected.into_iter().collect() } else { rows }
+        Ok(if rows.is_empty() { rejected.into_iter().collect() } else { rows })
     }
 
     fn row(&self, dataset: &Dataset, prepared: &PreparedTrial, method: &dyn Method, available: usize) -> TimingRow {

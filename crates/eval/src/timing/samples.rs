@@ -19,7 +19,7 @@ const MIN_DURATION: Duration = Duration::from_millis(50);
 const MAX_REPETITIONS: usize = 200;
 
 /// Work of at least this many seconds is long: two repetitions then suffice, so that a pass does not last for hours.
-const LONG: f64 = 5.0;
+const LONG: f64 = 2.0;
 
 /// A trial with decoded context pictures.
 #[derive(Debug)]

@@ -5,6 +5,7 @@ mod group;
 mod npy;
 mod pool;
 mod process;
+mod scratch;
 mod wire;
 
 use std::collections::BTreeMap;
@@ -14,7 +15,6 @@ use std::time::{Duration, Instant};
 
 use atsplat_files::Sha256Digest;
 use atsplat_pixels::Image;
-use tempfile::TempDir;
 
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, Rendered, Timed, TrialInput};
@@ -23,6 +23,7 @@ use crate::{EvalError, MethodRecord, differences};
 use files::TrialFolder;
 use pool::{Pool, Slot};
 use process::Process;
+use scratch::Scratch;
 use wire::{Answer, Hello, OutputKind, Request, VERSION};
 
 /// A method that runs as a process: it is started once, given one trial after the other, and answers with pictures or with
@@ -42,7 +43,7 @@ pub struct Exec {
     requests: AtomicU64,
     /// Before the folder: processes end before it is removed.
     pool: Pool,
-    folder: TempDir,
+    folder: Scratch,
 }
 
 /// How a method's process is started and read.
@@ -79,8 +80,9 @@ impl Exec {
             return Err(refused(format!("a method cannot have the name {name:?}; NAME=exec:… gives it another")));
         }
         let record = record(name, &command, &words, &hello, opacities_as_stored, &splatting)?;
-        let folder = tempfile::Builder::new().prefix("atsplat-method-").tempdir();
-        let folder = folder.map_err(EvalError::io("creating a folder for a method", &std::env::temp_dir()))?;
+        let temporary = std::env::temp_dir();
+        let folder =
+            Scratch::new_in(&temporary).map_err(EvalError::io("creating a folder for a method", &temporary))?;
         let (requests, pool) = (AtomicU64::new(0), Pool::new(processes, process));
         Ok(Self { words, hello, limit, opacities_as_stored, splatting, record, requests, pool, folder })
     }

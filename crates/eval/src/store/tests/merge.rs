@@ -50,6 +50,44 @@ fn a_repeated_shard_counts_once() {
     assert_eq!((presets[0].entries, warnings[0].count, merged.repeated), (4, 10, 4));
 }
 
+/// The second scene's entry, skipped for the poses of these methods.
+fn skipped(methods: &[&str]) -> SkippedEntry {
+    let methods = methods.iter().map(|name| (*name).to_owned()).collect();
+    let [preset, scene, reason] = ["p", "b", "baseline"].map(str::to_owned);
+    SkippedEntry { preset, scene, reason, methods, ..SkippedEntry::default() }
+}
+
+/// Two methods have a row of the first scene.
+#[test]
+fn an_entry_skipped_for_one_methods_poses_is_not_done_for_another() {
+    let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+    let mut results = Results::default();
+    results.provenance.presets = vec![PresetRecord { name: "p".to_owned(), entries: 2, ..PresetRecord::default() }];
+    results.provenance.methods = ["m", "n"].map(method).to_vec();
+    results.trials = vec![trial("a"), TrialRow { key: key("a").of_method("n"), ..trial("a") }];
+    let mut unfinished = |methods: &[&str]| -> Vec<(String, u64)> {
+        results.provenance.skipped = vec![skipped(methods)];
+        results.unfinished().into_iter().map(|run| (run.method, run.entries)).collect()
+    };
+    assert_eq!(unfinished(&["m"]), [("n".to_owned(), 1)]);
+    assert!(unfinished(&["m", "n"]).is_empty());
+    assert!(unfinished(&[]).is_empty(), "for a reason that is the same for all methods");
+}
+
+#[test]
+fn a_reason_of_several_stores_concerns_the_methods_of_each() {
+    let merged = |first: &[&str], second: &[&str]| {
+        let [first, second] = [first, second].map(|methods| {
+            let mut part = shard(1, &["a"]);
+            part.provenance.skipped = vec![skipped(methods)];
+            part
+        });
+        Results::merge(vec![first, second]).unwrap().results.provenance.skipped
+    };
+    assert_eq!(merged(&["n"], &["m"]), [skipped(&["m", "n"])]);
+    assert_eq!(merged(&["m"], &[]), [skipped(&[])]);
+}
+
 #[test]
 fn rejects_merging_different_runs() {
     let mut other = shard(2, &["a"]);
