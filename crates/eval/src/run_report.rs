@@ -128,7 +128,9 @@ fn unscored(results: &Results) -> Vec<Unscored> {
     let skipped = results.provenance.skipped.iter();
     let skipped = skipped.map(|entry| {
         let example = format!("scene {}: {}", entry.scene, entry.detail);
-        (&entry.preset, format!("entries skipped, {}", entry.reason), String::new(), example)
+        let of: Vec<&str> = entry.methods.iter().map(String::as_str).collect();
+        let of = if of.is_empty() { String::new() } else { format!(" for {}", of.join(", ")) };
+        (&entry.preset, format!("entries skipped{of}, {}", entry.reason), String::new(), example)
     });
     let refused = results.not_applicable().map(|trial| {
         let detail = trial.detail.as_deref().unwrap_or("unknown reason");

@@ -8,7 +8,7 @@
 //! | rows without a score are removed, for others to take their place | the same, and the old records until the rows are gone |
 //! | all rows are removed, or a store is created | no records, so that it is no store: the next writer removes the rest |
 //!
-//! Programs that do not know `update/` may find two tables that contradict each other until the store is resumed.
+//! Programs that do not know `update/` may find tables that contradict each other, or none, until the store is resumed.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -260,7 +260,11 @@ impl StoreCopy {
             self.put(sent, update)?;
         }
         self.put(sent, tables)?;
-        let update = sent.files.keys().rev().filter(|name| name.starts_with(UPDATE)).cloned().collect();
+        let update: Vec<String> = sent.files.keys().rev().filter(|name| name.starts_with(UPDATE)).cloned().collect();
+        if !update.is_empty() {
+            // For another process that has claimed the store since, they may be its only tables.
+            self.check_claim(sent)?;
+        }
         self.remove(sent, update)
     }
 

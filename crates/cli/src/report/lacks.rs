@@ -38,7 +38,9 @@ fn counts(results: &Results) -> Counts<'_> {
     let mut seen = BTreeSet::new();
     for entry in provenance.skipped.iter().filter(|entry| seen.insert((&entry.preset, &entry.scene, entry.entry))) {
         let first = format!("scene {}, entry {}: {}: {}", entry.scene, entry.entry, entry.reason, entry.detail);
-        add((entry.preset.as_str(), "", Lack::Skipped), 1, first);
+        // Of several, the first stands for those that share its poses.
+        let method = entry.methods.first().map_or("", String::as_str);
+        add((entry.preset.as_str(), method, Lack::Skipped), 1, first);
     }
     for trial in &results.trials {
         let at = |lack| (trial.key.preset.as_str(), trial.key.method.as_str(), lack);
@@ -68,7 +70,10 @@ impl Lack {
         let [are, have] = if one { ["is", "has"] } else { ["are", "have"] };
         match self {
             Self::MissingScenes => format!("{count} {scenes} of the index {are} not in the data"),
-            Self::Skipped => format!("{count} index {entries} {} skipped", if one { "was" } else { "were" }),
+            Self::Skipped => {
+                let of = if method.is_empty() { String::new() } else { format!(" for {method}") };
+                format!("{count} index {entries} {} skipped{of}", if one { "was" } else { "were" })
+            }
             Self::Incomplete => format!("{count} {trials} of {method} {are} incomplete"),
             Self::NonFinite => format!("{count} {targets} of {method} {have} samples that are no numbers"),
             Self::Undrawn => format!("{count} {trials} of {method} {have} no Gaussian in any target"),

@@ -221,7 +221,8 @@ pub struct SkippedEntry {
     pub reason: String,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
-    /// Methods whose own poses are the reason; empty if it is the same for all, and in stores of older versions.
+    /// Methods with whose poses it was found, as other methods may have others; empty if the reason does not depend on poses, and
+    /// in stores of older versions. It stays until one of these methods runs again.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub methods: BTreeSet<String>,
 }

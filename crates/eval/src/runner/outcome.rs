@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::{Plan, spread};
 use crate::method::{RequestedScene, Survey};
-use crate::{EvalError, Results, TargetRow, TargetStatus};
+use crate::{EvalError, Results, SkippedEntry, TargetRow, TargetStatus};
 
 /// Scenes per dataset whose imported files are looked for before the run.
 const SURVEYED: usize = 32;
@@ -74,7 +74,9 @@ impl Plan<'_> {
             return format!("{name}: shard {} of {} of {present} scenes is empty", shard.number, shard.of);
         }
         let mut reasons: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
-        for skipped in results.provenance.skipped.iter().filter(|skipped| skipped.preset == *name) {
+        let concerns =
+            |skipped: &&SkippedEntry| self.methods.iter().any(|method| skipped.concerns(&method.record().name));
+        for skipped in results.provenance.skipped.iter().filter(|skipped| skipped.preset == *name).filter(concerns) {
             reasons.entry(&skipped.reason).or_insert((0, &skipped.detail)).0 += 1;
         }
         let reasons: Vec<String> =

@@ -23,8 +23,8 @@ pub struct TimingPlan {
     pub trials: u32,
     /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
-    /// A warm-up run that takes at least this long counts as a repetition, and no more follow: cold caches cost long
-    /// work less than a hundredth.
+    /// A warm-up run that takes at least this long counts as a repetition, and no more follow, unless the next run is faster
+    /// by a fifth.
     pub warm_up_until: Duration,
     /// Minimum number of repetitions of each trial; two are enough if each takes two seconds.
     pub repetitions: u32,

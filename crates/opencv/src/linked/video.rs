@@ -111,9 +111,9 @@ pub fn extract_frames(
     if !is_plain_name(key) {
         return Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}")));
     }
+    let schedule = Schedule::read(video, timestamps_micros.iter().copied().max())?;
     let folder = options.folder.join(key);
     std::fs::create_dir_all(&folder).map_err(OpenCvError::io("creating a folder for frames", &folder))?;
-    let schedule = Schedule::read(video, timestamps_micros.iter().copied().max())?;
     let limit = 0.5 * schedule.interval_micros;
 
     let mut frames: Vec<ExtractedFrame> = Vec::new();

@@ -9,6 +9,7 @@ use tempfile::{Builder, TempDir};
 const PREFIX: &str = "atsplat-method-";
 /// A file in the folder that is locked as long as its process lives, however that ends.
 const LOCK: &str = "atsplat-method.lock";
+const UNLOCKED: &str = "atsplat-method.unlocked";
 
 /// A temporary folder, removed when this is dropped. Nothing is dropped in a process that a signal ends: its folder is
 /// removed when another one is created.
@@ -23,9 +24,12 @@ impl Scratch {
     pub(super) fn new_in(parent: &Path) -> io::Result<Self> {
         remove_abandoned(parent);
         let folder = Builder::new().prefix(PREFIX).tempdir_in(parent)?;
-        let lock = File::create_new(folder.path().join(LOCK))?;
+        // Under another name until it is locked: without its name, the folder is left alone.
+        let (unlocked, locked) = (folder.path().join(UNLOCKED), folder.path().join(LOCK));
+        let lock = File::create_new(&unlocked)?;
         // Where files cannot be locked, no folder is taken for an abandoned one.
         lock.lock().ok();
+        fs::rename(&unlocked, &locked)?;
         Ok(Self { _lock: lock, folder })
     }
 
