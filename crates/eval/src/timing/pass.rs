@@ -109,7 +109,7 @@ impl Pass<'_> {
             record.network_adapter.is_none() && record.backend.is_none_or(|name| name.starts_with("cpu"))
         };
         let own = if new.iter().all(is_cpu) { OwnTime::Pool } else { OwnTime::Process };
-        let (mut rows, mut outcome) = (Vec::new(), Ok(()));
+        let mut rows = Vec::new();
         // Pictures are decoded first: decoding is part of neither the times nor the load.
         trials.prepare(self.timing.trials as usize);
         let outside = |methods: &[&Arc<dyn Method>]| -> f64 {
@@ -117,16 +117,11 @@ impl Pass<'_> {
         };
         let outside_before = outside(&new);
         let monitor = LoadMonitor::start(self.pool, own);
-        for method in &new {
-            match self.method(dataset, &mut trials, method.as_ref()) {
-                Ok(timed) => rows.extend(timed),
-                Err(error) => {
-                    outcome = Err(error);
-                    break;
-                }
-            }
+        let outcome = new.iter().try_for_each(|method| {
+            rows.extend(self.method(dataset, &mut trials, method.as_ref())?);
             (self.step)();
-        }
+            Ok(())
+        });
         let load = monitor.finish((outside(&new) - outside_before).maximum_of(0.0));
         for row in &mut rows {
             row.load = load;

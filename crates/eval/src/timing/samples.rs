@@ -20,6 +20,9 @@ const MAX_REPETITIONS: usize = 200;
 
 /// Work of at least this many seconds is long: two repetitions then suffice, so that a pass does not last for hours.
 const LONG: f64 = 2.0;
+/// A warm-up that takes longer than the next run by this factor prepared something, such as a model's weights: both count as
+/// warm-ups.
+const COLD: f64 = 1.25;
 
 /// A trial with decoded context pictures.
 #[derive(Debug)]
@@ -27,10 +30,6 @@ pub(super) struct PreparedTrial {
     pub(super) trial: Trial,
     pub(super) pictures: Vec<Arc<ImageU8>>,
 }
-
-/// A warm-up that takes longer than the next run by this factor prepared something, such as a model's weights: both count as
-/// warm-ups.
-const COLD: f64 = 1.25;
 
 /// Whether this many repetitions with this total time suffice because each is long.
 pub(super) fn is_long(repetitions: usize, secs: f64) -> bool {
