@@ -400,11 +400,8 @@ mod tests {
         for key in ["", ".", "..", "a/b", "/etc", "../up", "a/"] {
             assert!(matches!(attempt(&fixture("constant.mp4"), key), Some(OpenCvError::Video { .. })), "{key:?}");
         }
-        let entries = |folder: &Path| {
-            let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
-            names.collect::<std::collections::BTreeSet<_>>().into_iter().collect::<Vec<_>>()
-        };
-        assert_eq!(entries(folder.path()), ["cut.mp4", "empty.mp4", "out", "text.mp4"]);
-        assert_eq!(entries(&options.folder), ["scene"], "nothing is written beside the given folder");
+        let names = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name());
+        let names = names.collect::<std::collections::BTreeSet<_>>().into_iter().collect::<Vec<_>>();
+        assert_eq!(names, ["cut.mp4", "empty.mp4", "text.mp4"], "refused videos and keys leave no folder");
     }
 }
