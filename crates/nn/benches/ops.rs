@@ -41,6 +41,10 @@ fn forward(criterion: &mut Criterion) {
     group.bench_function("cross-attention, 2048 queries, 8192 keys", |bencher| {
         bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 12, None));
     });
+    let (queries, keys_values) = (random::<3>([1, 2048, 192], &device), random::<3>([1, 8192, 384], &device));
+    group.bench_function("cross-attention, 2048 queries, 8192 keys, 6 heads of 32", |bencher| {
+        bencher.iter(|| ops::cross_attention(black_box(queries.clone()), keys_values.clone(), 6, None));
+    });
     let rows = Tensor::<1, Int>::arange(0..8192, &device).reshape([1, 512, 16]).remainder_scalar(512);
     let features = random::<3>([1, 512, 768], &device);
     group.bench_function("largest of 16 rows, 512 times 768", |bencher| {

@@ -1,6 +1,7 @@
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::attention_f32;
 use super::matrix::{Factor, Matrix, Output, Write, multiply_factors};
 use super::simd::{self, Exp};
 use crate::MatmulPrecision;
@@ -139,6 +140,10 @@ pub(crate) struct Inputs<'a> {
 }
 
 impl Inputs<'_> {
+    pub(super) fn is_ignored(&self, sample: usize, key: usize) -> bool {
+        self.ignored.is_some_and(|ignored| ignored[sample * self.sizes.keys + key] != 0)
+    }
+
     /// The tiles of keys of one head of a sample: the first key of each, and their number.
     pub(super) fn key_tiles(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let (tile, keys) = (self.sizes.key_tile(), self.sizes.keys);
@@ -171,6 +176,17 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     if out.is_empty() || sizes.keys == 0 {
         return (out, log_sums);
     }
+    match inputs.products {
+        MatmulPrecision::F32 | MatmulPrecision::F16 => attention_f32::forward(inputs, &mut out, &mut log_sums),
+        MatmulPrecision::Bf16 => forward_rounded(inputs, &mut out, &mut log_sums),
+    }
+    (out, log_sums)
+}
+
+/// [`forward`] with products of rounded factors, which have kernels of their own.
+fn forward_rounded(inputs: &Inputs<'_>, out: &mut [f32], log_sums: &mut [f32]) {
+    let sizes = inputs.sizes;
+    let (queries, width, heads) = (sizes.queries, sizes.width(), sizes.heads);
     let samples = out.par_chunks_mut(queries * width).zip(log_sums.par_chunks_mut(queries * heads));
     samples.enumerate().for_each(|(sample, (out, log_sums))| {
         let packed: Vec<Head> = (0..heads).into_par_iter().map(|head| Head::new(inputs, sample, head)).collect();
@@ -187,7 +203,6 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
             },
         );
     });
-    (out, log_sums)
 }
 
 /// Keys of one head of a sample in rows, and values in columns, tile by tile.

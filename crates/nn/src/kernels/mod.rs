@@ -4,6 +4,7 @@
 
 pub(crate) mod attention;
 pub(crate) mod attention_backward;
+mod attention_f32;
 pub(crate) mod bf16;
 mod columns;
 pub(crate) mod gather;
