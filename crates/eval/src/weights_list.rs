@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use atsplat_files::Malformed;
-use atsplat_protocol::{Preset, malformed_toml};
+use atsplat_files::{Malformed, malformed_toml};
+use atsplat_protocol::Preset;
 use serde::Deserialize;
 
 use crate::EvalError;

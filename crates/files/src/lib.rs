@@ -12,6 +12,7 @@ mod date;
 mod digest;
 mod error;
 mod lock;
+mod toml_error;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
 pub use cache::cache_folder;
@@ -20,6 +21,7 @@ pub use date::{date, unix_seconds};
 pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};
 pub use error::{FileError, InvalidText, Malformed, quoted, shortened};
 pub use lock::{FolderLock, LockError, this_process};
+pub use toml_error::malformed_toml;
 
 /// The last part of a path, or all of it if it ends in `..` or is a root.
 pub fn name_of(path: &std::path::Path) -> String {

@@ -18,14 +18,3 @@ pub mod weights;
 
 pub use config::{ImageSize, ModelConfig};
 pub use error::ModelError;
-
-/// A TOML error with the line and column, counted from 1, at which its byte span begins.
-pub(crate) fn toml_error(what: &'static str, expected_whole: &str, text: &str, error: &toml::de::Error) -> ModelError {
-    let start = error.span().map_or(0, |span| span.start);
-    let before = &text[..start];
-    let line = before.bytes().filter(|byte| *byte == b'\n').count() + 1;
-    let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
-    let message = error.message();
-    let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, expected_whole));
-    ModelError::malformed(what, format!("line {line} column {column}"), expected, found)
-}

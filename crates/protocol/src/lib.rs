@@ -17,7 +17,6 @@ mod named_builders;
 mod preset;
 #[cfg(test)]
 mod test_source;
-mod toml_error;
 
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
@@ -37,4 +36,3 @@ pub use preset::{
     PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;
-pub use toml_error::malformed_toml;

@@ -1,10 +1,10 @@
 use std::path::Path;
 
-use atsplat_files::{FileError, Malformed};
+use atsplat_files::{FileError, Malformed, malformed_toml};
 
 use crate::overlap::OverlapEstimator;
 use crate::samplers::{Bounded, EvenlySpaced, FarthestPoint, Sampler, TargetRule};
-use crate::{IndexBuilder, ProtocolError, malformed_toml};
+use crate::{IndexBuilder, ProtocolError};
 
 macro_rules! built_in {
     ($($name:literal),* $(,)?) => {

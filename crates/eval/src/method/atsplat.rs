@@ -1,8 +1,10 @@
+use std::sync::Arc;
+
 use atsplat_model::network::{MatmulPrecision, Network, Reconstruction};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use super::splatting::{Splatting, parameters};
-use super::{Cost, Method, MethodError, Prediction, TrialInput};
+use super::{Cost, Method, MethodError, Prediction, SharedEncoding, Timed, TrialInput};
 use crate::context::trial_seed;
 use crate::{EvalError, MethodRecord, TrainingRecord, network_views};
 
@@ -23,6 +25,7 @@ pub struct AtSplat {
     record: MethodRecord,
     /// Name of the pose normalisation of the training, if it is known.
     trained_poses: Option<String>,
+    shared: Option<Arc<SharedEncoding>>,
 }
 
 /// Where a network's weights came from.
@@ -95,7 +98,16 @@ impl AtSplat {
         splatting.describe(&mut record);
         record.record_network(&network);
         let products = MatmulPrecision::default();
-        Ok(Self { network, high_resolution: None, splatting, products, call_seed, record, trained_poses: None })
+        Ok(Self {
+            network,
+            high_resolution: None,
+            splatting,
+            products,
+            call_seed,
+            record,
+            trained_poses: None,
+            shared: None,
+        })
     }
 
     /// Adds a network for pictures of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
@@ -149,17 +161,27 @@ impl AtSplat {
         self
     }
 
+    /// Takes encoded scenes from others with the same weights and precision, if they encode alike; its encoding is then not timed.
+    #[must_use]
+    pub(crate) fn sharing(mut self, shared: &Arc<SharedEncoding>) -> Self {
+        self.shared = shared.serves(self.network.config()).then(|| Arc::clone(shared));
+        self
+    }
+
     fn reconstruct(&self, input: &TrialInput<'_>) -> Result<(Reconstruction, Vec<String>), MethodError> {
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let views =
             network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
         let seed = trial_seed(self.call_seed, input.trial);
-        let network = self.network_for(views.size());
-        let reconstruction = self.products.scope(|| network.reconstruct(&views, seed));
+        let size = views.size();
+        let network = self.network_for(size);
+        let reconstruction = self.products.scope(|| match &self.shared {
+            Some(shared) => shared.reconstruct(network, views, seed),
+            None => network.reconstruct(&views, seed),
+        });
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let seen_at = reconstruction.seen_at;
-        let resized = (seen_at != views.size())
-            .then(|| format!("the network saw context pictures of {} at {seen_at}", views.size()));
+        let resized = (seen_at != size).then(|| format!("the network saw context pictures of {size} at {seen_at}"));
         let poses = input.preset.setting_for(self.setting()).pose_normalisation.name();
         let other = self.trained_poses.as_ref().filter(|trained| **trained != poses);
         let other =
@@ -201,6 +223,10 @@ impl Method for AtSplat {
         true
     }
 
+    fn timed(&self) -> Timed {
+        Timed { encoding: self.shared.is_none(), rendering: true }
+    }
+
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let (reconstruction, notes) = self.reconstruct(&input)?;
         let stages = reconstruction.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
@@ -228,9 +254,7 @@ pub(super) fn method_error(error: &ModelError) -> MethodError {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use std::sync::Arc;
-
-    use atsplat_model::config::Selection;
+    use atsplat_model::config::{Selection, Upsampling};
     use atsplat_model::network::Device;
     use atsplat_model::parameters::parameters;
     use atsplat_model::weights::generated;
@@ -278,6 +302,31 @@ pub(super) mod tests {
         assert_eq!((notes(None), notes(Some(own.clone()))), (Vec::new(), Vec::new()));
         let expected = format!("trained with the pose normalisation baseline-one, evaluated with {own}");
         assert_eq!(notes(Some("baseline-one".to_owned())), [expected]);
+    }
+
+    /// Whichever method encodes a scene, and in whichever order scenes come.
+    #[test]
+    fn sharing_encodings_changes_no_bit_and_no_other_network_takes_part() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let trials = trials(&preset);
+        let gaussians = |method: &AtSplat, at: usize| {
+            let (trial, pictures) = &trials[at];
+            method.reconstruct(&TrialInput { preset: &preset, trial, pictures }).unwrap().0.gaussians
+        };
+        let selections = [Selection::FarthestPoint {}, Selection::Random { seed: 3 }];
+        let shared = Arc::new(SharedEncoding::of(method(None, 0).network.config()));
+        let sharing = selections.map(|selection| method(Some(selection), 0).sharing(&shared));
+        let alone = selections.map(|selection| method(Some(selection), 0));
+        for at in [0, 2, 1, 2] {
+            for (sharing, alone) in sharing.iter().zip(&alone) {
+                assert_eq!(sharing.timed(), Timed::RENDERING);
+                assert_eq!(gaussians(sharing, at), gaussians(alone, at), "trial {at}");
+            }
+            assert_ne!(gaussians(&alone[0], at), gaussians(&alone[1], at), "the selections differ");
+        }
+        let mut config = ModelConfig::named("nano").unwrap();
+        config.fine.upsampling = Upsampling::Nearest;
+        assert!(!shared.serves(&config), "another fine branch");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 use std::collections::BTreeSet;
 
-use atsplat_protocol::malformed_toml;
+use atsplat_files::malformed_toml;
 use serde::{Deserialize, Serialize};
 
 use super::Knobs;

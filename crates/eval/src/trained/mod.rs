@@ -14,7 +14,7 @@ use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
 pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
-use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, Warp, WeightsSource};
+use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, SharedEncoding, Warp, WeightsSource};
 use crate::rows::TRAINED_POSES;
 use crate::runner::Dataset;
 use crate::{ComputeDevice, EvalError, TrainingRecord, thresholds};
@@ -91,21 +91,26 @@ impl TrainedNetwork {
 
     /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need
     /// their own weights and are not included. Thresholds are the paper's for its own configurations, and otherwise at
-    /// quantiles of the network's scores in the first scenes of `dataset`.
+    /// quantiles of the network's scores in the first scenes of `dataset`. A scene is encoded once for all of them, so that their
+    /// encoding is not timed.
     ///
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit a variant; [`EvalError::Settings`] if `dataset` has no trial.
     pub fn variants(&self, dataset: &Dataset) -> Result<Vec<Arc<dyn Method>>, EvalError> {
+        let shared = Arc::new(SharedEncoding::of(&self.config));
+        let variant = |name: &str, config: &ModelConfig| -> Result<Arc<dyn Method>, EvalError> {
+            Ok(Arc::new(self.variant(name, config)?.sharing(&shared)))
+        };
         let mut variants = vec![
-            self.without_expansion()?,
-            self.variant("random", &self.selecting(Selection::Random { seed: 0 }))?,
-            self.variant("farthest point", &self.selecting(Selection::FarthestPoint {}))?,
+            variant("no expansion", &self.config.with_expansion_in_first(0))?,
+            variant("random", &self.selecting(Selection::Random { seed: 0 }))?,
+            variant("farthest point", &self.selecting(Selection::FarthestPoint {}))?,
         ];
         if self.config.name.starts_with("paper-") {
             for (thresholds, _) in thresholds::PUBLISHED {
                 // Configurations that expand in other blocks do not accept these thresholds.
                 if let Ok(config) = self.config.with_thresholds(&thresholds) {
-                    variants.push(self.variant(&spaced(&thresholds), &config)?);
+                    variants.push(variant(&spaced(&thresholds), &config)?);
                 }
             }
             return Ok(variants);
@@ -114,8 +119,7 @@ impl TrainedNetwork {
         for (published, quantiles) in thresholds::PUBLISHED {
             let Some(own) = thresholds::at_quantiles(&scores, &quantiles) else { continue };
             let name = format!("quantiles {}", spaced(&quantiles));
-            let method = self.method(&format!("atsplat {name}"), &self.config.with_thresholds(&own)?)?;
-            let method = method.with_variant_title(&name);
+            let method = self.variant(&name, &self.config.with_thresholds(&own)?)?.sharing(&shared);
             variants.push(Arc::new(method.with_thresholds_at(&quantiles, &published)));
         }
         Ok(variants)
@@ -126,7 +130,7 @@ impl TrainedNetwork {
     /// # Errors
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn without_expansion(&self) -> Result<Arc<dyn Method>, EvalError> {
-        self.variant("no expansion", &self.config.with_expansion_in_first(0))
+        Ok(Arc::new(self.variant("no expansion", &self.config.with_expansion_in_first(0))?))
     }
 
     fn selecting(&self, selection: Selection) -> ModelConfig {
@@ -135,8 +139,8 @@ impl TrainedNetwork {
         config
     }
 
-    fn variant(&self, name: &str, config: &ModelConfig) -> Result<Arc<dyn Method>, EvalError> {
-        Ok(Arc::new(self.method(&format!("atsplat {name}"), config)?.with_variant_title(name)))
+    fn variant(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {
+        Ok(self.method(&format!("atsplat {name}"), config)?.with_variant_title(name))
     }
 
     fn method(&self, name: &str, config: &ModelConfig) -> Result<AtSplat, EvalError> {

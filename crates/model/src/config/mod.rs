@@ -17,6 +17,7 @@ mod validate;
 
 use std::path::Path;
 
+use atsplat_files::malformed_toml;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -80,6 +81,13 @@ pub struct ModelConfig {
 }
 
 impl ModelConfig {
+    /// Whether networks of both configurations with the same weights compute the same before token expansion.
+    #[must_use]
+    pub fn encodes_like(&self, other: &Self) -> bool {
+        let Self { decoder, expansion, .. } = self.clone();
+        *self == Self { decoder, expansion, ..other.clone() }
+    }
+
     /// Names of the built-in configurations.
     pub fn names() -> impl Iterator<Item = &'static str> {
         BUILT_IN.iter().map(|(name, _)| *name)
@@ -131,7 +139,7 @@ impl ModelConfig {
     /// contradict each other.
     pub fn from_toml(text: &str) -> Result<Self, ModelError> {
         let config: Self = toml::from_str(text)
-            .map_err(|error| crate::toml_error(validate::WHAT, "a model configuration", text, &error))?;
+            .map_err(|error| malformed_toml(validate::WHAT, "a model configuration", text, &error))?;
         config.validate()?;
         Ok(config)
     }

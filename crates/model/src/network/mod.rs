@@ -39,7 +39,7 @@ pub use expansion::Expanded;
 pub use gaussians::GaussianTensors;
 pub use patch_frame::PatchFrames;
 pub use processor::Processor;
-pub use reconstruction::{BlockOutcome, Reconstruction};
+pub use reconstruction::{BlockOutcome, EncodedScene, Reconstruction};
 pub use render::RenderedTensors;
 pub use trace::Trace;
 pub use views::Views;
@@ -84,6 +84,15 @@ pub struct Forward {
     pub blocks: Vec<BlockTrace>,
     /// Wall-clock seconds of each stage.
     pub seconds: StageSeconds,
+}
+
+/// Everything before the decoder, for a batch of scenes.
+#[derive(Clone, Debug)]
+struct Encoding {
+    coarse: CoarseStages,
+    fine: Tensor<3>,
+    initial: Tokens,
+    seconds: StageSeconds,
 }
 
 /// Output of one block of the decoder.
@@ -206,6 +215,14 @@ impl Network {
     /// tokens in one batch, or scores or anchors are NaN; [`ModelError::Indivisible`] if patches do not divide the pictures;
     /// [`ModelError::NonFinite`] for rays that f32 cannot hold.
     pub fn forward(&self, scenes: &[Views], call_seed: u64) -> Result<Forward, ModelError> {
+        self.decode(self.encode(scenes)?, call_seed)
+    }
+
+    /// The part of [`Self::forward`] before the decoder, which does not depend on token expansion.
+    ///
+    /// # Errors
+    /// As [`Self::forward`], except for those of expansion.
+    fn encode(&self, scenes: &[Views]) -> Result<Encoding, ModelError> {
         let (config, device) = (&self.config, &self.device());
         let first =
             scenes.first().ok_or_else(|| ModelError::malformed("model input", "scenes", "at least one", "none"))?;
@@ -233,7 +250,14 @@ impl Network {
             let context = upsampled(&per_view, grid, fine_grid, config.fine.upsampling, device);
             Ok::<_, ModelError>((own + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
         })?;
-        let blocks = timed(&mut seconds.decoder, device, || self.decode(initial.clone(), &fine, call_seed, device))?;
+        Ok(Encoding { coarse, fine, initial, seconds })
+    }
+
+    /// The part of [`Self::forward`] after [`Self::encode`].
+    fn decode(&self, encoding: Encoding, call_seed: u64) -> Result<Forward, ModelError> {
+        let device = &self.device();
+        let Encoding { coarse, fine, initial, mut seconds } = encoding;
+        let blocks = timed(&mut seconds.decoder, device, || self.blocks(initial.clone(), &fine, call_seed, device))?;
         let last = blocks.last().map_or(&initial, |block| &block.tokens);
         let gaussians = timed(&mut seconds.head, device, || self.gaussians(last));
         Ok(Forward { gaussians, coarse, fine, initial, blocks, seconds })
@@ -256,7 +280,7 @@ impl Network {
         gaussians::gaussians(&self.config, &self.head, tokens)
     }
 
-    fn decode(
+    fn blocks(
         &self,
         initial: Tokens,
         context: &Tensor<3>,

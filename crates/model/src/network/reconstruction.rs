@@ -4,7 +4,7 @@ use atsplat_nn::f32_values;
 use atsplat_splat::Gaussians;
 use serde::Serialize;
 
-use super::{Forward, Network, StageSeconds, Views};
+use super::{Encoding, Forward, Network, StageSeconds, Views};
 use crate::budget::{Budget, MemoryEstimate, memory};
 use crate::{ImageSize, ModelError};
 
@@ -55,6 +55,15 @@ impl Reconstruction {
     }
 }
 
+/// Everything before token expansion of one scene: the same for networks with the same weights that differ in expansion alone
+/// ([`ModelConfig::encodes_like`](crate::ModelConfig::encodes_like)).
+#[derive(Clone, Debug)]
+pub struct EncodedScene {
+    encoding: Encoding,
+    views: usize,
+    seen_at: ImageSize,
+}
+
 impl Network {
     /// Reconstructs one scene. Pictures are resized to the scale of the training pictures, if that is known
     /// ([`Network::sees`]). `call_seed` seeds random selection.
@@ -63,9 +72,26 @@ impl Network {
     /// As [`Network::forward`]; [`ModelError::NonFinite`] if a Gaussian is NaN or infinite, which only extreme weights or
     /// poses cause.
     pub fn reconstruct(&self, views: &Views, call_seed: u64) -> Result<Reconstruction, ModelError> {
+        self.reconstruct_encoded(self.encode_scene(views)?, call_seed)
+    }
+
+    /// The part of [`Self::reconstruct`] that does not depend on token expansion.
+    ///
+    /// # Errors
+    /// As [`Network::forward`].
+    pub fn encode_scene(&self, views: &Views) -> Result<EncodedScene, ModelError> {
         let views = &*self.resized_input(views);
-        let forward = self.forward(std::slice::from_ref(views), call_seed)?;
-        self.reconstruction(forward, views)
+        let encoding = self.encode(std::slice::from_ref(views))?;
+        Ok(EncodedScene { encoding, views: views.len(), seen_at: views.size() })
+    }
+
+    /// [`Self::reconstruct`] of an encoded scene; its seconds of the first stages are those of [`Self::encode_scene`].
+    ///
+    /// # Errors
+    /// As [`Self::reconstruct`].
+    pub fn reconstruct_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Reconstruction, ModelError> {
+        let EncodedScene { encoding, views, seen_at } = scene;
+        self.reconstruction(self.decode(encoding, call_seed)?, views, seen_at)
     }
 
     /// Views resized to the scale of the training pictures.
@@ -75,7 +101,12 @@ impl Network {
     }
 
     /// The output of a forward pass of one scene as plain numbers.
-    pub(super) fn reconstruction(&self, forward: Forward, views: &Views) -> Result<Reconstruction, ModelError> {
+    pub(super) fn reconstruction(
+        &self,
+        forward: Forward,
+        views: usize,
+        seen_at: ImageSize,
+    ) -> Result<Reconstruction, ModelError> {
         let config = self.config();
         let gaussians = forward.gaussians.finite_scene(0)?;
         let [_, initial_tokens, _] = forward.initial.features.dims();
@@ -86,10 +117,10 @@ impl Network {
             anchors: forward.initial.anchors.map(|anchors| f32_values(anchors).as_chunks().0.to_vec()),
             depths: forward.initial.depths.map(f32_values),
             blocks,
-            seen_at: views.size(),
+            seen_at,
             budget: Budget::from_selections(config, initial_tokens, &expanded)?,
             seconds: forward.seconds,
-            memory: memory(config, views.len(), views.size())?,
+            memory: memory(config, views, seen_at)?,
         })
     }
 }

@@ -11,7 +11,7 @@ mod metrics;
 mod renderer;
 mod validate;
 
-use atsplat_files::{FileError, Sha256Digest};
+use atsplat_files::{FileError, Sha256Digest, malformed_toml};
 use std::fs;
 use std::path::Path;
 
@@ -25,7 +25,7 @@ pub use method::{EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
 
-use crate::{OverlapBins, ProtocolError, malformed_toml};
+use crate::{OverlapBins, ProtocolError};
 
 /// A protocol: everything that defines a benchmark number except the method and the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

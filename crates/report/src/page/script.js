@@ -136,12 +136,14 @@
     hint();
   };
 
-  // The worst, the median and the best trial of those with pictures.
+  // The worst and the best trial, if they have pictures, and of the others with pictures the one nearest the median.
   const extremes = (scored, by, rowOf) => {
     const pictured = scored.filter(({ trial }) => trial.pictures.length);
     const middle = scored.findIndex(({ trial }) => trial === (scored[Math.floor(scored.length / 2)] || {}).trial);
     const nearest = [...pictured].sort((a, b) => Math.abs(scored.indexOf(a) - middle) - Math.abs(scored.indexOf(b) - middle))[0];
-    const chosen = [['worst', pictured[0]], ['typical', nearest], ['best', pictured[pictured.length - 1]]].filter(([, one]) => one);
+    const [worst, best] = [scored[0], scored[scored.length - 1]].map(one => pictured.includes(one) ? one : null);
+    const typical = nearest === worst || nearest === best ? null : nearest;
+    const chosen = [['worst', worst], ['typical', typical], ['best', best === worst ? null : best]].filter(([, one]) => one);
     at('extremes').replaceChildren(...chosen.map(([name, { trial, place }]) => {
       const picture = trial.pictures[0];
       const images = ['truth', 'render'].map(kind => make('img', { src: data.pictures[picture[kind]], alt: kind }));

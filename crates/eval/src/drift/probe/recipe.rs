@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use atsplat_protocol::malformed_toml;
+use atsplat_files::malformed_toml;
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use serde::{Deserialize, Serialize};
 

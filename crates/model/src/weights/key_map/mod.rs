@@ -28,6 +28,7 @@ mod pattern;
 
 use std::path::Path;
 
+use atsplat_files::malformed_toml;
 use serde::Deserialize;
 
 use crate::ModelError;
@@ -121,7 +122,7 @@ impl KeyMap {
     /// # Errors
     /// [`ModelError::Malformed`] with line and column if the text is not a key map, with the rule for invalid patterns.
     pub fn from_toml(text: &str) -> Result<Self, ModelError> {
-        let text: Text = toml::from_str(text).map_err(|error| crate::toml_error(WHAT, WHAT, text, &error))?;
+        let text: Text = toml::from_str(text).map_err(|error| malformed_toml(WHAT, WHAT, text, &error))?;
         let ignore = text.ignore.iter().enumerate().map(|(position, pattern)| {
             Pattern::source(pattern)
                 .map_err(|found| ModelError::malformed(WHAT, format!("ignore[{position}]"), "a pattern", found))

@@ -1,4 +1,4 @@
-use atsplat_files::Malformed;
+use crate::Malformed;
 
 /// The error of a TOML file, with line and column counted from 1: `what` it is, and what the `whole` of it should be.
 pub fn malformed_toml(what: &'static str, whole: &str, text: &str, error: &toml::de::Error) -> Malformed {
