@@ -89,17 +89,18 @@ pub enum ExpansionError {
     },
 }
 
-/// Runs a network on a scene: once in full, and once for each smaller number of expanding blocks.
+/// Encodes a scene once and expands its tokens in full, then with each smaller number of expanding blocks.
 ///
 /// # Errors
 /// [`ExpansionError`] if the network rejects the views, the renderer rejects a target, or a ground truth has another size.
 pub fn study(network: &Network, subject: &Subject) -> Result<Study, ExpansionError> {
-    let trace = network.trace(&subject.views, subject.call_seed)?;
+    let encoded = network.encode_scene(&subject.views)?;
+    let trace = network.trace_encoded(encoded.clone(), subject.call_seed)?;
     let families = families::families(&trace);
     if subject.targets.is_empty() {
         return Ok(Study { families, targets: Vec::new(), trace });
     }
-    let stages = stages::stages(network, &trace, subject)?;
+    let stages = stages::stages(network, (&encoded, &trace), subject)?;
     let targets = subject.targets.iter().zip(stages).map(|(target, stages)| {
         let uncertainty = uncertainty::of_last_block(&trace, target, &subject.options)?;
         let depth = depth(&trace.made.gaussians, &target.view, &subject.options)?;

@@ -1,7 +1,7 @@
 use std::borrow::Cow;
 
 use atsplat_metrics::{DECIBEL_CAP, Values, psnr};
-use atsplat_model::network::{Network, Trace};
+use atsplat_model::network::{EncodedScene, Network, Trace};
 use atsplat_pixels::Image;
 use atsplat_splat::Gaussians;
 
@@ -21,7 +21,11 @@ pub struct Stage {
 }
 
 /// Stages by target: expansion in none of the expanding blocks, the first, …, all of them, which is the trace.
-pub(super) fn stages(network: &Network, trace: &Trace, subject: &Subject) -> Result<Vec<Vec<Stage>>, ExpansionError> {
+pub(super) fn stages(
+    network: &Network,
+    (encoded, trace): (&EncodedScene, &Trace),
+    subject: &Subject,
+) -> Result<Vec<Vec<Stage>>, ExpansionError> {
     let (mut by_target, mut enabled) = (vec![Vec::new(); subject.targets.len()], Vec::new());
     let mut remaining = prefixes(network);
     while let Some((blocks, first)) = remaining.next() {
@@ -30,7 +34,7 @@ pub(super) fn stages(network: &Network, trace: &Trace, subject: &Subject) -> Res
             Cow::Borrowed(&trace.made.gaussians)
         } else {
             let fewer = network.with_expansion_in_first(first);
-            Cow::Owned(fewer.reconstruct(&subject.views, subject.call_seed)?.gaussians)
+            Cow::Owned(fewer.reconstruct_encoded(encoded.clone(), subject.call_seed)?.gaussians)
         };
         for (target, stages) in subject.targets.iter().zip(&mut by_target) {
             let image = image(&render(&gaussians, &target.view, &subject.options)?)?;

@@ -84,8 +84,7 @@ impl ModelConfig {
     /// Whether networks of both configurations with the same weights compute the same before token expansion.
     #[must_use]
     pub fn encodes_like(&self, other: &Self) -> bool {
-        let Self { decoder, expansion, .. } = self.clone();
-        *self == Self { decoder, expansion, ..other.clone() }
+        *self == Self { decoder: self.decoder.clone(), expansion: self.expansion.clone(), ..other.clone() }
     }
 
     /// Names of the built-in configurations.

@@ -59,9 +59,9 @@ impl Reconstruction {
 /// ([`ModelConfig::encodes_like`](crate::ModelConfig::encodes_like)).
 #[derive(Clone, Debug)]
 pub struct EncodedScene {
-    encoding: Encoding,
-    views: usize,
-    seen_at: ImageSize,
+    pub(super) encoding: Encoding,
+    pub(super) views: usize,
+    pub(super) seen_at: ImageSize,
 }
 
 impl Network {

@@ -1,6 +1,6 @@
 use atsplat_splat::Gaussians;
 
-use super::{Forward, Network, Reconstruction, Views};
+use super::{EncodedScene, Forward, Network, Reconstruction, Views};
 use crate::ModelError;
 
 /// A reconstruction with its intermediate Gaussians, which training supervises (paper, "Learning uncertainty in 2D space").
@@ -25,14 +25,22 @@ impl Network {
     /// # Errors
     /// As [`Network::reconstruct`]; intermediate Gaussians must be finite too.
     pub fn trace(&self, views: &Views, call_seed: u64) -> Result<Trace, ModelError> {
-        let views = &*self.resized_input(views);
-        let forward = self.forward(std::slice::from_ref(views), call_seed)?;
+        self.trace_encoded(self.encode_scene(views)?, call_seed)
+    }
+
+    /// [`Self::trace`] of an encoded scene.
+    ///
+    /// # Errors
+    /// As [`Self::trace`].
+    pub fn trace_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Trace, ModelError> {
+        let EncodedScene { encoding, views, seen_at } = scene;
+        let forward = self.decode(encoding, call_seed)?;
         let Forward { initial, blocks, .. } = &forward;
         let last = blocks.len().saturating_sub(1);
         let entered = std::iter::once(initial).chain(blocks.iter().take(last).map(|block| &block.tokens));
         let entering = entered.take(blocks.len()).map(|tokens| self.gaussians(tokens).finite_scene(0));
         let entering = entering.collect::<Result<_, _>>()?;
-        Ok(Trace { made: self.reconstruction(forward, views.len(), views.size())?, entering })
+        Ok(Trace { made: self.reconstruction(forward, views, seen_at)?, entering })
     }
 
     /// The same weights with expansion only in the first `blocks` of the expanding blocks

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use super::attention_f32;
 use super::matrix::{Factor, Matrix, Output, Write, multiply_factors};
 use super::simd::{self, Exp};
+use super::softmax::weigh;
 use crate::MatmulPrecision;
 
 /// Queries of a tile, which are the lanes of vectors.
@@ -94,7 +95,7 @@ impl<'a> Tokens<'a> {
     }
 
     /// Writes `count` tokens into the first of `columns` columns, times `scale`.
-    fn transpose(
+    pub(super) fn transpose(
         &self,
         out: &mut [f32],
         (sample, head, first): (usize, usize, usize),
@@ -124,6 +125,31 @@ pub(super) struct Tile {
 impl Tile {
     pub(super) const fn lanes(&self) -> usize {
         self.count.next_multiple_of(LANES)
+    }
+}
+
+/// Where the results of a tile of queries go, the heads of a query side by side.
+pub(super) struct Results<'a> {
+    pub(super) out: &'a mut [f32],
+    pub(super) log_sums: &'a mut [f32],
+}
+
+impl Results<'_> {
+    /// Writes the result of one query and head: weighted sums of values relative to the largest logit, and the total of weights.
+    pub(super) fn write(
+        &mut self,
+        (query, head): (usize, usize),
+        sums: impl Iterator<Item = f32>,
+        (largest, total): (f32, f32),
+        sizes: &Sizes,
+    ) {
+        let nothing = total == 0.0;
+        let factor = 1.0 / total;
+        let row = &mut self.out[query * sizes.width() + head * sizes.head_width..][..sizes.head_width];
+        for (slot, sum) in row.iter_mut().zip(sums) {
+            *slot = if nothing { 0.0 } else { sum * factor };
+        }
+        self.log_sums[query * sizes.heads + head] = if nothing { f32::INFINITY } else { largest + total.ln() };
     }
 }
 
@@ -198,7 +224,7 @@ fn forward_rounded(inputs: &Inputs<'_>, out: &mut [f32], log_sums: &mut [f32]) {
                 for (head, keys) in keys.iter().enumerate() {
                     let at = Tile { sample, head, first: tile * QUERIES, count: out.len() / width };
                     attend(inputs, at, keys, scratch);
-                    scratch.write(out, log_sums, at, &sizes);
+                    scratch.write(Results { out, log_sums }, at, &sizes);
                 }
             },
         );
@@ -262,17 +288,10 @@ impl Scratch {
         }
     }
 
-    fn write(&self, out: &mut [f32], log_sums: &mut [f32], at: Tile, sizes: &Sizes) {
-        let (width, lanes) = (sizes.width(), at.lanes());
+    fn write(&self, mut results: Results<'_>, at: Tile, sizes: &Sizes) {
         for query in 0..at.count {
-            let (total, largest) = (self.total[query], self.largest[query]);
-            let nothing = total == 0.0;
-            let factor = 1.0 / total;
-            let row = &mut out[query * width + at.head * sizes.head_width..][..sizes.head_width];
-            for (slot, column) in row.iter_mut().zip(self.sums.chunks_exact(lanes)) {
-                *slot = if nothing { 0.0 } else { column[query] * factor };
-            }
-            log_sums[query * sizes.heads + at.head] = if nothing { f32::INFINITY } else { largest + total.ln() };
+            let sums = self.sums.chunks_exact(at.lanes()).map(|column| column[query]);
+            results.write((query, at.head), sums, (self.largest[query], self.total[query]), sizes);
         }
     }
 }
@@ -312,28 +331,13 @@ impl WithSimd for Softmax<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let exp = Exp::new(simd);
-        let (zero, none) = (simd.splat_f32s(0.0), simd.splat_f32s(f32::NEG_INFINITY));
         let (weights, _) = S::as_mut_simd_f32s(self.weights);
         let (sums, _) = S::as_mut_simd_f32s(self.sums);
         let (largest, _) = S::as_mut_simd_f32s(self.largest);
         let (total, _) = S::as_mut_simd_f32s(self.total);
         let vectors = largest.len();
         for (at, (largest, total)) in largest.iter_mut().zip(total).enumerate() {
-            let before = *largest;
-            let mut now = before;
-            for row in weights.chunks_exact(vectors) {
-                // The maximum ignores NaN, which the exponentials propagate.
-                now = simd.select_f32s(simd.greater_than_f32s(row[at], now), row[at], now);
-            }
-            let reference = simd.select_f32s(simd.equal_f32s(now, none), zero, now);
-            let mut added = zero;
-            for row in weights.chunks_exact_mut(vectors) {
-                row[at] = exp.of(simd, simd.sub_f32s(row[at], reference));
-                added = simd.add_f32s(added, row[at]);
-            }
-            let factor = exp.of(simd, simd.sub_f32s(before, reference));
-            *total = simd.mul_add_e_f32s(*total, factor, added);
-            *largest = now;
+            let factor = weigh(simd, &exp, weights, (vectors, at), (largest, total));
             for row in sums.chunks_exact_mut(vectors) {
                 row[at] = simd.mul_f32s(row[at], factor);
             }

@@ -1,8 +1,9 @@
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::attention::{Inputs, QUERIES, Sizes, Tile};
+use super::attention::{Inputs, QUERIES, Results, Sizes, Tile};
 use super::simd::{self, Exp};
+use super::softmax::weigh;
 
 /// Rows of a product that are computed together, each in [`VECTORS`] vectors: their sums fit into the registers and hide the
 /// latency of multiply-adds.
@@ -29,7 +30,7 @@ pub(super) fn forward(inputs: &Inputs<'_>, out: &mut [f32], log_sums: &mut [f32]
         tiles.enumerate().for_each_init(Scratch::default, |scratch, (tile, (out, log_sums))| {
             for (head, keys) in packed.iter().enumerate() {
                 let at = Tile { sample, head, first: tile * QUERIES, count: out.len() / width };
-                simd::run(Attend { inputs, at, keys, scratch, out, log_sums });
+                simd::run(Attend { inputs, at, keys, scratch, results: Results { out, log_sums } });
             }
         });
     });
@@ -83,9 +84,7 @@ struct Attend<'a, 'b> {
     at: Tile,
     keys: &'a [KeyTile],
     scratch: &'a mut Scratch,
-    /// Tokens of all heads.
-    out: &'a mut [f32],
-    log_sums: &'a mut [f32],
+    results: Results<'a>,
 }
 
 impl WithSimd for Attend<'_, '_> {
@@ -93,7 +92,7 @@ impl WithSimd for Attend<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { inputs, at, keys, scratch, out, log_sums } = self;
+        let Self { inputs, at, keys, scratch, results } = self;
         let lanes = VECTORS * S::F32_LANES;
         let (groups, width) = (at.count.div_ceil(lanes), inputs.sizes.head_width);
         let padded = width.next_multiple_of(ROWS);
@@ -121,7 +120,7 @@ impl WithSimd for Attend<'_, '_> {
                 }
             }
         }
-        scratch.write(out, log_sums, at, &inputs.sizes, lanes);
+        scratch.write(results, at, &inputs.sizes, lanes);
     }
 }
 
@@ -150,37 +149,15 @@ fn attend<S: Simd>(
     running: Running<'_, S::f32s>,
 ) {
     let Running { sums, largest, total } = running;
-    let (zero, none) = (simd.splat_f32s(0.0), simd.splat_f32s(f32::NEG_INFINITY));
     let logits = weights.as_chunks_mut::<ROWS>().0;
     for (keys, logits) in tile.keys.chunks_exact(queries.len()).zip(logits) {
         *logits = products(simd, keys, queries);
     }
     let weights = &mut weights[..tile.count];
-    let mut factors = [zero; VECTORS];
-    for vector in 0..VECTORS {
-        let before = largest[vector];
-        // A logit of NaN may hide others here: the exponentials propagate it.
-        let [mut now, mut second, mut third, mut fourth] = [before; 4];
-        let (quads, rest) = weights.as_chunks::<4>();
-        for quad in quads {
-            now = larger(simd, quad[0][vector], now);
-            second = larger(simd, quad[1][vector], second);
-            third = larger(simd, quad[2][vector], third);
-            fourth = larger(simd, quad[3][vector], fourth);
-        }
-        for logits in rest {
-            now = larger(simd, logits[vector], now);
-        }
-        now = larger(simd, larger(simd, now, second), larger(simd, third, fourth));
-        let reference = simd.select_f32s(simd.equal_f32s(now, none), zero, now);
-        let mut added = zero;
-        for weights in weights.iter_mut() {
-            weights[vector] = exp.of(simd, simd.sub_f32s(weights[vector], reference));
-            added = simd.add_f32s(added, weights[vector]);
-        }
-        factors[vector] = exp.of(simd, simd.sub_f32s(before, reference));
-        total[vector] = simd.mul_add_e_f32s(total[vector], factors[vector], added);
-        largest[vector] = now;
+    let mut factors = [simd.splat_f32s(0.0); VECTORS];
+    for (vector, factor) in factors.iter_mut().enumerate() {
+        let running = (&mut largest[vector], &mut total[vector]);
+        *factor = weigh(simd, exp, weights.as_flattened_mut(), (VECTORS, vector), running);
     }
     for (values, sums) in tile.values.chunks_exact(tile.count).zip(sums.as_chunks_mut::<ROWS>().0) {
         let added = products(simd, values, weights);
@@ -190,11 +167,6 @@ fn attend<S: Simd>(
             }
         }
     }
-}
-
-#[inline(always)]
-fn larger<S: Simd>(simd: S, a: S::f32s, b: S::f32s) -> S::f32s {
-    simd.select_f32s(simd.greater_than_f32s(a, b), a, b)
 }
 
 /// `Σ left[i] · right[i]`, each number on the left times each vector on the right.
@@ -227,28 +199,19 @@ impl Scratch {
             buffer.resize(elements * lanes, value);
         }
         self.weights.resize(KEYS.next_multiple_of(ROWS) * lanes, 0.0);
-        let scale = sizes.narrow_scale();
-        for query in 0..at.count {
-            let row = &inputs.queries.from(at.sample, at.head, at.first + query, sizes)[..width];
-            let group = &mut self.queries[query / lanes * width * lanes..];
-            for (column, &value) in group.chunks_exact_mut(lanes).zip(row) {
-                column[query % lanes] = value * scale;
-            }
+        for (group, out) in self.queries.chunks_exact_mut(width * lanes).enumerate() {
+            let first = group * lanes;
+            let from = (at.sample, at.head, at.first + first);
+            inputs.queries.transpose(out, from, (lanes.min(at.count - first), lanes), sizes.narrow_scale(), sizes);
         }
     }
 
-    fn write(&self, out: &mut [f32], log_sums: &mut [f32], at: Tile, sizes: &Sizes, lanes: usize) {
+    fn write(&self, mut results: Results<'_>, at: Tile, sizes: &Sizes, lanes: usize) {
         let padded = sizes.head_width.next_multiple_of(ROWS);
         for query in 0..at.count {
-            let (total, largest) = (self.totals[query], self.largest[query]);
-            let nothing = total == 0.0;
-            let factor = 1.0 / total;
-            let row = &mut out[query * sizes.width() + at.head * sizes.head_width..][..sizes.head_width];
             let group = &self.sums[query / lanes * padded * lanes..];
-            for (slot, column) in row.iter_mut().zip(group.chunks_exact(lanes)) {
-                *slot = if nothing { 0.0 } else { column[query % lanes] * factor };
-            }
-            log_sums[query * sizes.heads + at.head] = if nothing { f32::INFINITY } else { largest + total.ln() };
+            let sums = group.chunks_exact(lanes).map(|column| column[query % lanes]);
+            results.write((query, at.head), sums, (self.largest[query], self.totals[query]), sizes);
         }
     }
 }

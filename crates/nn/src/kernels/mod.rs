@@ -13,3 +13,4 @@ pub(crate) mod linear;
 mod matrix;
 pub(crate) mod norm;
 mod simd;
+mod softmax;

@@ -139,7 +139,7 @@
   // The worst and the best trial, if they have pictures, and of the others with pictures the one nearest the median.
   const extremes = (scored, by, rowOf) => {
     const pictured = scored.filter(({ trial }) => trial.pictures.length);
-    const middle = scored.findIndex(({ trial }) => trial === (scored[Math.floor(scored.length / 2)] || {}).trial);
+    const middle = Math.floor(scored.length / 2);
     const nearest = [...pictured].sort((a, b) => Math.abs(scored.indexOf(a) - middle) - Math.abs(scored.indexOf(b) - middle))[0];
     const [worst, best] = [scored[0], scored[scored.length - 1]].map(one => pictured.includes(one) ? one : null);
     const typical = nearest === worst || nearest === best ? null : nearest;
