@@ -50,7 +50,7 @@ fn main() -> anyhow::Result<()> {
         description,
         sha256,
         name: None,
-        unknown_fields: std::collections::BTreeMap::new(),
+        notices: std::collections::BTreeMap::new(),
     };
     let mut preset = Preset::named("re10k-2v-256")?;
     preset.preprocessing.expected_size = None;

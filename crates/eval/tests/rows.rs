@@ -121,6 +121,24 @@ fn methods_with_other_poses_count_a_scenes_warnings_and_skipped_entries_once() {
     }
 }
 
+/// NoPoSplat's settings are those of another preset. A misspelt name would mean the preset's own.
+#[test]
+fn a_setting_that_a_preset_lacks_is_refused_or_noted() {
+    let run = |names: &[&'static str]| {
+        let methods = names.iter().copied().map(|name| Arc::new(WithPosesOf(name)) as Arc<dyn Method>);
+        Run::new(vec![dataset(Walls::new(2, 8), &[entry(&[0, 4], &[1, 6])])], methods.collect())
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let refused = run(&["MVSplat", "MVSplt"]).run(folder.path()).unwrap_err().to_string();
+    assert!(refused.contains("\"MVSplt\"") && refused.contains("MVSplat, NoPoSplat"), "{refused}");
+    let (results, summary) = run(&["mvsplat", "NoPoSplat", "atsplat"]).run(folder.path()).unwrap();
+    let warnings = results.provenance.warnings.iter();
+    let warnings = warnings.filter(|told| told.kind.contains("the preset's own poses and planes"));
+    let told: Vec<_> = warnings.map(|told| (told.count, told.example.as_str())).collect();
+    assert_eq!(told, [(1, "NoPoSplat names NoPoSplat")]);
+    assert_eq!((summary.evaluated, summary.is_complete()), (6, true));
+}
+
 /// pixelSplat's poses refuse the second entry of each scene, whose context views are too close to each other.
 #[test]
 fn entries_skipped_for_one_methods_poses_are_not_done_for_another() {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{KeepPictures, PlannedIndex, current_provenance, picture_path};
+use atsplat_eval::runner::{IndexNotice, KeepPictures, PlannedIndex, current_provenance, picture_path};
 use atsplat_eval::{IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
 use atsplat_protocol::IndexBuilder;
@@ -290,6 +290,33 @@ fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
     let (results, summary) = run.run(all.path()).unwrap();
     assert_eq!((summary.skipped, results.provenance.skipped[0].reason.as_str()), (1, "frame-out-of-range"));
     assert_eq!(results.trials.len(), 16);
+}
+
+/// Two entries of a published index have no trial; five scenes were not sampled, which no published index names.
+#[test]
+fn what_an_index_leaves_out_is_a_warning() {
+    let notice = |count, is_skipped| IndexNotice { count, example: "wall-x".to_owned(), is_skipped };
+    let mut run = settings(Walls::new(4, 8), baselines());
+    run.datasets[0].index.notices.insert("not sampled".to_owned(), notice(5, false));
+    let found = |run: &Run| {
+        let folder = tempfile::tempdir().unwrap();
+        let (results, summary) = run.run(folder.path()).unwrap();
+        let warnings = results.provenance.warnings.iter();
+        let told = warnings.map(|told| (told.kind.clone(), told.count)).collect::<Vec<_>>();
+        (told, summary.skipped, summary.is_complete())
+    };
+    let not_sampled = ("not sampled".to_owned(), 5);
+    assert_eq!(found(&run), (vec![not_sampled.clone()], 0, true));
+    run.datasets[0].index.notices.insert("dropped".to_owned(), notice(2, true));
+    let dropped = |count| ("dropped".to_owned(), count);
+    assert_eq!(found(&run), (vec![dropped(2), not_sampled], 2, false));
+    let parts = [1, 2, 3].map(|number| {
+        run.selection.shard = Some(Shard { number, of: 3 });
+        found(&run)
+    });
+    assert_eq!(parts.iter().map(|(.., skipped, _)| skipped).sum::<u64>(), 2, "each is counted by one shard");
+    let kinds = parts.iter().flat_map(|(told, ..)| told);
+    assert_eq!(kinds.map(|(_, count)| count).sum::<u64>(), 7);
 }
 
 #[test]

@@ -4,14 +4,17 @@
 
 mod common;
 
-use atsplat_eval::method::{ConstantsChoice, START_POINTS, TrialInput, WeightsSource};
+use std::sync::Arc;
+
+use atsplat_eval::method::{ConstantsChoice, Method, Prediction, START_POINTS, TrialInput, WeightsSource};
+use atsplat_eval::runner::Dataset;
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, across, parts, tradeoffs};
-use atsplat_eval::{ComputeDevice, Results};
+use atsplat_eval::{ComputeDevice, Results, TrainingRecord};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::generated;
+use atsplat_model::weights::{ModelWeights, Precision, generated};
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use common::{Run, Walls, dataset, entry};
 
@@ -24,6 +27,8 @@ fn swept() -> SweepBase {
         config,
         tensors,
         weights,
+        training: None,
+        trained_poses: None,
         trained_at: None,
         call_seed: 0,
         constants,
@@ -122,6 +127,61 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
     }
 }
 
+/// Of a method's prediction for the last trial of a dataset.
+fn predicted<T>(method: &dyn Method, dataset: &Dataset, of: impl Fn(&dyn Prediction) -> T) -> T {
+    let Dataset { source, index, preset, .. } = dataset;
+    let recipe = TrialRecipe::of(preset, "ATSplat");
+    let (trial, _) =
+        Trials::new(Arc::clone(source), &index.index, recipe, Prefetch::default()).last().unwrap().unwrap();
+    let pictures: Vec<_> = trial.context().iter().map(|view| view.picture().unwrap()).collect();
+    of(method.predict(TrialInput { preset, trial: &trial, pictures: &pictures }).unwrap().as_ref())
+}
+
+/// Of the weights that a setting has, which are not always those of the sweep.
+#[test]
+fn settings_keep_the_training_of_their_weights() {
+    let training = |data: &str| Some(TrainingRecord { data: data.to_owned(), seed: None });
+    let base = SweepBase { training: training("rooms"), trained_poses: Some("first".to_owned()), ..swept() };
+    let provenance = [("data", "yards"), ("pose-normalisation", "second")];
+    let provenance = provenance.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("other.safetensors");
+    let other = ModelWeights::new(base.config.clone(), provenance, &base.tensors).unwrap();
+    other.write(&path, Precision::Single).unwrap();
+    let sweep = sweep(&format!(
+        "[[settings]]\nlabel = 'own'\n\
+         [[settings]]\nlabel = 'other'\nknobs = {{ weights = '{path}' }}\n\
+         [[settings]]\nlabel = 'own, refined'\nknobs = {{ steps = 1 }}\n\
+         [[settings]]\nlabel = 'other, refined'\nknobs = {{ weights = '{path}', steps = 1 }}\n",
+        path = path.display()
+    ));
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
+    let parts = parts(&sweep, &base, &datasets).unwrap();
+    let poses = datasets[0].preset.setting_for("ATSplat").pose_normalisation.name();
+    let expected = [(training("rooms"), "first"), (training("yards"), "second")];
+    assert_eq!(parts[0].methods.len(), 4);
+    for (method, (training, trained)) in parts[0].methods.iter().zip(expected.iter().cycle()) {
+        assert_eq!(method.record().training, *training);
+        let notes = predicted(method.as_ref(), &datasets[0], |prediction| prediction.cost().notes);
+        assert_eq!(notes[0], format!("trained with the pose normalisation {trained}, evaluated with {poses}"));
+    }
+}
+
+#[test]
+fn an_index_with_fewer_views_is_not_the_published_one() {
+    let mut published = dataset(Walls::new(1, 7), &[entry(&[0, 3, 6], &[2])]);
+    published.index.name = Some("published".to_owned());
+    let sweep = sweep(
+        "[[settings]]\nlabel = 'as it is'\n\
+         [[settings]]\nlabel = 'two'\nknobs = { views = 2 }\n\
+         [[settings]]\nlabel = 'all'\nknobs = { views = 3 }\n\
+         [[settings]]\nlabel = 'small'\nknobs = { resolution = [32, 32] }\n",
+    );
+    let parts = parts(&sweep, &swept(), &[published]).unwrap();
+    let names: Vec<_> = parts.iter().map(|part| part.datasets[0].index.name.as_deref()).collect();
+    assert_eq!(names, [Some("published"), None, Some("published"), Some("published")]);
+}
+
 /// Fewer Gaussians per token keep the first ones of the trained weights; more than they have are an error.
 #[test]
 fn trained_weights_can_give_fewer_gaussians_per_token() {
@@ -130,18 +190,9 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
     let of =
         |knobs: &str| parts(&sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}")), &trained, &datasets);
     let renders = |part: &Part, target| {
-        let method = part.methods[0].as_ref();
-        let trials = Trials::new(
-            std::sync::Arc::clone(&datasets[0].source),
-            &datasets[0].index.index,
-            TrialRecipe::of(&datasets[0].preset, "ATSplat"),
-            Prefetch::default(),
-        );
-        let (trial, _) = trials.last().unwrap().unwrap();
-        let pictures: Vec<_> = trial.context().iter().map(|view| view.picture().unwrap()).collect();
-        let prediction =
-            method.predict(TrialInput { preset: &datasets[0].preset, trial: &trial, pictures: &pictures }).unwrap();
-        (prediction.cost().gaussians, prediction.render(&[target]).remove(0).unwrap().image)
+        predicted(part.methods[0].as_ref(), &datasets[0], |prediction| {
+            (prediction.cost().gaussians, prediction.render(&[target]).remove(0).unwrap().image)
+        })
     };
     let [few, all] =
         ["gaussians-per-token = 2", "gaussians-per-token = 16"].map(|knobs| renders(&of(knobs).unwrap()[0], 0));

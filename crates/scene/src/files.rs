@@ -1,6 +1,7 @@
 //! Reads files and lists folders, with errors that contain the path.
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -42,17 +43,27 @@ fn require_regular(action: &'static str, path: &Path) -> Result<(), SceneError> 
     metadata.is_file().then_some(()).ok_or_else(irregular).map_err(SceneError::io(action, path))
 }
 
-/// Names in a folder, sorted, and whether each is a folder itself. Names that are not UTF-8 are skipped: no dataset of
-/// the field has such keys or frames.
+/// Names in a folder, sorted, and whether each is a folder itself. Names that are not UTF-8 are skipped, because keys and
+/// frames are text; [`not_utf8`] has them.
 pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
+    let text = |(name, is_folder): (OsString, bool)| Some((name.into_string().ok()?, is_folder));
+    Ok(entries(folder)?.into_iter().filter_map(text).collect())
+}
+
+/// Entries of a folder whose names are not UTF-8, sorted, and whether each is a folder itself.
+pub(crate) fn not_utf8(folder: &Path) -> Result<Vec<(PathBuf, bool)>, SceneError> {
+    let others = entries(folder)?.into_iter().filter(|(name, _)| name.to_str().is_none());
+    Ok(others.map(|(name, is_folder)| (folder.join(name), is_folder)).collect())
+}
+
+fn entries(folder: &Path) -> Result<Vec<(OsString, bool)>, SceneError> {
     let action = "listing a folder";
     let mut entries = Vec::new();
     for entry in fs::read_dir(folder).map_err(SceneError::io(action, folder))? {
         let entry = entry.map_err(SceneError::io(action, folder))?;
-        let Ok(name) = entry.file_name().into_string() else { continue };
         let kind = entry.file_type().map_err(SceneError::io(action, folder))?;
         let is_folder = if kind.is_symlink() { entry.path().is_dir() } else { kind.is_dir() };
-        entries.push((name, is_folder));
+        entries.push((entry.file_name(), is_folder));
     }
     entries.sort_unstable();
     Ok(entries)

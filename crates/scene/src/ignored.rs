@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::colmap::model_in;
-use crate::files::{list, read_start, split_picture_name};
+use crate::files::{last_name, list, not_utf8, read_start, split_picture_name};
 use crate::nerfstudio::{VARIANTS, transforms_in, without_factor};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
@@ -65,6 +65,13 @@ pub(crate) fn report_ignored(
                 }
             };
             warnings.push(kind, key, format!("{detail} ({})", path.display()));
+        }
+        for (path, is_folder) in not_utf8(folder)? {
+            let name = last_name(&path);
+            if !name.starts_with('.') && (is_folder || (!names_only && is_trajectory(&path))) {
+                let detail = format!("is not read, because its name is not UTF-8 ({})", path.display());
+                warnings.push(WarningKind::IgnoredScene, name, detail);
+            }
         }
     }
     Ok(())

@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::runner::MISSING_SCENES;
+use atsplat_eval::runner::{DROPPED_BY_SPLIT, MISSING_SCENES};
+use atsplat_eval::store::Unfinished;
 use atsplat_eval::{Results, TargetStatus};
 use atsplat_report::table::Source;
 
@@ -10,6 +11,8 @@ use atsplat_report::table::Source;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Lack {
     MissingScenes,
+    DroppedBySplit,
+    Unfinished,
     Skipped,
     Incomplete,
     NonFinite,
@@ -24,15 +27,24 @@ pub(super) fn of(Source { label, results }: &Source<'_>) -> Vec<String> {
     let line = |((preset, method, lack), (count, first)): ((&str, &str, Lack), (u64, String))| {
         format!("{label}: {preset}: {}: {first}", lack.text(count, method))
     };
-    counts(results).into_iter().map(line).collect()
+    counts(results, &results.interrupted()).into_iter().map(line).collect()
 }
 
-fn counts(results: &Results) -> Counts<'_> {
+fn counts<'a>(results: &'a Results, interrupted: &'a [Unfinished]) -> Counts<'a> {
     let mut counts = Counts::new();
     let mut add = |at, count: u64, first: String| counts.entry(at).or_insert((0, first)).0 += count;
     let provenance = &results.provenance;
-    for warning in provenance.warnings.iter().filter(|warning| warning.kind == MISSING_SCENES) {
-        add((warning.preset.as_str(), "", Lack::MissingScenes), warning.count, warning.example.clone());
+    for warning in &provenance.warnings {
+        let lack = match warning.kind.as_str() {
+            MISSING_SCENES => Lack::MissingScenes,
+            kind if kind.starts_with(DROPPED_BY_SPLIT) => Lack::DroppedBySplit,
+            _ => continue,
+        };
+        add((warning.preset.as_str(), "", lack), warning.count, warning.example.clone());
+    }
+    for Unfinished { preset, method, entries, of, .. } in interrupted {
+        let at = (preset.as_str(), method.as_str(), Lack::Unfinished);
+        add(at, of - entries, format!("{entries} of {of} index entries"));
     }
     // Methods with other poses may give other reasons for one entry.
     let mut seen = BTreeSet::new();
@@ -70,6 +82,10 @@ impl Lack {
         let [are, have] = if one { ["is", "has"] } else { ["are", "have"] };
         match self {
             Self::MissingScenes => format!("{count} {scenes} of the index {are} not in the data"),
+            Self::Unfinished => format!("the run of {method} has not ended"),
+            Self::DroppedBySplit => {
+                format!("{count} {entries} of the published index {have} no place in the split derived from it")
+            }
             Self::Skipped => {
                 let of = if method.is_empty() { String::new() } else { format!(" for {method}") };
                 format!("{count} index {entries} {} skipped{of}", if one { "was" } else { "were" })
@@ -78,5 +94,56 @@ impl Lack {
             Self::NonFinite => format!("{count} {targets} of {method} {have} samples that are no numbers"),
             Self::Undrawn => format!("{count} {trials} of {method} {have} no Gaussian in any target"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::{MethodRecord, PresetRecord, TrialRow, WarningCount};
+    use serde_json::json;
+
+    use super::*;
+
+    fn trial(method: &str, scene: &str) -> TrialRow {
+        serde_json::from_value(json!({
+            "preset": "p", "method": method, "scene": scene, "entry": 0, "trial_hash": "", "pose_hash": "",
+            "status": "done", "context": [0, 2], "targets": 1, "width": 8, "height": 8, "effects": [], "notes": [],
+        }))
+        .unwrap()
+    }
+
+    #[test]
+    fn entries_that_a_derived_split_drops_are_lacking() {
+        let warning = |kind: String, count, example: &str| WarningCount {
+            preset: "p".to_owned(),
+            kind,
+            count,
+            example: example.to_owned(),
+        };
+        let mut results = Results::default();
+        results.provenance.warnings = vec![
+            warning(format!("{DROPPED_BY_SPLIT}: scene too short"), 2, "short"),
+            warning("frames without a picture".to_owned(), 5, "a"),
+        ];
+        let lines = of(&Source { label: "run", results: &results });
+        assert_eq!(
+            lines,
+            ["run: p: 2 entries of the published index have no place in the split derived from it: short"]
+        );
+    }
+
+    /// Killed after two of three entries under the second method; the third was never requested under this protocol.
+    #[test]
+    fn a_killed_run_is_lacking() {
+        let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+        let mut results = Results::default();
+        results.provenance.presets = vec![PresetRecord { name: "p".to_owned(), entries: 3, ..PresetRecord::default() }];
+        results.provenance.methods = ["first", "second", "third"].map(method).to_vec();
+        let rows = [("first", "a"), ("first", "b"), ("first", "c"), ("second", "a"), ("second", "b")];
+        results.trials = rows.map(|(method, scene)| trial(method, scene)).to_vec();
+        let lines = |results: &Results| of(&Source { label: "run", results });
+        assert_eq!(lines(&results), ["run: p: the run of second has not ended: 2 of 3 index entries"]);
+        results.trials.push(trial("second", "c"));
+        assert_eq!(lines(&results), [""; 0]);
     }
 }

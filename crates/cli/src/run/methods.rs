@@ -147,7 +147,8 @@ impl MethodArgs {
                 let source = self.network.source().context("--method atsplat+refine")?;
                 let (network, record) = source.load(&device.network()?)?;
                 let splatting = self.gaussians.splatting(device)?;
-                Ok(Arc::new(Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?))
+                let method = Optimised::refined(name, network, &record.weights(), *budget, seed, splatting)?;
+                Ok(Arc::new(method.with_training(record.training(), record.trained_poses())))
             }
             MethodKind::Optimised(strategy, budget) => {
                 let limit = self.max_gaussians.unwrap_or(MAX_GAUSSIANS);

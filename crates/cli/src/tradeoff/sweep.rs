@@ -97,6 +97,8 @@ fn sweep_base(args: &NetworkArgs) -> anyhow::Result<SweepBase> {
         config: network.config().clone(),
         tensors: network.weights()?,
         weights: record.weights(),
+        training: record.training(),
+        trained_poses: record.trained_poses(),
         trained_at: network.trained_size(),
         call_seed: args.call_seed(),
         constants: ConstantsChoice::FromPreset,

@@ -5,10 +5,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
-use atsplat_files::{Sha256Digest, name_of};
-use atsplat_protocol::Preset;
-use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
-use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexLayout};
+use atsplat_files::name_of;
+use atsplat_protocol::{EvaluationIndex, IndexBuilder, Preset};
 use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{
     Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneError, SceneSource, Warnings, open_with,
@@ -17,7 +15,7 @@ use serde::Serialize;
 
 use crate::EvalError;
 use crate::runner::{Dataset, PlannedIndex};
-use crate::sources::{AlreadyCropped, PresentFrames};
+use crate::sources::AlreadyCropped;
 
 /// Maximum depth of the search.
 const MAX_DEPTH: usize = 4;
@@ -152,8 +150,8 @@ fn add_protocols(
             found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
             continue;
         };
-        match index(folder, dataset.format, &source, &preset, warnings) {
-            Ok((index, source)) => {
+        match index(folder, dataset.format, source.as_ref(), &preset, warnings) {
+            Ok(index) => {
                 let is_free = |name: &str| found.is_free(name);
                 let name = if is_free(name) { name.to_owned() } else { name_at(name, &dataset.path, is_free) };
                 found.datasets.push(Dataset { name, preset, source, description, index });
@@ -164,9 +162,9 @@ fn add_protocols(
     // A dataset that fits no published protocol is evaluated as any capture is.
     if found.datasets.len() == before {
         let preset = Preset::named("photos-3v-256")?;
-        let source: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(&dataset.source)));
+        let source = Arc::clone(&dataset.source);
         let what = format!("{} on {}", preset.name, dataset.path.display());
-        match sampled(&source, &preset, warnings) {
+        match sampled(source.as_ref(), &preset, warnings) {
             Ok(index) => {
                 let description = dataset.path.display().to_string();
                 let name = name_at(&preset.name, &dataset.path, |name| found.is_free(name));
@@ -213,15 +211,15 @@ fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSo
 fn index(
     folder: &Path,
     format: Format,
-    source: &Arc<dyn SceneSource>,
+    source: &dyn SceneSource,
     preset: &Preset,
     warnings: &mut Warnings,
-) -> Result<(PlannedIndex, Arc<dyn SceneSource>), String> {
-    match PlannedIndex::read(folder, preset, source.as_ref(), warnings) {
+) -> Result<PlannedIndex, String> {
+    match PlannedIndex::read(folder, preset, source, warnings) {
         Ok(index) => {
             let is_available = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
             if index.index.scenes.iter().any(is_available) {
-                return Ok((index, Arc::clone(source)));
+                return Ok(index);
             }
         }
         // The folder has no published index.
@@ -233,19 +231,15 @@ fn index(
     if preset.dataset != "dl3dv" || format == Format::TorchChunks {
         return Err("no published index in the folder names one of its scenes".to_owned());
     }
-    let present: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(source)));
-    sampled(&present, preset, warnings).map(|index| (index, present))
+    sampled(source, preset, warnings)
 }
 
-fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
+fn sampled(source: &dyn SceneSource, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
     let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampler".to_owned()) };
     let rule = IndexBuilder::resolve(sampler).map_err(|error| error.to_string())?;
-    let mut planned = PlannedIndex::sampled(sampler, &rule, source.as_ref(), warnings);
+    let mut planned = PlannedIndex::sampled(sampler, &rule, source, warnings);
     if let Some(derivation) = preset.index.derivation {
-        let lengths = scene_lengths(&planned.index, source.as_ref(), &|| (), warnings);
-        planned.index = Extrapolation::from(derivation).split(&planned.index, &lengths).index;
-        planned.sha256 = Sha256Digest::of(planned.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
-        planned.description = format!("{}, its windows with frames before and after them", planned.description);
+        planned = planned.split(derivation, source, warnings);
     }
     if is_empty(&planned.index) { Err(format!("{sampler} finds no frames")) } else { Ok(planned) }
 }
@@ -279,6 +273,34 @@ mod tests {
         let frame = format!(r#"{{"file_path":"0.png","transform_matrix":{pose}}}"#);
         let intrinsics = r#""w":2,"h":2,"fl_x":2,"fl_y":2,"cx":1,"cy":1"#;
         std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
+    }
+
+    /// Of twelve frames in a row, the second has lost its picture: it is not sampled, and the others keep their numbers.
+    #[test]
+    fn frames_without_a_picture_are_counted_and_keep_their_places() {
+        let root = tempfile::tempdir().unwrap();
+        let frame = |number: usize| {
+            let pose = format!("[[1,0,0,{number}],[0,1,0,0],[0,0,1,0],[0,0,0,1]]");
+            format!(r#"{{"file_path":"{number}.png","transform_matrix":{pose}}}"#)
+        };
+        capture(root.path());
+        let frames: Vec<String> = (0..12).map(frame).collect();
+        let intrinsics = r#""w":2,"h":2,"fl_x":2,"fl_y":2,"cx":1,"cy":1"#;
+        let text = format!(r#"{{{intrinsics},"frames":[{}]}}"#, frames.join(","));
+        std::fs::write(root.path().join("transforms.json"), text).unwrap();
+        for number in 2..12 {
+            std::fs::copy(root.path().join("0.png"), root.path().join(format!("{number}.png"))).unwrap();
+        }
+        let found = find_datasets(root.path(), &mut Warnings::new()).unwrap();
+        let photos = found.datasets.iter().find(|dataset| dataset.preset.name == "photos-3v-256").unwrap();
+        let entry = photos.index.index.entries().next().unwrap().2;
+        assert_eq!((entry.context.first(), entry.context.last()), (Some(&0), Some(&11)), "places in the whole capture");
+        assert!(!entry.context.contains(&1) && !entry.target.contains(&1), "{entry:?}");
+        let notices = &photos.index.notices;
+        let counts: Vec<_> = notices.iter().map(|(kind, notice)| (kind.as_str(), notice.count)).collect();
+        assert_eq!(counts, [("frames without a picture, which are not sampled", 1)]);
+        let key = &photos.source.keys()[0];
+        assert_eq!(photos.source.load(key, &mut Warnings::new()).unwrap().frames.len(), 12);
     }
 
     #[test]

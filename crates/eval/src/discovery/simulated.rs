@@ -35,7 +35,7 @@ pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<
             description: format!("embedded: {}", accepted.name),
             sha256: file.sha256,
             name: Some(accepted.name.clone()),
-            unknown_fields: std::collections::BTreeMap::new(),
+            notices: std::collections::BTreeMap::new(),
         };
         let description = format!("simulated {}, test split", preset.dataset);
         datasets.push(Dataset { name: name.to_owned(), preset, source: Arc::new(source), description, index: planned });

@@ -182,10 +182,7 @@ impl AtSplat {
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let seen_at = reconstruction.seen_at;
         let resized = (seen_at != size).then(|| format!("the network saw context pictures of {size} at {seen_at}"));
-        let poses = input.preset.setting_for(self.setting()).pose_normalisation.name();
-        let other = self.trained_poses.as_ref().filter(|trained| **trained != poses);
-        let other =
-            other.map(|trained| format!("trained with the pose normalisation {trained}, evaluated with {poses}"));
+        let other = other_poses(self.trained_poses.as_deref(), input, self.setting());
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }
 
@@ -196,6 +193,13 @@ impl AtSplat {
         let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.sees(half) == half;
         self.high_resolution.as_ref().filter(|_| is_large).unwrap_or(&self.network)
     }
+}
+
+/// A note for a trial under another pose normalisation than that of the weights' training, if it is known.
+pub(super) fn other_poses(trained: Option<&str>, input: &TrialInput<'_>, setting: &str) -> Option<String> {
+    let poses = input.preset.setting_for(setting).pose_normalisation.name();
+    let trained = trained.filter(|trained| *trained != poses)?;
+    Some(format!("trained with the pose normalisation {trained}, evaluated with {poses}"))
 }
 
 /// Title in tables; the paper's own configurations are not named.

@@ -49,9 +49,8 @@ pub trait Method: Debug + Send + Sync {
 
     /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
     /// ([`Preset::setting_for`]).
-    #[expect(clippy::unnecessary_literal_bound, reason = "a process names its own")]
     fn setting(&self) -> &str {
-        "ATSplat"
+        Preset::OWN_METHOD
     }
 
     /// Whether one trial needs so much memory that trials must run one at a time.

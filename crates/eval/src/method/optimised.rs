@@ -5,12 +5,12 @@ use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, Strategy, Traini
 use atsplat_model::network::Network;
 use atsplat_splat::Gaussians;
 
-use super::atsplat::method_error;
+use super::atsplat::{method_error, other_poses};
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, TrialInput, WeightsSource};
 use crate::context::trial_seed;
 use crate::fitting::training_view;
-use crate::{EvalError, MethodRecord, network_views};
+use crate::{EvalError, MethodRecord, TrainingRecord, network_views};
 
 /// Points of a random start.
 pub const START_POINTS: usize = 5000;
@@ -33,6 +33,8 @@ pub struct Optimised {
     network: Option<Network>,
     splatting: Splatting,
     record: MethodRecord,
+    /// Name of the pose normalisation of the network's training, if it is known.
+    trained_poses: Option<String>,
 }
 
 impl Optimised {
@@ -57,7 +59,7 @@ impl Optimised {
             title: format!("{title} ({budget})"),
             ..MethodRecord::default()
         };
-        Self { strategy, budget, seed, limit, network: None, splatting, record }.described()
+        Self { strategy, budget, seed, limit, network: None, splatting, record, trained_poses: None }.described()
     }
 
     /// Refinement of a network's Gaussians, without changing their number.
@@ -84,7 +86,15 @@ impl Optimised {
         weights.describe(&network, &mut record)?;
         let limit = usize::MAX;
         let network = Some(network);
-        Ok(Self { strategy: Strategy::Fixed, budget, seed, limit, network, splatting, record }.described())
+        let (strategy, trained_poses) = (Strategy::Fixed, None);
+        Ok(Self { strategy, budget, seed, limit, network, splatting, record, trained_poses }.described())
+    }
+
+    /// Records how the network's weights were trained, as [`super::AtSplat::with_training`].
+    #[must_use]
+    pub fn with_training(mut self, training: Option<TrainingRecord>, poses: Option<String>) -> Self {
+        (self.record.training, self.trained_poses) = (training, poses);
+        self
     }
 
     /// Completes the record.
@@ -136,6 +146,7 @@ impl Optimised {
             cost.notes.push("random points stand in for COLMAP's: a trial has none".to_owned());
             return in_frustums(views, START_POINTS.min(self.limit), None, config.seed, self.strategy).map_err(failed);
         };
+        cost.notes.extend(other_poses(self.trained_poses.as_deref(), input, self.setting()));
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let context =
             network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
@@ -241,6 +252,23 @@ mod tests {
         let method = refined(Splatting::default());
         let (cost, _) = rendered(&method);
         assert!(cost.final_tokens.is_some() && method.record().untrained);
+    }
+
+    #[test]
+    fn a_refinement_keeps_the_training_of_its_network() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let own = preset.setting_for("ATSplat").pose_normalisation.name();
+        let training = Some(TrainingRecord { data: "yards".to_owned(), seed: None });
+        let found = |poses: &str| {
+            let method = refined(Splatting::default()).with_training(training.clone(), Some(poses.to_owned()));
+            let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+            let notes = method.predict(input).unwrap().cost().notes;
+            assert_eq!(method.record().training, training);
+            notes.into_iter().filter(|note| note.starts_with("trained with")).collect::<Vec<_>>()
+        };
+        let other = format!("trained with the pose normalisation baseline-one, evaluated with {own}");
+        assert_eq!((found("baseline-one"), found(&own)), (vec![other], Vec::new()));
     }
 
     /// Patches of 16 pixels do not divide it. The network alone does not support it either.

@@ -1,9 +1,12 @@
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex};
 use atsplat_scene::Warnings;
 
+use super::{Dataset, Selection};
+use crate::method::Method;
 use crate::{SkippedEntry, WarningCount};
 
 /// Problems with datasets that did not stop a run.
@@ -62,6 +65,29 @@ impl Findings {
             None => {
                 self.warnings.push(WarningCount { preset: preset.to_owned(), kind: kind.to_owned(), count, example });
             }
+        }
+    }
+
+    /// Adds what is to be known of a dataset's index; returns how many of its entries have no trial. A shard counts a part of
+    /// them, so that merged counts are those of one run.
+    pub(super) fn add_notices(&mut self, dataset: &Dataset, selection: Selection) -> u64 {
+        let mut skipped = 0;
+        for (kind, notice) in &dataset.index.notices {
+            let count = selection.share_of(notice.count);
+            if count > 0 {
+                self.add(&dataset.name, kind, count, notice.example.clone());
+            }
+            skipped += if notice.is_skipped { count } else { 0 };
+        }
+        skipped
+    }
+
+    /// Adds the methods that name a method whose settings other presets state: they run with the preset's own.
+    pub(super) fn add_unlisted_settings(&mut self, dataset: &Dataset, methods: &[Arc<dyn Method>]) {
+        const KIND: &str =
+            "methods with the preset's own poses and planes, because it states none of the method they name";
+        for method in methods.iter().filter(|method| !dataset.preset.has_setting_of(method.setting())) {
+            self.add(&dataset.name, KIND, 1, format!("{} names {}", method.record().name, method.setting()));
         }
     }
 

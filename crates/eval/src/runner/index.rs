@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
-use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, Preset};
+use atsplat_protocol::{
+    BuiltIndex, Derivation, EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, IndexNotices, Preset,
+};
 use atsplat_scene::{SceneSource, Warnings};
 
 use crate::EvalError;
@@ -14,6 +16,9 @@ use crate::rows::SAMPLED_BY;
 const MAX_BYTES: u64 = 64 << 20;
 /// Depth to which folders are searched for indices.
 const MAX_DEPTH: usize = 4;
+
+/// How the kinds of warnings about entries begin that a published index has and the split derived from it has not.
+pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
 
 /// An evaluation index and its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,9 +31,20 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
-    /// Unknown fields of the file, and how often each occurs; empty for a published index, whose fields are not
-    /// questioned.
-    pub unknown_fields: BTreeMap<String, u64>,
+    /// What readers of results must know of the file, and what is left out of an index that was generated, by kind; the
+    /// fields of a published file are not questioned.
+    pub notices: BTreeMap<String, IndexNotice>,
+}
+
+/// Irregularities of an index of one kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IndexNotice {
+    /// How often it occurs in the whole index.
+    pub count: u64,
+    /// The first of them.
+    pub example: String,
+    /// Whether these are entries of a published index that have no trial: a run is not complete without them.
+    pub is_skipped: bool,
 }
 
 impl PlannedIndex {
@@ -55,28 +71,35 @@ impl PlannedIndex {
             | IndexMatch::Underived { name } => Some(name.to_owned()),
             IndexMatch::DerivedFromOther { .. } | IndexMatch::Unpublished => None,
         };
-        let unknown_fields = match name {
-            Some(_) => BTreeMap::new(),
-            None => file.notices.unknown_fields.clone(),
-        };
+        let notices = if name.is_some() { BTreeMap::new() } else { notices_of_file(&file.notices) };
         let underived = matches!(matched, IndexMatch::Underived { .. });
         let index = file.into_unambiguous().map_err(|error| error.in_file(&path))?;
         let description = path.display().to_string();
-        match preset.index.derivation.filter(|_| underived) {
-            None => Ok(Self { index, description, sha256, name, unknown_fields }),
-            Some(derivation) => {
-                let keys = source.keys();
-                let present = index.scenes.iter().filter(|(key, _)| keys.contains(key));
-                let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
-                let lengths = scene_lengths(&present, source, &|| (), warnings);
-                let split = Extrapolation::from(derivation).split(&index, &lengths);
-                Ok(Self::generated(
-                    split.index,
-                    format!("{description}, its windows with frames before and after them"),
-                    name,
-                ))
+        let read = Self { index, description, sha256, name, notices };
+        Ok(match preset.index.derivation.filter(|_| underived) {
+            None => read,
+            Some(derivation) => read.split(derivation, source, warnings),
+        })
+    }
+
+    /// The split that a preset derives from this index, for the scenes of a dataset. Entries that it drops are noticed.
+    pub(crate) fn split(self, derivation: Derivation, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
+        let keys = source.keys();
+        let present = self.index.scenes.iter().filter(|(key, _)| keys.contains(key));
+        let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
+        let lengths = scene_lengths(&present, source, &|| (), warnings);
+        let split = Extrapolation::from(derivation).split(&self.index, &lengths);
+        let is_skipped = self.name.is_some();
+        let kind = if is_skipped { DROPPED_BY_SPLIT } else { "sampled entries that have no place in the split" };
+        let mut notices = self.notices;
+        for (why, scenes) in split.drops() {
+            if let Some(first) = scenes.first() {
+                let notice = IndexNotice { count: scenes.len() as u64, example: first.clone(), is_skipped };
+                notices.insert(format!("{kind}: {why}"), notice);
             }
         }
+        let description = format!("{}, its windows with frames before and after them", self.description);
+        Self { notices, ..Self::generated(split.index, description, self.name) }
     }
 
     /// Samples an index, as `protocol build` does, by the rule of this name or path.
@@ -84,11 +107,10 @@ impl PlannedIndex {
         let built = rule.build(source, &|| (), warnings);
         let mut description = format!("{SAMPLED_BY}{name}");
         if built.entries == 0 && !built.nulls.is_empty() {
-            let reasons: Vec<String> =
-                built.nulls.iter().map(|(reason, scenes)| format!("{scenes} {reason}")).collect();
-            description = format!("{description}; scenes without an entry: {}", reasons.join(", "));
+            description = format!("{description}; scenes without an entry: {}", reasons(&built));
         }
-        Self::generated(built.index, description, None)
+        let notices = notices_of_sampling(&built, name);
+        Self { notices, ..Self::generated(built.index, description, None) }
     }
 
     /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its
@@ -105,8 +127,35 @@ impl PlannedIndex {
 
     fn generated(index: EvaluationIndex, description: String, name: Option<String>) -> Self {
         let sha256 = Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
-        Self { index, description, sha256, name, unknown_fields: BTreeMap::new() }
+        Self { index, description, sha256, name, notices: BTreeMap::new() }
     }
+}
+
+fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
+    let found = [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch()].into_iter().flatten();
+    found
+        .map(|found| (found.kind, IndexNotice { count: found.count, example: found.example, is_skipped: false }))
+        .collect()
+}
+
+/// What a rule left out. Nobody published these scenes as part of an index, so that a run is complete without them.
+fn notices_of_sampling(built: &BuiltIndex, rule: &str) -> BTreeMap<String, IndexNotice> {
+    let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
+    let nulls = first_null.map(|(key, _)| format!("{key}, …: {}", reasons(built))).unwrap_or_default();
+    let found = [
+        ("scenes without an entry in the sampled index", built.nulls.values().sum::<usize>(), nulls),
+        ("sampled entries rejected for their overlap", built.refused_entries, rule.to_owned()),
+        ("frames without a picture, which are not sampled", built.missing_pictures, rule.to_owned()),
+    ];
+    let found = found.into_iter().filter(|(_, count, _)| *count > 0);
+    let notice = |count: usize, example| IndexNotice { count: count as u64, example, is_skipped: false };
+    found.map(|(kind, count, example)| (kind.to_owned(), notice(count, example))).collect()
+}
+
+/// Numbers of scenes without an entry, by reason.
+fn reasons(built: &BuiltIndex) -> String {
+    let reasons: Vec<String> = built.nulls.iter().map(|(reason, scenes)| format!("{scenes} {reason}")).collect();
+    reasons.join(", ")
 }
 
 /// The first of a preset's accepted indices in a folder, in any subfolder and under any name.
@@ -136,4 +185,116 @@ fn published_below(folder: &Path, preset: &Preset) -> Result<PathBuf, EvalError>
             found: format!("{} other .json files below {}", found.len(), folder.display()),
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_protocol::IndexEntry;
+    use atsplat_protocol::extrapolation::Margin;
+    use atsplat_scene::{Frame, Picture, Scene, SceneError};
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    /// Scenes of cameras in a row, by their numbers of frames; the first frame of the first scene has lost its picture.
+    struct Lengths {
+        keys: Vec<String>,
+        frames: Vec<usize>,
+    }
+
+    impl Lengths {
+        fn of(scenes: &[(&str, usize)]) -> Self {
+            let (keys, frames) = scenes.iter().map(|(key, frames)| ((*key).to_owned(), *frames)).unzip();
+            Self { keys, frames }
+        }
+    }
+
+    impl SceneSource for Lengths {
+        fn keys(&self) -> &[String] {
+            &self.keys
+        }
+
+        fn load(&self, key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
+            let at = self.keys.iter().position(|known| known == key).unwrap();
+            let frame = |number: usize| {
+                let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-(number as f64), 0.0, 0.0)).unwrap();
+                let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
+                let is_lost = (at, number) == (0, 0);
+                Frame {
+                    name: number.to_string(),
+                    timestamp_micros: None,
+                    camera: Camera::pinhole(pose, intrinsics),
+                    stated_size: None,
+                    picture: if is_lost { Picture::Missing("0.png".into()) } else { Picture::Absent },
+                }
+            };
+            Ok(Scene { key: key.to_owned(), url: None, frames: (0..self.frames[at]).map(frame).collect() })
+        }
+    }
+
+    fn told(index: &PlannedIndex) -> Vec<(&str, u64, &str, bool)> {
+        let notices = index.notices.iter();
+        notices.map(|(kind, found)| (kind.as_str(), found.count, found.example.as_str(), found.is_skipped)).collect()
+    }
+
+    #[test]
+    fn scenes_that_a_sampler_leaves_out_are_counted_by_reason() {
+        let rule = IndexBuilder::resolve("dl3dv-6v").unwrap();
+        let source = Lengths::of(&[("a", 60), ("b", 5), ("c", 70), ("d", 3), ("e", 49)]);
+        let index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
+        let expected = [
+            ("frames without a picture, which are not sampled", 1, "dl3dv-6v", false),
+            ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", false),
+        ];
+        assert_eq!(told(&index), expected);
+        assert_eq!(index.description, "sampled by dl3dv-6v", "the index itself is named as ever");
+    }
+
+    #[test]
+    fn entries_that_a_split_drops_are_counted_by_reason() {
+        let entry =
+            |context: [usize; 2]| vec![IndexEntry { context: context.to_vec(), target: vec![2], overlap: None }];
+        let scenes = [("long", [5, 9]), ("short", [0, 5]), ("out", [0, 50]), ("gone", [0, 5]), ("tiny", [0, 3])];
+        let scenes = scenes.map(|(key, context)| (key.to_owned(), entry(context)));
+        let source = Lengths::of(&[("long", 60), ("out", 40), ("short", 12), ("tiny", 12)]);
+        let derived = |name: Option<&str>| {
+            let index = EvaluationIndex { scenes: scenes.clone().into_iter().collect() };
+            let planned = PlannedIndex::generated(index, "index".to_owned(), name.map(str::to_owned));
+            planned.split(Derivation::ShiftedWindow { margin: Margin::TEN }, &source, &mut Warnings::new())
+        };
+        let published = derived(Some("published"));
+        let expected = [("frames outside the scene", 1, "out"), ("scene too short", 2, "short")];
+        let kinds = expected.map(|(why, ..)| format!("{DROPPED_BY_SPLIT}: {why}"));
+        let skipped: Vec<_> =
+            kinds.iter().zip(expected).map(|(kind, (_, count, first))| (kind.as_str(), count, first, true)).collect();
+        assert_eq!(told(&published), skipped, "a scene that is missing from the data is counted as such");
+        assert_eq!(published.index.entries().count(), 2);
+        let sampled = derived(None);
+        let kinds = expected.map(|(why, ..)| format!("sampled entries that have no place in the split: {why}"));
+        let noticed: Vec<_> =
+            kinds.iter().zip(expected).map(|(kind, (_, count, first))| (kind.as_str(), count, first, false)).collect();
+        assert_eq!(told(&sampled), noticed);
+    }
+
+    #[test]
+    fn irregularities_of_a_file_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.json");
+        let entry = |more: &str| format!(r#"{{"context": [0, 9], "target": [3], {more}}}"#);
+        let [word, other, field] = [r#""overlap": "ignore""#, r#""overlap": "large""#, r#""overlapp": 1"#].map(entry);
+        fs::write(&path, format!(r#"{{"a": {word}, "b": {other}, "c": {field}}}"#)).unwrap();
+        let preset = Preset::named("re10k-overlap").unwrap();
+        let index = PlannedIndex::read(&path, &preset, &Lengths::of(&[]), &mut Warnings::new()).unwrap();
+        let expected = [
+            ("fields that an index does not have", 1, "overlapp, 1 times", false),
+            (
+                "overlaps given as words, read as the numbers that NoPoSplat uses for them",
+                2,
+                "the first is \"ignore\", read as 0.25",
+                false,
+            ),
+        ];
+        assert_eq!(told(&index), expected);
+    }
 }

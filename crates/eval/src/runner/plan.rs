@@ -114,7 +114,7 @@ impl Plan<'_> {
     ///
     /// # Errors
     /// [`EvalError::Protocol`] for a preset that cannot be serialised, [`EvalError::Settings`] for duplicate names of methods
-    /// or presets and for an invalid shard.
+    /// or presets and for an invalid shard, [`EvalError::Unknown`] for a method with the settings of one that no preset lists.
     pub fn provenance(&self, here: Provenance) -> Result<Provenance, EvalError> {
         let methods: Vec<_> = self.methods.iter().map(|method| method.record()).collect();
         unique("methods", methods.iter().map(|method| method.name.as_str()))?;
@@ -131,6 +131,7 @@ impl Plan<'_> {
             });
         }
         unique("presets", self.datasets.iter().map(|dataset| dataset.name.as_str()))?;
+        self.check_settings()?;
         if let Some(shard) = self.selection.shard.filter(|shard| shard.number == 0 || shard.number > shard.of) {
             let found = format!("{} of {}", shard.number, shard.of);
             return Err(EvalError::Settings {
@@ -166,6 +167,23 @@ impl Plan<'_> {
             metrics: metric_records(self.suite),
             ..here
         })
+    }
+
+    /// A misspelt name of a published method would silently mean the preset's own settings. Names that another preset lists
+    /// are accepted, see [`Findings`](super::Findings).
+    fn check_settings(&self) -> Result<(), EvalError> {
+        let is_stated = |name: &str| self.datasets.iter().any(|dataset| dataset.preset.has_setting_of(name));
+        let Some(name) = self.methods.iter().map(|method| method.setting()).find(|name| !is_stated(name)) else {
+            return Ok(());
+        };
+        let mut known = Preset::methods_with_settings()?;
+        if known.iter().any(|method| method.eq_ignore_ascii_case(name)) {
+            return Ok(());
+        }
+        let presets = self.datasets.iter().map(|dataset| &dataset.preset);
+        known.extend(presets.flat_map(|preset| &preset.methods).map(|setting| setting.method.clone()));
+        let known = known.into_iter().collect();
+        Err(EvalError::Unknown { what: "setting of a method", found: name.to_owned(), known })
     }
 
     pub(crate) fn selected(&self, dataset: &Dataset) -> Selected {

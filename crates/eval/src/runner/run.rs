@@ -56,9 +56,11 @@ pub fn run_until(
             outdated.check_missing_scene(scene);
         }
         outdated.into_result()?;
-        for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256, &dataset.index.unknown_fields) {
+        for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
+        summary.skipped += findings.add_notices(dataset, plan.selection);
+        findings.add_unlisted_settings(dataset, plan.methods);
         let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {
             let walk = Walk { plan, dataset, methods, store: &store, extras: &extras, pictures, step, stop };
@@ -74,7 +76,7 @@ pub fn run_until(
     let mut findings = findings.in_order();
     // Methods with other poses may give other reasons for one entry.
     let skipped = findings.skipped.iter().map(|skipped| (&skipped.preset, &skipped.scene, skipped.entry));
-    summary.skipped = skipped.collect::<BTreeSet<_>>().len() as u64;
+    summary.skipped += skipped.collect::<BTreeSet<_>>().len() as u64;
     let before = store.provenance();
     findings.warnings.extend(before.warnings.iter().filter(|found| !is_run(&found.preset)).cloned());
     let own: BTreeSet<String> = plan.methods.iter().map(|method| method.record().name).collect();

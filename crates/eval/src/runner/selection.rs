@@ -54,9 +54,21 @@ impl Selection {
 
     /// The part of a list that belongs to the shard: each item to one shard, those of the first shard first.
     pub(super) fn part_of<T>(self, list: &[T]) -> &[T] {
+        let [start, end] = self.borders(list.len() as u64);
+        let position = |border| usize::try_from(border).unwrap_or(usize::MAX);
+        list.get(position(start)..position(end)).unwrap_or_default()
+    }
+
+    /// How many of `count` belong to the shard.
+    pub(super) fn share_of(self, count: u64) -> u64 {
+        let [start, end] = self.borders(count);
+        end - start
+    }
+
+    /// The first of `count` positions that belong to the shard, and the first after them.
+    fn borders(self, count: u64) -> [u64; 2] {
         let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
-        let border = |part: u32| part as usize * list.len() / of.max(1) as usize;
-        list.get(border(number.saturating_sub(1))..border(number)).unwrap_or_default()
+        [number.saturating_sub(1), number].map(|part| u64::from(part) * count / u64::from(of.max(1)))
     }
 }
 
@@ -109,6 +121,9 @@ mod tests {
             Selection { limit: None, shard }.part_of(&absent).to_vec()
         });
         assert_eq!(counted.collect::<Vec<_>>(), absent, "each missing scene is counted by one shard");
+        let shares = (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, of: 3 }) }.share_of(4));
+        assert_eq!(shares.collect::<Vec<_>>(), [1, 1, 2]);
+        assert_eq!(Selection::default().share_of(4), 4);
     }
 
     /// The index is in another order than the data, whose chunks hold two scenes each.

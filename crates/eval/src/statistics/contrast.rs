@@ -1,9 +1,11 @@
+use std::collections::{BTreeMap, BTreeSet};
+
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::bootstrap::{MIN_SCENES, interval_of_mean};
 use super::scene_means::{clusters, mean_of_clusters};
-use super::selection::{Outcome, SelectedTarget};
+use super::selection::{Outcome, Picture, SelectedTarget};
 
 /// A weighted sum of several results for the same targets; with weights 1 and −1, their difference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -15,6 +17,8 @@ pub struct Contrast {
     pub interval: Option<[f64; 2]>,
     /// Scenes with at least one target for which all results have a score.
     pub scenes: u64,
+    /// Targets for which some results have a score, but not all; they are excluded.
+    pub unpaired: u64,
 }
 
 impl Contrast {
@@ -36,25 +40,28 @@ impl Contrast {
 }
 
 /// The weighted sum over the targets for which all results have a score. Targets are matched by scene, entry and
-/// position, whatever their preset. `None` if there are none.
+/// frame, whatever their preset, because the same position can be another picture there. `None` if there are none.
 pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggregation) -> Option<Contrast> {
     let ((first, weight), others) = terms.split_first()?;
+    let by_picture = |selected| SelectedTarget::scored(selected).map(|(picture, _, score)| (picture, score)).collect();
+    let others: Vec<(BTreeMap<Picture<'_>, f64>, f64)> =
+        others.iter().map(|(selected, weight)| (by_picture(selected), *weight)).collect();
+    let mut unpaired: BTreeSet<Picture<'_>> = others.iter().flat_map(|(scores, _)| scores.keys().copied()).collect();
     let mut sums = Vec::new();
-    for target in *first {
-        let others = others.iter().map(|(selected, weight)| {
-            let at = selected.binary_search_by(|other| other.id().cmp(&target.id())).ok()?;
-            Some(weight * selected.get(at)?.score()?)
-        });
-        let terms = std::iter::once(target.score().map(|score| weight * score)).chain(others);
-        if let Some(value) = terms.sum::<Option<f64>>() {
+    for (picture, target, score) in SelectedTarget::scored(first) {
+        let others = others.iter().map(|(scores, weight)| Some(weight * scores.get(&picture)?));
+        if let Some(value) = std::iter::once(Some(weight * score)).chain(others).sum::<Option<f64>>() {
+            unpaired.remove(&picture);
             sums.push(SelectedTarget { outcome: Outcome::Score { value, identical: false }, ..*target });
+        } else {
+            unpaired.insert(picture);
         }
     }
     let clusters = clusters(&sums, aggregation);
     let (value, parts) = mean_of_clusters(&clusters);
     let scenes = clusters.len() as u64;
     let interval = interval_of_mean(&parts).filter(|_| scenes >= MIN_SCENES);
-    Some(Contrast { value: value?, interval, scenes })
+    Some(Contrast { value: value?, interval, scenes, unpaired: unpaired.len() as u64 })
 }
 
 #[cfg(test)]
@@ -63,8 +70,8 @@ mod tests {
 
     #[test]
     fn the_opposite_has_its_value_and_bounds_on_the_other_side() {
-        let gain = Contrast { value: 1.5, interval: Some([0.5, 4.0]), scenes: 3 };
-        let loss = Contrast { value: -1.5, interval: Some([-4.0, -0.5]), scenes: 3 };
+        let gain = Contrast { value: 1.5, interval: Some([0.5, 4.0]), scenes: 3, unpaired: 2 };
+        let loss = Contrast { value: -1.5, interval: Some([-4.0, -0.5]), scenes: 3, unpaired: 2 };
         assert_eq!((gain.negated(), loss.negated()), (loss, gain));
         assert_eq!((gain.is_positive(), gain.is_negative()), (true, false));
         assert_eq!((loss.is_positive(), loss.is_negative()), (false, true));
@@ -78,7 +85,29 @@ mod tests {
         let second =
             [target("a", 1.0), target("b", 2.0), SelectedTarget { outcome: Outcome::Failed, ..target("c", 0.0) }];
         let found = contrast(&[(&first, 2.0), (&second, -3.0)], Aggregation::SceneMeans).unwrap();
-        assert_eq!((found.value, found.scenes), (4.5, 2));
+        assert_eq!((found.value, found.scenes, found.unpaired), (4.5, 2, 1));
+    }
+
+    /// As under two protocols of a scene: frames 10, 20 and 30, and frames 20, 40, 60 and 30.
+    #[test]
+    fn targets_are_paired_by_frame_not_by_position() {
+        let targets = |scores: &[(u64, f64)]| -> Vec<SelectedTarget<'static>> {
+            let target =
+                |((frame, value), at)| SelectedTarget { frame, ..SelectedTarget::of_score(("a", 0, at), value) };
+            scores.iter().copied().zip(0..).map(target).collect()
+        };
+        let difference = |first: &[(u64, f64)], second: &[(u64, f64)]| {
+            let found = contrast(&[(&targets(first), 1.0), (&targets(second), -1.0)], Aggregation::SceneMeans)?;
+            Some((found.value, found.unpaired))
+        };
+        let first = [(10, 100.0), (20, 5.0), (30, 8.0)];
+        let second = [(20, 3.0), (40, 50.0), (60, 70.0), (30, 2.0)];
+        assert_eq!(difference(&first, &second), Some((4.0, 3)), "2 at frame 20, 6 at frame 30");
+        assert_eq!(difference(&second, &first), Some((-4.0, 3)));
+        assert_eq!(difference(&first, &[(11, 3.0), (21, 3.0)]), None);
+        // A target that the index repeats counts as often as in the protocol's own mean.
+        assert_eq!(difference(&[(7, 9.0), (7, 5.0)], &[(7, 4.0), (7, 3.0)]), Some((3.5, 0)));
+        assert_eq!(difference(&[(7, 9.0), (7, 5.0)], &[(7, 4.0)]), Some((5.0, 1)));
     }
 
     /// The lowest of six scenes gains 1, the highest 6.

@@ -35,7 +35,7 @@ pub struct Paired {
 }
 
 /// `a` against `b` within one store, over the targets that both have a score for, whatever their preset: targets are matched
-/// by scene, entry and position. `None` if there are none.
+/// by scene, entry, position and frame. `None` if there are none.
 pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Paired> {
     paired_between((results, a), (results, b))
 }
@@ -81,6 +81,8 @@ pub(super) fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]
             unpaired += 1;
         }
         match others.next_if(|(other, _)| other.id() == one.id()) {
+            // Under another index, the same position can be another picture.
+            Some((other, _)) if other.frame != one.frame => unpaired += 2,
             Some((_, other)) => {
                 let outcome = Outcome::Score { value: value - other, identical: false };
                 differences.push(SelectedTarget { outcome, ..*one });
@@ -89,4 +91,19 @@ pub(super) fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]
         }
     }
     (differences, unpaired + others.count() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_of_other_frames_are_no_pair() {
+        let target = |at, frame, value| SelectedTarget { frame, ..SelectedTarget::of_score(("a", 0, at), value) };
+        let first = [target(0, 10, 5.0), target(1, 20, 7.0), target(2, 30, 1.0)];
+        let second = [target(0, 10, 3.0), target(1, 21, 100.0)];
+        let (found, unpaired) = differences(&first, &second);
+        assert_eq!((found.iter().filter_map(SelectedTarget::score).collect::<Vec<_>>(), unpaired), (vec![2.0], 3));
+        assert_eq!(differences(&second, &first).1, 3);
+    }
 }

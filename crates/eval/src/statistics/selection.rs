@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
 use super::{Identical, Leaked, MetricQuery};
@@ -9,11 +11,17 @@ pub(crate) struct SelectedTarget<'a> {
     pub(crate) scene: &'a str,
     pub(crate) entry: u32,
     pub(crate) target: u32,
+    /// Position of its frame in the scene; that of the target for a score that is not of a row.
+    pub(crate) frame: u64,
     /// `None` for a score that is not of a row.
     pub(crate) distance: Option<i64>,
     pub(crate) overlap: Option<f64>,
     pub(crate) outcome: Outcome<'a>,
 }
+
+/// A target's picture in any protocol: scene, entry and frame, and how many of the entry's targets up to this one have that
+/// frame, because an index may repeat it.
+pub(crate) type Picture<'a> = (&'a str, u32, u64, u32);
 
 /// The score of a target, or why there is none.
 #[derive(Clone, Copy, Debug)]
@@ -34,9 +42,9 @@ pub(crate) enum Outcome<'a> {
 
 impl<'a> SelectedTarget<'a> {
     /// A score of a target with this [`Self::id`].
-    pub(crate) const fn of_score((scene, entry, target): (&'a str, u32, u32), value: f64) -> Self {
+    pub(crate) fn of_score((scene, entry, target): (&'a str, u32, u32), value: f64) -> Self {
         let outcome = Outcome::Score { value, identical: false };
-        Self { scene, entry, target, distance: None, overlap: None, outcome }
+        Self { scene, entry, target, frame: target.into(), distance: None, overlap: None, outcome }
     }
 
     /// Identity within a preset and method; also the order of every sum.
@@ -49,6 +57,17 @@ impl<'a> SelectedTarget<'a> {
             Outcome::Score { value, .. } => Some(value),
             _ => None,
         }
+    }
+
+    /// Those of `selected` that have a score, with their pictures, in the same order.
+    pub(crate) fn scored<'s>(selected: &'s [Self]) -> impl Iterator<Item = (Picture<'a>, &'s Self, f64)> {
+        let mut found: BTreeMap<(&str, u32, u64), u32> = BTreeMap::new();
+        selected.iter().filter_map(move |target| {
+            let Self { scene, entry, frame, .. } = *target;
+            let times = found.entry((scene, entry, frame)).or_default();
+            *times += 1;
+            Some(((scene, entry, frame, *times), target, target.score()?))
+        })
     }
 }
 
@@ -66,6 +85,7 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
         scene: &row.key.scene,
         entry: row.key.entry,
         target: row.target,
+        frame: row.frame,
         distance: Some(row.signed_distance),
         overlap: row.overlap,
         outcome: match outcome(row, metric, is_requested, absent) {

@@ -76,6 +76,15 @@ impl Results {
         unfinished
     }
 
+    /// Those of [`Self::unfinished`] with a row: without any, a method may never have been requested under that protocol, as runs
+    /// of other methods under other protocols may share a store.
+    pub fn interrupted(&self) -> Vec<Unfinished> {
+        let mut interrupted = self.unfinished();
+        let is_of = |key: &TrialKey, run: &Unfinished| key.preset == run.preset && key.method == run.method;
+        interrupted.retain(|run| self.trials.iter().any(|trial| is_of(&trial.key, run)));
+        interrupted
+    }
+
     /// Merges shards of one run. Rows that several shards hold must agree; timings stay separate by machine.
     ///
     /// # Errors

@@ -56,8 +56,17 @@ impl TimingRow {
     }
 
     /// # Errors
-    /// [`EvalError::NotFinite`] for a time or load that is not finite.
+    /// [`EvalError::NotFinite`] for a time or load that is not finite; [`EvalError::Settings`] for stages with different
+    /// numbers of samples, which a store could not tell apart.
     pub fn check(&self) -> Result<(), EvalError> {
+        let mut counts = self.stages.values().map(Vec::len);
+        if let Some(first) = counts.next()
+            && let Some(other) = counts.find(|count| *count != first)
+        {
+            let expected = "the same number of samples for each stage".to_owned();
+            let found = format!("{first} and {other} ({})", self.key);
+            return Err(EvalError::Settings { what: "stage-samples", expected, found });
+        }
         finite(&self.key, "encode-samples", self.encode.iter().copied())?;
         finite(&self.key, "render-samples", self.render.iter().copied())?;
         finite(&self.key, "stage-samples", self.stages.values().flatten().copied())?;
@@ -89,4 +98,20 @@ pub(crate) fn merged(rows: impl IntoIterator<Item = TimingRow>) -> Result<Vec<Ti
         }
     }
     Ok(merged.into_values().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::sample_rows::timing;
+
+    /// A store holds the samples of all stages in one list.
+    #[test]
+    fn stages_have_equally_many_samples() {
+        let mut row = timing("a", "x", &[1.0, 2.0], &[0.5]);
+        row.stages = [("one".to_owned(), vec![0.5; 3]), ("two".to_owned(), vec![0.25; 3])].into();
+        row.check().unwrap();
+        row.stages.insert("two".to_owned(), vec![0.25; 5]);
+        let why = row.check().unwrap_err().to_string();
+        assert!(why.contains("stage-samples") && why.contains("3 and 5"), "{why}");
+    }
 }

@@ -108,7 +108,20 @@ impl Samples {
         if !timed.rendering {
             samples.render.clear();
         }
+        samples.check_stages()?;
         Ok(samples)
+    }
+
+    /// A stage of some repetitions only has no time per repetition, and no place in a table of one sample for each.
+    fn check_stages(&self) -> Result<(), String> {
+        let repetitions = self.encode.len();
+        match self.stages.iter().find(|(_, secs)| secs.len() != repetitions) {
+            None => Ok(()),
+            Some((name, secs)) => Err(format!(
+                "expected seconds of the stage {name} for each of {repetitions} repetitions of a trial, or for none, found {}",
+                secs.len()
+            )),
+        }
     }
 
     /// Runs the method once: from context pictures to a scene, then renders some targets. Returns the seconds of all of it.
@@ -136,5 +149,27 @@ fn render_secs(prediction: &dyn Prediction, target: usize) -> Result<f64, String
     match pictures.into_iter().next() {
         Some(picture) => picture.map(|_picture| secs),
         None => Err(format!("no picture of target {target}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_of_some_repetitions_only_is_rejected() {
+        let samples = |stages: [(&str, &[f64]); 2]| Samples {
+            encode: vec![1.0, 2.0, 3.0, 4.0, 5.0],
+            stages: stages.map(|(name, secs)| (name.to_owned(), secs.to_vec())).into(),
+            ..Samples::default()
+        };
+        let always = [0.5; 5];
+        assert_eq!(samples([("a", &always), ("b", &always)]).check_stages(), Ok(()));
+        assert_eq!(Samples { encode: vec![1.0], ..Samples::default() }.check_stages(), Ok(()), "no stages");
+        // Three and five samples would be read back as four and four.
+        let why = samples([("a", &always[..3]), ("b", &always)]).check_stages().unwrap_err();
+        assert!(why.contains("stage a for each of 5") && why.ends_with("found 3"), "{why}");
+        let equally_few = samples([("a", &always[..3]), ("b", &always[..3])]);
+        assert!(equally_few.check_stages().is_err(), "they are not one per repetition");
     }
 }

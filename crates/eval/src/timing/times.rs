@@ -4,8 +4,8 @@ use atsplat_numeric::quantile;
 use serde::Serialize;
 
 use super::{Machine, TimingRow};
-use crate::Results;
 use crate::rows::placement;
+use crate::{Results, TrialKey};
 
 /// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
@@ -22,7 +22,7 @@ pub struct Times {
     pub device: Option<String>,
     /// Trials that were timed.
     pub trials: u64,
-    /// Trials of the protocol: with fewer than three, no more could be timed.
+    /// Trials of the protocol, of its largest shard if it was divided: with fewer than three, no more could be timed.
     pub trials_there: u64,
     /// Smallest number of repetitions of a trial.
     pub repetitions: u64,
@@ -69,14 +69,20 @@ pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, Str
     let all: Vec<&TimingRow> = results.timings.iter().filter(of_method).collect();
     let Some(machine) = machine_of(results, preset) else { return Err(untimed(results, &all)) };
     let rows: Vec<&TimingRow> = all.iter().copied().filter(|row| row.is_timed() && row.machine == *machine).collect();
-    let Some(last) = rows.iter().map(|row| row.started).max() else {
+    if rows.is_empty() {
         let elsewhere = all.iter().find(|row| row.is_timed());
         let message = |row: &&TimingRow| format!("timed on another machine: {}", row.machine);
         return Err(elsewhere.map_or_else(|| untimed(results, &all), message));
-    };
-    // Of several passes on one machine the last one counts.
-    let rows: Vec<&TimingRow> = rows.into_iter().filter(|row| row.started == last).collect();
-    // Never empty: the last pass has at least one row.
+    }
+    // Of several passes on one trial the last one counts. Shards of a run time different trials, each in a pass of its own.
+    let mut last: BTreeMap<&TrialKey, &TimingRow> = BTreeMap::new();
+    for row in rows {
+        let known = last.entry(&row.key).or_insert(row);
+        if row.started > known.started {
+            *known = row;
+        }
+    }
+    let rows: Vec<&TimingRow> = last.into_values().collect();
     let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
     let stage = |name: &String| {
         let samples = rows.iter().map(|row| row.stages.get(name).map_or(&[][..], Vec::as_slice));
@@ -90,7 +96,7 @@ pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, Str
         // A method of a store has one device.
         device: rows.first().and_then(|row| placement(row.network_adapter.as_deref(), row.renderer_adapter.as_deref())),
         trials: rows.len() as u64,
-        trials_there: rows.iter().fold(0, |most, row| most.max(row.trials_there)),
+        trials_there: rows.iter().fold(rows.len() as u64, |most, row| most.max(row.trials_there)),
         repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),
         warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
         encode,
@@ -205,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn times_come_from_one_machine_and_its_last_pass() {
+    fn times_come_from_one_machine_and_the_last_pass_on_each_trial() {
         let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0]), ("z", 0, vec![20.0])]);
         store.provenance.schema_version = 2;
         let on = |name: &str, scene: &str, started, secs: f64| {
@@ -216,15 +222,31 @@ mod tests {
         store.timings =
             vec![on("slow", "x", 5, 9.0), on("fast", "x", 5, 2.0), on("fast", "y", 5, 4.0), on("fast", "x", 9, 1.0)];
         let found = times(&store, PRESET, "a").unwrap();
-        assert_eq!((found.machine.processor.as_str(), found.trials, found.trials_there), ("fast", 1, 3));
+        assert_eq!((found.machine.processor.as_str(), found.trials, found.trials_there), ("fast", 2, 3));
         let secs = [found.encode, found.render, found.first_picture].map(|spread| spread.unwrap().median);
-        Tolerance::F64.assert(secs, [1.0, 0.25, 1.25], "encoding, rendering and both");
+        Tolerance::F64.assert(secs, [2.5, 0.25, 2.75], "encoding, rendering and both: 1 s of x and 4 s of y");
         assert!(!found.busy);
         store.timings[3].load.others = Some(0.3);
         assert!(times(&store, PRESET, "a").unwrap().busy);
         // The trial has other pictures now.
         store.timings[3].trial_hash = "another".to_owned();
-        assert_eq!(times(&store, PRESET, "a").unwrap().trials, 2);
+        let earlier = times(&store, PRESET, "a").unwrap();
+        assert_eq!((earlier.trials, earlier.encode.unwrap().samples, earlier.busy), (2, 2, false));
+        Tolerance::F64.assert([earlier.encode.unwrap().median], [3.0], "2 s of x and 4 s of y");
+    }
+
+    /// Each shard times its own trials in a pass of its own.
+    #[test]
+    fn the_passes_of_all_shards_count() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0]), ("z", 0, vec![20.0])]);
+        let of_shard = |scene: &str, started, secs: f64| TimingRow { started, ..timing("a", scene, &[secs], &[0.25]) };
+        store.timings = vec![of_shard("x", 5, 1.0), of_shard("y", 7, 2.0), of_shard("z", 6, 9.0)];
+        for row in &mut store.timings {
+            row.trials_there = 1;
+        }
+        let found = times(&store, PRESET, "a").unwrap();
+        assert_eq!((found.trials, found.trials_there, found.encode.unwrap().samples), (3, 3, 3));
+        Tolerance::F64.assert([found.encode.unwrap().median], [2.0], "the median of three trials");
     }
 
     #[test]

@@ -23,6 +23,28 @@ pub struct Sample {
     pub device: Option<String>,
     /// Mean number of Gaussians.
     pub gaussians: Option<f64>,
+    /// What the quality is over, and what is missing from it.
+    pub counts: Counts,
+}
+
+/// Targets of a mean score, and why others are not in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Counts {
+    /// Scenes in the mean.
+    pub scenes: u64,
+    /// Targets in the mean.
+    pub targets: u64,
+    /// Targets without a render or a ground truth.
+    pub failed: u64,
+    /// Targets of trials that the method does not support.
+    pub not_applicable: u64,
+    /// Targets whose render or score is not finite.
+    pub non_finite: u64,
+    /// Targets whose score was not computed.
+    pub uncomputed: u64,
+    /// Targets whose render is identical to the truth.
+    pub identical: u64,
 }
 
 /// The cost axis.
@@ -171,7 +193,7 @@ pub fn frontier(
 }
 
 fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
-    let Sample { label, quality, secs, secs_error, busy, untimed, gaussians, device: _ } = sample.clone();
+    let Sample { label, quality, secs, secs_error, busy, untimed, gaussians, device: _, counts: _ } = sample.clone();
     let (name, cost, cost_error) = match axis {
         Axis::Seconds => ("seconds", secs, secs_error),
         Axis::Gaussians => ("Gaussians", gaussians, 0.0),

@@ -12,9 +12,9 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use frontier::{Axis, Contrasts, Frontier, Point, PointDifference, Price, Sample, Standing, frontier};
+pub use frontier::{Axis, Contrasts, Counts, Frontier, Point, PointDifference, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, SweepBase, parts};
 pub use report::TradeoffReport;
-pub use sample::{Tradeoff, across, quality_step, tradeoffs};
+pub use sample::{Incomplete, Tradeoff, across, quality_step, tradeoffs};
 pub use sweep::{Setting, Sweep};

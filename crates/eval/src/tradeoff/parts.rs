@@ -12,8 +12,9 @@ use super::{Knobs, Setting, Sweep};
 use crate::method::{
     AtSplat, ChangedConstants, ConstantsChoice, MAX_GAUSSIANS, Method, Optimised, Splatting, WeightsSource,
 };
+use crate::rows::TRAINED_POSES;
 use crate::runner::{Dataset, PlannedIndex};
-use crate::{ComputeDevice, EvalError};
+use crate::{ComputeDevice, EvalError, TrainingRecord};
 
 /// The base setting of a sweep, before any knob is applied.
 #[derive(Clone, Debug)]
@@ -24,6 +25,10 @@ pub struct SweepBase {
     pub tensors: StoredTensors,
     /// Where they came from.
     pub weights: WeightsSource,
+    /// How they were trained, if their file says so.
+    pub training: Option<TrainingRecord>,
+    /// Name of the pose normalisation of their training, if their file says so.
+    pub trained_poses: Option<String>,
     /// Picture size that the weights were trained at, to which the network resizes pictures; `None` uses pictures as
     /// they are.
     pub trained_at: Option<ImageSize>,
@@ -77,14 +82,19 @@ impl SweepBase {
             let (name, seed) = (Some(setting.label.as_str()), self.call_seed);
             return Ok(Arc::new(Optimised::from_scratch(name, strategy, budget, MAX_GAUSSIANS, seed, splatting)));
         }
-        let (config, tensors, weights, trained_at) = match &knobs.weights {
-            None => (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at),
+        let (config, tensors, weights, trained_at, (training, poses)) = match &knobs.weights {
+            None => {
+                let training = (self.training.clone(), self.trained_poses.clone());
+                (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at, training)
+            }
             Some(path) => {
                 let file = TensorFile::open(path)?;
                 let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
                 let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
                 let trained_at = self.trained_at.map(|_| read.config.resolution);
-                (knobs.model(&read.config)?, read.tensors, WeightsSource::File { sha256: file.sha256 }, trained_at)
+                let training = (TrainingRecord::of(&read.provenance), read.provenance.get(TRAINED_POSES).cloned());
+                let weights = WeightsSource::File { sha256: file.sha256 };
+                (knobs.model(&read.config)?, read.tensors, weights, trained_at, training)
             }
         };
         let tensors = adapted(&config, tensors, &weights)?;
@@ -97,8 +107,15 @@ impl SweepBase {
         let products = knobs.matmul_precision(&network)?;
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         Ok(match budget {
-            Some(budget) => Arc::new(Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?),
-            None => Arc::new(AtSplat::new(name, network, &weights, seed, splatting)?.with_matmul_precision(products)),
+            Some(budget) => Arc::new(
+                Optimised::refined(Some(name), network, &weights, budget, seed, splatting)?
+                    .with_training(training, poses),
+            ),
+            None => Arc::new(
+                AtSplat::new(name, network, &weights, seed, splatting)?
+                    .with_training(training, poses)
+                    .with_matmul_precision(products),
+            ),
         })
     }
 
@@ -158,9 +175,10 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
         Some(_) => PlannedIndex {
             sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
             description: format!("{}, fewer context views", index.description),
+            // With fewer views it is no published index.
+            name: index.name.clone().filter(|_| reduced == index.index),
             index: reduced,
-            name: index.name.clone(),
-            unknown_fields: std::collections::BTreeMap::new(),
+            notices: std::collections::BTreeMap::new(),
         },
     };
     let views = knobs.views.map(|views| format!("-{views}-views"));

@@ -3,7 +3,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Axis, Frontier, Point, Price, Standing, Tradeoff};
+use super::{Axis, Counts, Frontier, Incomplete, Point, Price, Standing, Tradeoff};
 use crate::statistics::MIN_SCENES;
 
 /// Frontiers of every protocol and metric. [`Display`](fmt::Display) prints them as tables with prices.
@@ -17,7 +17,7 @@ pub struct TradeoffReport {
 impl fmt::Display for TradeoffReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, tradeoff) in self.tradeoffs.iter().enumerate() {
-            let Tradeoff { preset, metric, unit, frontiers, .. } = tradeoff;
+            let Tradeoff { preset, metric, unit, frontiers, incomplete, .. } = tradeoff;
             for frontier in frontiers {
                 let blank = if at == 0 && frontier.axis == Axis::Seconds { "" } else { "\n" };
                 let cost = match frontier.axis {
@@ -28,8 +28,31 @@ impl fmt::Display for TradeoffReport {
                 points(f, frontier)?;
                 prices(f, frontier, unit)?;
             }
+            incomplete.iter().try_for_each(|setting| writeln!(f, "  {setting}"))?;
         }
         notes(f, &self.tradeoffs)
+    }
+}
+
+impl fmt::Display for Incomplete {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { label, counts, of_scenes, of_targets } = self;
+        let Counts { scenes, targets, failed, not_applicable, non_finite, uncomputed, identical } = *counts;
+        let reasons = [
+            (failed, "failed"),
+            (not_applicable, "not supported"),
+            (non_finite, "not finite"),
+            (uncomputed, "not computed"),
+            (identical, "identical to the truth"),
+        ];
+        let reasons: Vec<String> =
+            reasons.iter().filter(|(count, _)| *count > 0).map(|(count, why)| format!("{count} {why}")).collect();
+        let reasons = if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join(", ")) };
+        write!(
+            f,
+            "{label}: {scenes} of {of_scenes} scenes, {targets} of {of_targets} targets{reasons}: its mean is over fewer \
+             targets than the others'"
+        )
     }
 }
 
@@ -51,7 +74,12 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
                 || format!("no interval with fewer than {MIN_SCENES} scenes"),
                 |[low, high]| format!("{low:+.4} to {high:+.4}"),
             );
-            format!("{:+.4} ({interval}) from {}", difference.value, against.label)
+            let unpaired = match difference.unpaired {
+                0 => String::new(),
+                1 => ", without 1 target that only one of them has".to_owned(),
+                count => format!(", without {count} targets that only one of them has"),
+            };
+            format!("{:+.4} ({interval}) from {}{unpaired}", difference.value, against.label)
         });
         let verdict = match standing {
             Standing::NotDistinguishable => ", not distinguishable",

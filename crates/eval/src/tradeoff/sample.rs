@@ -4,11 +4,11 @@ use atsplat_metrics::definition;
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::{Axis, Frontier, Sample, frontier};
+use super::{Axis, Counts, Frontier, Sample, frontier};
 use crate::statistics::{
     Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
 };
-use crate::timing::{Machine, machine_of, times};
+use crate::timing::{Machine, Times, TimingRow, machine_of, times};
 use crate::{EvalError, PresetRecord, Results, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
@@ -34,6 +34,23 @@ pub struct Tradeoff {
     /// What ran on a graphics adapter, as [`crate::timing::Times::device`], with the labels of its samples.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub devices: BTreeMap<String, Vec<String>>,
+    /// Settings whose mean lacks targets for which another setting has a score: their qualities are of other targets.
+    pub incomplete: Vec<Incomplete>,
+}
+
+/// A setting whose mean lacks targets for which another setting has a score.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Incomplete {
+    /// Same as [`Sample::label`].
+    pub label: String,
+    /// Same as [`Sample::counts`].
+    #[serde(flatten)]
+    pub counts: Counts,
+    /// Scenes for which some setting has a score.
+    pub of_scenes: u64,
+    /// Targets for which some setting has a score.
+    pub of_targets: u64,
 }
 
 /// The frontiers of a store's methods, for each protocol and metric.
@@ -43,7 +60,7 @@ pub struct Tradeoff {
 pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<Vec<Tradeoff>, EvalError> {
     let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
         let aggregation = preset.protocol()?.aggregation;
-        let scored = scored(results, &preset.name, metric, leaked, aggregation);
+        let scored = scored(results, results, &preset.name, metric, leaked, aggregation);
         let machines = machine_of(results, &preset.name).into_iter().cloned().collect();
         let tradeoff = of_scored((&preset.name, &preset.hash), metric, &scored, aggregation, machines);
         Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
@@ -53,25 +70,45 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
 }
 
 /// The frontiers over the methods of all protocols together, for sweeps of views or resolution. Labels include the protocol;
-/// differences are between targets of the same scene.
+/// differences are between targets of the same frame. Only times of one machine are compared.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
 pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeoff, EvalError> {
     let presets = &results.provenance.presets;
+    let machine = common_machine(results);
+    let is_comparable = |row: &&TimingRow| !row.is_timed() || Some(&row.machine) == machine;
+    let timed = Results {
+        provenance: results.provenance.clone(),
+        trials: results.trials.clone(),
+        targets: Vec::new(),
+        timings: results.timings.iter().filter(is_comparable).cloned().collect(),
+    };
     let mut all = Vec::new();
     for preset in presets {
-        let own = scored(results, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
+        let own = scored(results, &timed, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
         all.extend(own.map(|(sample, selected)| {
             (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, selected)
         }));
     }
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
-    let machines: BTreeSet<&Machine> = presets.iter().filter_map(|preset| machine_of(results, &preset.name)).collect();
-    let machines = machines.into_iter().cloned().collect();
+    let machines = machine.into_iter().cloned().collect();
     let tradeoff =
         of_scored(("different protocols", &hashes.join(" ")), metric, &all, Aggregation::SceneMeans, machines);
     Ok(with_targets(tradeoff, results, presets, leaked))
+}
+
+/// The machine on which methods of different protocols are compared: the one on which most protocols were timed, of those the
+/// one with the most timed trials, the first in order if tied.
+fn common_machine(results: &Results) -> Option<&Machine> {
+    let mut counts: BTreeMap<&Machine, (BTreeSet<&str>, usize)> = BTreeMap::new();
+    for row in results.timings.iter().filter(|row| row.is_timed()) {
+        let (presets, rows) = counts.entry(&row.machine).or_default();
+        presets.insert(&row.key.preset);
+        *rows += 1;
+    }
+    let counts = counts.into_iter().map(|(machine, (presets, rows))| (machine, (presets.len(), rows)));
+    counts.reduce(|most, other| if other.1 > most.1 { other } else { most }).map(|(machine, _)| machine)
 }
 
 /// Counts the targets of protocols.
@@ -117,15 +154,33 @@ fn of_scored(
         frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
         machines,
         devices,
+        incomplete: incomplete(scored),
     }
+}
+
+fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
+    let pictures = scored.iter().flat_map(|(_, selected)| SelectedTarget::scored(selected));
+    let pictures: BTreeSet<_> = pictures.map(|(picture, ..)| picture).collect();
+    let scenes: BTreeSet<&str> = pictures.iter().map(|(scene, ..)| *scene).collect();
+    let (of_scenes, of_targets) = (scenes.len() as u64, pictures.len() as u64);
+    // A setting without a mean is left out of the frontiers with its own reason.
+    let lacks_some = |sample: &&Sample| sample.quality.is_some() && sample.counts.targets < of_targets;
+    let of_sample = |Sample { label, counts, .. }: &Sample| Incomplete {
+        label: label.clone(),
+        counts: *counts,
+        of_scenes,
+        of_targets,
+    };
+    scored.iter().map(|(sample, _)| sample).filter(lacks_some).map(of_sample).collect()
 }
 
 /// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
 ///
 /// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
-/// first picture. If a method has only one of the two, that one counts.
+/// first picture. If a method has only one of the two, that one counts. `timed` is the same store, possibly with fewer timings.
 pub(super) fn scored<'a>(
     results: &'a Results,
+    timed: &Results,
     preset: &'a str,
     metric: &'a str,
     leaked: Leaked,
@@ -134,20 +189,33 @@ pub(super) fn scored<'a>(
     let sample = |method: &'a str| {
         let cost = cost(results, preset, method);
         let selected = select(results, &MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded });
+        let summary = summary_of(&selected, aggregation);
         let mut sample = Sample {
             label: method.to_owned(),
-            quality: summary_of(&selected, aggregation).mean,
+            quality: summary.mean,
             gaussians: cost.gaussians,
+            counts: Counts {
+                scenes: summary.scenes,
+                targets: summary.targets,
+                failed: summary.failed,
+                not_applicable: summary.not_applicable,
+                non_finite: summary.non_finite,
+                uncomputed: summary.uncomputed,
+                identical: summary.identical,
+            },
             ..Sample::default()
         };
-        match times(results, preset, method) {
+        match times(timed, preset, method) {
             Ok(times) => {
                 sample.secs = times.first_picture.map(|spread| spread.median);
                 sample.secs_error = times.first_picture.map_or(0.0, |spread| spread.error);
                 sample.busy = times.busy;
                 sample.device = times.device;
             }
-            Err(reason) => sample.untimed = Some(reason),
+            Err(reason) => {
+                let elsewhere = |found: Times| format!("timed on another machine: {}", found.machine);
+                sample.untimed = Some(times(results, preset, method).map_or(reason, elsewhere));
+            }
         }
         (cost.trials + cost.failed + cost.not_applicable > 0).then_some((sample, selected))
     };

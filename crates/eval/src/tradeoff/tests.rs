@@ -11,7 +11,8 @@ use super::sample::scored;
 use super::*;
 use crate::sample_rows::{PRESET, results, timing};
 use crate::statistics::{Contrast, Leaked};
-use crate::{MethodRecord, TargetStatus, TrialStatus};
+use crate::timing::{Machine, TimingRow};
+use crate::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 fn sample(label: &str, quality: f64, secs: f64) -> Sample {
     let (quality, gaussians) = (Some(quality), Some(1000.0 * secs));
@@ -22,13 +23,18 @@ fn sample(label: &str, quality: f64, secs: f64) -> Sample {
 fn frontier_with_intervals(half: f64, samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
     let contrasts = |terms: &[(usize, f64)]| {
         let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
-        Some(Contrast { value, interval: Some([value - half, value + half]), scenes: 9 })
+        Some(Contrast { value, interval: Some([value - half, value + half]), scenes: 9, unpaired: 0 })
     };
     super::frontier(samples, &contrasts, direction, axis, step)
 }
 
 fn frontier(samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
     frontier_with_intervals(0.0, samples, direction, axis, step)
+}
+
+fn preset_record(name: &str) -> PresetRecord {
+    let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+    PresetRecord { name: name.to_owned(), toml, ..PresetRecord::default() }
 }
 
 fn labels(frontier: &Frontier) -> Vec<&str> {
@@ -98,7 +104,7 @@ fn points_with_overlapping_intervals_are_not_ranked() {
         assert_eq!(found.knee, None, "21.1 is less than 1 dB above the line from 20 to 24");
     }
     assert_eq!(labels(&frontier_with_intervals(9.0, &samples, Direction::Higher, Axis::Seconds, 0.1)), ["cheap"]);
-    let one_scene = |_: &[(usize, f64)]| Some(Contrast { value: 5.0, interval: None, scenes: 1 });
+    let one_scene = |_: &[(usize, f64)]| Some(Contrast { value: 5.0, interval: None, scenes: 1, unpaired: 0 });
     let found = super::frontier(&samples, &one_scene, Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!(
         (labels(&found), found.prices.len(), &found.knee),
@@ -203,7 +209,7 @@ fn samples_summarise_a_store() {
         store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
     }
     store.timings = vec![timing("a", "x", &[0.5, 0.5, 0.9], &[0.01, 0.01])];
-    let found = scored(&store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
+    let found = scored(&store, &store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
     let [(sample, _), (failed, _)] = &found[..] else { panic!("{found:?}") };
     assert_eq!([&sample.label, &failed.label], ["a", "failed"], "one that failed is not dropped");
     assert_eq!((failed.quality, failed.gaussians), (None, None));
@@ -218,9 +224,7 @@ fn targets_that_methods_were_given_are_counted_or_left_out() {
     store.targets[2].leaked = true;
     store.timings.push(timing("a", "x", &[0.5], &[]));
     store.provenance.methods.push(MethodRecord { name: "a".to_owned(), ..MethodRecord::default() });
-    let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
-    let preset = crate::PresetRecord { name: PRESET.to_owned(), toml, ..Default::default() };
-    store.provenance.presets.push(preset);
+    store.provenance.presets.push(preset_record(PRESET));
     let said = "sampled: 1 of 4 targets are context views";
     for (leaked, targets, given, quality, is_said) in
         [(Leaked::Included, 4, 1, 32.0, true), (Leaked::Excluded, 3, 0, 25.5, false)]
@@ -233,26 +237,104 @@ fn targets_that_methods_were_given_are_counted_or_left_out() {
     }
 }
 
+/// Two that lose different targets are both named, as is one whose rows are missing; one without a mean has its own reason.
+#[test]
+fn settings_with_fewer_scored_targets_are_named() {
+    let scenes = [("x", 0, vec![30.0, 32.0]), ("y", 0, vec![20.0])];
+    let mut store = Results::default();
+    for name in ["whole", "half", "unfinished", "broken"] {
+        let own = results(name, "psnr", if name == "unfinished" { &scenes[1..] } else { &scenes[..] });
+        store.trials.extend(own.trials);
+        store.targets.extend(own.targets.into_iter().map(|row| {
+            let status = match (name, row.key.scene.as_str(), row.target) {
+                ("broken", ..) | ("half", "y", _) => TargetStatus::Failed,
+                ("half", "x", 1) => TargetStatus::NonFinite,
+                _ => row.status,
+            };
+            TargetRow { status, ..row }
+        }));
+        store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
+    }
+    store.provenance.presets.push(preset_record(PRESET));
+    let tradeoffs = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
+    let of = |label: &str, counts| Incomplete { label: label.to_owned(), counts, of_scenes: 2, of_targets: 3 };
+    let one = Counts { scenes: 1, targets: 1, ..Counts::default() };
+    let half = of("half", Counts { failed: 1, non_finite: 1, ..one });
+    assert_eq!(tradeoffs[0].incomplete, [half, of("unfinished", one)]);
+    let report = TradeoffReport { tradeoffs };
+    let text = report.to_string();
+    let why = "its mean is over fewer targets than the others'\n";
+    for line in
+        ["half: 1 of 2 scenes, 1 of 3 targets (1 failed, 1 not finite)", "unfinished: 1 of 2 scenes, 1 of 3 targets"]
+    {
+        assert!(text.contains(&format!("\n  {line}: {why}")), "{line}: {text}");
+    }
+    assert_eq!(text.matches(why).count(), 2, "{text}");
+    assert!(text.contains("from half, without 2 targets that only one of them has"), "{text}");
+    let json = serde_json::to_value(&report).unwrap();
+    let half = &json["tradeoffs"][0]["incomplete"][0];
+    assert_eq!(
+        ["scenes", "of-scenes", "failed", "non-finite"].map(|count| half[count].as_u64().unwrap()),
+        [1, 2, 1, 1]
+    );
+}
+
+/// Copies the first trial, target and timing to another protocol.
+fn copy_first_to(store: &mut Results, preset: &str) {
+    let key = TrialKey { preset: preset.to_owned(), ..store.targets[0].key.clone() };
+    store.targets.push(TargetRow { key: key.clone(), ..store.targets[0].clone() });
+    store.timings.push(TimingRow { key: key.clone(), ..store.timings[0].clone() });
+    store.trials.push(TrialRow { key, ..store.trials[0].clone() });
+}
+
+/// Most trials were timed on the fast machine, but both protocols on the slow one.
+#[test]
+fn protocols_are_compared_on_one_machine() {
+    let scenes = [("x", 0, vec![20.0]), ("y", 0, vec![24.0])];
+    let mut store = results("a", "psnr", &scenes);
+    let only_fast = results("b", "psnr", &scenes);
+    let on = |processor: &str, method: &str, scene: &str, secs: f64| {
+        let row = timing(method, scene, &[secs], &[]);
+        TimingRow { machine: Machine { processor: processor.to_owned(), ..row.machine }, ..row }
+    };
+    store.timings = vec![on("slow", "a", "x", 4.0)];
+    copy_first_to(&mut store, "other");
+    store.timings.extend([on("fast", "a", "x", 0.5), on("fast", "a", "y", 0.5), on("fast", "b", "x", 0.25)]);
+    store.trials.extend(only_fast.trials);
+    store.targets.extend(only_fast.targets);
+    store.provenance.presets.extend([PRESET, "other"].map(preset_record));
+    let record = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+    store.provenance.methods.extend(["a", "b"].map(record));
+    let found = across(&store, "psnr", Leaked::Included).unwrap();
+    assert_eq!(found.machines.iter().map(|machine| machine.processor.as_str()).collect::<Vec<_>>(), ["slow"]);
+    let seconds = &found.frontiers[0];
+    let secs: Vec<_> = seconds.points.iter().map(|point| (point.label.as_str(), point.cost)).collect();
+    assert_eq!(secs, [("a, sampled", 4.0), ("a, other", 4.0)], "at equal cost the better first");
+    let [(label, why)] = &seconds.left_out[..] else { panic!("{:?}", seconds.left_out) };
+    assert_eq!((label.as_str(), why.starts_with("timed on another machine: fast, ")), ("b, sampled", true), "{why}");
+    // Each protocol alone has the machine with most of its trials.
+    let apart = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
+    assert_eq!([0, 1].map(|at: usize| apart[at].machines[0].processor.as_str()), ["fast", "slow"]);
+}
+
 #[test]
 fn protocols_share_a_frontier_only_on_request() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
     store.timings.push(timing("a", "x", &[0.5], &[]));
-    let other = store.targets[0].clone();
-    let key = crate::TrialKey { preset: "other".to_owned(), ..other.key.clone() };
-    store.targets.push(crate::TargetRow { key: key.clone(), ..other });
-    store.timings.push(crate::timing::TimingRow { key: key.clone(), ..store.timings[0].clone() });
-    store.trials.push(crate::TrialRow { key, ..store.trials[0].clone() });
+    copy_first_to(&mut store, "other");
     store.provenance.methods.push(MethodRecord { name: "a".to_owned(), ..MethodRecord::default() });
-    for name in [PRESET, "other"] {
-        let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
-        store.provenance.presets.push(crate::PresetRecord { name: name.to_owned(), toml, ..Default::default() });
-    }
+    store.provenance.presets.extend([PRESET, "other"].map(preset_record));
     let apart = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
     assert_eq!(apart.iter().map(|found| found.frontiers[0].points.len()).collect::<Vec<_>>(), [1, 1]);
     let found = across(&store, "psnr", Leaked::Included).unwrap();
     let standings: Vec<_> =
         found.frontiers[0].points.iter().map(|point| (point.label.as_str(), point.standing)).collect();
     assert_eq!(standings, [("a, other", On), ("a, sampled", Unclear)], "one scene has no interval");
+    assert!(found.frontiers[0].points[1].against.is_some() && found.incomplete.is_empty(), "of the same frame");
+    store.targets[1].frame = 7;
+    let found = across(&store, "psnr", Leaked::Included).unwrap();
+    assert_eq!(found.frontiers[0].points[1].against, None, "another frame at the same position");
+    assert_eq!(found.incomplete.iter().map(|setting| setting.of_targets).collect::<Vec<_>>(), [2, 2]);
     // A protocol that cannot be parsed must not silently change how its scores are averaged.
     store.provenance.presets[1].toml = store.provenance.presets[1].toml.replace("aggregation", "agregation");
     let message =
@@ -274,6 +356,7 @@ fn the_methods_of_all_protocols_are_named_beside_their_adapter() {
         leaked: 0,
         frontiers: Vec::new(),
         machines: Vec::new(),
+        incomplete: Vec::new(),
         devices: [("renderer on a card".to_owned(), labels.map(str::to_owned).to_vec())].into(),
     };
     let text = TradeoffReport { tradeoffs: vec![of("x", ["b", "c"]), of("y", ["a", "b"])] }.to_string();

@@ -70,7 +70,8 @@ impl TrainedNetwork {
     /// [`EvalError::Model`] if the weights do not fit the configuration.
     pub fn optimised(&self, budget: Budget) -> Result<Vec<Arc<dyn Method>>, EvalError> {
         let network = self.network_for(&self.config)?;
-        let refined = Optimised::refined(None, network, &self.weights, budget, 0, self.device.splatting())?;
+        let refined = Optimised::refined(None, network, &self.weights, budget, 0, self.device.splatting())?
+            .with_training(self.training.clone(), self.trained_poses.clone());
         let mut methods: Vec<Arc<dyn Method>> = vec![Arc::new(refined)];
         for strategy in [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc] {
             let splatting = self.device.splatting();
@@ -174,12 +175,16 @@ mod tests {
     fn a_network_runs_beside_the_two_baselines() {
         let config = ModelConfig::named("nano").unwrap();
         let weights = generated(&parameters(&config), 1);
-        let weights = ModelWeights::new(config, [].into(), &weights).unwrap();
+        let provenance = [("data".to_owned(), "yards".to_owned())].into();
+        let weights = ModelWeights::new(config, provenance, &weights).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("w.safetensors");
         weights.write(&path, Precision::Single).unwrap();
         let trained = TrainedNetwork::new(&TensorFile::open(&path).unwrap(), "test".to_owned()).unwrap();
         let names: Vec<String> = trained.methods().unwrap().iter().map(|method| method.record().name).collect();
         assert_eq!(names, ["atsplat", "nearest-view", "warp"]);
+        let optimised = trained.optimised(Budget::Steps(2)).unwrap();
+        let training: Vec<_> = optimised.iter().map(|method| method.record().training.map(|own| own.data)).collect();
+        assert_eq!(training, [Some("yards".to_owned()), None, None, None], "only the refinement has weights");
     }
 }

@@ -135,7 +135,7 @@ pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
         description: "made for a test".to_owned(),
         sha256: Sha256Digest::of(b"test"),
         name: None,
-        unknown_fields: std::collections::BTreeMap::new(),
+        notices: std::collections::BTreeMap::new(),
     };
     let source: Arc<dyn SceneSource> = Arc::new(walls);
     Dataset { name: "walls".to_owned(), preset: preset(), source, description: "walls".to_owned(), index }

@@ -43,28 +43,37 @@ pub struct ExtrapolationReport {
 impl ExtrapolationReport {
     /// Number of dropped entries, for any reason.
     pub fn dropped(&self) -> usize {
-        [&self.too_short, &self.no_room_before, &self.no_room_after, &self.invalid].into_iter().map(Vec::len).sum()
+        self.drops().into_iter().map(|(_, scenes)| scenes.len()).sum()
+    }
+
+    /// Why entries were dropped, with the scene of each.
+    pub const fn drops(&self) -> [(&'static str, &[String]); 4] {
+        [
+            ("scene too short", self.too_short.as_slice()),
+            ("no room before the window", self.no_room_before.as_slice()),
+            ("no room after the window", self.no_room_after.as_slice()),
+            ("frames outside the scene", self.invalid.as_slice()),
+        ]
     }
 }
 
 impl fmt::Display for ExtrapolationReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rows = [
+        let kept = [
             ("null scenes", self.null_scenes),
             ("windows that start at frame 0", self.started_at_zero),
             ("windows shifted later", self.shifted_later),
             ("windows shifted earlier", self.shifted_earlier),
             ("entries with every target", self.complete),
             ("entries clipped", self.clipped.len()),
-            ("entries dropped, scene too short", self.too_short.len()),
-            ("entries dropped, no room before the window", self.no_room_before.len()),
-            ("entries dropped, no room after the window", self.no_room_after.len()),
-            ("entries dropped, frames outside the scene", self.invalid.len()),
-            ("entries whose scene length is unknown", self.length_unknown),
         ];
-        for (what, count) in rows {
+        for (what, count) in kept {
             writeln!(f, "{count:>7}  {what}")?;
         }
+        for (why, scenes) in self.drops() {
+            writeln!(f, "{:>7}  entries dropped, {why}", scenes.len())?;
+        }
+        writeln!(f, "{:>7}  entries whose scene length is unknown", self.length_unknown)?;
         writeln!(f, "targets by distance: {}", self.targets_by_distance)
     }
 }

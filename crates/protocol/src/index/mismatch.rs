@@ -1,9 +1,10 @@
 use atsplat_files::Sha256Digest;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use crate::{EvaluationIndex, IndexEntry, KnownIndex, Preset};
+use super::read::value_of_word;
+use crate::{EvaluationIndex, IndexEntry, IndexNotices, KnownIndex, Preset};
 
 /// A way in which an index does not fit the preset that it is run under. Its trials still run, but their numbers belong
 /// to a different protocol than the preset's name suggests.
@@ -23,15 +24,9 @@ type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 impl Preset {
     /// How `index` does not fit this preset: entries with a wrong number of context views, without targets, with repeated
-    /// frames, or without an overlap where the preset bins by it; fields that the format does not define; and a published
-    /// file that belongs to another dataset or protocol. `sha256` is the file's, `unknown_fields` counts the file's
-    /// undefined fields.
-    pub fn mismatches(
-        &self,
-        index: &EvaluationIndex,
-        sha256: &Sha256Digest,
-        unknown_fields: &BTreeMap<String, u64>,
-    ) -> Vec<IndexMismatch> {
+    /// frames, or without an overlap where the preset bins by it; and a published file that belongs to another dataset or
+    /// protocol. `sha256` is the file's.
+    pub fn mismatches(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<IndexMismatch> {
         let views = self.index.context_views;
         let has_bins = self.overlap_bins.is_some();
         let context_kind = format!("entries without the preset's {views} context views");
@@ -57,12 +52,7 @@ impl Preset {
             Some(IndexMismatch { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
         };
         let own = rules.iter().filter_map(of_rule);
-        let unknown = unknown_fields.first_key_value().map(|(name, count)| IndexMismatch {
-            kind: "fields that an index does not have".to_owned(),
-            count: unknown_fields.values().sum(),
-            example: format!("{name}, {count} times"),
-        });
-        self.of_another_protocol(index, sha256).into_iter().chain(own).chain(unknown).collect()
+        self.of_another_protocol(index, sha256).into_iter().chain(own).collect()
     }
 
     /// Published files are recognised by hash, whatever their path.
@@ -82,6 +72,28 @@ impl Preset {
     }
 }
 
+impl IndexNotices {
+    /// Fields that the format does not define.
+    pub fn unknown_fields_mismatch(&self) -> Option<IndexMismatch> {
+        let (name, count) = self.unknown_fields.first_key_value()?;
+        Some(IndexMismatch {
+            kind: "fields that an index does not have".to_owned(),
+            count: self.unknown_fields.values().sum(),
+            example: format!("{name}, {count} times"),
+        })
+    }
+
+    /// Overlaps that the file gives as words: the numbers that they are read as are no measurements.
+    pub fn overlap_words_mismatch(&self) -> Option<IndexMismatch> {
+        let word = self.first_overlap_word.as_deref()?;
+        Some(IndexMismatch {
+            kind: "overlaps given as words, read as the numbers that NoPoSplat uses for them".to_owned(),
+            count: self.overlap_words,
+            example: format!("the first is {word:?}, read as {}", value_of_word(word)),
+        })
+    }
+}
+
 fn twice(field: &str, frames: &[usize]) -> Option<String> {
     let mut seen = BTreeSet::new();
     let repeated = frames.iter().find(|frame| !seen.insert(**frame))?;
@@ -96,9 +108,13 @@ mod tests {
     fn mismatches(preset: &str, json: &str) -> Vec<(u64, String)> {
         let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
         let sha256 = Sha256Digest::of(json.as_bytes());
-        let fields = IndexFile::parse(json.as_bytes()).unwrap().notices.unknown_fields;
-        let found = Preset::named(preset).unwrap().mismatches(&index, &sha256, &fields);
-        found.into_iter().map(|mismatch| (mismatch.count, format!("{}: {}", mismatch.kind, mismatch.example))).collect()
+        let unknown = IndexFile::parse(json.as_bytes()).unwrap().notices.unknown_fields_mismatch();
+        let found = Preset::named(preset).unwrap().mismatches(&index, &sha256);
+        found
+            .into_iter()
+            .chain(unknown)
+            .map(|mismatch| (mismatch.count, format!("{}: {}", mismatch.kind, mismatch.example)))
+            .collect()
     }
 
     #[test]
@@ -148,7 +164,7 @@ mod tests {
     fn recognises_published_files_of_other_protocols() {
         let index = EvaluationIndex::from_json(br#"{"ok": {"context": [0, 9], "target": [3]}}"#).unwrap();
         let preset = Preset::named("re10k-2v-256").unwrap();
-        let of = |name: &str| preset.mismatches(&index, &KnownIndex::by_name(name).unwrap().sha256, &BTreeMap::new());
+        let of = |name: &str| preset.mismatches(&index, &KnownIndex::by_name(name).unwrap().sha256);
         assert_eq!(of("pixelsplat-re10k"), []);
         let acid = of("pixelsplat-acid");
         assert!(acid[0].kind.contains("another dataset's index") && acid[0].example.contains("acid"), "{acid:?}");

@@ -37,6 +37,9 @@ pub struct IndexNotices {
     /// Entries whose overlap is a word instead of a number, read as [`OVERLAP_OF_LARGE`] or
     /// [`OVERLAP_OF_OTHER_WORDS`].
     pub overlap_words: u64,
+    /// The first of these words.
+    #[serde(skip)]
+    pub first_overlap_word: Option<String>,
 }
 
 /// The content of an index text, its layout and its irregularities.
@@ -310,6 +313,11 @@ impl<'de> Deserialize<'de> for Frame {
     }
 }
 
+/// The value that NoPoSplat reads a word as: it has no value for `"ignore"`, which is a small overlap there.
+pub(super) fn value_of_word(word: &str) -> f64 {
+    if word == "large" { OVERLAP_OF_LARGE } else { OVERLAP_OF_OTHER_WORDS }
+}
+
 impl Visitor<'_> for OverlapSeed<'_> {
     type Value = Option<f64>;
 
@@ -341,8 +349,10 @@ impl Visitor<'_> for OverlapSeed<'_> {
         if !OVERLAP_WORDS.contains(&word) {
             return Err(E::invalid_value(Unexpected::Str(word), &self));
         }
-        self.0.notices.borrow_mut().overlap_words += 1;
-        Ok(Some(if word == "large" { OVERLAP_OF_LARGE } else { OVERLAP_OF_OTHER_WORDS }))
+        let mut notices = self.0.notices.borrow_mut();
+        notices.overlap_words += 1;
+        notices.first_overlap_word.get_or_insert_with(|| word.to_owned());
+        Ok(Some(value_of_word(word)))
     }
 }
 

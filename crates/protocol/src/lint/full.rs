@@ -38,11 +38,9 @@ pub struct PresetMatch<'a> {
 impl<'a> PresetMatch<'a> {
     /// How the index of a file fits a preset.
     pub fn new(preset: &'a Preset, file: &IndexFile) -> Self {
-        Self {
-            name: &preset.name,
-            index: preset.index.recognise(file),
-            mismatches: preset.mismatches(&file.index, &file.sha256, &file.notices.unknown_fields),
-        }
+        let mut mismatches = preset.mismatches(&file.index, &file.sha256);
+        mismatches.extend(file.notices.unknown_fields_mismatch());
+        Self { name: &preset.name, index: preset.index.recognise(file), mismatches }
     }
 }
 

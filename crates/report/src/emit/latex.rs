@@ -77,6 +77,7 @@ const fn is_printed(kind: NoteKind) -> bool {
         | NoteKind::Untrained
         | NoteKind::NotComputed
         | NoteKind::Busy
+        | NoteKind::Unranked
         | NoteKind::Forced
         | NoteKind::Trend
         | NoteKind::LeftOut

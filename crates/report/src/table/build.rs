@@ -105,9 +105,10 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
     };
     let one_ranking =
         edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
-    rank(&mut table, definition.marks, one_ranking);
+    let unranked = rank(&mut table, definition.marks, one_ranking);
     table.orders = edition.map(|edition| orders(&table, definition, edition)).unwrap_or_default();
     table.footer = footer(&table, definition, edition);
+    table.footer.extend(unranked);
     table
 }
 

@@ -1,5 +1,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_eval::store::Unfinished;
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_protocol::{OverlapBins, Preset};
 
@@ -25,6 +26,8 @@ pub(super) struct Part<'a> {
     pub(super) preset: &'a PresetRecord,
     /// The protocol that the record contains as text.
     pub(super) protocol: Preset,
+    /// For each method with rows whose run has not ended, how far it is.
+    pub(super) unfinished: Vec<String>,
 }
 
 /// The editions of a definition: results join the first edition that they are consistent with. `mix` puts all into one.
@@ -40,7 +43,12 @@ pub(super) fn editions<'a>(
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
         let own = source.results.provenance.presets.iter().filter(|record| needed.contains(&record.published()));
-        let parts = own.map(|preset| Ok(Part { source: *source, preset, protocol: preset.protocol()? }));
+        let own: Vec<&PresetRecord> = own.collect();
+        let interrupted = if own.is_empty() { Vec::new() } else { source.results.interrupted() };
+        let parts = own.into_iter().map(|preset| {
+            let unfinished = unfinished(preset, &interrupted);
+            Ok(Part { source: *source, preset, protocol: preset.protocol()?, unfinished })
+        });
         for (suffix, parts) in consistent_groups(parts.collect::<Result<_, ReportError>>()?) {
             let fits = editions.iter().position(|edition| edition.fits(suffix, &parts));
             let at = match fits {
@@ -57,6 +65,14 @@ pub(super) fn editions<'a>(
         }
     }
     Ok(editions)
+}
+
+fn unfinished(preset: &PresetRecord, interrupted: &[Unfinished]) -> Vec<String> {
+    let own = interrupted.iter().filter(|run| run.preset == preset.name);
+    let text = |Unfinished { preset, method, entries, of, .. }: &Unfinished| {
+        format!("{preset}: the run has not ended: {entries} of {of} entries under {method}")
+    };
+    own.map(text).collect()
 }
 
 /// Whether the trials that two stores have in common, each under a preset of this name, read the same pictures and cameras.
@@ -170,6 +186,9 @@ impl Part<'_> {
                 "{}: {} of {} index entries were run",
                 record.name, record.entries, record.entries_of_index
             ));
+        }
+        if let Some(unfinished) = self.unfinished.first() {
+            return Some(unfinished.clone());
         }
         self.is_changed().then(|| format!("{}: the preset was changed", record.name))
     }

@@ -186,7 +186,7 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
                 preset.dataset,
             ),
         );
-        if let Some(difference) = part.difference() {
+        for difference in part.difference().iter().chain(&part.unfinished) {
             notes.add(NoteKind::Setting, format!("not the published setting: {difference}"));
         }
         if let Some(why) = part.forced_overlaps().filter(|_| edition.forced) {
@@ -241,8 +241,18 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
         }
     }
     for (place, column) in table.columns() {
-        for reason in table.rows.iter().filter_map(|row| row.cell(place).not_computed.as_ref()) {
-            notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
+        for row in &table.rows {
+            let Cell { value, counts, not_computed: Some(reason), .. } = row.cell(place) else { continue };
+            let text = match (value, counts) {
+                (Value::Number(_), Some(Counts { targets, uncomputed, .. })) => format!(
+                    "{} of {}: not computed for {uncomputed} of {}, and not ranked: {reason}",
+                    table.heading(place),
+                    name(row),
+                    counted(targets + uncomputed, "target")
+                ),
+                _ => format!("n/c {}: not computed: {reason}", column.title),
+            };
+            notes.add(NoteKind::NotComputed, text);
         }
     }
 }
@@ -329,7 +339,7 @@ fn times(notes: &mut Notes, table: &Table) {
     }
 }
 
-/// Scenes and targets of a row; groups of columns with equal counts are listed together.
+/// Scenes and targets of a row, and its targets outside all bins; groups of columns with equal counts are listed together.
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
     // A slope is over the targets of other columns, which would be listed twice.
@@ -342,10 +352,15 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
             None => by_text.push((vec![title], text)),
         }
     }
-    let parts: Vec<String> = match by_text.as_slice() {
+    let mut parts: Vec<String> = match by_text.as_slice() {
         [(_, text)] => vec![text.clone()],
         several => several.iter().map(|(groups, text)| format!("{}: {text}", groups.join(", "))).collect(),
     };
+    // The same for each bin.
+    let outside = row.cells.iter().flatten().filter_map(|cell| cell.counts).map(|counts| counts.outside_bins).max();
+    if let Some(outside) = outside.filter(|outside| *outside > 0) {
+        parts.push(format!("{} outside all bins of overlap", counted(outside, "target")));
+    }
     if !parts.is_empty() {
         notes.add(NoteKind::Counts, format!("{}: {}", name(row), parts.join("; ")));
     }

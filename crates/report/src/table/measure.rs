@@ -43,6 +43,7 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
 
 fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
     let results = part.source.results;
+    let mut outside_bins = 0;
     let found = match (&group.bin, &part.protocol.overlap_bins) {
         (None, _) => match group.distances {
             Some([low, high]) => within_distances(results, query, low..=high),
@@ -50,6 +51,7 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
         },
         (Some(bin), Some(bins)) => {
             let binned = by_overlap(results, query, bins);
+            outside_bins = binned.ignored;
             let own = binned.bins.into_iter().find(|(name, _)| *name == *bin).map(|(_, summary)| summary);
             own.or_else(|| (*bin == "average").then_some(binned.average)).unwrap_or_default()
         }
@@ -58,7 +60,8 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
     Cell {
         value: found.mean.map_or(Value::Absent, Value::Number),
         interval: found.interval,
-        counts: Some(counts_of(&found)),
+        counts: Some(Counts { outside_bins, ..counts_of(&found) }),
+        set: found.set,
         not_computed: found.not_computed,
         ..Cell::default()
     }
@@ -72,6 +75,8 @@ const fn counts_of(found: &Summary) -> Counts {
         failed: found.failed,
         not_applicable: found.not_applicable,
         non_finite: found.non_finite,
+        uncomputed: found.uncomputed,
+        outside_bins: 0,
     }
 }
 
@@ -93,7 +98,7 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
         Quantity::Metric(_) | Quantity::Slope(..) | Quantity::Seconds => None,
     };
     let value = value.map_or(Value::Absent, Value::Number);
-    Cell { value, lacks_trials: cost.failed + cost.not_applicable > 0, ..Cell::default() }
+    Cell { value, lacks_trials: cost.failed + cost.not_applicable > 0, set: cost.set, ..Cell::default() }
 }
 
 /// Seconds from context pictures to Gaussians, measured by the timing pass, or why there are none.

@@ -1,6 +1,8 @@
 //! Tables: published rows and, below each, the measured rows that reproduce it.
 
 mod build;
+#[cfg(test)]
+mod comparable_tests;
 mod edition;
 mod footer;
 mod leads;
@@ -160,6 +162,10 @@ pub struct Cell {
     /// Whether it is a size of some trials only, because the method failed on the others or does not support them.
     #[serde(skip)]
     pub lacks_trials: bool,
+    /// Stands for the set of targets or trials that it is over, whatever became of them: numbers over different sets do not
+    /// compare. `None` if it is published, or a time.
+    #[serde(skip)]
+    pub set: Option<u64>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
     /// The spread over trainings and over scenes, if it is a mean over several trainings.
@@ -224,6 +230,12 @@ pub struct Counts {
     pub not_applicable: u64,
     /// Targets whose score is not finite.
     pub non_finite: u64,
+    /// Targets whose score was not computed; not in the mean.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub uncomputed: u64,
+    /// Targets of the row without an overlap, or with one outside all bins, if the mean is over a bin.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub outside_bins: u64,
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
@@ -293,6 +305,8 @@ pub enum NoteKind {
     LeftOut,
     /// The spread of several trainings.
     Trainings,
+    /// Columns whose measured numbers do not compare with each other.
+    Unranked,
     /// Rows of different protocols.
     Forced,
 }
@@ -344,11 +358,12 @@ impl Cell {
         self.timing.as_ref().is_some_and(|timing| timing.busy)
     }
 
-    /// Whether it may be the best: no time measured on a busy machine, and no mean that lacks targets or trials on which the
+    /// Whether it may be the best: no time measured on a busy machine, and no mean that lacks targets, or trials on which the
     /// method failed.
     pub(crate) fn is_rankable(&self) -> bool {
-        let lacks_targets =
-            self.counts.is_some_and(|counts| counts.failed + counts.not_applicable + counts.non_finite > 0);
+        let lacks_targets = self
+            .counts
+            .is_some_and(|counts| counts.failed + counts.not_applicable + counts.non_finite + counts.uncomputed > 0);
         !self.is_busy() && !self.lacks_trials && !lacks_targets
     }
 
@@ -449,5 +464,12 @@ impl Table {
 
     pub(crate) fn column(&self, (group, column): Place) -> &Column {
         &self.groups[group].columns[column]
+    }
+
+    /// The heading of a column after that of its group.
+    pub(crate) fn heading(&self, place: Place) -> String {
+        let group = self.groups[place.0].title.as_str();
+        let space = if group.is_empty() { "" } else { " " };
+        format!("{group}{space}{}", self.column(place).title)
     }
 }

@@ -108,7 +108,7 @@ fn captions_say_that_stand_ins_are_not_comparable() {
     let said = "Measured on simulated rooms, 16×16, 4 of 24 scenes: not comparable with the paper's numbers.";
     assert!(table.caption.ends_with(said), "{}", table.caption);
     let mut whole = preset("re10k-2v-256");
-    whole.entries = whole.entries_of_index;
+    whole.entries_of_index = whole.entries;
     let table = built("re10k", &results(vec![whole], vec![atsplat("atsplat", |_| ())]));
     assert!(table.caption.ends_with("Measured on RE10K, 16×16, 4 of 6474 scenes."), "{}", table.caption);
 }

@@ -132,7 +132,7 @@ fn trials_without_a_drawn_gaussian_or_with_broken_ones_have_a_line() {
 #[test]
 fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
     let mut full = preset("re10k-2v-256");
-    full.entries = full.entries_of_index;
+    full.entries_of_index = full.entries;
     let one_best = |untrained| {
         let method = MethodRecord { untrained, ..atsplat("atsplat", |_| ()) };
         let results = results(vec![full.clone()], vec![method, floor()]);

@@ -94,8 +94,16 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
                     scene_deviation: found.scene_deviation,
                 };
                 let counts = counts(training, (group, at), &of_training);
-                let (value, interval) = (Value::Number(found.mean), found.interval);
-                Some(Cell { value, interval, counts: Some(counts), trainings: Some(trainings), ..Cell::default() })
+                let mut cells = training.rows.iter().map(|row| row.cell((group, at)));
+                Some(Cell {
+                    value: Value::Number(found.mean),
+                    interval: found.interval,
+                    counts: Some(counts),
+                    set: first.cell((group, at)).set,
+                    not_computed: cells.find_map(|cell| cell.not_computed.clone()),
+                    trainings: Some(trainings),
+                    ..Cell::default()
+                })
             }
             Quantity::Seconds | Quantity::Slope(..) => None,
             _ => {
@@ -104,7 +112,7 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
                 let sizes = sizes.filter(|sizes| !sizes.is_empty())?;
                 let value = Value::Number(sizes.iter().sum::<f64>() / sizes.len() as f64);
                 let lacks_trials = training.rows.iter().any(|row| row.cell((group, at)).lacks_trials);
-                Some(Cell { value, lacks_trials, ..Cell::default() })
+                Some(Cell { value, lacks_trials, set: first.cell((group, at)).set, ..Cell::default() })
             }
         };
         columns.columns.iter().enumerate().map(|own| cell(own).unwrap_or_default()).collect()
@@ -152,6 +160,7 @@ fn counts(training: &TrainingGroup<'_>, place: Place, of_training: &[Vec<SceneMe
         counts.failed += own.failed;
         counts.not_applicable += own.not_applicable;
         counts.non_finite += own.non_finite;
+        counts.uncomputed += own.uncomputed;
     }
     let mut by_scene: BTreeMap<&str, (usize, u64)> = BTreeMap::new();
     for scene in of_training.iter().flatten() {

@@ -251,6 +251,29 @@ fn pictures_without_cameras_are_counted() {
     expect_ignored(&clips, Format::Re10k, "a", &left);
 }
 
+/// Keys are text. Other systems have no such names.
+#[cfg(target_os = "linux")]
+#[test]
+fn scenes_whose_names_are_not_utf_8_are_counted() {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt as _;
+
+    let folder = folder_of(&[("a/transforms.json", TRANSFORMS.as_bytes()), ("notes", b"")]);
+    let below = |name: &[u8]| folder.path().join(OsStr::from_bytes(name));
+    for name in [&b"sc\xe8ne"[..], b"\xe8", b".\xe8"] {
+        fs::create_dir(below(name)).unwrap();
+        fs::write(below(name).join("transforms.json"), TRANSFORMS).unwrap();
+    }
+    fs::write(below(b"clip\xe8.txt"), TRAJECTORY).unwrap();
+    fs::write(below(b"notes\xe8.txt"), "hello").unwrap();
+    let mut warnings = Warnings::new();
+    let dataset = open(folder.path(), &mut warnings).unwrap();
+    assert_eq!((dataset.keys(), warnings.total()), (&["a".to_owned()][..], 3));
+    let scenes: Vec<&str> = warnings.kept().iter().map(|warning| warning.scene.as_str()).collect();
+    assert_eq!(scenes, ["clip\u{fffd}.txt", "sc\u{fffd}ne", "\u{fffd}"], "neither hidden folders nor other text");
+    assert_eq!(warnings.count(crate::WarningKind::IgnoredScene), 3);
+}
+
 /// Which of the two counts cannot be known; the chunk comes first.
 #[test]
 fn one_key_in_two_formats_is_a_duplicate() {

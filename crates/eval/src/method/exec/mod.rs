@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use atsplat_files::Sha256Digest;
 use atsplat_pixels::Image;
+use atsplat_protocol::Preset;
 
 use super::splatting::{Splatting, parameters};
 use super::{Cost, Method, MethodError, Prediction, Rendered, Timed, TrialInput};
@@ -197,7 +198,7 @@ impl Method for Exec {
     }
 
     fn setting(&self) -> &str {
-        self.hello.setting.as_deref().unwrap_or("ATSplat")
+        self.hello.setting.as_deref().unwrap_or(Preset::OWN_METHOD)
     }
 
     fn timed(&self) -> Timed {

@@ -74,6 +74,26 @@ fn an_entry_skipped_for_one_methods_poses_is_not_done_for_another() {
     assert!(unfinished(&[]).is_empty(), "for a reason that is the same for all methods");
 }
 
+/// Of two entries each, `m` has one under `p`, `n` one under `q` and `o` both under `p`; they were run apart.
+#[test]
+fn only_methods_with_a_row_were_interrupted() {
+    let preset = |name: &str| PresetRecord { name: name.to_owned(), entries: 2, ..PresetRecord::default() };
+    let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+    let mut results = Results::default();
+    results.provenance.presets = ["p", "q"].map(preset).to_vec();
+    results.provenance.methods = ["m", "n", "o"].map(method).to_vec();
+    let rows = [("p", "m", "a"), ("q", "n", "b"), ("p", "o", "a"), ("p", "o", "b")];
+    let row = |(preset, method, scene): (&str, &str, &str)| TrialRow {
+        key: TrialKey { preset: preset.to_owned(), ..key(scene).of_method(method) },
+        ..trial(scene)
+    };
+    results.trials = rows.map(row).to_vec();
+    let found = results.interrupted();
+    let found: Vec<_> = found.iter().map(|run| (run.preset.as_str(), run.method.as_str(), run.entries)).collect();
+    assert_eq!(found, [("p", "m", 1), ("q", "n", 1)]);
+    assert_eq!(results.unfinished().len(), 5, "for merging, the other pairs have no row yet");
+}
+
 #[test]
 fn a_reason_of_several_stores_concerns_the_methods_of_each() {
     let merged = |first: &[&str], second: &[&str]| {

@@ -105,6 +105,12 @@ fn reads_overlap_words_as_noposplat_does() {
     let expected = [Some(OVERLAP_OF_LARGE), Some(OVERLAP_OF_OTHER_WORDS), None, Some(1.0)];
     assert_eq!(overlaps, expected.map(|value| value.map(Overlap::from)));
     assert_eq!(file.notices.overlap_words, 2);
+    let mismatch = file.notices.overlap_words_mismatch().unwrap();
+    assert_eq!((mismatch.count, mismatch.example.as_str()), (2, "the first is \"large\", read as 0.75"));
+    let ignored = IndexFile::parse(br#"{"a": {"context": [], "target": [], "overlap": "ignore"}}"#).unwrap();
+    let mismatch = ignored.notices.overlap_words_mismatch().unwrap();
+    assert_eq!((mismatch.count, mismatch.example.as_str()), (1, "the first is \"ignore\", read as 0.25"));
+    assert_eq!(IndexFile::parse(b"{}").unwrap().notices.overlap_words_mismatch(), None);
 }
 
 #[test]
