@@ -81,7 +81,9 @@ fn a_row_that_lacks_targets_says_so_and_is_not_ranked() {
     let marks = |method: &str| own(&table, method).cells[0][0].mark;
     assert_eq!((marks("atsplat"), marks("atsplat-random")), (Mark::Plain, Mark::Plain));
     store.trials.iter_mut().for_each(|trial| trial.status = TrialStatus::Done);
-    store.targets.iter_mut().for_each(|row| row.status = TargetStatus::Scored);
+    for row in store.targets.iter_mut().filter(|row| row.status == TargetStatus::Failed) {
+        (row.status, row.scores) = (TargetStatus::Scored, [("psnr".to_owned(), 30.0)].into());
+    }
     let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
     assert_eq!(own(&table, "atsplat-random").cells[0][0].mark, Mark::Best);
 }
