@@ -5,6 +5,7 @@ use std::sync::Arc;
 use atsplat_eval::MethodRecord;
 use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Splatting, TrialInput, check_range};
 use atsplat_protocol::trial::Trial;
+use atsplat_splat::Problem;
 
 use crate::array::Pictures;
 use crate::exchange::Calls;
@@ -85,8 +86,22 @@ fn prediction<'a>(
             check(input.trial, &pictures)?;
             Ok(Box::new(pictures))
         }
-        Output::Gaussians(gaussians) => Ok(splatting.predict(input, Arc::unwrap_or_clone(gaussians), Cost::default())),
+        Output::Gaussians(gaussians) => {
+            check_numbers(&gaussians)?;
+            Ok(splatting.predict(input, Arc::unwrap_or_clone(gaussians), Cost::default()))
+        }
     }
+}
+
+/// No NaN, which renderers would leave out. Other Gaussians that they do not draw are in the trial's notes.
+fn check_numbers(gaussians: &atsplat_splat::Gaussians) -> Result<(), MethodError> {
+    let found = gaussians.validate();
+    let nan = found.findings.iter().filter(|finding| finding.problem == Problem::NotANumber);
+    let nan: Vec<String> = nan.map(ToString::to_string).collect();
+    if nan.is_empty() {
+        return Ok(());
+    }
+    Err(MethodError::Failed(format!("Gaussians: {}, of {}", nan.join("; "), found.total)))
 }
 
 /// One picture of each target, of its size.

@@ -10,7 +10,8 @@ use crate::error::Failure;
 use crate::gaussians::Gaussians;
 use crate::threads::work;
 
-/// Images of views of one size: colour (N × H × W × 3), alpha and, if requested, composited depth (N × H × W).
+/// Images of views of one size: colour (N × H × W × 3), alpha and, if requested, composited depth (N × H × W); and the most Gaussians
+/// that one of the views leaves out as invalid.
 #[pyfunction]
 pub(crate) fn render<'py>(
     py: Python<'py>,
@@ -20,7 +21,7 @@ pub(crate) fn render<'py>(
     constants: &str,
     antialiased: bool,
     depth: bool,
-) -> Result<Vec<Bound<'py, PyAny>>, Failure> {
+) -> Result<(Vec<Bound<'py, PyAny>>, u64), Failure> {
     let constants = RendererConstants::named(constants).ok_or_else(|| {
         let known = RendererConstants::PRESETS.join(", ");
         Failure::invalid("constants", format!("expected one of {known}, found {constants:?}"))
@@ -47,5 +48,6 @@ pub(crate) fn render<'py>(
         let composited = renderings.iter().filter_map(|rendering| rendering.depth.as_deref());
         images.push(floats(py, &plane, composited, same)?);
     }
-    Ok(images)
+    let invalid = renderings.iter().map(|rendering| rendering.census.invalid).max();
+    Ok((images, invalid.unwrap_or(0)))
 }

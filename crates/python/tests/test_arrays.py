@@ -191,6 +191,20 @@ def test_logits_that_are_read_as_opacities_are_a_warning(tmp_path):
     assert np.isnan(read.opacity_logits).tolist() == [True, False] and np.isclose(read.opacity_logits[1], np.log(3))
 
 
+def test_gaussians_that_are_not_drawn_are_a_warning():
+    cameras = atsplat.Cameras.from_arrays(camera_from_world=np.eye(4), intrinsics=[[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]], height=8, width=8)
+    means, quaternions = np.tile([0.0, 0, 2], (4, 1)), np.tile([1.0, 0, 0, 0], (4, 1))
+    # A surfel with an opacity of 1 is drawn.
+    shape = {"scales": [[0.5, 0.5, 0]] * 4, "opacities": np.ones(4), "colours": np.ones((4, 3))}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert atsplat.render(atsplat.Gaussians(means, quaternions, **shape), cameras).alpha.max() > 0.9
+    means[1, 0], quaternions[3] = np.nan, 0
+    with pytest.warns(UserWarning, match="2 of 4 Gaussians") as raised:
+        rendered = atsplat.render(atsplat.Gaussians(means, quaternions, **shape), cameras)
+    assert np.isfinite(rendered.images).all() and raised[0].filename == __file__
+
+
 def test_plain_parameters_are_converted():
     made = atsplat.Gaussians([[0, 0, 1]], [[1, 0, 0, 0]], scales=[[0.5, 1, 2]], opacities=[0.2], colours=[[0.5, 1, 0]])
     assert np.allclose(made.log_scales, np.log([[0.5, 1, 2]]))

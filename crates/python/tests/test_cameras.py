@@ -1,5 +1,7 @@
 """Axes and intrinsics, each with a case that fails if a sign, an order or a direction is swapped."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,6 +102,22 @@ def test_what_pinhole_cameras_cannot_have_is_refused():
     # Rounding is allowed for.
     almost = INTRINSICS + 1e-6
     assert len(Cameras.from_arrays(world_from_camera=np.eye(4) + 1e-7, pixel_intrinsics=almost, height=80, width=128)) == 1
+
+
+@pytest.mark.parametrize("change, field, problem", [
+    ({"camera_from_world": np.eye(4)}, "camera_from_world", "expected N × 4 × 4, found 4 × 4"),
+    ({"camera_from_world": np.zeros((3, 3, 4))}, "camera_from_world", "expected N × 4 × 4, found 3 × 3 × 4"),
+    ({"camera_from_world": np.zeros((2, 4, 4))}, "intrinsics", "expected 2 × 3 × 3, found 3 × 3 × 3"),
+    ({"intrinsics": np.eye(3)}, "intrinsics", "expected 3 × 3 × 3, found 3 × 3"),
+    ({"frames": (0, 1)}, "frames", "expected 3, one for each pose, found 2"),
+    ({"lenses": (("pinhole", ()),) * 4}, "lenses", "expected 3, one for each pose, found 4"),
+])
+def test_arrays_of_unequal_length_are_refused(change, field, problem):
+    cameras = Cameras.from_arrays(world_from_camera=np.stack([np.eye(4)] * 3), intrinsics=np.eye(3), height=8, width=8)
+    with pytest.raises(ValueError, match=problem) as raised:
+        replace(cameras, **change)
+    assert raised.value.field == field
+    assert len(cameras[3:]) == 0, "none is a number too"
 
 
 def test_parts_of_cameras():

@@ -95,6 +95,26 @@ def test_broken_methods_are_failed_rows_and_the_run_goes_on(rooms, tmp_path):
     assert len(store.failures()) == 3
 
 
+def test_gaussians_with_nan_are_a_failed_row_and_others_that_are_not_drawn_a_note(rooms, tmp_path):
+    calls = []
+
+    def broken(images, context, target):
+        calls.append(len(calls))
+        means, quaternions = np.tile(context.centres[:1] + [0, 0, 2], (3, 1)), np.tile([1.0, 0, 0, 0], (3, 1))
+        if len(calls) == 1:
+            means[1, 2] = np.nan
+        if len(calls) == 2:
+            quaternions[2] = 0
+        return atsplat.Gaussians(means, quaternions, scales=np.full((3, 3), 0.1), opacities=[0.5] * 3, colours=np.ones((3, 3)))
+
+    trials = evaluated(broken, rooms, tmp_path / "store").trials()
+    assert len(calls) == SCENES
+    assert sorted(row["status"] for row in trials) == ["done", "done", "failed"]
+    assert [row["detail"] for row in trials if row["status"] == "failed"] == ["Gaussians: means not a number in 1, first 1, of 3"]
+    notes = [note for row in trials for note in row["notes"] if note.startswith("broken Gaussians: ")]
+    assert notes == ["broken Gaussians: quaternions zero in 1, first 2, of 3: they are not drawn"]
+
+
 @pytest.mark.parametrize("output, reason", [
     (lambda n: np.zeros((n, 3, 128, 128)), "permute channels"),
     (lambda n: np.zeros((n + 1, 128, 128, 3)), "found 4 × 128 × 128 × 3"),

@@ -1,7 +1,9 @@
 """The dataset and the training callbacks; skipped without PyTorch."""
 
+import json
 import sys
 import types
+import warnings
 
 import numpy as np
 import pytest
@@ -47,6 +49,19 @@ def test_entries_without_a_trial_are_a_warning(rooms):
     with pytest.warns(UserWarning, match=f"{SCENES} of {SCENES} entries"):
         dataset = TrialDataset("re10k-2v-256", rooms, index=INDEX)
     assert len(dataset) == 0 and len(dataset.skipped) == SCENES and "128" in dataset.skipped[0].detail
+
+
+def test_lens_distortion_that_items_leave_out_is_one_warning(tmp_path, binary):
+    small = ("--scenes", 1, "--size", "128x128", "--samples", 1, "--effects", "none")
+    binary("data", "simulate", tmp_path / "data", *small, "--layout", "nerfstudio")
+    (file,) = (tmp_path / "data").glob("*/nerfstudio/transforms.json")
+    file.write_text(json.dumps({**json.loads(file.read_text()), "k1": 0.01}))
+    dataset = TrialDataset(PROTOCOL, tmp_path / "data", index=INDEX)
+    with pytest.warns(UserWarning, match="5 views have lens distortion"):
+        dataset[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dataset[0]
 
 
 def baseline_of(rooms, folder):

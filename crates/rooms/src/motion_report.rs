@@ -4,11 +4,12 @@ use std::fmt;
 
 use atsplat_camera::ImageSize;
 use atsplat_numeric::quantile;
-use atsplat_scene::{Scene, SceneSource, WarningKind, Warnings};
+use atsplat_scene::{SceneSource, WarningKind, Warnings};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::{ClipMotion, EffectChoice, Request, RoomsError, SceneKind, SceneSeed, Simulation, Split};
+use crate::path::timed_cameras;
+use crate::{ClipMotion, EffectChoice, Request, RoomsError, SceneKind, SceneSeed, Simulation, Split, has_times};
 
 /// Camera motion of groups of clips. [`Display`](fmt::Display) prints the quantiles as a table.
 #[derive(Debug, Serialize)]
@@ -118,7 +119,8 @@ impl ClipGroup {
     ) -> Self {
         let read = dataset.keys().par_iter().map(|key| {
             let mut warnings = Warnings::new();
-            let clip = dataset.load(key, &mut warnings).map(|scene| (motion_of(&scene), has_times(&scene)));
+            let loaded = dataset.load(key, &mut warnings);
+            let clip = loaded.map(|scene| (ClipMotion::of(&scene.key, timed_cameras(&scene)), has_times(&scene)));
             progress();
             (key, clip, warnings)
         });
@@ -136,24 +138,6 @@ impl ClipGroup {
         }
         Self::new(name, clips, without_times)
     }
-}
-
-/// Whether the timestamps can be microseconds: captures number their frames consecutively.
-fn has_times(scene: &Scene) -> bool {
-    const MIN_STEP_MICROS: i64 = 1000;
-    let times: Option<Vec<i64>> = scene.frames.iter().map(|frame| frame.timestamp_micros).collect();
-    let Some(times) = times else { return false };
-    let span = times.iter().max().zip(times.iter().min()).map_or(0, |(last, first)| last - first);
-    (1i64..).zip(&times).last().is_none_or(|(count, _)| span >= MIN_STEP_MICROS * (count - 1))
-}
-
-fn motion_of(scene: &Scene) -> Option<ClipMotion> {
-    let timed = has_times(scene);
-    let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
-        let micros = frame.timestamp_micros.filter(|_| timed).unwrap_or(at * 1_000_000 / 30);
-        (micros, frame.camera)
-    });
-    ClipMotion::of(&scene.key, cameras)
 }
 
 fn quantiles_of(groups: &[ClipGroup]) -> Vec<MotionQuantiles> {

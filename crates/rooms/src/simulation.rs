@@ -29,13 +29,9 @@ pub enum Route {
 }
 
 impl Route {
-    /// As a scene's cameras. Scenes without timestamps are assumed to have 30 frames per second.
+    /// As a scene's cameras. Scenes without times ([`has_times`](crate::has_times)) are assumed to have 30 frames per second.
     pub fn of_scene(scene: &Scene) -> Self {
-        let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
-            let micros = frame.timestamp_micros.unwrap_or(at * 33_333);
-            (micros, frame.camera)
-        });
-        Self::Given(cameras.collect())
+        Self::Given(path::timed_cameras(scene))
     }
 }
 

@@ -3,6 +3,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
+use crate::nerfstudio::AppliedTransform;
 use crate::{Scene, SceneError, WarningKind, Warnings};
 
 /// A dataset whose scenes are loaded one at a time, by key.
@@ -27,6 +28,15 @@ pub trait SceneSource: Send + Sync {
     /// [`SceneError::UnknownScene`], [`SceneError::Io`].
     fn files(&self, _key: &str) -> Result<Vec<PathBuf>, SceneError> {
         Ok(Vec::new())
+    }
+
+    /// How a scene's cameras were moved away from the world of structure from motion, if its files say so: COLMAP's
+    /// points of the same capture have to be moved along.
+    ///
+    /// # Errors
+    /// As [`SceneSource::load`]; [`SceneError::Camera`] for a transform that is not rigid.
+    fn applied_transform(&self, _key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+        Ok(None)
     }
 }
 

@@ -9,7 +9,7 @@ use crate::fetch::picture_files;
 use crate::files::{list, read_file, read_start};
 use crate::ignored::{Collections, report_ignored};
 use crate::json;
-use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
+use crate::nerfstudio::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, scene_files};
 use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_trajectory, trajectory_files};
 use crate::torch::TorchChunks;
 use crate::{Fetch, SceneError, SceneSource, Warnings};
@@ -119,6 +119,14 @@ impl SceneSource for Dataset {
 
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         self.source.files(key)
+    }
+
+    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+        if self.fetch.is_some() {
+            let files = self.source.files(key)?;
+            fetch(self.fetch.as_deref(), "fetching a scene", &self.path, &files)?;
+        }
+        self.source.applied_transform(key)
     }
 }
 

@@ -9,7 +9,7 @@ use atsplat_camera::ImageSize;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
     CostSummary, EffectChoice, EffectMillis, FrameCosts, Layout, ManifestScene, PictureEncoding, Request, Route,
-    SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
+    SceneKind, SceneSeed, Simulation, Split, WriteOptions, has_times, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::Serialize;
@@ -171,6 +171,10 @@ impl Args {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
         let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
+        if !has_times(&scene) {
+            let (path, key) = (path.display(), &scene.key);
+            warn(&format!("note: {path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
+        }
         Ok(Route::of_scene(&scene))
     }
 

@@ -1,15 +1,16 @@
 //! The training and held-out views, and the Gaussians to start from.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_eval::fitting::{Start, StartError, StartGaussians, common_size, fit_recipe};
-use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError};
+use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError, rendered_scene};
 use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
-use atsplat_scene::{FrameSelection, Scene, Warnings};
+use atsplat_scene::nerfstudio::AppliedTransform;
+use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
 use crate::dataset_args::PictureArgs;
 use crate::embedded;
@@ -128,6 +129,15 @@ impl InputArgs {
         Ok(Input { photos, training, held_out, scaled })
     }
 
+    /// What was done to the cameras of a scene of DATA, but not to COLMAP's points.
+    fn applied_transform(&self, scene: &str) -> anyhow::Result<Option<AppliedTransform>> {
+        if rendered_scene(&self.data)?.is_some() {
+            return Ok(None);
+        }
+        // The dataset was opened, and warned of, before.
+        Ok(self.pictures.open(&self.data, &mut Warnings::new())?.applied_transform(scene)?)
+    }
+
     /// The error with what sets the size, if photos do not have it.
     fn in_size(&self, network: Option<&NetworkSource>, error: ReconstructError) -> anyhow::Error {
         let is_of_size = is_of_size(&error);
@@ -179,7 +189,7 @@ impl StartArgs {
     pub(super) fn gaussians(
         &self,
         input: &Input,
-        data: &Path,
+        args: &InputArgs,
         network: Option<(&NetworkSource, Device)>,
         (seed, strategy): (u64, Strategy),
     ) -> anyhow::Result<StartGaussians> {
@@ -188,7 +198,9 @@ impl StartArgs {
             return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians.into());
         }
         let start = self.start.parse::<Start>().context("--start")?;
-        let data = (data, input.photos.trial().scene());
+        let scene = input.photos.trial().scene();
+        let applied = if start.reads_points() { args.applied_transform(scene) } else { Ok(None) };
+        let data = (args.data.as_path(), scene, applied.with_context(|| format!("--start {}", self.start))?);
         let made = start.gaussians(&input.training, data, self.depths, self.opacities_as_stored, (seed, strategy));
         let made = made.map_err(|error| match error {
             StartError::Fit(error @ FitError::Setting { name: "depths", .. }) => {

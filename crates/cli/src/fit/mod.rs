@@ -231,7 +231,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let normalisation = input.photos.trial().normalisation().new_from_old;
     let mut config = args.optimisation.config(normalisation.scale);
     let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
-    let start = args.start.gaussians(&input, &args.input.data, network, (config.seed, config.strategy))?;
+    let start = args.start.gaussians(&input, &args.input, network, (config.seed, config.strategy))?;
     let (start, removed) = (start.gaussians, start.removed);
     warn_of_start(&start, &config);
     let device = device.backend().fit_device();

@@ -60,9 +60,8 @@ impl<'a> Log<'a> {
     pub(super) fn draw(&self, folder: &Path, fit: &mut Fit, training: &[TrainingView]) -> anyhow::Result<()> {
         let nearest = nearest_view_psnr(self.held_out, training);
         let history = fit.history();
-        let evaluations: Vec<_> = nearest.map_or_else(Vec::new, |nearest| {
-            history.evaluations.iter().map(|evaluation| (evaluation.step, evaluation.psnr, nearest)).collect()
-        });
+        let evaluations: Vec<_> =
+            history.evaluations.iter().map(|evaluation| (evaluation.step, evaluation.psnr, nearest)).collect();
         let steps: Vec<u64> = (1..=fit.step_count()).collect();
         let losses_by =
             |term: fn(&Terms) -> f64| history.losses.iter().map(|terms| Some(term(terms))).collect::<Vec<_>>();
@@ -94,5 +93,42 @@ impl<'a> Log<'a> {
         let subtitle = format!("{} of {} {kind} views", rows.len(), shown.len());
         let sheet = ContactSheet { title, subtitle, rows }.draw().encode(PlotFormat::Png)?;
         PendingFile::open(&folder.join("contact-sheet.png"))?.finish(&sheet)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+    use atsplat_fit::start::in_frustums;
+    use atsplat_fit::{FitConfig, Strategy};
+    use atsplat_splat::View;
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    fn view(x: f64, side: u32, grey: f32) -> TrainingView {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
+        let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
+        let view = View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: side, height: side } };
+        TrainingView { name: format!("x = {x}"), rgb: vec![[grey; 3]; view.pixels()], view }
+    }
+
+    #[test]
+    fn held_out_photos_of_another_size_are_on_the_curve() {
+        let training = vec![view(0.0, 24, 0.5), view(0.5, 24, 0.75)];
+        for (side, has_baseline) in [(24, true), (16, false)] {
+            let held_out = [view(0.125, side, 0.625)];
+            let start = in_frustums(&training, 50, Some([1.0, 4.0]), 0, Strategy::Fixed).unwrap();
+            let mut fit = Fit::new(FitConfig::new(Strategy::Fixed, 1), training.clone(), &start).unwrap();
+            fit.step().unwrap();
+            let log = Log::new(&fit, &held_out, None);
+            log.evaluate(&mut fit).unwrap();
+            let folder = tempfile::tempdir().unwrap();
+            log.draw(folder.path(), &mut fit, &training).unwrap();
+            let curve = std::fs::read_to_string(folder.path().join("learning-curve.svg")).unwrap();
+            let is_drawn = |series: &str| curve.contains(&format!("data-role=\"data\" data-series=\"{series}\""));
+            let drawn = (is_drawn("renders"), is_drawn("nearest context view"));
+            assert_eq!(drawn, (true, has_baseline), "held-out photos of {side}×{side} pixels");
+        }
     }
 }

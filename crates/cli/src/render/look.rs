@@ -1,6 +1,6 @@
 use anyhow::bail;
 use atsplat_splat::scene_file::SceneFile;
-use atsplat_splat::{Channels, MAX_SH_DEGREE, RasterMode, RenderOptions, RendererConstants};
+use atsplat_splat::{Channels, Gaussians, MAX_SH_DEGREE, RasterMode, RenderOptions, RendererConstants};
 use clap::ValueEnum;
 
 use crate::parse;
@@ -62,6 +62,16 @@ impl LookArgs {
         Ok(constants)
     }
 
+    /// What a user should know of Gaussians that are drawn with `mode` for want of `--mode`: a PLY records the 3D filter of
+    /// Mip-Splatting, but not the 2D filter that belongs to it.
+    pub(crate) fn warning(&self, gaussians: &Gaussians, mode: RasterMode) -> Option<&'static str> {
+        let is_mip = gaussians.parts().filter_3d.is_some() && mode == RasterMode::Classic;
+        (is_mip && self.mode.is_none()).then_some(
+            "the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them, and are drawn in the classic mode: see \
+             --mode antialiased, and --constants for a file with a blur of 0.1",
+        )
+    }
+
     /// Options for a scene; `planes` if more than colour is written.
     pub(crate) fn options(
         &self,
@@ -92,5 +102,40 @@ impl LookArgs {
             channels,
             ..RenderOptions::default()
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use atsplat_splat::Cleaning;
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Command {
+        #[command(flatten)]
+        look: LookArgs,
+    }
+
+    #[test]
+    fn a_mip_splatting_file_without_a_mode_is_warned_of() {
+        let warning = |file: &str, args: &[&str]| {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files").join(file);
+            let scene = SceneFile::read(&path, Cleaning::Import, false).unwrap();
+            let look = Command::parse_from([&["render"][..], args].concat()).look;
+            let options = look.options(look.constants().unwrap(), &scene, false).unwrap();
+            look.warning(&scene.gaussians, options.mode)
+        };
+        let (mip, other) = ("degree4_mip_uncertainty.ply", "degree1_ascii.ply");
+        let found = warning(mip, &[]).unwrap();
+        assert!(found.contains("--mode antialiased") && found.contains("--constants"), "{found}");
+        assert_eq!(warning(mip, &["--constants", "inria"]), Some(found), "no preset has its blur");
+        for mode in ["classic", "antialiased"] {
+            assert_eq!(warning(mip, &["--mode", mode]), None);
+        }
+        assert_eq!(warning(other, &[]), None);
     }
 }

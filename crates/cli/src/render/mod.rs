@@ -124,6 +124,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     exposures.expose(&mut shots)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
     notes.extend(note);
+    notes.extend(args.look.warning(&gaussians, look.options.mode).map(str::to_owned));
     notes.extend(ignored_principal_points(&look.options.constants, &shots));
 
     let mut preview = preview_file.map(|file| args.preview.start(file, &shots)).transpose()?;

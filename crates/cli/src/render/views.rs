@@ -140,13 +140,14 @@ impl ViewArgs {
             return Ok(Plan { shots, path: PathRecord::Cameras { file: file.clone() }, notes });
         }
         let size = self.size_of(cameras.first(), &mut notes)?;
+        let file = self.file().context("a path along a spline needs a camera file")?;
+        let option = format!("--spline {}", file.display());
+        require_one_shape(&cameras).context(option.clone())?;
         if cameras.iter().any(|key| key.exposure.is_some()) {
             notes.push("a path between cameras ignores their exposures: see --exposure".to_owned());
         }
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
         let count = self.spline_frames().map_err(anyhow::Error::msg)?;
-        let file = self.file().context("a path along a spline needs a camera file")?;
-        let option = format!("--spline {}", file.display());
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
         let spline = if self.closed { CameraSpline::closed(keys) } else { CameraSpline::open(keys) };
         let views = spline.and_then(|spline| spline.resampled(count, self.spacing)).context(option)?;
@@ -170,9 +171,8 @@ impl ViewArgs {
     /// The requested size, or that of the file; a change of aspect ratio is reported once.
     fn size_of(&self, camera: Option<&FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<ImageSize> {
         let stated = camera.and_then(|camera| camera.size);
-        let aspect = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
         if let (Some(requested), Some(stated)) = (self.size, stated)
-            && (aspect(requested) / aspect(stated) - 1.0).abs() > 0.01
+            && !have_one_shape(requested, stated)
             && notes.is_empty()
         {
             notes.push(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"));
@@ -209,6 +209,27 @@ impl ViewArgs {
     }
 }
 
+/// Whether one size is a multiple of the other, up to the rounding of small sizes to pixels.
+fn have_one_shape(a: ImageSize, b: ImageSize) -> bool {
+    let aspect = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
+    (aspect(a) / aspect(b) - 1.0).abs() <= 0.01
+}
+
+/// Refuses keys whose images have several shapes: a path has one image size, and a lens in units of another shape would
+/// be squeezed to it.
+fn require_one_shape(keys: &[FileCamera]) -> anyhow::Result<()> {
+    let mut sized = keys.iter().filter_map(|key| Some((key, key.size?)));
+    let Some((first, shape)) = sized.next() else { return Ok(()) };
+    match sized.find(|(_, size)| !have_one_shape(*size, shape)) {
+        Some((other, size)) => bail!(
+            "expected cameras of one aspect ratio, found {size} of {:?} and {shape} of {:?}: choose cameras with --frames",
+            other.name,
+            first.name
+        ),
+        None => Ok(()),
+    }
+}
+
 /// What the file holds and what was removed from it, as the reason for the error.
 fn nothing_to_orbit(record: &SceneFileRecord) -> String {
     let record = record.to_string();
@@ -218,4 +239,53 @@ fn nothing_to_orbit(record: &SceneFileRecord) -> String {
 
 fn radians(degrees: f64) -> f64 {
     degrees * (PI / 180.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::CameraFromWorld;
+    use atsplat_splat::Cleaning;
+    use clap::Parser as _;
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Command {
+        #[command(flatten)]
+        views: ViewArgs,
+    }
+
+    fn key(number: usize, size: Option<(u32, u32)>) -> FileCamera {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(number as f64, 0.0, 0.0)).unwrap();
+        let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
+        FileCamera {
+            number,
+            name: format!("camera {number}"),
+            camera: Camera::pinhole(pose, intrinsics),
+            size: size.map(|(width, height)| ImageSize { width, height }),
+            exposure: None,
+        }
+    }
+
+    #[test]
+    fn a_path_through_images_of_several_shapes_is_refused() {
+        let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/degree1_ascii.ply");
+        let scene = SceneFile::read(Path::new(scene), Cleaning::Import, false).unwrap();
+        let plan = |last: Option<(u32, u32)>, args: &[&str]| {
+            let args = [&["render", "--spline", "keys.json", "3"][..], args].concat();
+            let keys = vec![key(0, Some((400, 300))), key(1, Some((200, 150))), key(2, last)];
+            let plan = Command::parse_from(args).views.plan(Some(keys), &scene);
+            plan.map(|plan| plan.shots.len()).map_err(|error| format!("{error:#}"))
+        };
+        for same in [Some((400, 300)), Some((100, 75)), Some((133, 100)), None] {
+            assert_eq!(plan(same, &[]), Ok(3), "{same:?}");
+        }
+        for args in [&[][..], &["--size", "400x300"]] {
+            let error = plan(Some((300, 400)), args).unwrap_err();
+            for part in ["--spline keys.json", "300×400 of \"camera 2\"", "400×300 of \"camera 0\""] {
+                assert!(error.contains(part), "{part}: {error}");
+            }
+        }
+    }
 }

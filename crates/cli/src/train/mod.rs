@@ -103,7 +103,7 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
         losses: &losses,
         evaluations: &evaluations
             .iter()
-            .map(|record| (record.step, record.psnr, record.nearest_view_psnr))
+            .map(|record| (record.step, record.psnr, Some(record.nearest_view_psnr)))
             .collect::<Vec<_>>(),
     };
     PendingFile::open(&args.out.join("learning-curve.png"))?.finish(&curve.draw().encode(PlotFormat::Png)?)?;

@@ -6,6 +6,7 @@ use atsplat_fit::start::{Point, from_points, in_frustums};
 use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_scene::SceneError;
 use atsplat_scene::colmap::{ColmapPoint, points_folder, read_points};
+use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
 use thiserror::Error;
 
@@ -76,15 +77,25 @@ impl FromStr for Start {
 }
 
 impl Start {
-    /// The Gaussians for these views of a `scene` of a dataset. Random points are between two `depths`, by default around the point
-    /// that the cameras look at. With `opacities_as_stored`, a PLY file holds opacities instead of logits.
+    /// Whether this start reads COLMAP's points.
+    pub fn reads_points(&self) -> bool {
+        match self {
+            Self::Random(_) => false,
+            Self::Points => true,
+            Self::At(path) => path.is_dir(),
+        }
+    }
+
+    /// The Gaussians for these views of a `scene` of a dataset, of which COLMAP's points are moved by what was `applied` to its
+    /// cameras ([`applied_transform`](atsplat_scene::SceneSource::applied_transform)). Random points are between two `depths`, by
+    /// default around the point that the cameras look at. With `opacities_as_stored`, a PLY file holds opacities instead of logits.
     ///
     /// # Errors
     /// [`StartError`].
     pub fn gaussians(
         &self,
         views: &[TrainingView],
-        (data, scene): (&Path, &str),
+        (data, scene, applied): (&Path, &str, Option<AppliedTransform>),
         depths: Option<[f64; 2]>,
         opacities_as_stored: bool,
         (seed, strategy): (u64, Strategy),
@@ -96,7 +107,7 @@ impl Start {
             Self::Points => points_of_scene(data, scene)?,
         };
         let point = |point: ColmapPoint| Point {
-            position: point.position.to_array(),
+            position: applied.map_or(point.position, |applied| applied.saved_point(point.position)).to_array(),
             colour: point.color.map(|channel| f64::from(channel) / 255.0),
         };
         let points: Vec<Point> = read_points(&folder)?.into_iter().map(point).collect();
@@ -145,6 +156,8 @@ fn of_file(path: &Path, opacities_as_stored: bool) -> Result<StartGaussians, Spl
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Tolerance;
+    use atsplat_scene::{SceneSource as _, Warnings};
     use atsplat_splat::GaussianParts;
     use atsplat_splat::files::{Encoding, Output};
 
@@ -168,7 +181,7 @@ mod tests {
         let path = folder.path().join("start.ply");
         files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
         let start = Start::At(path);
-        start.gaussians(&[], (folder.path(), "scene"), None, opacities_as_stored, (0, Strategy::Fixed)).unwrap()
+        start.gaussians(&[], (folder.path(), "scene", None), None, opacities_as_stored, (0, Strategy::Fixed)).unwrap()
     }
 
     #[test]
@@ -205,7 +218,7 @@ mod tests {
         let rows = (0..5).map(|at| format!("{at} {at} 0 1 255 0 0 0.5\n")).collect::<Vec<_>>().concat();
         std::fs::write(garden.join("sparse/points3D.txt"), rows).unwrap();
         let points = |start: &Start, data: &Path, scene: &str| {
-            let made = start.gaussians(&[], (data, scene), None, false, (0, Strategy::Fixed));
+            let made = start.gaussians(&[], (data, scene, None), None, false, (0, Strategy::Fixed));
             made.map(|made| made.gaussians.len()).map_err(|error| error.to_string())
         };
         let file = garden.join("transforms.json");
@@ -215,6 +228,40 @@ mod tests {
         assert_eq!(points(&Start::At(garden), folder.path(), "other"), Ok(5));
         let error = points(&Start::Points, folder.path(), "other").unwrap_err();
         assert!(error.contains("sparse/") && error.contains(&folder.path().display().to_string()), "{error}");
+    }
+
+    /// As `ns-process-data` leaves a capture: its cameras are turned, then moved, then scaled; COLMAP's model is not.
+    #[test]
+    fn points_move_as_the_cameras_of_their_capture_did() {
+        let folder = tempfile::tempdir().unwrap();
+        let capture = folder.path().join("garden");
+        let model = capture.join("colmap/sparse/0");
+        std::fs::create_dir_all(&model).unwrap();
+        let rows = (1..=5).map(|at| format!("{at} {at} 20 300 255 0 0 0.5\n")).collect::<Vec<_>>().concat();
+        std::fs::write(model.join("points3D.txt"), rows).unwrap();
+        let points = |applied: &str| {
+            let camera = r#""frames": [{ "file_path": "a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]] }]"#;
+            std::fs::write(capture.join("transforms.json"), format!("{{ {applied} {camera} }}")).unwrap();
+            let dataset = atsplat_scene::open(folder.path(), &mut Warnings::new()).unwrap();
+            let data = (folder.path(), "garden", dataset.applied_transform("garden").unwrap());
+            [Start::Points, Start::At(capture.clone())].map(|start| {
+                assert!(start.reads_points());
+                let made = start.gaussians(&[], data, None, false, (0, Strategy::Fixed)).unwrap();
+                made.gaussians.parts().means.iter().map(|mean| mean.map(f64::from)).collect::<Vec<_>>()
+            })
+        };
+        let turn = r#""applied_transform": [[0, 1, 0, 5], [0, 0, 1, 6], [1, 0, 0, 7]],"#;
+        for (applied, expected) in [
+            (format!(r#"{turn} "applied_scale": 2,"#), [50.0, 612.0, 16.0]),
+            (turn.to_owned(), [25.0, 306.0, 8.0]),
+            (r#""applied_scale": 2,"#.to_owned(), [2.0, 40.0, 600.0]),
+            (String::new(), [1.0, 20.0, 300.0]),
+        ] {
+            for found in points(&applied) {
+                Tolerance::absolute(1e-4).assert(found[0], expected, &applied);
+            }
+        }
+        assert!(!Start::Random(1).reads_points() && !Start::At("start.ply".into()).reads_points());
     }
 
     #[test]

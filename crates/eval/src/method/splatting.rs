@@ -6,9 +6,9 @@ use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
+use atsplat_splat::{Field, Finding, Gaussians, Problem, RenderOptions, Renderer, Rendering, SplatError, View};
 
-use super::{ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
+use super::{BROKEN, ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
 use crate::{AdapterRecord, MethodRecord};
 
 /// How Gaussians are rendered.
@@ -243,8 +243,11 @@ fn finished(rendering: Rendering<f32>, plan: &EffectPlan) -> Result<Rendered, St
 }
 
 impl Prediction for Splatted<'_> {
+    /// Gaussians are checked here, and not in the time of the encoding.
     fn cost(&self) -> Cost {
-        self.cost.clone()
+        let mut cost = self.cost.clone();
+        cost.notes.extend(undrawn(self.scene.gaussians(), &cost.notes));
+        cost
     }
 
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
@@ -257,7 +260,64 @@ impl Prediction for Splatted<'_> {
     }
 }
 
+/// A note on Gaussians that no renderer draws, unless `notes` have them already: those of a file are noted when it is read. Logits
+/// and log-scales that are not finite are opacities of 0 and 1 and scales of 0, and are rendered.
+fn undrawn(gaussians: &Gaussians, notes: &[String]) -> Option<String> {
+    let are_noted = notes.iter().any(|note| note.starts_with(BROKEN));
+    let is_new = |finding: &&Finding| match finding.problem {
+        // Reading a file drops them, but reading logits as opacities makes new ones.
+        Problem::NotANumber => true,
+        _ => !are_noted && !matches!(finding.field, Field::OpacityLogits | Field::LogScales),
+    };
+    let found = gaussians.validate();
+    let kinds: Vec<String> = found.findings.iter().filter(is_new).map(ToString::to_string).collect();
+    (!kinds.is_empty()).then(|| format!("{BROKEN}{}, of {}: they are not drawn", kinds.join("; "), found.total))
+}
+
 /// Parameters by name.
 pub(super) fn parameters<const N: usize>(list: [(&str, serde_json::Value); N]) -> BTreeMap<String, serde_json::Value> {
     list.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_protocol::Preset;
+    use atsplat_splat::GaussianParts;
+
+    use super::*;
+    use crate::method::atsplat::tests::trials;
+
+    #[test]
+    fn gaussians_that_are_not_drawn_are_noted_once() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let notes = |notes: &[&str], change: fn(&mut GaussianParts)| {
+            let mut parts = GaussianParts {
+                means: vec![[0.0, 0.0, 2.0]; 3],
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+                log_scales: vec![[-2.0; 3]; 3],
+                opacity_logits: vec![0.5; 3],
+                sh: vec![[0.25; 3]; 3],
+                ..GaussianParts::default()
+            };
+            change(&mut parts);
+            let cost = Cost { notes: notes.iter().map(ToString::to_string).collect(), ..Cost::default() };
+            let splatting = Splatting::default();
+            splatting.predict(input, Gaussians::new(parts).unwrap(), cost).cost().notes
+        };
+        let nan: fn(&mut GaussianParts) = |parts| parts.means[1][0] = f32::NAN;
+        let zero: fn(&mut GaussianParts) = |parts| parts.quaternions[2] = [0.0; 4];
+        let opaque: fn(&mut GaussianParts) = |parts| {
+            parts.opacity_logits[0] = f32::INFINITY;
+            parts.log_scales[0][2] = f32::NEG_INFINITY;
+        };
+        let of_nan = "broken Gaussians: means not a number in 1, first 1, of 3: they are not drawn";
+        assert_eq!(notes(&[], nan), [of_nan]);
+        assert_eq!(notes(&[], zero), ["broken Gaussians: quaternions zero in 1, first 2, of 3: they are not drawn"]);
+        assert_eq!(notes(&[], opaque), [""; 0], "an opacity of 1 and a scale of 0 are drawn");
+        let of_file = "broken Gaussians: 1 of 3, of which 0 are skipped: quaternions zero in 1, first 2 (a.ply)";
+        assert_eq!(notes(&[of_file], zero), [of_file]);
+        assert_eq!(notes(&[of_file], nan), [of_file, of_nan]);
+    }
 }

@@ -3,8 +3,8 @@ use std::path::Path;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::AtomicFile;
-use atsplat_pixels::{DecodeLimits, encode_png};
-use atsplat_scene::{Frame, Picture, Scene, WarningKind, Warnings, is_plain_name};
+use atsplat_pixels::{DecodeLimits, ImageU8, encode_png};
+use atsplat_scene::{Frame, Scene, WarningKind, Warnings, is_plain_name};
 use serde_json::{Value, json};
 
 use super::{OpenCvError, UndistortMode, Undistorter};
@@ -14,12 +14,13 @@ use super::{OpenCvError, UndistortMode, Undistorter};
 pub struct UndistortedFrames {
     /// Pictures written.
     pub written: u64,
-    /// Frames without a readable picture.
+    /// Frames without a readable picture. They keep their place in the list, with a picture that is missing.
     pub skipped: u64,
 }
 
 /// Writes a scene's undistorted pictures as `<folder>/images/<frame>.png`, and their pinhole cameras as
-/// `<folder>/transforms.json`. `progress` is called for each frame; pictures that cannot be read are in `warnings`.
+/// `<folder>/transforms.json`. `progress` is called for each frame; pictures that cannot be read are in `warnings`. Their frames stay
+/// in the list, because indices of protocols are positions in it.
 ///
 /// # Errors
 /// [`OpenCvError::Io`] and [`OpenCvError::Pixels`] if a file cannot be written, and as [`Undistorter::new`].
@@ -35,22 +36,16 @@ pub fn undistort_scene(
     let list = folder.join("transforms.json");
     let list_file = AtomicFile::create(&list).map_err(OpenCvError::io("writing cameras", &list))?;
     let mut undistorter: Option<(Camera, ImageSize, Undistorter)> = None;
-    let (mut frames, mut names, mut skipped) = (Vec::new(), BTreeSet::new(), 0);
+    let (mut frames, mut names, mut count) = (Vec::new(), BTreeSet::new(), UndistortedFrames::default());
     for (position, frame) in scene.frames.iter().enumerate() {
         progress();
-        if matches!(frame.picture, Picture::Absent | Picture::Missing(_)) {
-            skipped += 1;
+        let picture = readable_picture(scene, position, frame, warnings);
+        let size = picture.as_ref().map(|picture| ImageSize { width: picture.width(), height: picture.height() });
+        let Some(size) = size.or_else(|| stated_or_common_size(scene, frame)) else {
+            // No picture of the scene has a size: the list has no frames at all, which readers refuse.
+            count.skipped += 1;
             continue;
-        }
-        let picture = match scene.decode(position, &DecodeLimits::default()) {
-            Ok(picture) => picture,
-            Err(error) => {
-                skipped += 1;
-                warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string());
-                continue;
-            }
         };
-        let size = ImageSize { width: picture.width(), height: picture.height() };
         let fits = |(camera, of_size, _): &(Camera, ImageSize, Undistorter)| {
             camera.intrinsics == frame.camera.intrinsics
                 && camera.distortion == frame.camera.distortion
@@ -61,18 +56,40 @@ pub fn undistort_scene(
             Some(current) => current,
             None => (frame.camera, size, Undistorter::new(&frame.camera, size, mode)?),
         };
-        let straight = current.2.undistort(&picture)?;
-        let name = format!("images/{}.png", unique_name(frame, position, &mut names));
-        let path = folder.join(&name);
-        atsplat_files::write(&path, &encode_png(&straight)?).map_err(OpenCvError::io("writing a picture", &path))?;
+        let mut name = format!("{}.png", unique_name(frame, position, &mut names));
+        if let Some(picture) = picture {
+            name = format!("images/{name}");
+            let (path, straight) = (folder.join(&name), current.2.undistort(&picture)?);
+            atsplat_files::write(&path, &encode_png(&straight)?)
+                .map_err(OpenCvError::io("writing a picture", &path))?;
+            count.written += 1;
+        } else {
+            // Never written, so that no picture of an earlier run stands in.
+            name = format!("missing/{name}");
+            count.skipped += 1;
+        }
         frames.push(frame_json(frame, &name, size, &current.2));
         undistorter = Some(current);
     }
-    let written = frames.len() as u64;
     let transforms = json!({ "camera_model": "PINHOLE", "frames": frames });
     let outcome = serde_json::to_writer_pretty(list_file.writer(), &transforms).map_err(std::io::Error::from);
     outcome.and_then(|()| list_file.commit()).map_err(OpenCvError::io("writing cameras", &list))?;
-    Ok(UndistortedFrames { written, skipped })
+    Ok(count)
+}
+
+/// The frame's picture; one that is there and cannot be read is counted.
+fn readable_picture(scene: &Scene, position: usize, frame: &Frame, warnings: &mut Warnings) -> Option<ImageU8> {
+    if !frame.picture.is_available() {
+        return None;
+    }
+    let picture = frame.decode(&scene.key, position, &DecodeLimits::default());
+    picture.map_err(|error| warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string())).ok()
+}
+
+/// The size for which the intrinsics of a frame without a picture are written: the stated one, or that of the scene's first picture.
+fn stated_or_common_size(scene: &Scene, frame: &Frame) -> Option<ImageSize> {
+    let mut sizes = scene.frames.iter().enumerate().map(|(at, other)| other.size(&scene.key, at));
+    frame.stated_size.or_else(|| sizes.find_map(Result::ok))
 }
 
 /// The frame's name, with its position if the name is taken or is not a file name.
@@ -96,4 +113,57 @@ fn frame_json(frame: &Frame, name: &str, size: ImageSize, undistorter: &Undistor
         "fl_x": k.fx, "fl_y": k.fy, "cx": k.cx, "cy": k.cy,
         "transform_matrix": matrix,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{CameraFromWorld, Distortion, NormalizedIntrinsics};
+    use atsplat_scene::{Picture, SceneSource as _, SharedBytes};
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+    use crate::linked::test_pictures::shifted_noise;
+
+    fn frame(at: usize, picture: Picture) -> Frame {
+        let camera_from_world = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-(at as f64), 0.0, 0.0)).unwrap();
+        let intrinsics = NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap();
+        let distortion = Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+        let camera = Camera { camera_from_world, intrinsics, distortion };
+        Frame { name: format!("f_{at}"), timestamp_micros: None, camera, stated_size: None, picture }
+    }
+
+    /// The size of the first frame, which is stated nowhere, is that of the pictures.
+    #[test]
+    fn frames_without_a_readable_picture_keep_their_position() {
+        let folder = tempfile::tempdir().unwrap();
+        let whole = || encode_png(&shifted_noise(32, 24, 0, 0)).unwrap();
+        let pictures = [
+            Picture::Missing("f_0.png".into()),
+            Picture::Encoded(SharedBytes::new(whole())),
+            Picture::Encoded(SharedBytes::new(b"no picture".to_vec())),
+            Picture::Encoded(SharedBytes::new(whole())),
+        ];
+        let frames = pictures.into_iter().enumerate().map(|(at, picture)| frame(at, picture)).collect();
+        let scene = Scene { key: "scene".to_owned(), url: None, frames };
+        // As an earlier run left it, when it could still be read.
+        std::fs::create_dir(folder.path().join("images")).unwrap();
+        std::fs::write(folder.path().join("images/f_2.png"), whole()).unwrap();
+        let mut warnings = Warnings::new();
+        let count = undistort_scene(&scene, UndistortMode::KeepK, folder.path(), &mut warnings, &|| ()).unwrap();
+        assert_eq!(count, UndistortedFrames { written: 2, skipped: 2 });
+        assert_eq!((warnings.total(), warnings.count(WarningKind::UnreadablePicture)), (1, 1), "{:?}", warnings.kept());
+
+        let mut found = Warnings::new();
+        let dataset = atsplat_scene::open(folder.path(), &mut found).unwrap();
+        let read = dataset.load(&dataset.keys()[0], &mut found).unwrap();
+        let pictured: Vec<bool> = read.frames.iter().map(|frame| frame.picture.is_available()).collect();
+        assert_eq!(pictured, [false, true, false, true]);
+        assert_eq!((found.total(), found.count(WarningKind::MissingPicture)), (2, 2), "{:?}", found.kept());
+        for (read, own) in read.frames.iter().zip(&scene.frames) {
+            assert_eq!((&read.name, read.camera.distortion), (&own.name, Distortion::None));
+            let centres = [read, own].map(|frame| frame.camera.camera_from_world.inverse().centre());
+            assert!(centres[0].distance(centres[1]) < 1e-9, "{centres:?}");
+            assert!((read.camera.intrinsics.fx - own.camera.intrinsics.fx).abs() < 1e-9, "{}", read.name);
+        }
+    }
 }

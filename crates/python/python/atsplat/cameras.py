@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ._arrays import as_array, invalid
+from ._arrays import as_array, describe, invalid
 
 #: The camera's axes in each convention, as multiples of OpenCV's: +x right, +y down, +z forward.
 CONVENTIONS = {
@@ -43,6 +43,17 @@ class Cameras:
     width: int
     frames: tuple[int, ...]
     lenses: tuple[tuple[str, tuple[float, ...]], ...]
+
+    def __post_init__(self) -> None:
+        poses, matrices = np.asarray(self.camera_from_world), np.asarray(self.intrinsics)
+        if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+            raise invalid("camera_from_world", f"expected N × 4 × 4, found {describe(poses)}")
+        count = len(poses)
+        if matrices.shape != (count, 3, 3):
+            raise invalid("intrinsics", f"expected {count} × 3 × 3, found {describe(matrices)}")
+        for field, listed in (("frames", self.frames), ("lenses", self.lenses)):
+            if len(listed) != count:
+                raise invalid(field, f"expected {count}, one for each pose, found {len(listed)}")
 
     @classmethod
     def from_arrays(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -35,7 +36,7 @@ def render(
     antialiased: bool = False,
     depth: bool = False,
 ) -> Rendering:
-    """Renders Gaussians from cameras.
+    """Renders Gaussians from cameras. Those with NaN, and others that cannot be drawn, are left out with a warning.
 
     Args:
         gaussians: in the world of the cameras.
@@ -50,7 +51,11 @@ def render(
     """
     sized = replace(cameras, height=height or cameras.height, width=width or cameras.width)
     rgb = [float(channel) for channel in background]
-    images, alpha, *rest = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
+    rendered, invalid = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
+    if invalid:
+        text = f"{invalid} of {len(gaussians)} Gaussians are invalid (NaN, infinite, or without a rotation), and not drawn"
+        warnings.warn(text, stacklevel=2)
+    images, alpha, *rest = rendered
     if not rest:
         return Rendering(images, alpha)
     composited = rest[0]

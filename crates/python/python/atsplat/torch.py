@@ -29,8 +29,8 @@ class TrialDataset(Dataset):
 
     An item is a dict of ``scene`` and ``entry``, ``near_far`` (2), and for ``context`` and ``target`` each: ``context_images``
     (V × 3 × H × W, float32 in [0, 1]), ``context_world_from_camera`` (V × 4 × 4, float32, OpenCV axes) and ``context_intrinsics``
-    (V × 3 × 3, float32, in units of the image's size); lens distortion is left out. ``target_images`` are only there with
-    ``supervise=True``, for training: a method under evaluation may not see them.
+    (V × 3 × 3, float32, in units of the image's size); lens distortion is left out, with a warning. ``target_images`` are only there
+    with ``supervise=True``, for training: a method under evaluation may not see them.
 
     Args:
         of: a protocol, by name or opened.
@@ -55,6 +55,7 @@ class TrialDataset(Dataset):
         self._source, self._options = (name, fspath(data)), options
         self._setting, self._supervise = setting, supervise
         self._data: Data | None = None
+        self._warned_of_lenses = False
         check_setting(self._opened().protocol, setting)
         # No image is decoded for that.
         trials = self._opened()._native.trials(setting, limit, None, False)
@@ -98,10 +99,16 @@ class TrialDataset(Dataset):
         item["context_images"] = _channels_first(seen.context_images())
         if self._supervise:
             item["target_images"] = _channels_first(trial.target_images())
+        distorted = 0
         for views, cameras in (("context", seen.context_cameras()), ("target", seen.target_cameras())):
             posed = Cameras._of(*cameras)
+            distorted += sum(lens != "pinhole" for lens, _ in posed.lenses)
             item[f"{views}_world_from_camera"] = torch.from_numpy(posed.world_from_camera).float()
             item[f"{views}_intrinsics"] = torch.from_numpy(posed.intrinsics).float()
+        if distorted and not self._warned_of_lenses:
+            self._warned_of_lenses = True
+            text = f"scene {scene!r}, entry {entry}: {distorted} views have lens distortion, which items leave out (only said once)"
+            warnings.warn(text, stacklevel=2)
         return item
 
 

@@ -370,7 +370,7 @@ fn learning_curve() -> Drawing {
             ("uncertainty", term(0.02, 3)),
             ("off", vec![Some(0.0); 3000]),
         ],
-        evaluations: &[(0, 9.0, 16.5), (1000, 17.5, 16.5), (2000, 20.5, 16.5), (2999, 21.5, 16.5)],
+        evaluations: &[(0, 9.0), (1000, 17.5), (2000, 20.5), (2999, 21.5)].map(|(step, psnr)| (step, psnr, Some(16.5))),
     }
     .draw()
 }

@@ -18,8 +18,9 @@ pub struct LearningCurve<'a> {
     pub steps: &'a [u64],
     /// Name of each loss term, and its value at each step; `None` for skipped steps.
     pub losses: &'a [(&'static str, Vec<Option<f64>>)],
-    /// Step, PSNR of the renders and PSNR of the nearest context view in dB, of each evaluation.
-    pub evaluations: &'a [(u64, f64, f64)],
+    /// Step, PSNR of the renders and PSNR of the nearest context view in dB, of each evaluation; `None` where that view
+    /// cannot be compared, because its size differs.
+    pub evaluations: &'a [(u64, f64, Option<f64>)],
 }
 
 /// The series of the lower panel.
@@ -52,17 +53,20 @@ impl LearningCurve<'_> {
             draw_line(&mut drawing, &losses, name, points, colour(at));
         }
         let score_colour = |at: usize| if at == 0 { colour(curves.len()) } else { GREY };
-        let top = line_legend(&mut drawing, below + 20.0, &SCORES, score_colour) + 34.0;
-        let values = self.evaluations.iter().flat_map(|(_, renders, nearest)| [*renders, *nearest]);
+        let renders = self.evaluations.iter().map(|(step, renders, _)| (*step as f64, *renders)).collect();
+        let nearest = self.evaluations.iter().filter_map(|(step, _, nearest)| Some((*step as f64, (*nearest)?)));
+        let mut series: Vec<(&str, Vec<(f64, f64)>)> = SCORES.into_iter().zip([renders, nearest.collect()]).collect();
+        series.retain(|(_, points)| !points.is_empty());
+        let names: Vec<&str> = series.iter().map(|(name, _)| *name).collect();
+        let top = line_legend(&mut drawing, below + 20.0, &names, score_colour) + 34.0;
+        let values = series.iter().flat_map(|(_, points)| points.iter().map(|(_, psnr)| *psnr));
         let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
         let scores =
             Axes { inside: Extent::new(72.0, top, 876.0, top + 260.0), x, y: Scale::linear(low - 1.0, high + 1.0) };
         scores.draw_y(&mut drawing, &number_axis("PSNR in dB on the same samples, higher is better"));
         let below = scores.draw_x(&mut drawing, &AxisText { title: "steps", label: steps });
-        for (at, name) in SCORES.into_iter().enumerate() {
-            let value = |(step, renders, nearest): &(u64, f64, f64)| (*step as f64, [*renders, *nearest][at]);
-            let points: Vec<(f64, f64)> = self.evaluations.iter().map(value).collect();
-            draw_line(&mut drawing, &scores, name, &points, score_colour(at));
+        for (at, (name, points)) in series.iter().enumerate() {
+            draw_line(&mut drawing, &scores, name, points, score_colour(at));
         }
         drawing.end_at(below + 14.0);
         drawing

@@ -4,6 +4,7 @@ mod clip_motion;
 mod glide;
 mod place;
 mod statistics;
+mod times;
 mod walk;
 
 use std::collections::BTreeSet;
@@ -17,6 +18,8 @@ use crate::{RoomsError, SceneKind};
 pub use clip_motion::ClipMotion;
 pub(crate) use place::place;
 pub use statistics::Motion;
+pub use times::has_times;
+pub(crate) use times::timed_cameras;
 
 /// One camera of a simulated clip.
 #[derive(Clone, Copy, Debug, PartialEq)]

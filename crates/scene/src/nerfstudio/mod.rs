@@ -6,7 +6,7 @@ mod source;
 mod transforms;
 
 pub use lens::{Focal, LensFields};
-pub use source::{NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};
+pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
 pub(crate) use pictures::{FoundPicture, PictureFinder, without_factor};

@@ -1,6 +1,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
+use glam::DVec3;
 
 use super::lens::LensFields;
 use super::pictures::without_factor;
@@ -136,6 +137,13 @@ impl SceneSource for NerfstudioScenes {
         report_cameras(&scene, warnings);
         Ok(scene)
     }
+
+    fn applied_transform(&self, key: &str) -> Result<Option<AppliedTransform>, SceneError> {
+        let (transforms, file) = self.transforms(key)?;
+        let is_moved = transforms.applied_transform.is_some() || transforms.applied_scale.is_some();
+        let is_kept = is_moved && !self.options.undo_applied_transform;
+        is_kept.then(|| AppliedTransform::of(&transforms, file)).transpose()
+    }
 }
 
 fn frames(
@@ -146,7 +154,7 @@ fn frames(
     undo_applied_transform: bool,
     warnings: &mut Warnings,
 ) -> Result<Vec<Frame>, SceneError> {
-    let undo = undo_applied_transform.then(|| Undo::of(transforms, file)).transpose()?;
+    let applied = undo_applied_transform.then(|| AppliedTransform::of(transforms, file)).transpose()?;
     let needs_size = |lens: &LensFields| !lens.or(transforms.lens).states_size();
     let picture_size = if transforms.frames.iter().any(|frame| needs_size(&frame.lens)) {
         size_of_first(&pictures, key)?
@@ -158,7 +166,7 @@ fn frames(
     for (at, (listed, found)) in transforms.frames.iter().zip(pictures).enumerate() {
         let lens = listed.lens.or(transforms.lens).resolve(picture_size, &format!("frames[{at}]: "), file)?;
         let pose = listed.world_from_camera;
-        let pose = undo.map_or(pose, |undo| undo.apply(&pose));
+        let pose = applied.map_or(pose, |applied| applied.original_pose(&pose));
         let name = stem(&listed.file_path);
         contradictions.extend(lens.contradiction.map(|detail| format!("first {at}: {detail}")));
         frames.push(Frame {
@@ -180,15 +188,16 @@ fn frames(
     Ok(frames)
 }
 
-/// Transforms poses of the saved world back to that of structure from motion, which was first moved and then scaled
-/// (nerfstudio `data/dataparsers/nerfstudio_dataparser.py`).
-#[derive(Clone, Copy, Debug)]
-struct Undo {
+/// What nerfstudio did to the world of structure from motion before it saved poses: `applied_transform` moved it, then
+/// `applied_scale` scaled it (nerfstudio `data/dataparsers/nerfstudio_dataparser.py`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AppliedTransform {
+    moved_from_original: WorldFromCamera,
+    original_from_moved: WorldFromCamera,
     scale: f64,
-    original_from_saved: WorldFromCamera,
 }
 
-impl Undo {
+impl AppliedTransform {
     fn of(transforms: &Transforms, file: &Path) -> Result<Self, SceneError> {
         let scale = transforms.applied_scale.unwrap_or(1.0);
         if !(scale.is_finite() && scale > 0.0) {
@@ -197,16 +206,22 @@ impl Undo {
         }
         let identity = WorldFromCamera::IDENTITY.to_rows();
         let rows = transforms.applied_transform.unwrap_or(identity);
-        let original_from_saved = WorldFromCamera::from_rows(&rows).and_then(|pose| {
-            let inverse = pose.inverse();
-            WorldFromCamera::new(inverse.rotation(), inverse.translation())
+        let both = WorldFromCamera::from_rows(&rows).and_then(|moved_from_original| {
+            let inverse = moved_from_original.inverse();
+            Ok((moved_from_original, WorldFromCamera::new(inverse.rotation(), inverse.translation())?))
         });
-        let original_from_saved = original_from_saved.map_err(SceneError::camera(file, "applied_transform"))?;
-        Ok(Self { scale: scale.recip(), original_from_saved })
+        let (moved_from_original, original_from_moved) = both.map_err(SceneError::camera(file, "applied_transform"))?;
+        Ok(Self { moved_from_original, original_from_moved, scale })
     }
 
-    fn apply(&self, pose: &WorldFromCamera) -> WorldFromCamera {
-        pose.scaled_by(self.scale).moved_by(&self.original_from_saved)
+    /// Where a point of structure from motion, such as COLMAP's, is in the saved world.
+    pub fn saved_point(&self, point: DVec3) -> DVec3 {
+        self.moved_from_original.transform_point(point) * self.scale
+    }
+
+    /// A saved pose in the world of structure from motion.
+    fn original_pose(&self, pose: &WorldFromCamera) -> WorldFromCamera {
+        pose.scaled_by(self.scale.recip()).moved_by(&self.original_from_moved)
     }
 }
 

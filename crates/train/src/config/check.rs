@@ -33,9 +33,18 @@ impl TrainConfig {
         if self.data.is_empty() {
             return refuse("data".to_owned(), "at least one source", "none");
         }
-        for (at, DataConfig { share, .. }) in self.data.iter().enumerate() {
+        for (at, DataConfig { share, source }) in self.data.iter().enumerate() {
             if !(*share > 0.0 && share.is_finite()) {
                 return refuse(format!("data[{at}].share"), "a positive number", share);
+            }
+            let (kind, views) = match source {
+                SourceConfig::Rooms(rooms) => ("rooms", &rooms.views),
+                SourceConfig::Dataset(dataset) => ("dataset", &dataset.views),
+            };
+            let warm_up = views.gaps.warm_up_steps;
+            if warm_up > 0 && self.distinct.is_some() {
+                let field = format!("data[{at}].source.{kind}.views.gaps.warm-up-steps");
+                return refuse(field, "0 with `distinct`, as samples whose gaps grow do not repeat", warm_up);
             }
         }
         for (field, source) in self.sources() {
@@ -268,6 +277,30 @@ mod tests {
             let error = read("128, 128", second, evaluation, share).unwrap_err();
             let field = format!("run.toml, field {field}: ");
             assert!(error.contains(&field) && error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn samples_that_repeat_have_gaps_that_stay() {
+        let read = |distinct: &str, source: &str| {
+            let text = format!(
+                "title = 'repeated'\nseed = 1\nsteps = 8\nbatch = 1\n{distinct}\nmodel = {{ base = 'nano' }}\n[[data]]\n\
+                 [data.source.{source}\nviews = {{ context = [2, 2], targets = 1, \
+                 gaps = {{ min = 2, max = 2, initial-min = 1, initial-max = 1, warm-up-steps = 4 }} }}"
+            );
+            TrainConfig::from_toml(&text).map(drop).map_err(|error| error.to_string())
+        };
+        for (kind, source) in [
+            ("rooms", "rooms]\nscenes-of = 'rooms'\nscenes = 1\nsize = [256, 256]"),
+            ("dataset", "dataset]\npath = 'absent'\npreset = 're10k-2v-256'"),
+        ] {
+            read("", source).unwrap();
+            let error = read("distinct = 2", source).unwrap_err();
+            let field = format!("data[0].source.{kind}.views.gaps.warm-up-steps");
+            assert!(
+                error.contains(&field) && error.contains("0 with `distinct`") && error.contains("found 4"),
+                "{error}"
+            );
         }
     }
 

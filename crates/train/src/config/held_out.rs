@@ -2,18 +2,25 @@
 
 use std::path::Path;
 
+use atsplat_camera::PoseNormalisation;
+use atsplat_scene::Warnings;
+
 use super::{SourceConfig, TrainConfig};
+use crate::samples::{DatasetConfig, DatasetSource};
 
 impl TrainConfig {
     /// Whether the evaluation's scenes are known to be none of those that this run trains on: simulated ones of another kind,
-    /// of the other split or with other numbers, or those of another folder. Weights that the run starts from may have seen them.
+    /// of the other split or with other numbers, or those of another folder and of other names than its scenes; datasets are opened for
+    /// that. Weights that the run starts from may have seen them.
     pub fn is_evaluation_held_out(&self) -> bool {
-        let differs = |source: &SourceConfig| self.data.iter().all(|data| are_disjoint(&data.source, source));
+        let differs = |source: &SourceConfig| {
+            self.data.iter().all(|data| are_disjoint(&data.source, source, &self.pose_normalisation))
+        };
         self.evaluation.as_ref().is_some_and(|evaluation| differs(&evaluation.source))
     }
 }
 
-fn are_disjoint(a: &SourceConfig, b: &SourceConfig) -> bool {
+fn are_disjoint(a: &SourceConfig, b: &SourceConfig, normalisation: &PoseNormalisation) -> bool {
     match (a, b) {
         (SourceConfig::Rooms(a), SourceConfig::Rooms(b)) => {
             let other_numbers = a.last() < b.first || b.last() < a.first;
@@ -21,8 +28,15 @@ fn are_disjoint(a: &SourceConfig, b: &SourceConfig) -> bool {
         }
         (SourceConfig::Dataset(a), SourceConfig::Dataset(b)) => {
             let resolved = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
-            let (a, b) = (resolved(&a.path), resolved(&b.path));
-            !a.starts_with(&b) && !b.starts_with(&a)
+            let (path_a, path_b) = (resolved(&a.path), resolved(&b.path));
+            if path_a.starts_with(&path_b) || path_b.starts_with(&path_a) {
+                return false;
+            }
+            let open = |config: &DatasetConfig| {
+                DatasetSource::open(config.clone(), normalisation.clone(), &mut Warnings::new()).ok()
+            };
+            // Two folders may hold copies of one dataset. Nothing is known of one that cannot be opened.
+            open(a).zip(open(b)).is_some_and(|(a, b)| !a.shares_a_scene_with(&b))
         }
         // A folder may hold simulated scenes.
         (SourceConfig::Rooms(_), SourceConfig::Dataset(_)) | (SourceConfig::Dataset(_), SourceConfig::Rooms(_)) => {
@@ -79,13 +93,38 @@ mod tests {
     }
 
     #[test]
-    fn datasets_differ_if_neither_folder_holds_the_other() {
-        let dataset = |path: &str| format!("source.dataset = {{ path = '{path}', preset = 're10k-2v-256', {VIEWS} }}");
-        for (evaluation, expected) in
-            [("re10k/train", false), ("re10k", false), ("re10k/train/one", false), ("re10k/test", true)]
-        {
-            assert_eq!(held_out(&dataset("re10k/train"), &dataset(evaluation)), expected, "{evaluation}");
+    fn datasets_differ_if_neither_folder_holds_the_other_and_no_scene_is_in_both() {
+        let folder = tempfile::tempdir().unwrap();
+        for scene in ["train/aaa", "train/bbb", "test/ccc", "copy/bbb", "copy/ccc", "subset/1K/aaa"] {
+            let scene = folder.path().join(scene);
+            std::fs::create_dir_all(&scene).unwrap();
+            std::fs::write(scene.join("transforms.json"), "{}").unwrap();
         }
-        assert!(!held_out(&dataset("re10k/train"), &rooms("scenes-of = 'rooms', scenes = 1, split = 'test'")));
+        let index = r#"{"bbb": null}"#;
+        std::fs::write(folder.path().join("index.json"), index).unwrap();
+        let dataset = |path: &str, more: &str| {
+            let path = folder.path().join(path);
+            format!("source.dataset = {{ path = '{}', preset = 'dl3dv-2v-256x448', {VIEWS}{more} }}", path.display())
+        };
+        let train = dataset("train", "");
+        for (evaluation, expected) in [
+            ("train", false),
+            ("", false),
+            ("train/aaa", false),
+            ("test", true),
+            ("copy", false),
+            ("subset", false),
+            ("absent", false),
+        ] {
+            assert_eq!(held_out(&train, &dataset(evaluation, "")), expected, "{evaluation}");
+        }
+        assert!(!held_out(&train, &rooms("scenes-of = 'rooms', scenes = 1, split = 'test'")));
+        let sha256 = atsplat_files::Sha256Digest::of(index.as_bytes());
+        let index = folder.path().join("index.json");
+        let exclude = format!(", exclude = [{{ index = '{}', sha256 = '{sha256}' }}]", index.display());
+        assert!(
+            held_out(&dataset("train", &exclude), &dataset("copy", "")),
+            "the training never draws the scene in both"
+        );
     }
 }

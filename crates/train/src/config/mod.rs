@@ -51,7 +51,7 @@ pub struct TrainConfig {
     /// Whether half of the samples are mirrored.
     #[serde(default)]
     pub flips: bool,
-    /// Number of distinct samples, after which they repeat; if absent, samples never repeat.
+    /// Number of distinct samples, after which they repeat; if absent, samples never repeat. Their gaps cannot warm up.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distinct: Option<NonZeroU64>,
     /// Losses.

@@ -121,6 +121,12 @@ impl DatasetSource {
         &self.keys
     }
 
+    /// Whether a scene of the same name may be drawn from both, with or without the prefix of DL3DV's training set.
+    pub(crate) fn shares_a_scene_with(&self, other: &Self) -> bool {
+        let names: BTreeSet<&str> = self.keys.iter().map(|key| scene_name(key)).collect();
+        other.keys.iter().any(|key| names.contains(scene_name(key)))
+    }
+
     fn counted(&self) -> MutexGuard<'_, Counted> {
         self.counted.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -386,6 +386,23 @@ fn the_applied_transform_is_undone_only_on_request() {
     // saved = 2 · (A · original + a), so original = Aᵀ · (saved / 2 − a).
     let (x, y, z) = (0.5 - 5.0, 1.0 - 6.0, 1.5 - 7.0);
     Tolerance::F64.assert(centre(true), [z, x, y], "undone");
+
+    let applied = |root: &Value, undo_applied_transform| {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("transforms.json");
+        fs::write(&file, root.to_string()).unwrap();
+        let options = NerfstudioOptions { undo_applied_transform, ..NerfstudioOptions::default() };
+        let source = NerfstudioScenes::open(&file, options, &mut Warnings::new()).unwrap();
+        source.applied_transform(&source.keys()[0])
+    };
+    let kept = applied(&root, false).unwrap().unwrap();
+    Tolerance::F64.assert(kept.saved_point(DVec3::new(z, x, y)).to_array(), [1.0, 2.0, 3.0], "a point moves along");
+    Tolerance::F64.assert(kept.saved_point(DVec3::new(1.0, 2.0, 3.0)).to_array(), [14.0, 18.0, 16.0], "by hand");
+    assert_eq!(applied(&root, true).unwrap(), None, "the cameras are in the points' world");
+    assert_eq!(applied(&transforms(|_| ()), false).unwrap(), None, "nothing is applied");
+    let mirrored = transforms(|root| root["applied_transform"] = json!([[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]));
+    let error = applied(&mirrored, false).unwrap_err().to_string();
+    assert!(error.contains("applied_transform"), "{error}");
 }
 
 proptest! {
