@@ -5,7 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::Results;
-use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
+use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between, summary};
+use atsplat_protocol::Aggregation;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::{TableFormat, orders_as_markdown};
 use atsplat_report::table::{Mixing, Source, Table, protocol_tables, tables};
@@ -14,16 +15,28 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../reports/claims")
 }
 
-/// A metric of one row minus that of another, paired over the scenes of both, with its interval.
+/// A metric of one row minus that of another under `rooms-2v-64`, as [`difference_under`].
 fn difference(rows: [(&Results, &str); 2], metric: &'static str, decimals: usize) -> String {
-    let [first, second] = rows.map(|(results, method)| {
-        let (leaked, identical) = (Leaked::Included, Identical::Excluded);
-        (results, MetricQuery { preset: "rooms-2v-64", method, metric, leaked, identical })
-    });
+    difference_under(("rooms-2v-64", 200, 600), rows, metric, decimals)
+}
+
+/// A metric of one row minus that of another, paired over the scenes of both, with its interval; the protocol's name, scenes and
+/// targets come first.
+fn difference_under(
+    (preset, scenes, targets): (&'static str, u64, u64),
+    rows: [(&Results, &str); 2],
+    metric: &'static str,
+    decimals: usize,
+) -> String {
+    let [first, second] = rows.map(|(results, method)| (results, query(preset, method, metric)));
     let found = paired_between((first.0, &first.1), (second.0, &second.1)).unwrap();
-    assert_eq!((found.scenes, found.targets, found.unpaired), (200, 600, 0), "{} and {}", rows[0].1, rows[1].1);
+    assert_eq!((found.scenes, found.targets, found.unpaired), (scenes, targets, 0), "{} and {}", rows[0].1, rows[1].1);
     let [low, high] = found.interval.unwrap();
     format!("{:+.decimals$} [{low:+.decimals$}, {high:+.decimals$}]", found.difference).replace('-', "−")
+}
+
+fn query<'a>(preset: &'a str, method: &'a str, metric: &'static str) -> MetricQuery<'a> {
+    MetricQuery { preset, method, metric, leaked: Leaked::Included, identical: Identical::Excluded }
 }
 
 /// Two rows, each with the stores of its trainings: the first, the second and so on.
@@ -129,6 +142,42 @@ fn trials_of_the_recipe_are_those_of_the_store() {
     assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
 }
 
+const ROOMS: (&str, u64, u64) = ("rooms-2v-64", 200, 600);
+const YARDS: [(&str, u64, u64); 3] =
+    [("yards-2v-128x224", 12, 48), ("yards-4v-128x224", 12, 48), ("yards-6v-128x224", 12, 48)];
+
+/// One network for all settings against one for each, and networks on scenes that they never saw.
+#[test]
+fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let [results, zero_shot] =
+        ["unified", "zero-shot"].map(|name| Results::read(&folder().join(name).join("store")).unwrap());
+    let mean = |results: &Results, preset: &str, method: &str| {
+        let found = summary(results, &query(preset, method, "psnr"), Aggregation::SceneMeans);
+        format!("{:.2}", found.mean.unwrap())
+    };
+    let mut expected = Vec::new();
+    for (setting, protocol, separate) in [
+        ("rooms, 2 views", ROOMS, "separate-rooms-1"),
+        ("yards, 2 views", YARDS[0], "separate-yards-2v-1"),
+        ("yards, 4 views", YARDS[1], "separate-yards-4v-1"),
+        ("yards, 6 views", YARDS[2], "separate-yards-6v-1"),
+    ] {
+        let [own, all] = [separate, "unified-1"].map(|method| mean(&results, protocol.0, method));
+        let difference = difference_under(protocol, [(&results, "unified-1"), (&results, separate)], "psnr", 3);
+        expected.push(format!("| {setting} | {own} | {all} | {difference} |"));
+    }
+    for (setting, protocol, other, own) in [
+        ("yards, by the network for rooms", YARDS[0], "separate-rooms-1", "separate-yards-2v-1"),
+        ("rooms, by the network for yards", ROOMS, "separate-yards-2v-1", "separate-rooms-1"),
+    ] {
+        let difference = difference_under(protocol, [(&zero_shot, other), (&results, own)], "psnr", 3);
+        expected.push(format!("| {setting} | {} | {difference} |", mean(&zero_shot, protocol.0, other)));
+    }
+    expected.retain(|line| !readme.contains(line));
+    assert!(expected.is_empty(), "lines that the page lacks:\n{}", expected.join("\n"));
+}
+
 /// The tables of the real scene, and the numbers that its page quotes.
 #[test]
 fn tables_of_the_real_scene_are_those_of_its_store() {
@@ -175,13 +224,14 @@ fn published_orders_are_those_of_the_stores() {
             .flat_map(|name| tables(&TableDefinition::named(name).unwrap(), &[source], Mixing::Apart).unwrap())
             .filter(Table::is_measured)
             .collect();
-        // Folders whose tables hold no published order show slopes: the table of their protocol.
+        // The others show the tables of their protocols.
         let (built, file) = if let Some(orders) = orders_as_markdown(&built) {
             (orders, "orders.md")
         } else {
             let protocols = protocol_tables(&[source], Mixing::Apart).unwrap();
-            assert_eq!(protocols.len(), 1, "{}", path.display());
-            (TableFormat::Markdown.write(&protocols[0]).unwrap(), "protocol.md")
+            let texts: Vec<String> =
+                protocols.iter().map(|table| TableFormat::Markdown.write(table).unwrap()).collect();
+            (texts.join("\n"), "protocol.md")
         };
         let committed = std::fs::read_to_string(path.join(file)).unwrap();
         assert_eq!(built, committed, "{}", path.display());

@@ -253,12 +253,14 @@ fn runs<'a>(
             Some(part.preset.published()) == preset && method.is_none_or(|method| method.store == part.source.label)
         };
         let run = |part: &'a Part<'a>| {
-            let mut records = part.source.results.provenance.methods.iter();
+            let results = part.source.results;
+            let ran = |record: &&MethodRecord| has_trials(results, &part.preset.name, &record.name);
+            let mut records = results.provenance.methods.iter().filter(ran);
             let record = match method {
                 Some(method) => records.find(|record| record.name == method.record.name),
                 None => records.find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record))),
-            }?;
-            has_trials(part.source.results, &part.preset.name, &record.name).then_some((part, record))
+            };
+            Some((part, record?))
         };
         edition.parts.iter().filter(is_own).filter_map(run).collect()
     };

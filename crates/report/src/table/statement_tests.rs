@@ -1,6 +1,6 @@
 //! What a table says where it is pasted: data, sizes, scenes, verdicts, trainings, trends.
 
-use atsplat_eval::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord, TrialStatus};
+use atsplat_eval::{MethodRecord, Results, SkippedEntry, TargetStatus, TrainingRecord, TrialKey, TrialStatus};
 use atsplat_numeric::Tolerance;
 use serde_json::json;
 
@@ -182,6 +182,21 @@ fn unified_columns_are_filled_by_unified_weights_alone() {
     assert_eq!(filled(vec![separate()]), [true, false]);
     assert_eq!(filled(vec![unified()]), [false, true]);
     assert_eq!(filled(vec![separate(), unified()]), [true, true]);
+}
+
+/// Each was evaluated under its own protocol alone.
+#[test]
+fn a_network_for_each_setting_fills_its_own_row() {
+    let methods = vec![trained("for rooms", "1", "simulated rooms"), trained("for yards", "1", "simulated yards")];
+    let mut results = results(vec![preset("rooms-2v-128"), preset("yards-2v-128x224")], methods);
+    let is_own = |key: &TrialKey| key.preset.starts_with(key.method.trim_start_matches("for "));
+    results.trials.retain(|row| is_own(&row.key));
+    results.targets.retain(|row| is_own(&row.key));
+    let table = built("unified", &results);
+    let rows = measured(&table).filter(|row| !row.without_leaked);
+    let methods: Vec<&str> =
+        rows.flat_map(|row| row.protocols.iter().flatten()).map(|own| own.method.as_str()).collect();
+    assert_eq!(methods, ["for rooms", "for yards"]);
 }
 
 /// Its rows have no method as a whole. The ablation is in none of them.

@@ -6,6 +6,7 @@ use atsplat_model::ImageSize;
 use atsplat_model::budget::budget;
 use atsplat_model::config::{AnchorDesign, HeadFrame, Selection};
 use atsplat_model::weights::ModelWeights;
+use atsplat_numeric::Tolerance;
 use atsplat_train::{Parameters, SourceConfig, Start, TrainConfig, Trainer};
 use tempfile::tempdir;
 
@@ -101,6 +102,9 @@ fn rows_of_claims_start_from_the_embedded_weights() {
             continue;
         }
         let name = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        if name == "unified" || name.starts_with("separate-") {
+            continue;
+        }
         let own = read(&name);
         let model = own.model.config().unwrap();
         Parameters::from_weights(&model, &weights.tensors, &own.model.fresh, own.seed).unwrap();
@@ -127,6 +131,27 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     assert_eq!((gaussians("sparse-none-k11"), gaussians("k-4")), (1408, 1440));
     for name in ["anchor-ray-depth", "anchor-direct-xyz", "anchor-learnable", "anchor-offset"] {
         assert_eq!(model(name).head.frame, HeadFrame::World, "{name}: without anchors there is no frame of a patch");
+    }
+}
+
+/// One network for all settings sees as many samples of each as the network that is trained on it alone, and nothing else differs.
+#[test]
+fn the_unified_network_sees_the_samples_of_the_separate_ones() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments/claims");
+    let read = |name: &str| TrainConfig::read(&folder.join(format!("{name}.toml"))).unwrap();
+    let unified = read("unified");
+    let separate = ["rooms", "yards-2v", "yards-4v", "yards-6v"].map(|name| read(&format!("separate-{name}")));
+    let shares: Vec<f64> = unified.data.iter().map(|data| data.share).collect();
+    Tolerance::F64.assert(shares, [1.0; 4], "equal shares");
+    assert_eq!(unified.steps.get(), separate.iter().map(|own| own.steps.get()).sum::<u64>());
+    for (own, data) in separate.into_iter().zip(&unified.data) {
+        assert_eq!(own.data, std::slice::from_ref(data), "{}", own.title);
+        assert!(own.model.fresh.is_empty() && unified.model.fresh.is_empty(), "{}", own.title);
+        let name = unified.model.config().unwrap().name;
+        let model = atsplat_model::ModelConfig { name, ..own.model.config().unwrap() };
+        assert_eq!(model, unified.model.config().unwrap(), "{}", own.title);
+        let (title, steps, data) = (unified.title.clone(), unified.steps, unified.data.clone());
+        assert_eq!(TrainConfig { title, steps, data, model: unified.model.clone(), ..own }, unified);
     }
 }
 
