@@ -26,7 +26,7 @@ class Blend(torch.nn.Module):
     def forward(self, images, context, target):
         self.modes.add((self.training, torch.is_grad_enabled()))
         mixed = self.weight * torch.from_numpy(images[0]) + (1 - self.weight) * torch.from_numpy(images[1])
-        return mixed.expand(len(target), *mixed.shape)
+        return mixed.clamp(0, 1).expand(len(target), *mixed.shape)
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -98,7 +98,7 @@ def test_the_results_of_an_earlier_training_are_not_taken_for_those_of_this_one(
     with pytest.raises(atsplat.InvalidError, match="recipe"):
         trained(Blend(), parameters={"recipe": "another"})
     # Nothing tells which state a function has.
-    with pytest.raises(atsplat.InvalidError, match="empty folder"):
+    with pytest.raises(atsplat.InvalidError, match="without results"):
         trained(lambda images, context, target: same(images, context, target))
 
 
