@@ -133,9 +133,9 @@ fn a_setting_that_a_preset_lacks_is_refused_or_noted() {
     assert!(refused.contains("\"MVSplt\"") && refused.contains("MVSplat, NoPoSplat"), "{refused}");
     let (results, summary) = run(&["mvsplat", "NoPoSplat", "atsplat"]).run(folder.path()).unwrap();
     let warnings = results.provenance.warnings.iter();
-    let warnings = warnings.filter(|told| told.kind.contains("the preset's own poses and planes"));
-    let told: Vec<_> = warnings.map(|told| (told.count, told.example.as_str())).collect();
-    assert_eq!(told, [(1, "NoPoSplat names NoPoSplat")]);
+    let warnings = warnings.filter(|warning| warning.kind.contains("the preset's own poses and planes"));
+    let counted: Vec<_> = warnings.map(|warning| (warning.count, warning.example.as_str())).collect();
+    assert_eq!(counted, [(1, "NoPoSplat names NoPoSplat")]);
     assert_eq!((summary.evaluated, summary.is_complete()), (6, true));
 }
 

@@ -302,8 +302,8 @@ fn what_an_index_leaves_out_is_a_warning() {
         let folder = tempfile::tempdir().unwrap();
         let (results, summary) = run.run(folder.path()).unwrap();
         let warnings = results.provenance.warnings.iter();
-        let told = warnings.map(|told| (told.kind.clone(), told.count)).collect::<Vec<_>>();
-        (told, summary.skipped, summary.is_complete())
+        let counted = warnings.map(|warning| (warning.kind.clone(), warning.count)).collect::<Vec<_>>();
+        (counted, summary.skipped, summary.is_complete())
     };
     let not_sampled = ("not sampled".to_owned(), 5);
     assert_eq!(found(&run), (vec![not_sampled.clone()], 0, true));
@@ -315,7 +315,7 @@ fn what_an_index_leaves_out_is_a_warning() {
         found(&run)
     });
     assert_eq!(parts.iter().map(|(.., skipped, _)| skipped).sum::<u64>(), 2, "each is counted by one shard");
-    let kinds = parts.iter().flat_map(|(told, ..)| told);
+    let kinds = parts.iter().flat_map(|(counted, ..)| counted);
     assert_eq!(kinds.map(|(_, count)| count).sum::<u64>(), 7);
 }
 

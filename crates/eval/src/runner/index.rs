@@ -141,13 +141,15 @@ fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
 /// What a rule left out. Nobody published these scenes as part of an index, so that a run is complete without them.
 fn notices_of_sampling(built: &BuiltIndex, rule: &str) -> BTreeMap<String, IndexNotice> {
     let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
-    let nulls = first_null.map(|(key, _)| format!("{key}, …: {}", reasons(built))).unwrap_or_default();
-    let found = [
-        ("scenes without an entry in the sampled index", built.nulls.values().sum::<usize>(), nulls),
+    let nulls = first_null.map(|(key, _)| {
+        let (count, example) = (built.nulls.values().sum(), format!("{key}, …: {}", reasons(built)));
+        ("scenes without an entry in the sampled index", count, example)
+    });
+    let others = [
         ("sampled entries rejected for their overlap", built.refused_entries, rule.to_owned()),
         ("frames without a picture, which are not sampled", built.missing_pictures, rule.to_owned()),
     ];
-    let found = found.into_iter().filter(|(_, count, _)| *count > 0);
+    let found = nulls.into_iter().chain(others).filter(|(_, count, _)| *count > 0);
     let notice = |count: usize, example| IndexNotice { count: count as u64, example, is_skipped: false };
     found.map(|(kind, count, example)| (kind.to_owned(), notice(count, example))).collect()
 }
@@ -233,7 +235,7 @@ mod tests {
         }
     }
 
-    fn told(index: &PlannedIndex) -> Vec<(&str, u64, &str, bool)> {
+    fn notices_of(index: &PlannedIndex) -> Vec<(&str, u64, &str, bool)> {
         let notices = index.notices.iter();
         notices.map(|(kind, found)| (kind.as_str(), found.count, found.example.as_str(), found.is_skipped)).collect()
     }
@@ -247,7 +249,7 @@ mod tests {
             ("frames without a picture, which are not sampled", 1, "dl3dv-6v", false),
             ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", false),
         ];
-        assert_eq!(told(&index), expected);
+        assert_eq!(notices_of(&index), expected);
         assert_eq!(index.description, "sampled by dl3dv-6v", "the index itself is named as ever");
     }
 
@@ -268,13 +270,13 @@ mod tests {
         let kinds = expected.map(|(why, ..)| format!("{DROPPED_BY_SPLIT}: {why}"));
         let skipped: Vec<_> =
             kinds.iter().zip(expected).map(|(kind, (_, count, first))| (kind.as_str(), count, first, true)).collect();
-        assert_eq!(told(&published), skipped, "a scene that is missing from the data is counted as such");
+        assert_eq!(notices_of(&published), skipped, "a scene that is missing from the data is counted as such");
         assert_eq!(published.index.entries().count(), 2);
         let sampled = derived(None);
         let kinds = expected.map(|(why, ..)| format!("sampled entries that have no place in the split: {why}"));
         let noticed: Vec<_> =
             kinds.iter().zip(expected).map(|(kind, (_, count, first))| (kind.as_str(), count, first, false)).collect();
-        assert_eq!(told(&sampled), noticed);
+        assert_eq!(notices_of(&sampled), noticed);
     }
 
     #[test]
@@ -295,6 +297,6 @@ mod tests {
                 false,
             ),
         ];
-        assert_eq!(told(&index), expected);
+        assert_eq!(notices_of(&index), expected);
     }
 }

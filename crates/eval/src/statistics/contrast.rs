@@ -39,10 +39,21 @@ impl Contrast {
     }
 }
 
-/// The weighted sum over the targets for which all results have a score. Targets are matched by scene, entry and
-/// frame, whatever their preset, because the same position can be another picture there. `None` if there are none.
+/// The weighted sum over the targets for which all results have a score ([`weighted_sums`]). `None` if there are none.
 pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggregation) -> Option<Contrast> {
-    let ((first, weight), others) = terms.split_first()?;
+    let (sums, unpaired) = weighted_sums(terms);
+    let clusters = clusters(&sums, aggregation);
+    let (value, parts) = mean_of_clusters(&clusters);
+    let scenes = clusters.len() as u64;
+    let interval = interval_of_mean(&parts).filter(|_| scenes >= MIN_SCENES);
+    Some(Contrast { value: value?, interval, scenes, unpaired })
+}
+
+/// The weighted sums of the targets for which all results have a score, in the order of the first, and the number of targets for
+/// which only some have one. Targets are matched by scene, entry and frame, whatever their preset, because the same position can be
+/// another picture there.
+pub(super) fn weighted_sums<'a>(terms: &[(&[SelectedTarget<'a>], f64)]) -> (Vec<SelectedTarget<'a>>, u64) {
+    let Some(((first, weight), others)) = terms.split_first() else { return (Vec::new(), 0) };
     let by_picture = |selected| SelectedTarget::scored(selected).map(|(picture, _, score)| (picture, score)).collect();
     let others: Vec<(BTreeMap<Picture<'_>, f64>, f64)> =
         others.iter().map(|(selected, weight)| (by_picture(selected), *weight)).collect();
@@ -57,11 +68,7 @@ pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggr
             unpaired.insert(picture);
         }
     }
-    let clusters = clusters(&sums, aggregation);
-    let (value, parts) = mean_of_clusters(&clusters);
-    let scenes = clusters.len() as u64;
-    let interval = interval_of_mean(&parts).filter(|_| scenes >= MIN_SCENES);
-    Some(Contrast { value: value?, interval, scenes, unpaired: unpaired.len() as u64 })
+    (sums, unpaired.len() as u64)
 }
 
 #[cfg(test)]

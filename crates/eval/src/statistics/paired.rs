@@ -5,8 +5,9 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::bootstrap::{MIN_SCENES, interval_of_mean};
+use super::contrast::weighted_sums;
 use super::scene_means::{clusters, mean_of_clusters};
-use super::selection::{Outcome, SelectedTarget, select};
+use super::selection::{SelectedTarget, select};
 use super::{MetricQuery, direction, sign_test};
 use crate::Results;
 
@@ -35,7 +36,7 @@ pub struct Paired {
 }
 
 /// `a` against `b` within one store, over the targets that both have a score for, whatever their preset: targets are matched
-/// by scene, entry, position and frame. `None` if there are none.
+/// by scene, entry and frame. `None` if there are none.
 pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Paired> {
     paired_between((results, a), (results, b))
 }
@@ -71,26 +72,9 @@ pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction:
     })
 }
 
-/// `a − b` of the targets that both have a score for, and the number of targets that only one has; both lists are ordered by
-/// [`SelectedTarget::id`].
+/// `a − b` of the targets that both have a score for, and the number of targets that only one has.
 pub(super) fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
-    let mut others = b.iter().filter_map(|other| Some((other, other.score()?))).peekable();
-    let (mut differences, mut unpaired) = (Vec::new(), 0);
-    for (one, value) in a.iter().filter_map(|one| Some((one, one.score()?))) {
-        while others.next_if(|(other, _)| other.id() < one.id()).is_some() {
-            unpaired += 1;
-        }
-        match others.next_if(|(other, _)| other.id() == one.id()) {
-            // Under another index, the same position can be another picture.
-            Some((other, _)) if other.frame != one.frame => unpaired += 2,
-            Some((_, other)) => {
-                let outcome = Outcome::Score { value: value - other, identical: false };
-                differences.push(SelectedTarget { outcome, ..*one });
-            }
-            None => unpaired += 1,
-        }
-    }
-    (differences, unpaired + others.count() as u64)
+    weighted_sums(&[(a, 1.0), (b, -1.0)])
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ pub use load::Load;
 pub use machine::Machine;
 pub use pass::TimingPlan;
 pub use row::TimingRow;
+pub(crate) use times::times_on;
 pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
 
 pub(crate) use load::processor_secs_of_stat;

@@ -60,14 +60,27 @@ pub struct Spread {
     pub error: f64,
 }
 
-/// A method's times under a protocol.
+/// A method's times under a protocol, on the protocol's machine ([`machine_of`]).
 ///
 /// # Errors
 /// Why there are none, as a human-readable message.
 pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, String> {
+    times_on(machine_of(results, preset), results, preset, method)
+}
+
+/// [`times`] on another machine; `None` if nothing was timed.
+///
+/// # Errors
+/// As [`times`].
+pub(crate) fn times_on(
+    machine: Option<&Machine>,
+    results: &Results,
+    preset: &str,
+    method: &str,
+) -> Result<Times, String> {
     let of_method = |row: &&TimingRow| row.key.preset == preset && row.key.method == method && is_current(results, row);
     let all: Vec<&TimingRow> = results.timings.iter().filter(of_method).collect();
-    let Some(machine) = machine_of(results, preset) else { return Err(untimed(results, &all)) };
+    let Some(machine) = machine else { return Err(untimed(results, &all)) };
     let rows: Vec<&TimingRow> = all.iter().copied().filter(|row| row.is_timed() && row.machine == *machine).collect();
     if rows.is_empty() {
         let elsewhere = all.iter().find(|row| row.is_timed());

@@ -8,7 +8,7 @@ use super::{Axis, Counts, Frontier, Sample, frontier};
 use crate::statistics::{
     Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
 };
-use crate::timing::{Machine, Times, TimingRow, machine_of, times};
+use crate::timing::{Machine, machine_of, times_on};
 use crate::{EvalError, PresetRecord, Results, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
@@ -60,8 +60,9 @@ pub struct Incomplete {
 pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<Vec<Tradeoff>, EvalError> {
     let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
         let aggregation = preset.protocol()?.aggregation;
-        let scored = scored(results, results, &preset.name, metric, leaked, aggregation);
-        let machines = machine_of(results, &preset.name).into_iter().cloned().collect();
+        let machine = machine_of(results, &preset.name);
+        let scored = scored(results, machine, &preset.name, metric, leaked, aggregation);
+        let machines = machine.into_iter().cloned().collect();
         let tradeoff = of_scored((&preset.name, &preset.hash), metric, &scored, aggregation, machines);
         Ok(with_targets(tradeoff, results, std::slice::from_ref(preset), leaked))
     };
@@ -77,16 +78,9 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
 pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeoff, EvalError> {
     let presets = &results.provenance.presets;
     let machine = common_machine(results);
-    let is_comparable = |row: &&TimingRow| !row.is_timed() || Some(&row.machine) == machine;
-    let timed = Results {
-        provenance: results.provenance.clone(),
-        trials: results.trials.clone(),
-        targets: Vec::new(),
-        timings: results.timings.iter().filter(is_comparable).cloned().collect(),
-    };
     let mut all = Vec::new();
     for preset in presets {
-        let own = scored(results, &timed, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
+        let own = scored(results, machine, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
         all.extend(own.map(|(sample, selected)| {
             (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, selected)
         }));
@@ -177,10 +171,10 @@ fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
 /// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
 ///
 /// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
-/// first picture. If a method has only one of the two, that one counts. `timed` is the same store, possibly with fewer timings.
+/// first picture. If a method has only one of the two, that one counts. Times on other machines than `machine` are left out.
 pub(super) fn scored<'a>(
     results: &'a Results,
-    timed: &Results,
+    machine: Option<&Machine>,
     preset: &'a str,
     metric: &'a str,
     leaked: Leaked,
@@ -205,17 +199,14 @@ pub(super) fn scored<'a>(
             },
             ..Sample::default()
         };
-        match times(timed, preset, method) {
+        match times_on(machine, results, preset, method) {
             Ok(times) => {
                 sample.secs = times.first_picture.map(|spread| spread.median);
                 sample.secs_error = times.first_picture.map_or(0.0, |spread| spread.error);
                 sample.busy = times.busy;
                 sample.device = times.device;
             }
-            Err(reason) => {
-                let elsewhere = |found: Times| format!("timed on another machine: {}", found.machine);
-                sample.untimed = Some(times(results, preset, method).map_or(reason, elsewhere));
-            }
+            Err(reason) => sample.untimed = Some(reason),
         }
         (cost.trials + cost.failed + cost.not_applicable > 0).then_some((sample, selected))
     };

@@ -11,7 +11,7 @@ use super::sample::scored;
 use super::*;
 use crate::sample_rows::{PRESET, results, timing};
 use crate::statistics::{Contrast, Leaked};
-use crate::timing::{Machine, TimingRow};
+use crate::timing::{Machine, TimingRow, machine_of};
 use crate::{MethodRecord, PresetRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 fn sample(label: &str, quality: f64, secs: f64) -> Sample {
@@ -209,7 +209,7 @@ fn samples_summarise_a_store() {
         store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
     }
     store.timings = vec![timing("a", "x", &[0.5, 0.5, 0.9], &[0.01, 0.01])];
-    let found = scored(&store, &store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
+    let found = scored(&store, machine_of(&store, PRESET), PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
     let [(sample, _), (failed, _)] = &found[..] else { panic!("{found:?}") };
     assert_eq!([&sample.label, &failed.label], ["a", "failed"], "one that failed is not dropped");
     assert_eq!((failed.quality, failed.gaussians), (None, None));
