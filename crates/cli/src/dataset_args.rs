@@ -44,6 +44,12 @@ impl DatasetArgs {
 }
 
 impl PictureArgs {
+    /// The same arguments for another copy of a capture's pictures.
+    pub(crate) fn with_images(&self, factor: u32) -> Self {
+        let (frames, cache) = (self.frames.clone(), self.cache.clone());
+        Self { images: Some(factor), frames, prefer_undistorted: self.prefer_undistorted, cache }
+    }
+
     /// Opens the dataset at a path or URL; its format is detected.
     pub(crate) fn open(&self, path: &Path, warnings: &mut Warnings) -> anyhow::Result<Dataset> {
         self.open_at(path, self.cache.dataset(path)?.as_ref(), warnings)

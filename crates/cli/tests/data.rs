@@ -125,6 +125,40 @@ fn writes_chunks_without_the_broken_scene() {
     assert_eq!(atsplat(here, &["data", "export", "data", "again", "--chunks", "--strict"]).code, 4);
 }
 
+/// A truncated copy keeps its header. The chunk holds the same bytes, so that the user must hear of it.
+#[test]
+fn images_that_are_cut_short_are_found_without_decoding() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_scene(&here.join("data"), "a", 3);
+    let strict = |args: &[&str]| atsplat(here, &[args, &["--strict"]].concat());
+    assert_eq!(strict(&["data", "inspect", "data"]).code, 0);
+    let whole = picture();
+    std::fs::write(here.join("data/a/33367.png"), &whole[..whole.len() - 5]).unwrap();
+    let inspected = strict(&["data", "inspect", "data"]);
+    assert!(inspected.code == 4 && inspected.stdout.contains("1 unreadable-picture"), "{}", inspected.stdout);
+    assert!(inspected.stdout.contains("3 headers read, 1 cut short"), "{}", inspected.stdout);
+    assert!(inspected.stdout.contains("frame 1: cut short: a PNG of "), "{}", inspected.stdout);
+    let exported = strict(&["data", "export", "data", "chunks", "--chunks"]);
+    assert!(exported.code == 4 && exported.stdout.contains("1 scenes in 1 chunks"), "{}", exported.stderr);
+    assert!(
+        exported.stderr.contains("unreadable-picture") && exported.stderr.contains("33367.png"),
+        "{}",
+        exported.stderr
+    );
+    assert_eq!(strict(&["data", "inspect", "chunks"]).code, 4, "from a chunk too");
+    assert_eq!(strict(&["data", "export", "data", "cameras.csv"]).code, 0, "a table has no images");
+
+    std::fs::write(here.join("data/a/33367.png"), "").unwrap();
+    let empty = strict(&["data", "inspect", "data"]);
+    assert!(empty.code == 4 && empty.stdout.contains("2 in files, 1 empty"), "{}", empty.stdout);
+    assert!(empty.stdout.contains("a: frame 1: the file is empty (data/a/33367.png)"), "{}", empty.stdout);
+    std::fs::remove_file(here.join("data/a/33367.png")).unwrap();
+    assert_eq!(strict(&["data", "inspect", "data"]).code, 4, "a missing image");
+    succeed(here, &["data", "inspect", "data"]);
+}
+
 /// Missing images do not prevent the use of cameras, and are reported by commands that read images.
 #[test]
 fn missing_images_do_not_affect_cameras() {

@@ -139,6 +139,12 @@ fn a_baseline_is_accepted_met_and_drifted_from() {
     assert_eq!(report["comparisons"][1]["paired"]["difference"], 0.125);
     assert_eq!(report["attribution"]["stages"].as_array().unwrap().len(), 5);
 
+    let moved = atsplat(at, &["drift", "now", "--baseline", "quick.json"]).stdout;
+    assert!(
+        moved.contains("no stage changed on the probe. What moved lies outside both: a method's own files"),
+        "{moved}"
+    );
+
     // With other constants than the baseline's, the rows are the same but a stage of the probe differs.
     std::fs::write(at.join("probe.toml"), "constants = 'gsplat-1.6'").unwrap();
     let args = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];

@@ -281,6 +281,79 @@ fn images_of_another_size_suggest_any_size() {
     assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);
 }
 
+/// The listed images are twice as large as the protocol expects; a copy beside them fits.
+#[test]
+fn images_of_another_size_suggest_a_copy_that_fits() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_preset(here, 16);
+    let pose = |x: f64| serde_json::json!([[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+    let frame = |at: u32| serde_json::json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose(f64::from(at) * 0.1) });
+    let frames: Vec<_> = (0..3).map(frame).collect();
+    let transforms = serde_json::json!({ "w": 64, "h": 48, "fl_x": 64, "frames": frames });
+    for (images, width) in [("images", 64), ("images_2", 32), ("images_4", 16)] {
+        let images = here.join("data/a").join(images);
+        std::fs::create_dir_all(&images).unwrap();
+        let height = 3 * width / 4;
+        let picture = ImageU8::new(width, height, vec![90; (width * height * 3) as usize]).unwrap();
+        for at in 0..3 {
+            std::fs::write(images.join(format!("{at}.png")), encode_png(&picture).unwrap()).unwrap();
+        }
+    }
+    std::fs::write(here.join("data/a/transforms.json"), transforms.to_string()).unwrap();
+    write_index(&here.join("data"), &["a"], "[0, 2]", "[1]");
+    let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
+    let sized = "[preprocessing]\nexpected-size = { width = 32, height = 24 }";
+    std::fs::write(here.join("tiny.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
+    let refused = run(here, &["--out", "store"]);
+    let advice =
+        "\n--images 2 takes copies of the images of the expected size, and --any-size takes images of any size; ";
+    assert!(refused.code == 1 && refused.stdout.contains(advice), "{}{}", refused.stdout, refused.stderr);
+    let taken = run(here, &["--out", "store", "--images", "2"]);
+    assert!(taken.code == 0 && !taken.stdout.contains("--images"), "{}{}", taken.stdout, taken.stderr);
+}
+
+/// Of four scenes, one is whole, one has lost two images, one is cut off and one has no trajectory.
+#[test]
+fn strict_fails_on_what_a_sampler_leaves_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["gaps", "whole"], 9);
+    let rule = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
+    std::fs::write(here.join("rule.toml"), rule).unwrap();
+    let check = |store: &str, lacks: &[&str]| {
+        let sampled = run(here, &["--sampler", "rule.toml", "--out", store, "--strict"]);
+        let page = format!("page-{store}");
+        let report = atsplat(here, &["report", store, "--out", &page, "--strict"]);
+        let code = if lacks.is_empty() { 0 } else { 4 };
+        assert_eq!((sampled.code, report.code), (code, code), "{}{}", sampled.stderr, report.stderr);
+        for lack in lacks {
+            assert!(sampled.stdout.contains(lack), "{lack}: {}", sampled.stdout);
+            let found = report.stderr.lines().any(|line| {
+                let (kind, first) = lack.split_once(": ").unwrap();
+                let first = first.rsplit(": ").next().unwrap();
+                line.starts_with(&format!("warning: {store}: tiny: {kind}: ")) && line.contains(first)
+            });
+            assert!(found, "{lack}: {}", report.stderr);
+        }
+        assert_eq!(run(here, &["--sampler", "rule.toml", "--out", store]).code, 0, "not strict");
+    };
+    check("complete", &[]);
+    for gone in [3, 5] {
+        std::fs::remove_file(here.join(format!("data/gaps/{}.png", gone * 33_367))).unwrap();
+    }
+    let frames = "2 frames without a picture, which are not sampled: rule.toml";
+    check("frames", &[frames]);
+    std::fs::create_dir_all(here.join("data/ignored")).unwrap();
+    std::fs::write(here.join("data/ignored/0.png"), picture(0, SIDE)).unwrap();
+    let ignored = "1 scenes that are not read, and not sampled: ignored-scene: ignored";
+    check("ignored", &[frames, ignored]);
+    dataset(here, &["broken"], 9);
+    let trajectory = std::fs::read_to_string(here.join("data/broken.txt")).unwrap();
+    std::fs::write(here.join("data/broken.txt"), trajectory.trim_end().rsplit_once(' ').unwrap().0).unwrap();
+    check("broken", &[frames, ignored, "1 scenes without an entry in the sampled index: broken"]);
+}
+
 #[test]
 fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     let folder = tempfile::tempdir().unwrap();

@@ -131,6 +131,28 @@ fn exit_codes_of_usage_errors_broken_files_and_strict_skips() {
     assert_eq!(atsplat(here, &[&args[..], &["--strict"]].concat()).code, 4);
 }
 
+/// Frames that the sampler was not given, although every scene has its entry.
+#[test]
+fn a_strict_build_refuses_missing_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir_all(here.join("data/a")).unwrap();
+    write_trajectory(&here.join("data/a.txt"), 200);
+    for frame in 0..200 {
+        std::fs::write(here.join(format!("data/a/{}.png", frame * 33_367)), "never read").unwrap();
+    }
+    let build = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json", "--strict"];
+    succeed(here, &build);
+    std::fs::remove_file(here.join("data/a/0.png")).unwrap();
+    let strict = atsplat(here, &build);
+    assert!(strict.code == 4 && strict.stdout.contains("1  frames skipped"), "{}: {}", strict.code, strict.stdout);
+    succeed(here, build.split_last().unwrap().1);
+    let help = succeed(here, &["protocol", "build", "--help"]);
+    // Lines are wrapped at the terminal width.
+    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(help.contains("Exit with code 4 if a scene has no entry, or images are missing"), "{help}");
+}
+
 /// A leak, a repetition or another protocol's index fails under `--strict`; what the protocol has published does not.
 #[test]
 fn a_strict_lint_refuses_an_unfit_index() {
@@ -138,6 +160,8 @@ fn a_strict_lint_refuses_an_unfit_index() {
     let here = folder.path();
     let entry = r#"{"context": [5, 20], "target": [9, 30]}"#;
     for (name, index, fault) in [
+        ("empty", "{}".to_owned(), Some("unfit for an evaluation: no scene has an entry")),
+        ("nulls", r#"{"a": null}"#.to_owned(), Some("unfit for an evaluation: no scene has an entry")),
         ("outside", format!(r#"{{"a": {entry}, "b": null}}"#), None),
         ("leak", format!(r#"{{"a": {}}}"#, entry.replace('9', "20")), Some("unfit for an evaluation: 1 target is a")),
         ("twice", format!(r#"{{"a": {}}}"#, entry.replace("30", "9")), Some("1 target repeated in its entry")),

@@ -35,6 +35,8 @@ fn arguments_that_nothing_reads_are_usage_errors() {
         (&optimised, &["--method-timeout", "3"], "--method-timeout is for exec"),
         (&optimised, &["--method-processes", "3"], "--method-processes is for exec"),
         (&optimised, &["--ply-frame", "trial"], "--ply-frame is for ply"),
+        (&optimised, &["--mode", "antialiased"], "--mode is for ply and exec"),
+        (&renders, &["--mode", "classic"], "--mode is for --ply"),
         (&optimised, &["--opacities-as-stored"], "--opacities-as-stored is for ply and exec"),
         (&baseline, &["--effects", "none"], "--effects is for methods whose Gaussians are rendered"),
         (&renders, &["--tolerance", "0.1"], "--tolerance is for --ply"),

@@ -235,6 +235,8 @@ fn warns_of_images_without_gaussians() {
     let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "out"]);
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert!(outcome.stderr.contains("no Gaussian is drawn in 1 of 2 frames"), "{}", outcome.stderr);
+    let strict = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "strict", "--strict"]);
+    assert_eq!(strict.code, 4, "{}", strict.stderr);
 }
 
 #[test]

@@ -208,6 +208,36 @@ fn broken_renders_are_counted_as_rows() {
     assert_eq!(failed, [true, true, false, true, false, false]);
 }
 
+/// A file with 3D filters under no chosen mode, and under one.
+#[test]
+fn gaussians_of_mip_splatting_are_warned_of_and_drawn_as_chosen() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 1);
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/degree4_mip_uncertainty.ply");
+    std::fs::create_dir(here.join("ply")).unwrap();
+    let mut names = std::fs::read_dir(here.join("data/test")).unwrap().map(|entry| entry.unwrap().file_name());
+    let trajectory = names.find_map(|name| Some(name.to_str()?.strip_suffix(".txt")?.to_owned())).unwrap();
+    std::fs::copy(file, here.join(format!("ply/{trajectory}.ply"))).unwrap();
+    let score = |out: &str, more: &[&str]| {
+        let args = ["score", "tiny.toml", "--data", "data/test", "--ply", "ply", "--out", out];
+        atsplat(here, &[&args[..], more].concat())
+    };
+    let unchosen = score("store", &[]);
+    let warning = "warning: tiny: 1 × drawn in the classic mode, in trials of ply\n";
+    assert!(unchosen.code == 0 && unchosen.stderr.contains(warning), "{}", unchosen.stderr);
+    succeed(here, &["report", "store", "--out", "page", "--format", "markdown"]);
+    let table = std::fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
+    assert!(table.contains("were drawn in the classic mode in 1 of 1 trials"), "{table}");
+    let other = score("store", &["--mode", "antialiased"]);
+    let said = "methods ply of the two runs differ: parameters.mode: none and antialiased";
+    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+    let chosen = score("chosen", &["--mode", "antialiased"]);
+    assert!(chosen.code == 0 && !chosen.stderr.contains("classic mode"), "{}", chosen.stderr);
+    let record = Results::read(&here.join("chosen")).unwrap().provenance.methods.remove(0);
+    assert_eq!(record.parameters["mode"], "antialiased");
+}
+
 #[test]
 fn merges_shards_and_reports_missing_ones() {
     let folder = tempfile::tempdir().unwrap();

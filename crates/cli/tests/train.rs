@@ -119,6 +119,7 @@ fn a_run_writes_all_its_outputs() {
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     let message = train(folder.path(), "out", &["--steps", "4"]);
     assert!(message.contains("4 of 24 steps, 0 skipped") && message.contains("--resume"), "{message}");
+    assert!(message.ends_with("out/weights.safetensors\n"), "{message}");
     for file in
         ["steps.parquet", "evaluations.parquet", "learning-curve.png", "contact-sheet.png", "weights.safetensors"]
     {

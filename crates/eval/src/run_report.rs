@@ -33,7 +33,7 @@ pub struct RunReport {
     warnings: Vec<WarningCount>,
     /// A suggestion.
     #[serde(skip_serializing_if = "Option::is_none")]
-    advice: Option<&'static str>,
+    advice: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -113,12 +113,16 @@ impl RunReport {
         }
     }
 
-    /// Suggests `--any-size` if images were rejected for their size and the run did not use it.
+    /// Suggests `--any-size` if images were rejected for their size and the run did not use it, and before that `--images`, if a
+    /// copy of the images with this factor has the expected size.
     #[must_use]
-    pub fn with_advice(self, takes_any_size: bool) -> Self {
+    pub fn with_advice(self, takes_any_size: bool, images: Option<u32>) -> Self {
         const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
         let refused = self.without.iter().any(|unscored| unscored.what.ends_with(DropReason::PictureSize.name()));
-        Self { advice: (refused && !takes_any_size).then_some(ADVICE), ..self }
+        let copy =
+            images.map(|factor| format!("--images {factor} takes copies of the images of the expected size, and "));
+        let advice = (refused && !takes_any_size).then(|| format!("{}{ADVICE}", copy.unwrap_or_default()));
+        Self { advice, ..self }
     }
 }
 
@@ -329,10 +333,11 @@ fn name(id: &str) -> &str {
 
 /// The number of `what`, which begins with a plural: `2 targets of warp failed`, `1 target of warp failed`.
 fn counted(count: u64, what: &str) -> String {
-    const ONE: [(&str, &str); 7] = [
+    const ONE: [(&str, &str); 8] = [
         ("entries", "entry"),
         ("index entries", "index entry"),
         ("results", "result"),
+        ("scenes or frames", "scene or frame"),
         ("scenes", "scene"),
         ("targets", "target"),
         ("trials", "trial"),
@@ -344,8 +349,17 @@ fn counted(count: u64, what: &str) -> String {
 }
 
 fn summary_text(summary: &Summary) -> String {
-    let Summary { evaluated, resumed, incomplete, not_applicable, non_finite, undrawn, skipped, missing_scenes } =
-        *summary;
+    let Summary {
+        evaluated,
+        resumed,
+        incomplete,
+        not_applicable,
+        non_finite,
+        undrawn,
+        skipped,
+        not_sampled,
+        missing_scenes,
+    } = *summary;
     let parts = [
         (resumed, "were there before"),
         (incomplete, "incomplete, each with its reason"),
@@ -353,6 +367,7 @@ fn summary_text(summary: &Summary) -> String {
         (non_finite, "targets with non-finite samples"),
         (undrawn, "without a Gaussian in any target"),
         (skipped, "index entries skipped, each with its reason"),
+        (not_sampled, "scenes or frames of the data not sampled, with a warning for each kind"),
         (missing_scenes, "scenes of the index missing from the data"),
     ];
     let parts = parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
@@ -370,6 +385,9 @@ mod tests {
         let expected = "1 result computed; 1 was there before; 2 targets with non-finite samples; 1 index entry skipped, each \
                         with its reason";
         assert_eq!(summary_text(&summary), expected);
+        let not_sampled = Summary { not_sampled: 1, ..Summary::default() };
+        let expected = "0 results computed; 1 scene or frame of the data not sampled, with a warning for each kind";
+        assert_eq!(summary_text(&not_sampled), expected);
         assert_eq!(counted(1, "targets of targets failed"), "1 target of targets failed");
         assert_eq!(counted(1, "without a Gaussian in any target"), "1 without a Gaussian in any target");
     }

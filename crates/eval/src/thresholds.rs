@@ -42,9 +42,8 @@ pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, Eva
             expected: format!("context pictures of {}", trial.scene()),
             found: error.to_string(),
         };
-        let reconstruction = network.reconstruct(&context_views(&trial).map_err(settings)?, trial_seed(0, &trial))?;
-        let scored = reconstruction.blocks.into_iter().filter_map(|block| block.scores);
-        for (at, scores) in scored.enumerate() {
+        let scored = network.scores(&context_views(&trial).map_err(settings)?, trial_seed(0, &trial))?;
+        for (at, scores) in scored.into_iter().enumerate() {
             if blocks.len() == at {
                 blocks.push(Vec::new());
             }

@@ -8,12 +8,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::Similarity;
-use atsplat_eval::Results;
 use atsplat_eval::method::{
     AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource,
     constants_of,
 };
-use atsplat_eval::runner::KeepPictures;
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
@@ -228,27 +226,6 @@ fn float_renders_in_another_range_or_of_other_channels_are_refused() {
     assert!(with(&["r", "g", "b"]).starts_with("expected the channels R, G and B, found b, g and r, without R ("));
     assert!(with(&["R", "G", "Z"]).starts_with("expected the channels R, G and B, found G, R and Z, without B ("));
     assert!(with(&["Y"]).starts_with("expected the channels R, G and B, found Y ("));
-}
-
-/// Names that need escaping, beside a plain one.
-#[test]
-fn kept_pictures_of_any_scene_can_be_scored() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = |method: Arc<dyn Method>| {
-        let walls = Walls { keys: ["scène 1", "A/b", "wall"].map(str::to_owned).to_vec(), ..Walls::new(0, 8) };
-        Run::new(vec![dataset(walls, &[entry(&[0, 4], &[5])])], vec![method])
-    };
-    let keeping = Run { pictures: KeepPictures::All, ..run(Arc::new(NearestView)) };
-    let (expected, _) = keeping.run(&folder.path().join("store")).unwrap();
-    let kept = folder.path().join("store/pictures/walls/nearest-view");
-    assert!(!kept.join("scène 1").exists() && !kept.join("scène 1-0").exists());
-    let scoring = run(Arc::new(Renders::new(&kept, None).unwrap()));
-    let surveys = scoring.plan().surveys().unwrap();
-    assert!(surveys[0].to_string().ends_with("SCENE-0/000029.png (3)"), "{}", surveys[0]);
-    let (scored, _) = scoring.run(&folder.path().join("scored")).unwrap();
-    let scores = |results: &Results| -> Vec<_> { results.targets.iter().map(|row| row.scores.clone()).collect() };
-    assert_eq!(scores(&scored), scores(&expected));
-    assert!(scores(&scored).iter().all(|scores| scores.contains_key("psnr")));
 }
 
 /// The colour of a transparent pixel is undefined; it must not be scored as black.

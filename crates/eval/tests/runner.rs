@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{IndexNotice, KeepPictures, PlannedIndex, current_provenance, picture_path};
+use atsplat_eval::runner::{IndexNotice, KeepPictures, Lacks, PlannedIndex, current_provenance, picture_path};
 use atsplat_eval::{IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
 use atsplat_protocol::IndexBuilder;
@@ -292,31 +292,35 @@ fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
     assert_eq!(results.trials.len(), 16);
 }
 
-/// Two entries of a published index have no trial; five scenes were not sampled, which no published index names.
+/// Two entries of a published index have no trial, five scenes of the data are not sampled, and three entries were rejected by the
+/// sampler itself.
 #[test]
 fn what_an_index_leaves_out_is_a_warning() {
-    let notice = |count, is_skipped| IndexNotice { count, example: "wall-x".to_owned(), is_skipped };
+    let notice = |count, lacks| IndexNotice { count, example: "wall-x".to_owned(), lacks };
     let mut run = settings(Walls::new(4, 8), baselines());
-    run.datasets[0].index.notices.insert("not sampled".to_owned(), notice(5, false));
+    run.datasets[0].index.notices.insert("rejected".to_owned(), notice(3, Lacks::Nothing));
     let found = |run: &Run| {
         let folder = tempfile::tempdir().unwrap();
         let (results, summary) = run.run(folder.path()).unwrap();
         let warnings = results.provenance.warnings.iter();
         let counted = warnings.map(|warning| (warning.kind.clone(), warning.count)).collect::<Vec<_>>();
-        (counted, summary.skipped, summary.is_complete())
+        (counted, [summary.skipped, summary.not_sampled], summary.is_complete())
     };
-    let not_sampled = ("not sampled".to_owned(), 5);
-    assert_eq!(found(&run), (vec![not_sampled.clone()], 0, true));
-    run.datasets[0].index.notices.insert("dropped".to_owned(), notice(2, true));
-    let dropped = |count| ("dropped".to_owned(), count);
-    assert_eq!(found(&run), (vec![dropped(2), not_sampled], 2, false));
+    let of = |kind: &str, count| (kind.to_owned(), count);
+    let rejected = of("rejected", 3);
+    assert_eq!(found(&run), (vec![rejected.clone()], [0, 0], true));
+    run.datasets[0].index.notices.insert("not sampled".to_owned(), notice(5, Lacks::Data));
+    assert_eq!(found(&run), (vec![of("not sampled", 5), rejected.clone()], [0, 5], false));
+    run.datasets[0].index.notices.insert("dropped".to_owned(), notice(2, Lacks::Entries));
+    assert_eq!(found(&run), (vec![of("dropped", 2), of("not sampled", 5), rejected], [2, 5], false));
     let parts = [1, 2, 3].map(|number| {
         run.selection.shard = Some(Shard { number, of: 3 });
         found(&run)
     });
-    assert_eq!(parts.iter().map(|(.., skipped, _)| skipped).sum::<u64>(), 2, "each is counted by one shard");
+    let lacking = |at: usize| parts.iter().map(|(_, lacking, _)| lacking[at]).sum::<u64>();
+    assert_eq!([lacking(0), lacking(1)], [2, 5], "each is counted by one shard");
     let kinds = parts.iter().flat_map(|(counted, ..)| counted);
-    assert_eq!(kinds.map(|(_, count)| count).sum::<u64>(), 7);
+    assert_eq!(kinds.map(|(_, count)| count).sum::<u64>(), 10);
 }
 
 #[test]

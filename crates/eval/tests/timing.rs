@@ -124,11 +124,11 @@ fn a_known_cost_is_measured_within_15_percent_under_contention() {
 }
 
 #[test]
-fn long_work_needs_no_warm_up() {
-    let runs = |warm_up_until, cold| {
+fn long_work_needs_no_warm_up_and_two_repetitions() {
+    let runs = |warm_up_until, long, cold| {
         let method = Arc::new(SleepingMethod { cold, ..SleepingMethod::default() });
         let folder = tempfile::tempdir().unwrap();
-        let plan = TimingPlan { trials: 1, warm_up_until, repetitions: 3, ..TimingPlan::default() };
+        let plan = TimingPlan { trials: 1, warm_up_until, repetitions: 3, long, ..TimingPlan::default() };
         let found =
             times(&timed_run(folder.path(), walls(1), &[Arc::clone(&method) as _], Some(plan)), "walls", "sleeper");
         let found = found.unwrap();
@@ -136,11 +136,13 @@ fn long_work_needs_no_warm_up() {
         let calls = method.calls.load(Ordering::Relaxed) - 1;
         (found.warm_up, found.repetitions, found.encode.unwrap().samples, calls)
     };
-    let one = COST + PICTURE;
-    assert_eq!(runs(one, None), (0, 3, 3, 3));
-    assert_eq!(runs(4 * one, None), (1, 3, 3, 4));
+    let (one, never) = (COST + PICTURE, Duration::MAX);
+    assert_eq!(runs(one, never, None), (0, 3, 3, 3));
+    assert_eq!(runs(4 * one, never, None), (1, 3, 3, 4));
     // The call after the evaluation's is the first of the timing pass.
-    assert_eq!(runs(one, Some(1)), (2, 3, 3, 5));
+    assert_eq!(runs(one, never, Some(1)), (2, 3, 3, 5));
+    assert_eq!(runs(one, one, None), (0, 2, 2, 2), "two are enough");
+    assert_eq!(runs(4 * one, one, None), (1, 2, 2, 3));
 }
 
 /// Allocates 64 MiB while it encodes; rejects one scene.

@@ -32,8 +32,10 @@ pub enum FitError {
         found: String,
     },
     /// The start holds no Gaussian that can be optimised.
-    #[error("start: expected at least one valid Gaussian, found {found}")]
+    #[error("start: expected {expected}, found {found}")]
     Start {
+        /// What was expected.
+        expected: &'static str,
         /// What was found.
         found: String,
     },

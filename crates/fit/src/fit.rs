@@ -91,7 +91,8 @@ impl Fit {
         let hash = start_hash(start);
         let (start, found) = start.cleaned(Cleaning::Repair);
         if start.is_empty() {
-            return Err(FitError::Start { found: format!("{} Gaussians, none of them valid", found.total) });
+            let found = format!("{}, none of them valid", found.total);
+            return Err(FitError::Start { expected: "at least one valid Gaussian", found });
         }
         let extent = config.extent.map_or_else(|| scene_extent(&views, &start.parts().means), Ok)?;
         if extent.is_nan() || extent <= 0.0 {

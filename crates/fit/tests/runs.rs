@@ -413,8 +413,11 @@ fn pruning_has_no_visible_effect() {
 fn points_need_to_be_finite_and_at_least_four() {
     let point = |x: f64| Point { position: [x, 0.0, 1.0], colour: [0.5; 3] };
     let error = |points: &[Point]| from_points(points, Strategy::Gaussians3d).unwrap_err().to_string();
-    assert!(error(&[point(0.0); 3]).contains("3 points, fewer than 4"));
-    assert!(error(&[point(0.0), point(1.0), point(f64::NAN), point(2.0)]).contains("point 2, which is not finite"));
+    assert!(error(&[point(0.0); 3]).contains("expected at least four points, found 3"));
+    assert!(
+        error(&[point(0.0), point(1.0), point(f64::NAN), point(2.0)])
+            .contains("expected finite points, found point 2, which is not")
+    );
     // A line of points one apart: the three nearest of an end are 1, 2 and 3 away.
     let line: Vec<Point> = (0..4).map(|x| point(f64::from(x))).collect();
     let scales = from_points(&line, Strategy::Gaussians3d).unwrap().into_parts().log_scales;

@@ -118,6 +118,25 @@ fn differences_of_several_trainings_are_those_of_the_stores() {
     assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
 }
 
+/// Learnt tokens against none after twice the samples.
+#[test]
+fn numbers_of_direct_positions_are_those_of_the_store() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let results = Results::read(&folder().join("anchors-long/store")).unwrap();
+    let rows = ["anchor-learnable-long-1", "anchor-direct-xyz-long-1"];
+    let interval = difference(rows.map(|row| (&results, row)), "psnr", 3).replacen(" [", " dB [", 1);
+    let [learnt, none] = rows.map(|row| {
+        let found = summary(&results, &query(ROOMS.0, row, "psnr"), Aggregation::SceneMeans);
+        format!("{:.2}", found.mean.unwrap())
+    });
+    for expected in [
+        format!("| the same after twice the samples | +3.75 dB | {interval} | reversed |"),
+        format!("without anchors to {none} dB and that with learnable ones to {learnt} dB"),
+    ] {
+        assert!(readme.replace('\n', " ").contains(&expected), "the page lacks: {expected}");
+    }
+}
+
 /// What each part of a training's recipe changes, in PSNR and SSIM.
 #[test]
 fn trials_of_the_recipe_are_those_of_the_store() {

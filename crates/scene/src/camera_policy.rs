@@ -1,9 +1,10 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
+use crate::outlying::outlying_cameras;
 use crate::picture_mismatch::stretched_pixels;
 use crate::plausible::wrong_unit;
 use crate::{Frame, Picture, Scene, WarningKind, Warnings};
@@ -21,14 +22,26 @@ const ROUNDED: Tolerance = Tolerance::absolute(1e-5);
 /// How far the principal point may be from the centre, in picture widths and heights.
 const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 
+/// What [`Frame::timestamp_micros`] is in a format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Times {
+    /// A timestamp of its own, after which pictures may be named.
+    Given,
+    /// The number at the end of the picture's name, if there is one.
+    FromNames,
+}
+
 /// Warns about suspicious but usable cameras of a scene: at most one warning of each kind, with the number of affected
 /// frames and the first of them.
 ///
 /// Unusable values (NaN, a zero focal length, a matrix that is not a rotation) never get here: no `Camera` can be
 /// constructed from them, and the parser reports the error.
-pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
-    report_timestamps(scene, warnings);
-    report_repeated_pictures(scene, warnings);
+pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warnings) {
+    let repeated = report_repeated_pictures(scene, times, warnings);
+    report_timestamps(scene, times, &repeated, warnings);
+    if let Some(detail) = outlying_cameras(scene, FARTHEST_COORDINATE) {
+        warnings.push(WarningKind::OutlyingCamera, &scene.key, detail);
+    }
     let mut report = |kind, problem: &dyn Fn(&Frame) -> Option<String>| {
         let mut offenders = scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(frame)?)));
         if let Some((first, detail)) = offenders.next() {
@@ -79,8 +92,9 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
     });
 }
 
-/// Frames that also share a timestamp are skipped: [`report_timestamps`] reports them.
-fn report_repeated_pictures(scene: &Scene, warnings: &mut Warnings) {
+/// The frames whose picture is an earlier frame's. Frames that share a given timestamp are left to [`report_timestamps`]:
+/// pictures named after it are the same too.
+fn report_repeated_pictures(scene: &Scene, times: Times, warnings: &mut Warnings) -> BTreeSet<usize> {
     let mut first_with: BTreeMap<&Path, usize> = BTreeMap::new();
     let mut repeated = Vec::new();
     for (at, frame) in scene.frames.iter().enumerate() {
@@ -88,7 +102,8 @@ fn report_repeated_pictures(scene: &Scene, warnings: &mut Warnings) {
         let earlier = *first_with.entry(path).or_insert(at);
         let is_timed =
             |earlier: &Frame| earlier.timestamp_micros.is_some_and(|time| frame.timestamp_micros == Some(time));
-        if earlier != at && !scene.frames.get(earlier).is_some_and(is_timed) {
+        let is_of_time = times == Times::Given && scene.frames.get(earlier).is_some_and(is_timed);
+        if earlier != at && !is_of_time {
             repeated.push((earlier, at, path));
         }
     }
@@ -100,13 +115,21 @@ fn report_repeated_pictures(scene: &Scene, warnings: &mut Warnings) {
         );
         warnings.push(WarningKind::DuplicatePicture, &scene.key, detail);
     }
+    repeated.into_iter().map(|(_, at, _)| at).collect()
 }
 
-fn report_timestamps(scene: &Scene, warnings: &mut Warnings) {
-    let timestamps: Vec<i64> = scene.frames.iter().filter_map(|frame| frame.timestamp_micros).collect();
+/// Of frames whose picture is `repeated`, a number in its name says nothing more.
+fn report_timestamps(scene: &Scene, times: Times, repeated: &BTreeSet<usize>, warnings: &mut Warnings) {
+    let what = match times {
+        Times::Given => "timestamps",
+        Times::FromNames => "numbers at the end of pictures' names",
+    };
+    let frames = scene.frames.iter().enumerate();
+    let counted = frames.filter(|(at, _)| times == Times::Given || !repeated.contains(at));
+    let timestamps: Vec<i64> = counted.filter_map(|(_, frame)| frame.timestamp_micros).collect();
     let descents = timestamps.windows(2).filter(|pair| matches!(pair, [a, b] if b < a)).count();
     if descents > 0 {
-        let detail = format!("timestamps go backwards {descents} times in {} frames", scene.frames.len());
+        let detail = format!("{what} go backwards {descents} times in {} frames", scene.frames.len());
         warnings.push(WarningKind::UnorderedTimestamps, &scene.key, detail);
     }
     let mut sorted = timestamps;
@@ -117,7 +140,7 @@ fn report_timestamps(scene: &Scene, warnings: &mut Warnings) {
     });
     let repeated: Vec<i64> = repeats.collect();
     if let Some(first) = repeated.first() {
-        let detail = format!("{} timestamps repeat, the smallest is {first}", repeated.len());
+        let detail = format!("{} {what} repeat, the smallest is {first}", repeated.len());
         warnings.push(WarningKind::DuplicateTimestamp, &scene.key, detail);
     }
 }
@@ -132,7 +155,7 @@ mod tests {
     fn warnings_of(rows: &[&str]) -> Warnings {
         let mut warnings = Warnings::new();
         let scene = parse_trajectory(rows.join("\n").as_bytes(), Path::new("clip.txt")).unwrap().to_scene("clip");
-        report_cameras(&scene, &mut warnings);
+        report_cameras(&scene, Times::Given, &mut warnings);
         warnings
     }
 
@@ -148,6 +171,20 @@ mod tests {
     fn geodetic_coordinates_are_not_distant() {
         let rows = ["1 0.5 0.9 0.5 0.5 0 0 1 0 0 -500000 0 1 0 5800000 0 0 1 120"];
         assert_eq!(warnings_of(&rows).total(), 0);
+    }
+
+    /// As structure from motion places an image that it could not register; one beyond 1e9 is reported as distant alone.
+    #[test]
+    fn a_camera_far_outside_the_others_is_counted() {
+        for (x, kind) in [("-1e6", WarningKind::OutlyingCamera), ("-1e30", WarningKind::DistantCamera)] {
+            let row = |at: usize, x: &str| format!("{at} 0.5 0.9 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0");
+            let mut rows: Vec<String> = (0..9).map(|at| row(at, &format!("-0.{at}"))).collect();
+            rows.push(row(9, x));
+            let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+            let warnings = warnings_of(&rows);
+            assert_eq!(warnings.counts().collect::<Vec<_>>(), [(kind, 1)]);
+            assert!(warnings.kept()[0].detail.starts_with("1 of 10 frames, first 9: "), "{:?}", warnings.kept());
+        }
     }
 
     /// A scale changes the determinant, a shear does not; rounding to six decimals changes neither noticeably.

@@ -41,8 +41,14 @@ pub enum SceneError {
     )]
     NoTimestamp { scene: String, frame: usize, name: String },
     /// A picture cannot be decoded or preprocessed.
-    #[error("frame {frame} of scene {scene:?}: {source}")]
-    Pixels { scene: String, frame: usize, source: PixelError },
+    #[error("frame {frame} of scene {scene:?}: {source} ({place})")]
+    Pixels {
+        scene: String,
+        frame: usize,
+        source: PixelError,
+        /// The picture's file, or what it is in.
+        place: String,
+    },
     /// A picture in a chunk was damaged after it was written: its checksum differs.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Damaged { scene: String, frame: usize, source: TorchError },

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::colmap::model_in;
+use crate::colmap::{model_in, part_of_model};
 use crate::files::{last_name, list, not_utf8, read_start, split_picture_name};
 use crate::nerfstudio::{VARIANTS, transforms_in, without_factor};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
@@ -105,9 +105,9 @@ fn is_trajectory(file: &Path) -> bool {
 /// What a folder without cameras holds that a capture does. Captures have their pictures in `images/` or a scaled copy
 /// of it, clips of trajectories also directly in their folder.
 fn part_in(folder: &Path, format: Format) -> Option<String> {
-    VARIANTS
-        .iter()
-        .find_map(|variant| {
+    let of_model = (format == Format::Colmap).then(|| part_of_model(folder)).flatten().map(|(part, _)| part);
+    let in_variant = || {
+        VARIANTS.iter().find_map(|variant| {
             let folder = folder.join(variant);
             let entries = list(&folder).ok()?;
             let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
@@ -120,12 +120,14 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
                 pictures.then(|| "pictures".to_owned())
             })
         })
-        .or_else(|| {
-            let holds_scene =
-                |(name, is_folder): &(String, bool)| *is_folder && transforms_in(&folder.join(name), false).is_some();
-            let scenes = list(folder).ok()?.iter().filter(|entry| holds_scene(entry)).count();
-            (scenes > 0).then(|| format!("{scenes} folders with a transforms.json"))
-        })
+    };
+    let below = || {
+        let holds_scene =
+            |(name, is_folder): &(String, bool)| *is_folder && transforms_in(&folder.join(name), false).is_some();
+        let scenes = list(folder).ok()?.iter().filter(|entry| holds_scene(entry)).count();
+        (scenes > 0).then(|| format!("{scenes} folders with a transforms.json"))
+    };
+    of_model.or_else(in_variant).or_else(below)
 }
 
 fn is_like_transforms(name: &str) -> bool {

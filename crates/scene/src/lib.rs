@@ -7,6 +7,7 @@ mod camera_policy;
 pub mod colmap;
 #[cfg(feature = "columns")]
 pub mod columns;
+mod cut_short;
 mod dataset;
 mod error;
 #[cfg(feature = "columns")]
@@ -22,6 +23,7 @@ pub mod json;
 pub mod nerfstudio;
 mod number;
 mod open;
+mod outlying;
 mod picture_mismatch;
 mod picture_options;
 mod plausible;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
+use crate::colmap::{ColmapOptions, ColmapScenes, model_folders, part_of_model};
 use crate::fetch::picture_files;
 use crate::files::{list, read_file, read_start};
 use crate::ignored::{Collections, report_ignored};
@@ -20,8 +20,11 @@ const EXPECTED: &str = "RE10K trajectories, .torch chunks, a transforms.json or 
 /// Bytes read of a file to detect its format.
 const PROBE: u64 = 1 << 16;
 
-/// Text files that are read to find a trajectory.
+/// Text files that are read to find a trajectory, and folders that are searched for what to say of one without a dataset.
 const PROBED: usize = 20;
+
+/// Datasets below a folder that is none itself, in its error.
+const DATASETS_NAMED: usize = 3;
 
 /// A dataset's format, detected from its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -148,7 +151,8 @@ pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, 
 /// [`WarningKind::IgnoredScene`]: crate::WarningKind::IgnoredScene
 ///
 /// # Errors
-/// [`SceneError::Io`]; [`SceneError::Unrecognized`] if no format matches.
+/// [`SceneError::Io`]; [`SceneError::Unrecognized`] if no format matches: it says what is missing of a COLMAP model, or
+/// names the datasets one folder below.
 pub fn open_with(
     path: impl AsRef<Path>,
     options: &OpenOptions,
@@ -184,13 +188,44 @@ pub fn open_with(
     if let Some(content) = start.as_deref().filter(|start| is_json(start, b'[')).and_then(|_| json_content(path)) {
         return Err(SceneError::unrecognized(path, EXPECTED, content));
     }
-    let (kind, text) = match start {
-        Some(_) => ("another kind of file", Some(path.to_owned()).filter(|path| has_extension(path, "txt"))),
-        None => ("a folder without these", trajectory_files(path)?.into_values().next()),
+    Err(SceneError::unrecognized(path, EXPECTED, what_is_there(path, start.is_some())?))
+}
+
+/// A description of a file or folder that is no dataset: what is missing, or where a dataset is.
+fn what_is_there(path: &Path, is_file: bool) -> Result<String, SceneError> {
+    let kind = if is_file { "another kind of file" } else { "a folder without these" };
+    let model = if is_file { folder_of_part(path) } else { Some(path.to_owned()) };
+    let of_part =
+        |(part, folder): (String, PathBuf)| format!("a part of a COLMAP model, {part} in {}", folder.display());
+    if let Some(part) = model.as_deref().and_then(part_of_model) {
+        return Ok(of_part(part));
+    }
+    let below = if is_file { Vec::new() } else { subfolders(path) };
+    let holds_dataset = |folder: &PathBuf| {
+        let holds = |entry: &Entry| (entry.folder)(folder).is_ok_and(|holds| holds);
+        REGISTRY.iter().find(|entry| holds(entry)).map(|entry| format!("{} ({})", folder.display(), entry.format))
+    };
+    let datasets: Vec<String> = below.iter().filter_map(holds_dataset).take(DATASETS_NAMED).collect();
+    if !datasets.is_empty() {
+        return Ok(format!("{kind}, but with datasets below it: {}", datasets.join(", ")));
+    }
+    if let Some(part) = below.iter().find_map(|capture| part_of_model(capture)) {
+        return Ok(of_part(part));
+    }
+    let text = if is_file {
+        Some(path.to_owned()).filter(|path| has_extension(path, "txt"))
+    } else {
+        trajectory_files(path)?.into_values().next()
     };
     let not_a_trajectory = text.and_then(|text| read_trajectory(&text).err());
-    let found = not_a_trajectory.map_or_else(|| kind.to_owned(), |error| format!("{kind}; {error}"));
-    Err(SceneError::unrecognized(path, EXPECTED, found))
+    Ok(not_a_trajectory.map_or_else(|| kind.to_owned(), |error| format!("{kind}; {error}")))
+}
+
+/// The first folders in a folder, without hidden ones; none if it cannot be listed.
+fn subfolders(path: &Path) -> Vec<PathBuf> {
+    let entries = list(path).unwrap_or_default();
+    let folders = entries.into_iter().filter(|(name, is_folder)| *is_folder && !name.starts_with('.'));
+    folders.take(PROBED).map(|(name, _)| path.join(name)).collect()
 }
 
 /// How one format is detected and opened.
@@ -288,9 +323,14 @@ fn json_content(path: &Path) -> Option<String> {
 
 /// The folder of the COLMAP model that `file` belongs to.
 fn model_around(file: &Path) -> Option<PathBuf> {
+    folder_of_part(file).filter(|folder| model_folders(folder).is_ok_and(|models| !models.is_empty()))
+}
+
+/// The folder of a file that is named like one of a COLMAP model.
+fn folder_of_part(file: &Path) -> Option<PathBuf> {
     let is_part = matches!(file.file_stem()?.to_str()?, "cameras" | "images" | "points3D");
     let folder = file.parent().filter(|folder| *folder != Path::new("")).unwrap_or_else(|| Path::new("."));
-    (is_part && !model_folders(folder).ok()?.is_empty()).then(|| folder.to_owned())
+    is_part.then(|| folder.to_owned())
 }
 
 /// Whether one of the first text files in a folder is a trajectory; others may be a licence, for example.

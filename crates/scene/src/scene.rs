@@ -32,6 +32,16 @@ impl Picture {
     pub const fn is_available(&self) -> bool {
         matches!(self, Self::File(_) | Self::Encoded(_) | Self::Generated(_))
     }
+
+    /// The file, or what the picture is in, for messages.
+    pub(crate) fn place(&self) -> String {
+        match self {
+            Self::File(path) | Self::Missing(path) => path.display().to_string(),
+            Self::Encoded(_) => "in a chunk".to_owned(),
+            Self::Generated(_) => "generated".to_owned(),
+            Self::Absent => "no picture".to_owned(),
+        }
+    }
 }
 
 /// A picture that is generated on demand.
@@ -158,7 +168,7 @@ impl Frame {
         if let Picture::Generated(picture) = &self.picture {
             return picture.make();
         }
-        Self::decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
+        self.decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
     }
 
     /// Decodes the result of [`Self::bytes`].
@@ -166,12 +176,13 @@ impl Frame {
     /// # Errors
     /// [`SceneError::Pixels`] for bytes that are not a picture or exceed `limits`.
     pub fn decode_bytes(
+        &self,
         bytes: &[u8],
         scene: &str,
         position: usize,
         limits: &DecodeLimits,
     ) -> Result<ImageU8, SceneError> {
-        atsplat_pixels::decode(bytes, limits).map_err(in_frame(scene, position))
+        atsplat_pixels::decode(bytes, limits).map_err(self.in_frame(scene, position))
     }
 
     /// The encoded picture: read from its file, borrowed from its chunk, or generated and encoded as PNG.
@@ -188,7 +199,7 @@ impl Frame {
                 Ok(Cow::Borrowed(bytes))
             }
             Picture::Generated(picture) => {
-                atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(in_frame(scene, position))
+                atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(self.in_frame(scene, position))
             }
             Picture::Absent => Err(no_picture("the source has no pictures".to_owned())),
             Picture::Missing(path) => Err(no_picture(format!("the file is missing ({})", path.display()))),
@@ -209,18 +220,23 @@ impl Frame {
     /// Those of [`Self::size`].
     pub fn header(&self, scene: &str, position: usize) -> Result<PictureHeader, SceneError> {
         match &self.picture {
-            Picture::File(path) => header_of_file(path, in_frame(scene, position)),
+            Picture::File(path) => header_of_file(path, self.in_frame(scene, position)),
             Picture::Generated(picture) => {
                 Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false, has_16_bits: false })
             }
-            _ => header_of(&self.bytes(scene, position)?).map_err(in_frame(scene, position)),
+            _ => header_of(&self.bytes(scene, position)?).map_err(self.in_frame(scene, position)),
         }
+    }
+
+    fn in_frame(&self, scene: &str, position: usize) -> impl FnOnce(PixelError) -> SceneError {
+        in_frame(scene, position, &self.picture)
     }
 }
 
-pub(crate) fn in_frame(scene: &str, frame: usize) -> impl FnOnce(PixelError) -> SceneError {
+/// [`SceneError::Pixels`] for `map_err`.
+pub(crate) fn in_frame(scene: &str, frame: usize, picture: &Picture) -> impl FnOnce(PixelError) -> SceneError {
     let scene = scene.to_owned();
-    move |source| SceneError::Pixels { scene, frame, source }
+    move |source| SceneError::Pixels { scene, frame, source, place: picture.place() }
 }
 
 /// Size of the picture in a file, from its header.

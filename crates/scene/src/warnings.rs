@@ -13,6 +13,8 @@ use serde::Serialize;
 pub enum WarningKind {
     /// A frame's picture file does not exist.
     MissingPicture,
+    /// A frame's picture file is empty; found by an inspection, which looks at every file.
+    EmptyPicture,
     /// A picture was found with another extension or in another folder than listed.
     PictureElsewhere,
     /// A picture among those of a trajectory that no row names: the row is lost, or the picture belongs elsewhere.
@@ -23,12 +25,14 @@ pub enum WarningKind {
     BadCamera,
     /// A camera is implausibly far from the origin.
     DistantCamera,
+    /// A camera is far outside the others of its scene, as those that structure from motion failed to place.
+    OutlyingCamera,
     /// The determinant of the rotation matrix deviates from 1 by more than `numpy.allclose` allows, an entry of `R Rᵀ` from
     /// that of the identity by more than 1e-5, or the length of a quaternion from 1 by more than 1e-3.
     ImperfectRotation,
-    /// Two frames have the same timestamp.
+    /// Two frames have the same timestamp, or two pictures the same number at the end of their names.
     DuplicateTimestamp,
-    /// Timestamps decrease.
+    /// Timestamps decrease, or the numbers at the end of pictures' names.
     UnorderedTimestamps,
     /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
     ImplausibleIntrinsics,
@@ -65,7 +69,7 @@ pub enum WarningKind {
     UnindexedChunk,
     /// A scene that the index does not list, in a chunk of which it lists others.
     UnindexedScene,
-    /// A picture cannot be read: its header or, where it is decoded, its content.
+    /// A picture cannot be read: its header or, where it is decoded, its content; or it is cut short.
     UnreadablePicture,
 }
 
@@ -168,6 +172,7 @@ impl WarningKind {
         matches!(
             self,
             Self::MissingPicture
+                | Self::EmptyPicture
                 | Self::PictureElsewhere
                 | Self::UnlistedPicture
                 | Self::DuplicatePicture

@@ -18,7 +18,7 @@ pub enum TensorError {
     #[error("checkpoint: {0}")]
     Torch(#[from] TorchError),
     /// A weights file is absent.
-    #[error("weights: expected {expected}, found no file ({})", path.display())]
+    #[error("weights: expected {expected}, found {} ({})", if path.is_dir() { "a folder" } else { "no file" }, path.display())]
     Missing {
         /// What the file is, where users get it, and its SHA-256 if that is known.
         expected: String,

@@ -42,8 +42,15 @@ impl TensorFile {
     /// Hashing reads every byte once; tensors stay in the memory map.
     ///
     /// # Errors
-    /// [`TensorError::Io`], or [`TensorError::InFile`] around the errors of [`StoredTensors::parse`].
+    /// [`TensorError::Missing`] for a folder, [`TensorError::Io`], or [`TensorError::InFile`] around the errors of
+    /// [`StoredTensors::parse`].
     pub fn open(path: &Path) -> Result<Self, TensorError> {
+        if path.is_dir() {
+            // As training leaves them.
+            let inside = path.join("weights.safetensors");
+            let example = if inside.is_file() { format!(", such as {}", inside.display()) } else { String::new() };
+            return Err(TensorError::Missing { expected: format!("a file{example}"), path: path.to_owned() });
+        }
         let file = atsplat_pickle::map(path).map_err(FileError::during::<TensorError>("reading weights", path))?;
         Self::parse(path.to_owned(), file)
     }

@@ -82,3 +82,14 @@ proptest! {
         StoredTensors::parse(shared(bytes)).ok();
     }
 }
+
+/// The folder of a training run is given in place of the weights in it.
+#[test]
+fn a_folder_is_no_weights_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let error = || TensorFile::open(folder.path()).unwrap_err().to_string();
+    assert_eq!(error(), format!("weights: expected a file, found a folder ({})", folder.path().display()));
+    let inside = folder.path().join("weights.safetensors");
+    std::fs::write(&inside, b"").unwrap();
+    assert!(error().contains(&format!("a file, such as {}, found a folder", inside.display())), "{}", error());
+}

@@ -146,10 +146,7 @@ impl State {
         fresh: &Parameters,
         backbone: ReadBackbone<'_>,
     ) -> Result<Self, TrainError> {
-        let text = |key: &str| {
-            let found = stored.metadata.get(key);
-            found.ok_or_else(|| TrainError::malformed(WHAT, format!("metadata {key}"), "a value", "no such entry"))
-        };
+        let text = |key: &str| entry(stored, key);
         let number = |key: &str| {
             let found = text(key)?;
             let malformed = |_| TrainError::malformed(WHAT, format!("metadata {key}"), "a whole number", found);
@@ -165,12 +162,7 @@ impl State {
         if stored.metadata.contains_key(METADATA_DIGEST) {
             expect(METADATA_DIGEST, &stored.metadata_digest(METADATA_DIGEST), "the hash of the metadata")?;
         }
-        let recorded = TrainConfig::from_toml(text("configuration")?)?;
-        if recorded != *config {
-            let expected = "that of the run, or a new run from its weights (`--init`)";
-            let changed = changes(&recorded, config).unwrap_or_else(|error| error.to_string());
-            return Err(TrainError::malformed(WHAT, "configuration", expected, format!("other settings: {changed}")));
-        }
+        check_settings(stored, config)?;
         let values = |part: &str, parameter: &Parameter| {
             let name = format!("{part}/{}", parameter.name);
             let tensor = stored.tensors.get(&name).filter(|tensor| tensor.shape() == parameter.shape);
@@ -288,7 +280,11 @@ impl Checkpoints {
             let state = match TensorFile::open(&path) {
                 Ok(file) => {
                     // Not a reason to go on from an older checkpoint, whose version may not have stated it.
-                    self.resolved.check(&file.stored)?;
+                    self.resolved.check(&file.stored).map_err(|error| {
+                        // A changed setting says more than the hash that it changes.
+                        let settings = check_settings(&file.stored, config).err();
+                        settings.map_or(error, |settings| settings.in_file(&path))
+                    })?;
                     State::from_stored(&file.stored, config, fresh, backbone).map_err(|error| error.in_file(&path))
                 }
                 Err(error) => Err(error.into()),
@@ -318,6 +314,23 @@ impl Checkpoints {
         }
         Ok(all)
     }
+}
+
+/// A value of a checkpoint's metadata.
+fn entry<'a>(stored: &'a StoredTensors, key: &str) -> Result<&'a String, TrainError> {
+    let found = stored.metadata.get(key);
+    found.ok_or_else(|| TrainError::malformed(WHAT, format!("metadata {key}"), "a value", "no such entry"))
+}
+
+/// Refuses a checkpoint of a run with other settings, by their names.
+fn check_settings(stored: &StoredTensors, config: &TrainConfig) -> Result<(), TrainError> {
+    let recorded = TrainConfig::from_toml(entry(stored, "configuration")?)?;
+    if recorded == *config {
+        return Ok(());
+    }
+    let expected = "that of the run, or a new run from its weights (`--init`)";
+    let changed = changes(&recorded, config).unwrap_or_else(|error| error.to_string());
+    Err(TrainError::malformed(WHAT, "configuration", expected, format!("other settings: {changed}")))
 }
 
 /// Number of steps before a checkpoint; `None` for other files.

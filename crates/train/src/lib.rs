@@ -35,4 +35,4 @@ pub use objective::{FlatGradient, GroupGradients, GroupInput, Objective, PartSec
 pub use parameters::Parameters;
 pub use resolved::Resolved;
 pub use sheet::{SheetRow, contact_sheet};
-pub use trainer::{Event, Limits, Start, Trainer};
+pub use trainer::{Event, Limits, Start, Trainer, WEIGHTS};

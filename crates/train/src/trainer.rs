@@ -54,7 +54,7 @@ const STEPS: &str = "steps.jsonl";
 /// The log of its evaluations.
 const EVALUATIONS: &str = "evaluations.jsonl";
 /// A run's weights, written with each checkpoint.
-const WEIGHTS: &str = "weights.safetensors";
+pub const WEIGHTS: &str = "weights.safetensors";
 
 /// A run in a folder.
 #[derive(Debug)]

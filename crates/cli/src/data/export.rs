@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{bail, ensure};
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
-use atsplat_scene::{SceneSource as _, Warnings};
+use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
@@ -20,7 +20,8 @@ pub(crate) struct Args {
     /// A file that ends in .parquet, .arrow or .csv; or a folder, for `.torch` chunks.
     out: PathBuf,
 
-    /// Write `.torch` chunks with images, as read by pixelSplat's loader, into the folder OUT.
+    /// Write `.torch` chunks with images, as read by pixelSplat's loader, into the folder OUT. Images are copied without
+    /// decoding them: one that is cut short is stored with a warning, other damage in it is not found.
     #[arg(long)]
     chunks: bool,
 
@@ -50,7 +51,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         Report::Chunks { scenes, skipped, .. } => (scenes as u64, skipped),
     };
     ensure!(scenes > 0, "no scene of {} could be exported", args.dataset.data.display());
-    Ok(skipped == 0)
+    Ok(skipped == 0 && warnings.count(WarningKind::UnreadablePicture) == 0)
 }
 
 fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {

@@ -16,7 +16,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     dataset: DatasetArgs,
 
-    /// Read every image header instead of three per scene.
+    /// Read every image header, and look for every image's end, instead of three per scene. Empty files are always found.
     #[arg(long)]
     all_sizes: bool,
 

@@ -12,13 +12,21 @@ use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict, done};
 
+const INSPECT_STRICT: &str =
+    "Exit with code 4 if scenes cannot be read, or images are missing, empty, cut short or cannot be read";
+
+const EXPORT_STRICT: &str =
+    "Exit with code 4 if scenes were skipped, or an image in a chunk is cut short or cannot be read";
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print the contents of a dataset: format, counts, sizes, intrinsics, baselines, problems.
+    #[command(mut_arg("strict", |strict| strict.help(INSPECT_STRICT)))]
     Inspect(WithStrict<inspect::Args>),
     /// Measure camera motion: speed, turn rate, straightness, baselines, focal length; of simulated and real clips.
     Motion(WithStrict<motion::Args>),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
+    #[command(mut_arg("strict", |strict| strict.help(EXPORT_STRICT)))]
     Export(WithStrict<export::Args>),
     /// Simulate scenes from seeds into a dataset, with exact depth.
     Simulate(simulate::Args),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
-use atsplat_eval::fitting::{Start, StartError, StartGaussians, common_size, fit_recipe};
+use atsplat_eval::fitting::{PointsOf, Start, StartError, StartGaussians, common_size, fit_recipe};
 use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError, rendered_scene};
 use atsplat_fit::{FitError, Strategy, TrainingView};
 use atsplat_model::network::Device;
@@ -87,6 +87,8 @@ fn depths(text: &str) -> Result<[f64; 2], String> {
 
 /// The photos with their pictures.
 pub(super) struct Input {
+    /// The scene that they are of.
+    pub(super) scene: Scene,
     pub(super) photos: Photos,
     pub(super) training: Vec<TrainingView>,
     pub(super) held_out: Vec<TrainingView>,
@@ -126,7 +128,7 @@ impl InputArgs {
             let photos = prepared(Some(size), &mut Warnings::new()).with_context(at_scale)?;
             scaled.push((scale, photos.held_out_views()?));
         }
-        Ok(Input { photos, training, held_out, scaled })
+        Ok(Input { scene, photos, training, held_out, scaled })
     }
 
     /// What was done to the cameras of a scene of DATA, but not to COLMAP's points.
@@ -198,10 +200,10 @@ impl StartArgs {
             return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians.into());
         }
         let start = self.start.parse::<Start>().context("--start")?;
-        let scene = input.photos.trial().scene();
-        let applied = if start.reads_points() { args.applied_transform(scene) } else { Ok(None) };
-        let data = (args.data.as_path(), scene, applied.with_context(|| format!("--start {}", self.start))?);
-        let made = start.gaussians(&input.training, data, self.depths, self.opacities_as_stored, (seed, strategy));
+        let applied = if start.reads_points() { args.applied_transform(&input.scene.key) } else { Ok(None) };
+        let applied = applied.with_context(|| format!("--start {}", self.start))?;
+        let of = PointsOf { data: &args.data, scene: &input.scene, applied };
+        let made = start.gaussians(&input.training, of, self.depths, self.opacities_as_stored, (seed, strategy));
         let made = made.map_err(|error| match error {
             StartError::Fit(error @ FitError::Setting { name: "depths", .. }) => {
                 anyhow::Error::from(error).context(format!("--start {} needs --depths NEAR,FAR", self.start))

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 
 use anyhow::ensure;
 use atsplat_protocol::{BuiltIndex, IndexBuilder, IndexLayout};
-use atsplat_scene::{SceneSource as _, Warnings};
+use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::PictureArgs;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     ensure!(*entries > 0, "no scene of {} has an entry: {} is not written", args.data.display(), args.out.display());
-    Ok(nulls.is_empty())
+    Ok(nulls.is_empty() && *missing_pictures == 0 && warnings.count(WarningKind::UnreadablePicture) == 0)
 }
 
 impl fmt::Display for Report<'_> {

@@ -11,8 +11,10 @@ use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict, done};
 
-const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repetitions that are not as published, \
-                           another protocol's index, dropped scenes, or other trials than --against";
+const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repetitions that are not as published, no \
+                           entries, another protocol's index, dropped scenes, or other trials than --against";
+
+const BUILD_STRICT: &str = "Exit with code 4 if a scene has no entry, or images are missing or cannot be read";
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
@@ -30,6 +32,7 @@ pub(crate) enum Command {
     /// Derive the split with targets before and after each window of context frames.
     Extrapolate(WithStrict<extrapolate::Args>),
     /// Build an index for a dataset that has none.
+    #[command(mut_arg("strict", |strict| strict.help(BUILD_STRICT)))]
     Build(WithStrict<build::Args>),
 }
 

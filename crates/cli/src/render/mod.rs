@@ -150,7 +150,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         preview.finish()?;
     }
     notes.extend(faults().map(|(number, fault)| format!("frame {number}: {fault}")));
-    notes.extend(empty_frames_warning(&frames, &gaussians));
+    let undrawn = empty_frames_warning(&frames, &gaussians);
+    let is_drawn = undrawn.is_none();
+    notes.extend(undrawn);
     let round_trip = (!args.round_trip.is_empty()).then(|| {
         let views: Vec<_> = shots.iter().map(|shot| (shot.view, shot.exposed(&look.options))).collect();
         let measured = measure_round_trips(renderer.as_mut(), &gaussians, &views, &args.round_trip);
@@ -199,7 +201,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if unknown > 0 {
         warn(&format!("warning: {} holds {unknown} images of another call", args.out.display()));
     }
-    failure.map_or(Ok(report.record.frames.failed == 0), |failure| bail!("{failure}"))
+    failure.map_or(Ok(report.record.frames.failed == 0 && is_drawn), |failure| bail!("{failure}"))
 }
 
 fn measure_round_trips(

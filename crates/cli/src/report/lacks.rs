@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::runner::{DROPPED_BY_SPLIT, MISSING_SCENES};
+use atsplat_eval::runner::{DROPPED_BY_SPLIT, MISSING_SCENES, NOT_SAMPLED};
 use atsplat_eval::store::Unfinished;
 use atsplat_eval::{Results, TargetStatus};
 use atsplat_report::table::Source;
@@ -11,6 +11,8 @@ use atsplat_report::table::Source;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Lack {
     MissingScenes,
+    /// Scenes or frames of the data, of this kind.
+    NotSampled(&'static str),
     DroppedBySplit,
     Unfinished,
     Skipped,
@@ -38,7 +40,10 @@ fn counts<'a>(results: &'a Results, interrupted: &'a [Unfinished]) -> Counts<'a>
         let lack = match warning.kind.as_str() {
             MISSING_SCENES => Lack::MissingScenes,
             kind if kind.starts_with(DROPPED_BY_SPLIT) => Lack::DroppedBySplit,
-            _ => continue,
+            kind => match NOT_SAMPLED.into_iter().find(|of| kind.starts_with(of)) {
+                Some(kind) => Lack::NotSampled(kind),
+                None => continue,
+            },
         };
         add((warning.preset.as_str(), "", lack), warning.count, warning.example.clone());
     }
@@ -82,6 +87,7 @@ impl Lack {
         let [are, have] = if one { ["is", "has"] } else { ["are", "have"] };
         match self {
             Self::MissingScenes => format!("{count} {scenes} of the index {are} not in the data"),
+            Self::NotSampled(kind) => format!("{count} {kind}"),
             Self::Unfinished => format!("the run of {method} has not ended"),
             Self::DroppedBySplit => {
                 format!("{count} {entries} of the published index {have} no place in the split derived from it")
@@ -123,13 +129,37 @@ mod tests {
         let mut results = Results::default();
         results.provenance.warnings = vec![
             warning(format!("{DROPPED_BY_SPLIT}: scene too short"), 2, "short"),
-            warning("frames without a picture".to_owned(), 5, "a"),
+            warning("entries with a target twice".to_owned(), 5, "a"),
         ];
         let lines = of(&Source { label: "run", results: &results });
         assert_eq!(
             lines,
             ["run: p: 2 entries of the published index have no place in the split derived from it: short"]
         );
+    }
+
+    #[test]
+    fn what_is_not_sampled_is_lacking() {
+        let warning = |kind: &str, count, example: &str| WarningCount {
+            preset: "p".to_owned(),
+            kind: kind.to_owned(),
+            count,
+            example: example.to_owned(),
+        };
+        let mut results = Results::default();
+        results.provenance.warnings = vec![
+            warning("frames without a picture, which are not sampled", 15, "rule"),
+            warning("sampled entries rejected for their overlap", 3, "rule"),
+            warning("scenes that are not read, and not sampled: ignored-scene", 1, "b: holds pictures"),
+            warning("scenes that are not read, and not sampled: unreadable-scene", 2, "c: cut off"),
+            warning("scenes without an entry in the sampled index", 1, "d, …: 1 unreadable"),
+        ];
+        let expected = [
+            "run: p: 15 frames without a picture, which are not sampled: rule",
+            "run: p: 3 scenes that are not read, and not sampled: b: holds pictures",
+            "run: p: 1 scenes without an entry in the sampled index: d, …: 1 unreadable",
+        ];
+        assert_eq!(of(&Source { label: "run", results: &results }), expected);
     }
 
     /// Killed after two of three entries under the second method; the third was never requested under this protocol.

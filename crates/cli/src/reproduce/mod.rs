@@ -94,8 +94,16 @@ impl SuiteArg {
             Self::Full => usize::MAX,
             Self::Quick if context_views > 6 => 1,
             Self::Quick if targets > 8 => 2,
-            Self::Quick if context_views > 2 => 4,
+            Self::Quick if context_views > 2 => 3,
             Self::Quick => 8,
+        }
+    }
+
+    /// What is timed of each protocol.
+    fn timing(self) -> TimingPlan {
+        match self {
+            Self::Quick => TimingPlan { trials: 2, ..TimingPlan::default() },
+            Self::Full => TimingPlan::default(),
         }
     }
 
@@ -132,7 +140,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let name = numbered("results", at);
         let mut methods = trained.methods()?;
         methods.extend(args.fit.map(|budget| trained.optimised(budget)).transpose()?.unwrap_or_default());
-        let evaluated = args.evaluate(&name, datasets, &methods, Some(TimingPlan::default()))?;
+        let evaluated = args.evaluate(&name, datasets, &methods, Some(args.suite.timing()))?;
         complete &= evaluated.summary.is_complete();
         empty.extend(evaluated.why_empty);
         stores.push((name, evaluated.results));

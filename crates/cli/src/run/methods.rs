@@ -10,6 +10,7 @@ use atsplat_eval::method::{
     AtSplat, Backend, ConstantsChoice, Exec, ExecSettings, GaussianFrame, MAX_GAUSSIANS, Method, MethodKind,
     MethodSpec, NearestView, Optimised, Ply, Renders, Splatting, Warp,
 };
+use atsplat_splat::RasterMode;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use crate::parse;
@@ -54,6 +55,11 @@ pub(super) struct GaussianArgs {
     #[arg(long, value_name = "COLOUR", value_parser = parse::background)]
     background: Option<[f64; 3]>,
 
+    /// How Gaussians smaller than a pixel are drawn, of imported files and of exec, as in `render`. Protocols state no mode: the
+    /// default is classic, with a warning where a file may be meant otherwise.
+    #[arg(long, value_name = "MODE", value_parser = parse::named(MODES))]
+    mode: Option<RasterMode>,
+
     /// Which of the requested effects run: auto (the default, only those that can change an image by more than --tolerance),
     /// all, none, or a list of names.
     #[arg(long, value_name = "LIST")]
@@ -79,6 +85,7 @@ pub(super) struct GaussianArgs {
     opacities_as_stored: bool,
 }
 
+const MODES: [(&str, RasterMode); 2] = [("classic", RasterMode::Classic), ("antialiased", RasterMode::Antialiased)];
 const FRAMES: [(&str, GaussianFrame); 2] = [("dataset", GaussianFrame::Dataset), ("trial", GaussianFrame::Trial)];
 
 impl MethodArgs {
@@ -106,6 +113,7 @@ impl MethodArgs {
                 of(self.gaussians.opacities_as_stored, "--opacities-as-stored"),
                 "is for ply and exec",
             ),
+            (imports || executes, of(self.gaussians.mode.is_some(), "--mode"), "is for ply and exec"),
             (renders, self.gaussians.given(), "is for methods whose Gaussians are rendered"),
         ];
         if networks && !self.network.has_weights() {
@@ -198,7 +206,11 @@ impl GaussianArgs {
 
     /// Rejects these arguments if there are no Gaussians.
     pub(super) fn check_unused(&self) -> Result<(), String> {
-        let of_files = [("--ply-frame", self.ply_frame.is_some()), ("--opacities-as-stored", self.opacities_as_stored)];
+        let of_files = [
+            ("--mode", self.mode.is_some()),
+            ("--ply-frame", self.ply_frame.is_some()),
+            ("--opacities-as-stored", self.opacities_as_stored),
+        ];
         let given = self.given().or(parse::first_given(of_files));
         given.map_or(Ok(()), |name| Err(format!("{name} is for --ply: pictures are compared as they are")))
     }
@@ -233,6 +245,7 @@ impl GaussianArgs {
         };
         let effects = self.effects.clone().unwrap_or_default();
         let tolerance = self.tolerance.unwrap_or(EffectPlan::TOLERANCE);
-        Ok(Splatting { constants, background: self.background, effects, tolerance, backend, skipped_adapter })
+        let (background, mode) = (self.background, self.mode);
+        Ok(Splatting { constants, background, mode, effects, tolerance, backend, skipped_adapter })
     }
 }

@@ -108,8 +108,9 @@ fn evaluate(
     }
     let (results, summary) = outcome?;
     out.finish()?;
-    let takes_any_size = protocols.takes_any_size();
-    print_report(&RunReport::of(&results, Some(summary), settings.out()).with_advice(takes_any_size), settings.json)?;
+    let images = protocols.images_of_expected_size(&datasets, &results);
+    let report = RunReport::of(&results, Some(summary), settings.out());
+    print_report(&report.with_advice(protocols.takes_any_size(), images), settings.json)?;
     print_warnings(&warnings);
     print_findings(&[&results], &warnings);
     if let Some(why) = plan.nothing_evaluated(&results) {

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use atsplat_eval::Results;
 use atsplat_eval::runner::{Dataset, IndexChoice, PlannedIndex};
-use atsplat_protocol::Preset;
+use atsplat_protocol::{DropReason, Preset};
 use atsplat_scene::{Fetch as _, SceneSource, Warnings};
 
 use crate::dataset_args::PictureArgs;
@@ -64,6 +65,7 @@ impl ProtocolArgs {
         }
         let data = remote.map_or(self.data.as_path(), |remote| remote.path());
         let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open_at(&self.data, remote, warnings)?);
+        let opening = warnings.clone();
         let rule =
             self.sampler.as_deref().map(|name| Ok::<_, anyhow::Error>((name, parse::rule(name)?))).transpose()?;
         let index = match (&rule, &self.index) {
@@ -78,6 +80,9 @@ impl ProtocolArgs {
             }
             let opened = Dataset::new(preset, source, data, index, self.any_size, warnings);
             let mut opened = opened.with_context(|| format!("protocol {name}"))?;
+            if rule.is_some() {
+                opened.index.note_unread(&opening);
+            }
             if let Some(remote) = remote {
                 // Records of a run do not depend on where copies are.
                 opened.description = remote.with_url(&opened.description);
@@ -86,6 +91,29 @@ impl ProtocolArgs {
             Ok(opened)
         };
         self.presets.iter().map(|name| open(name, warnings)).collect()
+    }
+
+    /// Which other copy of a capture's images has the size that a protocol expects, if it skipped a scene for the size of its
+    /// images; `None` for data without copies, and for data in object storage, whose copies were not fetched.
+    pub(super) fn images_of_expected_size(&self, datasets: &[Dataset], results: &Results) -> Option<u32> {
+        const FACTORS: [u32; 4] = [1, 2, 4, 8];
+        if atsplat_objects::url(&self.data).is_some() {
+            return None;
+        }
+        let mut refused = results.provenance.skipped.iter().filter(|own| own.reason == DropReason::PictureSize.name());
+        let (skipped, dataset) = refused.find_map(|skipped| {
+            let dataset = datasets.iter().find(|dataset| dataset.name == skipped.preset)?;
+            Some((skipped, dataset))
+        })?;
+        let expected = dataset.preset.preprocessing.expected_size?;
+        let has_size = |factor: &u32| {
+            let mut unread = Warnings::new();
+            let copy = self.pictures.with_images(*factor).open(&self.data, &mut unread).ok()?;
+            let scene = copy.load(&skipped.scene, &mut unread).ok()?;
+            let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
+            scene.frames.get(at)?.size(&scene.key, at).ok()
+        };
+        FACTORS.into_iter().find(|factor| has_size(factor) == Some(expected))
     }
 
     /// Whether images of any size are accepted.

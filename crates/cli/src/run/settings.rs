@@ -51,11 +51,12 @@ pub(crate) struct SettingArgs {
 /// Repetitions of a timing pass.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct RepetitionArgs {
-    /// Minimum number of repetitions of encoding and rendering per timed trial: 5, the default, or more.
+    /// Minimum number of repetitions of encoding and rendering per timed trial: by default 5, and 2 for work of a second or
+    /// more.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=10_000))]
     repetitions: Option<u32>,
 
-    /// Warm-up repetitions, which are not counted; by default 1, and none for work of five seconds or more.
+    /// Warm-up repetitions, which are not counted; by default 1, and none for work of a second or more.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     warm_up: Option<u32>,
 }
@@ -74,12 +75,13 @@ pub(super) struct TimingArgs {
 
 impl RepetitionArgs {
     pub(crate) fn plan(self) -> TimingPlan {
-        let TimingPlan { trials, warm_up, warm_up_until, repetitions } = TimingPlan::default();
+        let TimingPlan { trials, warm_up, warm_up_until, repetitions, long } = TimingPlan::default();
         TimingPlan {
             trials,
             warm_up: self.warm_up.unwrap_or(warm_up),
             warm_up_until: if self.warm_up.is_some() { Duration::MAX } else { warm_up_until },
             repetitions: self.repetitions.unwrap_or(repetitions),
+            long: if self.repetitions.is_some() { Duration::MAX } else { long },
         }
     }
 }
@@ -132,7 +134,8 @@ mod tests {
             |timing, repetitions| TimingArgs { timing, repetitions: RepetitionArgs { repetitions, warm_up: None } };
         assert_eq!(timing_args(false, None).plan().unwrap(), None);
         assert_eq!(timing_args(true, None).plan().unwrap(), Some(TimingPlan::default()));
-        assert_eq!(timing_args(true, Some(9)).plan().unwrap().map(|plan| plan.repetitions), Some(9));
+        let asked = timing_args(true, Some(9)).plan().unwrap().unwrap();
+        assert_eq!((asked.repetitions, asked.long), (9, Duration::MAX), "also of long work");
         assert!(timing_args(false, Some(9)).plan().unwrap_err().to_string().contains("--timing"));
     }
 }

@@ -65,7 +65,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     } else {
         tradeoffs(&results, &metrics, leaked)?
     };
-    print_report(&TradeoffReport { tradeoffs }, args.json)?;
+    print_report(&TradeoffReport { tradeoffs, unfinished: results.interrupted() }, args.json)?;
     Ok(Exit::Done)
 }
 

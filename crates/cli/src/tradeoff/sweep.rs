@@ -72,7 +72,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
         1 => tradeoffs(&results, &metrics, Leaked::Included)?,
         _ => metrics.iter().map(|metric| across(&results, metric, Leaked::Included)).collect::<Result<_, _>>()?,
     };
-    print_report(&TradeoffReport { tradeoffs }, args.settings.json)?;
+    print_report(&TradeoffReport { tradeoffs, unfinished: results.interrupted() }, args.settings.json)?;
     print_warnings(&warnings);
     print_findings(&[&results], &warnings);
     Ok(complete)

@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 use atsplat_eval::store::PROVENANCE;
 use atsplat_model::network::Processor;
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
-use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
+use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, journal};
 
 use crate::embedded;
 use crate::output::{PendingFile, print_text};
@@ -82,7 +82,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     drawn?;
     let done = trainer.state().step;
     let end = if complete { "" } else { "; `--resume` continues" };
-    print_text(&format!("{done} of {steps} steps, {} skipped{end}\n", trainer.state().skipped()))
+    let weights = args.out.join(WEIGHTS);
+    print_text(&format!("{done} of {steps} steps, {} skipped{end}\n{}\n", trainer.state().skipped(), weights.display()))
 }
 
 /// Writes the logs as Parquet, the learning curve, and the contact sheet.

@@ -91,14 +91,18 @@ impl DriftReport {
             return format!("The first stage that changed is the {}.", stage.name());
         }
         let data = match self.data.verdict() {
-            StageVerdict::Empty => "No picture could be compared",
-            _ => "The pictures are the baseline's",
+            StageVerdict::Empty => "No picture of the dataset could be compared",
+            _ => "The dataset's pictures are the baseline's",
         };
         let empty = self.attribution.iter().flat_map(|attribution| &attribution.stages);
         let empty: Vec<&str> =
             empty.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
         match &self.attribution {
             None => format!("{data}; stages were not probed."),
+            Some(_) if empty.is_empty() && self.verdict == Verdict::Drifted => format!(
+                "{data}; no stage changed on the probe. What moved lies outside both: a method's own files, such as renders or \
+                 weights, or its program."
+            ),
             Some(_) if empty.is_empty() => format!("{data}; no stage changed on the probe."),
             Some(_) => format!("{data}; on the probe there was nothing to compare for: {}.", empty.join(", ")),
         }

@@ -13,7 +13,7 @@ use atsplat_protocol::{PoseNormalisation, ProtocolError};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_splat::View;
 
-pub use start::{Start, StartError, StartGaussians};
+pub use start::{PointsOf, Start, StartError, StartGaussians};
 
 use crate::reconstruct::{Photos, photo_recipe};
 

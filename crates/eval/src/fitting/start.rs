@@ -4,9 +4,9 @@ use std::str::FromStr;
 use atsplat_files::InvalidText;
 use atsplat_fit::start::{Point, from_points, in_frustums};
 use atsplat_fit::{FitError, Strategy, TrainingView};
-use atsplat_scene::SceneError;
-use atsplat_scene::colmap::{ColmapPoint, points_folder, read_points};
+use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
+use atsplat_scene::{Scene, SceneError};
 use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
 use thiserror::Error;
 
@@ -21,6 +21,18 @@ pub enum Start {
     At(PathBuf),
 }
 
+/// Where COLMAP's points of a scene are read, and where they lie.
+#[derive(Clone, Copy, Debug)]
+pub struct PointsOf<'a> {
+    /// The dataset: a capture, a file in it, or a folder of captures.
+    pub data: &'a Path,
+    /// The scene, with the cameras beside which the points must lie.
+    pub scene: &'a Scene,
+    /// What was done to these cameras, but not to COLMAP's points
+    /// ([`applied_transform`](atsplat_scene::SceneSource::applied_transform)).
+    pub applied: Option<AppliedTransform>,
+}
+
 /// The Gaussians of a [`Start`].
 #[derive(Clone, Debug)]
 pub struct StartGaussians {
@@ -31,6 +43,10 @@ pub struct StartGaussians {
     /// What a user should know of their file.
     pub warnings: Vec<String>,
 }
+
+/// Largest median distance between COLMAP's cameras and the scene's, in extents of the scene. Cameras that were refined after
+/// COLMAP are closer, those of another world are not.
+const CLOSE: f64 = 0.05;
 
 impl From<Gaussians> for StartGaussians {
     fn from(gaussians: Gaussians) -> Self {
@@ -52,6 +68,29 @@ pub enum StartError {
         .0.display()
     )]
     NoPoints(PathBuf),
+    /// No Gaussians can be made of the points.
+    #[error("COLMAP's points: {error} ({})", folder.display())]
+    Unusable {
+        /// The folder of the points.
+        folder: PathBuf,
+        /// Why not.
+        error: Box<FitError>,
+    },
+    /// The points lie in another world than the scene's cameras.
+    #[error(
+        "{}: the cameras of {images} images are not where the dataset has them, by {percent:.0} % of its extent in the \
+         median: its cameras were moved without an applied_transform, as by instant-ngp's colmap2nerf.py, or the points \
+         belong to another capture",
+        folder.display()
+    )]
+    Elsewhere {
+        /// The folder of the points.
+        folder: PathBuf,
+        /// Images that are frames of the scene.
+        images: usize,
+        /// Median distance of their cameras.
+        percent: f64,
+    },
     /// A file of Gaussians cannot be read.
     #[error(transparent)]
     Gaussians(#[from] SplatError),
@@ -86,16 +125,15 @@ impl Start {
         }
     }
 
-    /// The Gaussians for these views of a `scene` of a dataset, of which COLMAP's points are moved by what was `applied` to its
-    /// cameras ([`applied_transform`](atsplat_scene::SceneSource::applied_transform)). Random points are between two `depths`, by
-    /// default around the point that the cameras look at. With `opacities_as_stored`, a PLY file holds opacities instead of logits.
+    /// The Gaussians for these views of a scene. Random points are between two `depths`, by default around the point that the
+    /// cameras look at. With `opacities_as_stored`, a PLY file holds opacities instead of logits.
     ///
     /// # Errors
     /// [`StartError`].
     pub fn gaussians(
         &self,
         views: &[TrainingView],
-        (data, scene, applied): (&Path, &str, Option<AppliedTransform>),
+        of: PointsOf<'_>,
         depths: Option<[f64; 2]>,
         opacities_as_stored: bool,
         (seed, strategy): (u64, Strategy),
@@ -104,14 +142,34 @@ impl Start {
             Self::Random(count) => return Ok(in_frustums(views, *count, depths, seed, strategy)?.into()),
             Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored)?),
             Self::At(folder) => points_folder(folder).ok_or_else(|| StartError::NoPoints(folder.clone()))?,
-            Self::Points => points_of_scene(data, scene)?,
+            Self::Points => points_of_scene(of.data, &of.scene.key)?,
         };
+        let warnings = of.check(&folder)?;
         let point = |point: ColmapPoint| Point {
-            position: applied.map_or(point.position, |applied| applied.saved_point(point.position)).to_array(),
+            position: of.applied.map_or(point.position, |applied| applied.saved_point(point.position)).to_array(),
             colour: point.color.map(|channel| f64::from(channel) / 255.0),
         };
         let points: Vec<Point> = read_points(&folder)?.into_iter().map(point).collect();
-        Ok(from_points(&points, strategy)?.into())
+        let gaussians = from_points(&points, strategy);
+        let gaussians = gaussians.map_err(|error| StartError::Unusable { folder, error: Box::new(error) })?;
+        Ok(StartGaussians { gaussians, removed: 0, warnings })
+    }
+}
+
+impl PointsOf<'_> {
+    /// Compares the model's cameras with the scene's; warns if that cannot be done.
+    fn check(&self, folder: &Path) -> Result<Vec<String>, StartError> {
+        match displacement(folder, self.scene, self.applied)? {
+            Some(Displacement { distance, .. }) if distance <= CLOSE => Ok(Vec::new()),
+            Some(Displacement { images, distance }) => {
+                Err(StartError::Elsewhere { folder: folder.to_owned(), images, percent: 100.0 * distance })
+            }
+            None => Ok(vec![format!(
+                "whether COLMAP's points lie beside the cameras is not known: {} has no images.bin or images.txt with two \
+                 frames of the scene",
+                folder.display()
+            )]),
+        }
     }
 }
 
@@ -163,6 +221,10 @@ mod tests {
 
     use super::*;
 
+    fn scene_without_frames(key: &str) -> Scene {
+        Scene { key: key.to_owned(), url: None, frames: Vec::new() }
+    }
+
     fn parts(count: usize) -> GaussianParts {
         GaussianParts {
             means: vec![[0.5; 3]; count],
@@ -181,7 +243,8 @@ mod tests {
         let path = folder.path().join("start.ply");
         files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
         let start = Start::At(path);
-        start.gaussians(&[], (folder.path(), "scene", None), None, opacities_as_stored, (0, Strategy::Fixed)).unwrap()
+        let of = PointsOf { data: folder.path(), scene: &scene_without_frames("scene"), applied: None };
+        start.gaussians(&[], of, None, opacities_as_stored, (0, Strategy::Fixed)).unwrap()
     }
 
     #[test]
@@ -218,16 +281,21 @@ mod tests {
         let rows = (0..5).map(|at| format!("{at} {at} 0 1 255 0 0 0.5\n")).collect::<Vec<_>>().concat();
         std::fs::write(garden.join("sparse/points3D.txt"), rows).unwrap();
         let points = |start: &Start, data: &Path, scene: &str| {
-            let made = start.gaussians(&[], (data, scene, None), None, false, (0, Strategy::Fixed));
+            let of = PointsOf { data, scene: &scene_without_frames(scene), applied: None };
+            let made = start.gaussians(&[], of, None, false, (0, Strategy::Fixed));
             made.map(|made| made.gaussians.len()).map_err(|error| error.to_string())
         };
         let file = garden.join("transforms.json");
         for (data, scene) in [(folder.path(), "garden"), (garden.as_path(), "garden"), (file.as_path(), "other")] {
             assert_eq!(points(&Start::Points, data, scene), Ok(5), "{}", data.display());
         }
-        assert_eq!(points(&Start::At(garden), folder.path(), "other"), Ok(5));
+        assert_eq!(points(&Start::At(garden.clone()), folder.path(), "other"), Ok(5));
         let error = points(&Start::Points, folder.path(), "other").unwrap_err();
         assert!(error.contains("sparse/") && error.contains(&folder.path().display().to_string()), "{error}");
+        std::fs::write(garden.join("sparse/points3D.txt"), "1 1 0 1 255 0 0 0.5\n").unwrap();
+        let error = points(&Start::Points, folder.path(), "garden").unwrap_err();
+        let sparse = garden.join("sparse");
+        assert!(error.contains("at least four points, found 1") && error.contains(sparse.to_str().unwrap()), "{error}");
     }
 
     /// As `ns-process-data` leaves a capture: its cameras are turned, then moved, then scaled; COLMAP's model is not.
@@ -240,13 +308,16 @@ mod tests {
         let rows = (1..=5).map(|at| format!("{at} {at} 20 300 255 0 0 0.5\n")).collect::<Vec<_>>().concat();
         std::fs::write(model.join("points3D.txt"), rows).unwrap();
         let points = |applied: &str| {
-            let camera = r#""frames": [{ "file_path": "a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]] }]"#;
+            let camera = r#""w": 8, "h": 6, "fl_x": 5, "fl_y": 5, "cx": 4, "cy": 3, "frames": [{ "file_path": "a.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]] }]"#;
             std::fs::write(capture.join("transforms.json"), format!("{{ {applied} {camera} }}")).unwrap();
             let dataset = atsplat_scene::open(folder.path(), &mut Warnings::new()).unwrap();
-            let data = (folder.path(), "garden", dataset.applied_transform("garden").unwrap());
+            let scene = dataset.load("garden", &mut Warnings::new()).unwrap();
+            let applied = dataset.applied_transform("garden").unwrap();
             [Start::Points, Start::At(capture.clone())].map(|start| {
                 assert!(start.reads_points());
-                let made = start.gaussians(&[], data, None, false, (0, Strategy::Fixed)).unwrap();
+                let of = PointsOf { data: folder.path(), scene: &scene, applied };
+                let made = start.gaussians(&[], of, None, false, (0, Strategy::Fixed)).unwrap();
+                assert!(made.warnings[0].contains("has no images.bin or images.txt"), "{:?}", made.warnings);
                 made.gaussians.parts().means.iter().map(|mean| mean.map(f64::from)).collect::<Vec<_>>()
             })
         };
@@ -262,6 +333,44 @@ mod tests {
             }
         }
         assert!(!Start::Random(1).reads_points() && !Start::At("start.ply".into()).reads_points());
+    }
+
+    /// The capture's world is COLMAP's turned by a quarter, moved and scaled; a camera was refined, and one is not COLMAP's.
+    #[test]
+    fn points_of_another_world_than_the_cameras_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let model = folder.path().join("sparse/0");
+        std::fs::create_dir_all(&model).unwrap();
+        let image =
+            |id: u32, x: f64, y: f64, z: f64| format!("{id} 1 0 0 0 {} {} {} 1 photos/{id}.jpg\n\n", -x, -y, -z);
+        let images =
+            [image(1, 0.0, 0.0, 0.0), image(2, 8.0, 0.0, 0.0), image(3, 0.0, 6.0, 0.0), image(9, 1.0, 1.0, 1.0)];
+        std::fs::write(model.join("images.txt"), images.concat()).unwrap();
+        std::fs::write(
+            model.join("points3D.txt"),
+            (1..=5).map(|at| format!("{at} {at} 6 7 255 0 0 0.5\n")).collect::<Vec<_>>().concat(),
+        )
+        .unwrap();
+        let transforms = r#"{ "applied_transform": [[0, 1, 0, 5], [0, 0, 1, 6], [1, 0, 0, 7]], "applied_scale": 2,
+            "w": 8, "h": 6, "fl_x": 5, "fl_y": 5, "cx": 4, "cy": 3, "frames": [
+            { "file_path": "1.png", "transform_matrix": [[1,0,0,10],[0,1,0,12],[0,0,1,14]] },
+            { "file_path": "2.png", "transform_matrix": [[1,0,0,10],[0,1,0,12],[0,0,1,30]] },
+            { "file_path": "3.png", "transform_matrix": [[1,0,0,22.3],[0,1,0,12],[0,0,1,14]] },
+            { "file_path": "4.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]] } ] }"#;
+        std::fs::write(folder.path().join("transforms.json"), transforms).unwrap();
+        let dataset = atsplat_scene::open(folder.path(), &mut Warnings::new()).unwrap();
+        let key = dataset.keys()[0].clone();
+        let scene = dataset.load(&key, &mut Warnings::new()).unwrap();
+        let started = |applied| {
+            let of = PointsOf { data: folder.path(), scene: &scene, applied };
+            Start::Points.gaussians(&[], of, None, false, (0, Strategy::Fixed)).map_err(|error| error.to_string())
+        };
+        let applied = dataset.applied_transform(&key).unwrap();
+        assert!(applied.is_some());
+        assert_eq!(started(applied).unwrap().warnings, Vec::<String>::new());
+        // By hand: 21.0, 32.4 and 27.0 units, and the diagonal of the box is 20.2.
+        let error = started(None).unwrap_err();
+        assert!(error.contains("cameras of 3 images") && error.contains("by 134 % of its extent"), "{error}");
     }
 
     #[test]

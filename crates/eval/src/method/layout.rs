@@ -3,7 +3,8 @@ use std::fmt;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::{below, names_of_entry};
+use super::below;
+use super::scene_names::SceneNames;
 use crate::EvalError;
 
 /// Limit on the subfolders searched if the given folder holds no scene.
@@ -45,16 +46,17 @@ pub struct Survey {
 
 impl Survey {
     /// Looks for scenes below a folder and, if there are none, in its parents and subfolders. `layout` returns how a
-    /// scene's files are laid out below a folder, if they are there.
+    /// scene's files are laid out below a folder, if they are there under one of the names that scenes have in it.
     pub(super) fn of(
         (what, expected): (&'static str, &'static str),
         folder: &Path,
+        names: &SceneNames,
         requested: &[RequestedScene<'_>],
-        layout: impl Fn(&Path, &RequestedScene<'_>) -> Option<Layout>,
+        layout: impl Fn(&Path, &RequestedScene<'_>, &SceneNames) -> Option<Layout>,
     ) -> Self {
         let found = |folder: &Path| {
-            let mut found = LayoutCounts::default();
-            for layout in requested.iter().filter_map(|requested| layout(folder, requested)) {
+            let (mut found, names) = (LayoutCounts::default(), names.below(folder));
+            for layout in requested.iter().filter_map(|requested| layout(folder, requested, &names)) {
                 *found.0.entry(layout).or_default() += 1;
             }
             found
@@ -66,7 +68,7 @@ impl Survey {
         let elsewhere = elsewhere.map(|(found, other)| (other, found));
         let first = requested.first().map_or_else(String::new, |requested| requested.scene.to_owned());
         let of_scene = |RequestedScene { scene, frames }: &RequestedScene<'_>| {
-            let mut names = names_of_entry(scene, 0).into_iter().filter_map(|name| below(folder, &name));
+            let mut names = names.of(scene, 0).into_iter().filter_map(|name| below(folder, &name));
             Some((names.find(|folder| folder.is_dir())?, frames.to_vec()))
         };
         let without_files = if here.scenes() > 0 { None } else { requested.iter().find_map(of_scene) };
@@ -181,7 +183,8 @@ mod tests {
         }
         let why = |scenes: &[&str], frames: &[usize]| {
             let requested: Vec<_> = scenes.iter().map(|&scene| RequestedScene { scene, frames }).collect();
-            let survey = Survey::of(("folder of renders", "SCENE/29.png"), folder.path(), &requested, |_, _| None);
+            let (what, names) = (("folder of renders", "SCENE/29.png"), SceneNames::default());
+            let survey = Survey::of(what, folder.path(), &names, &requested, |_, _, _| None);
             let why = survey.check().unwrap_err().to_string();
             let (_, found) = why.split_once(", found ").unwrap();
             found.replace(&format!("{}/", folder.path().display()), "")

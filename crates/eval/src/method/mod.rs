@@ -10,6 +10,7 @@ mod optimised;
 mod ply;
 mod range;
 mod renders;
+mod scene_names;
 mod shared_encoding;
 mod spec;
 mod splatting;
@@ -21,8 +22,8 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_pixels::{Image, ImageU8};
-use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{TargetView, Trial};
+use atsplat_protocol::{EvaluationIndex, Preset};
 use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
@@ -36,11 +37,10 @@ pub use range::check_range;
 pub use renders::Renders;
 pub(crate) use shared_encoding::SharedEncoding;
 pub use spec::{InvalidMethod, MethodKind, MethodSpec};
-pub use splatting::{Backend, Splatting};
+pub use splatting::{Backend, DRAWN_CLASSIC, Splatting};
 pub use warp::Warp;
 
 use crate::MethodRecord;
-use crate::file_name::file_name;
 
 /// A novel-view-synthesis method under evaluation.
 pub trait Method: Debug + Send + Sync {
@@ -62,6 +62,12 @@ pub trait Method: Debug + Send + Sync {
     /// recomputed when one of them changes.
     fn files(&self, _trial: &Trial) -> Vec<Option<PathBuf>> {
         Vec::new()
+    }
+
+    /// For an imported method, itself with the names of all scenes of a run, so that it never takes the files of one scene for
+    /// those of another; `None` for all others. A run binds its methods to its own indices.
+    fn for_scenes_of(&self, _indices: &[&EvaluationIndex]) -> Option<Arc<dyn Method>> {
+        None
     }
 
     /// Where an imported method's files for these scenes are; `None` for a method that runs in this process.
@@ -180,23 +186,6 @@ fn render_each(
         Ok(Rendered { image: render(target)?, drawn: None, effects: Vec::new() })
     };
     positions.iter().map(one).collect()
-}
-
-/// Accepted file names of a trial's scene.
-pub(crate) fn names_of(trial: &Trial) -> Vec<String> {
-    names_of_entry(trial.scene(), trial.entry_number())
-}
-
-/// Accepted file names of an index entry of a scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which
-/// a store keeps its pictures.
-pub(crate) fn names_of_entry(scene: &str, entry: usize) -> Vec<String> {
-    let without_entry = (entry == 0).then(|| scene.to_owned());
-    let mut names: Vec<String> = without_entry.into_iter().chain([format!("{scene}-{entry}")]).collect();
-    let stored = format!("{}-{entry}", file_name(scene));
-    if !names.contains(&stored) {
-        names.push(stored);
-    }
-    names
 }
 
 /// A path below a folder; `None` if it would leave the folder.

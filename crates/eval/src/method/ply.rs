@@ -1,25 +1,29 @@
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
 use atsplat_splat::files::{Format, Import};
-use atsplat_splat::{Gaussians, files};
+use atsplat_splat::{Gaussians, RasterMode, files};
 
-use super::splatting::{Splatting, parameters};
+use super::scene_names::SceneNames;
+use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
     Cost, Layout, Method, MethodError, Prediction, RequestedScene, Survey, Timed, TrialInput, below, folder_name,
-    names_of, names_of_entry,
 };
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
-/// several entries for a scene, the second is named `<scene>-1`, and so on; the first may be named `<scene>-0`. A scene with
-/// two of these files that differ in more than their extension is a failed trial.
-#[derive(Debug)]
+/// several entries for a scene, the second is named `<scene>-1`, and so on; the first may be named `<scene>-0`. The name of a
+/// scene of the index stands for that scene alone. A scene with two of these files that differ in more than their extension is
+/// a failed trial.
+#[derive(Clone, Debug)]
 pub struct Ply {
     folder: PathBuf,
     name: String,
+    names: SceneNames,
     frame: GaussianFrame,
     /// Whether a PLY file stores opacities themselves instead of logits.
     opacities_as_stored: bool,
@@ -59,17 +63,19 @@ impl Ply {
     ) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of Gaussians", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
-        Ok(Self { folder: folder.to_owned(), name, frame, opacities_as_stored, splatting })
+        let names = SceneNames::default().below(folder);
+        Ok(Self { folder: folder.to_owned(), name, names, frame, opacities_as_stored, splatting })
     }
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
-        let (scene, names) = (trial.scene(), names_of(trial));
-        let all = names.iter().flat_map(|name| candidates(&self.folder, name)).map(|(path, _)| path);
-        let mut found = all.filter(|path| path.is_file());
+        let (scene, entry) = (trial.scene(), trial.entry_number());
+        let names = self.names.of(scene, entry);
+        let all = names.iter().flat_map(|name| candidates(&self.folder, name, scene, &self.names));
+        let mut found = all.map(|(path, _)| path).filter(|path| path.is_file());
         let Some(first) = found.next() else {
-            let folder = self.folder.display();
+            let (folder, note) = (self.folder.display(), self.names.note(scene, entry));
             return Err(format!(
-                "no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}"
+                "no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}{note}"
             ));
         };
         match found.find(|other| other.with_extension("") != first.with_extension("")) {
@@ -83,7 +89,7 @@ impl Ply {
 
     fn read(&self, trial: &Trial) -> Result<(Gaussians, Vec<String>), String> {
         let path = self.find(trial)?;
-        let (mut gaussians, notes) = read(&path, &path, self.opacities_as_stored)?;
+        let (mut gaussians, notes) = read(&path, &path, self.opacities_as_stored, self.splatting.mode)?;
         if self.frame == GaussianFrame::Dataset {
             gaussians =
                 gaussians.transformed(&trial.normalisation().new_from_old).map_err(|error| error.to_string())?;
@@ -92,27 +98,40 @@ impl Ply {
     }
 }
 
-/// Candidate files of a scene in order of preference, each with what follows the scene's name.
-fn candidates(folder: &Path, scene: &str) -> impl Iterator<Item = (PathBuf, String)> {
+/// Candidate files of a scene under one of its names in order of preference, each with what follows the name.
+fn candidates(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> impl Iterator<Item = (PathBuf, String)> {
     let stems = ["", "/gaussians", "/point_cloud"].into_iter();
-    let names = stems.flat_map(|stem| ["ply", "spz", "splat"].map(|extension| format!("{stem}.{extension}")));
-    names.filter_map(move |name| Some((below(folder, &format!("{scene}{name}"))?, name)))
+    let stems = stems.filter(move |stem| names.may_be_of(scene, &format!("{name}{stem}")));
+    let endings = stems.flat_map(|stem| ["ply", "spz", "splat"].map(|extension| format!("{stem}.{extension}")));
+    endings.filter_map(move |ending| Some((below(folder, &format!("{name}{ending}"))?, ending)))
 }
 
 /// How a scene's Gaussians are stored below a folder.
-fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
-    names_of_entry(requested.scene, 0).into_iter().find_map(|scene| {
-        let suffix = if scene == requested.scene { "" } else { "-0" };
-        let (_, name) = candidates(folder, &scene).find(|(path, _)| path.is_file())?;
-        Some(Layout(format!("SCENE{suffix}{name}")))
+fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Option<Layout> {
+    let scene = requested.scene;
+    names.of(scene, 0).into_iter().find_map(|name| {
+        let suffix = if name == scene { "" } else { "-0" };
+        let (_, ending) = candidates(folder, &name, scene, names).find(|(path, _)| path.is_file())?;
+        Some(Layout(format!("SCENE{suffix}{ending}")))
     })
 }
 
 /// The Gaussians of a file, which remarks call `name`, and remarks on it. With `as_stored`, a PLY file holds opacities
-/// instead of logits.
-pub(super) fn read(path: &Path, name: &Path, as_stored: bool) -> Result<(Gaussians, Vec<String>), String> {
+/// instead of logits. `mode` is the one that was chosen for drawing them, if any was.
+pub(super) fn read(
+    path: &Path,
+    name: &Path,
+    as_stored: bool,
+    mode: Option<RasterMode>,
+) -> Result<(Gaussians, Vec<String>), String> {
     let (mut gaussians, import) = files::read(path).map_err(|error| error.to_string())?;
     let mut notes = notes(&import, name);
+    if import.antialiased == Some(true) && mode.is_none() {
+        notes.push(format!(
+            "{DRAWN_CLASSIC}the file says that its Gaussians were trained with antialiasing; see --mode antialiased of run and \
+             score"
+        ));
+    }
     if as_stored {
         gaussians = gaussians.with_linear_opacities();
     } else if import.opacities_may_be_no_logits {
@@ -169,11 +188,15 @@ impl Method for Ply {
         vec![self.find(trial).ok()]
     }
 
+    fn for_scenes_of(&self, indices: &[&EvaluationIndex]) -> Option<Arc<dyn Method>> {
+        Some(Arc::new(Self { names: self.names.among(indices), ..self.clone() }))
+    }
+
     fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
         const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
         // One file holds all frames.
         let requested: Vec<_> = requested.iter().map(|of| RequestedScene { frames: &[], ..*of }).collect();
-        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, &requested, layout))
+        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, &self.names, &requested, layout))
     }
 
     fn timed(&self) -> Timed {
@@ -183,5 +206,36 @@ impl Method for Ply {
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let (gaussians, notes) = self.read(input.trial).map_err(MethodError::Failed)?;
         Ok(self.splatting.predict(input, gaussians, Cost { notes, ..Cost::default() }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_splat::GaussianParts;
+    use atsplat_splat::files::Output;
+
+    use super::*;
+
+    #[test]
+    fn a_file_of_antialiased_training_is_noted_unless_a_mode_is_chosen() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.spz");
+        let parts = GaussianParts {
+            means: vec![[0.0, 0.0, 2.0]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            log_scales: vec![[-2.0; 3]],
+            opacity_logits: vec![2.0],
+            sh: vec![[0.5; 3]],
+            ..GaussianParts::default()
+        };
+        let notes = |antialiased, mode| {
+            files::write(&path, &Gaussians::new(parts.clone()).unwrap(), Output::Spz3 { antialiased }).unwrap();
+            read(&path, Path::new("a.spz"), false, mode).unwrap().1
+        };
+        let noted = notes(true, None);
+        assert!(matches!(&noted[..], [note] if note.starts_with(DRAWN_CLASSIC)), "{noted:?}");
+        assert_eq!(notes(true, Some(RasterMode::Classic)), [""; 0]);
+        assert_eq!(notes(true, Some(RasterMode::Antialiased)), [""; 0]);
+        assert_eq!(notes(false, None), [""; 0]);
     }
 }

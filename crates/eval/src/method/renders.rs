@@ -1,15 +1,18 @@
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use atsplat_pixels::{DecodeLimits, Image, PixelError, decode_render, exr};
+use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
 
 use super::frame_files::FrameFiles;
 use super::range::check_range;
+use super::scene_names::SceneNames;
 use super::splatting::parameters;
 use super::{
     Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Survey, Timed, TrialInput, below, folder_name,
-    names_of, names_of_entry, render_each,
+    render_each,
 };
 use crate::{EvalError, MethodRecord};
 
@@ -27,7 +30,9 @@ use crate::{EvalError, MethodRecord};
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
 /// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
-/// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too.
+/// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too. A folder
+/// with the name of a scene of the index is that scene's alone, except in a store's own pictures, where all names end with the
+/// entry.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
 /// over a background or skipped. So are a file whose stored samples are not the picture (16 bits in a PNG, linear light, a
@@ -37,6 +42,7 @@ use crate::{EvalError, MethodRecord};
 pub struct Renders {
     folder: PathBuf,
     name: String,
+    names: SceneNames,
 }
 
 impl Renders {
@@ -47,34 +53,40 @@ impl Renders {
     pub fn new(folder: &Path, name: Option<&str>) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
-        Ok(Self { folder: folder.to_owned(), name })
+        Ok(Self { folder: folder.to_owned(), name, names: SceneNames::default().below(folder) })
     }
 
     /// The files of a trial in all folders that its scene may have: one of them may be left from another run.
     fn files_of(&self, trial: &Trial) -> FrameFiles {
-        let folders = names_of(trial).into_iter().filter_map(|name| below(&self.folder, &name));
-        let folders = folders.flat_map(|folder| [folder.join("color"), folder]);
+        let names = self.names.of(trial.scene(), trial.entry_number()).into_iter();
+        let folders = names.flat_map(|name| folders(&self.folder, &name, trial.scene(), &self.names));
         FrameFiles::of(folders, trial.targets().iter().map(|target| target.frame))
     }
 
     fn find(&self, files: &FrameFiles, trial: &Trial, frame: usize) -> Result<PathBuf, String> {
         let scene = trial.scene();
         files.file_of(frame)?.ok_or_else(|| {
+            let (folder, note) = (self.folder.display(), self.names.note(scene, trial.entry_number()));
             format!(
-                "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {}",
-                self.folder.display()
+                "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {folder}{note}"
             )
         })
     }
 }
 
+/// The folders that a name of a scene leads to: with `color` below it, and itself.
+fn folders(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Vec<PathBuf> {
+    let both = [format!("{name}/color"), name.to_owned()].into_iter();
+    both.filter(|path| names.may_be_of(scene, path)).filter_map(|path| below(folder, &path)).collect()
+}
+
 /// How a scene's pictures are laid out below a folder.
-fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
-    names_of_entry(requested.scene, 0).into_iter().find_map(|name| {
-        let below = below(folder, &name)?;
+fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Option<Layout> {
+    names.of(requested.scene, 0).into_iter().find_map(|name| {
+        let folders = folders(folder, &name, requested.scene, names);
         let suffix = if name == requested.scene { "" } else { "-0" };
-        let (at, file) = FrameFiles::of([below.join("color"), below], []).any_of(requested.frames)?;
-        let part = if at == 0 { "color/" } else { "" };
+        let (at, file) = FrameFiles::of(folders.clone(), []).any_of(requested.frames)?;
+        let part = if folders.get(at) == below(folder, &name).as_ref() { "" } else { "color/" };
         Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file))))
     })
 }
@@ -102,9 +114,13 @@ impl Method for Renders {
         trial.targets().iter().map(|target| self.find(&files, trial, target.frame).ok()).collect()
     }
 
+    fn for_scenes_of(&self, indices: &[&EvaluationIndex]) -> Option<Arc<dyn Method>> {
+        Some(Arc::new(Self { names: self.names.among(indices), ..self.clone() }))
+    }
+
     fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
         const EXPECTED: &str = "SCENE/color/000029.png, SCENE/000029.png or SCENE/29.png, or .exr,";
-        Some(Survey::of(("folder of renders", EXPECTED), &self.folder, requested, layout))
+        Some(Survey::of(("folder of renders", EXPECTED), &self.folder, &self.names, requested, layout))
     }
 
     fn timed(&self) -> Timed {

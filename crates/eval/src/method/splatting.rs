@@ -6,18 +6,27 @@ use atsplat_pixels::Image;
 use atsplat_protocol::trial::TargetView;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
-use atsplat_splat::{Field, Finding, Gaussians, Problem, RenderOptions, Renderer, Rendering, SplatError, View};
+use atsplat_splat::{
+    Field, Finding, Gaussians, Problem, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View,
+};
 
 use super::{BROKEN, ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
 use crate::{AdapterRecord, MethodRecord};
 
+/// How the note of a trial begins whose Gaussians may be meant for [`RasterMode::Antialiased`], but are drawn in the classic mode
+/// because none was chosen.
+pub const DRAWN_CLASSIC: &str = "drawn in the classic mode: ";
+
 /// How Gaussians are rendered.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Splatting {
     /// Renderer constants.
     pub constants: ConstantsChoice,
     /// Background RGB; `None` uses the protocol's.
     pub background: Option<[f64; 3]>,
+    /// How Gaussians smaller than a pixel are drawn; `None` draws them in the classic mode, as no protocol states another, with
+    /// a note in trials whose Gaussians may be meant otherwise.
+    pub mode: Option<RasterMode>,
     /// Which renderer effects run.
     pub effects: EffectSelection,
     /// Largest change of a sample that [`EffectSelection::Auto`] may cause, in units of display range.
@@ -110,6 +119,7 @@ impl Default for Splatting {
         Self {
             constants: ConstantsChoice::default(),
             background: None,
+            mode: None,
             effects: EffectSelection::Auto,
             tolerance: EffectPlan::TOLERANCE,
             backend: Backend::default(),
@@ -120,7 +130,13 @@ impl Default for Splatting {
 
 impl Splatting {
     /// The prediction of a method whose Gaussians are in the trial's world frame.
-    pub fn predict<'a>(&'a self, input: TrialInput<'a>, gaussians: Gaussians, cost: Cost) -> Box<dyn Prediction + 'a> {
+    pub fn predict<'a>(
+        &'a self,
+        input: TrialInput<'a>,
+        gaussians: Gaussians,
+        mut cost: Cost,
+    ) -> Box<dyn Prediction + 'a> {
+        cost.notes.extend(self.mip_note(&gaussians));
         Box::new(Splatted::new(self, input, gaussians, cost))
     }
 
@@ -137,6 +153,18 @@ impl Splatting {
         Box::new(splatted)
     }
 
+    /// A note on Gaussians with the 3D filter of Mip-Splatting, for which no mode was chosen: a PLY records that filter, but not
+    /// the 2D filter that belongs to it.
+    fn mip_note(&self, gaussians: &Gaussians) -> Option<String> {
+        let is_noted = gaussians.parts().filter_3d.is_some() && self.mode.is_none();
+        is_noted.then(|| {
+            format!(
+                "{DRAWN_CLASSIC}the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them; see --mode antialiased of \
+                 run and score, and --constants for a file with a blur of 0.1"
+            )
+        })
+    }
+
     /// Adds the renderer's settings to a method's record.
     pub(super) fn describe(&self, record: &mut MethodRecord) {
         record.constants = Some(self.constants.name().to_owned());
@@ -151,6 +179,10 @@ impl Splatting {
             ("renderer", self.explicit_constants()),
         ];
         record.parameters.extend(parameters.map(|(name, value)| (name.to_owned(), value)));
+        // Records of stores without a chosen mode stay as they are, and so do their renders.
+        if let Some(mode) = self.mode {
+            record.parameters.insert("mode".to_owned(), as_json(&mode));
+        }
     }
 
     fn explicit_constants(&self) -> serde_json::Value {
@@ -191,6 +223,7 @@ impl<'a> Splatted<'a> {
         let options = RenderOptions {
             constants: splatting.constants.of(convention, input.trial.near_far()),
             background: splatting.background.unwrap_or(convention.background),
+            mode: splatting.mode.unwrap_or(RasterMode::Classic),
             ..RenderOptions::default()
         };
         cost.gaussians = Some(gaussians.len() as u64);
@@ -281,8 +314,10 @@ pub(super) fn parameters<const N: usize>(list: [(&str, serde_json::Value); N]) -
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Tolerance;
     use atsplat_protocol::Preset;
     use atsplat_splat::GaussianParts;
+    use glam::DVec3;
 
     use super::*;
     use crate::method::atsplat::tests::trials;
@@ -319,5 +354,45 @@ mod tests {
         let of_file = "broken Gaussians: 1 of 3, of which 0 are skipped: quaternions zero in 1, first 2 (a.ply)";
         assert_eq!(notes(&[of_file], zero), [of_file]);
         assert_eq!(notes(&[of_file], nan), [of_file, of_nan]);
+    }
+
+    /// Gaussians that are smaller than a pixel, which the blur of the classic mode brightens.
+    #[test]
+    fn a_3d_filter_is_noted_unless_a_mode_is_chosen() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let inverse = trial.targets()[0].camera.camera_from_world.inverse();
+        let means = [-0.5, 0.0, 0.5].map(|x| inverse.transform_point(DVec3::new(x, 0.0, 3.0)).as_vec3().to_array());
+        let found = |mode, filter_3d| {
+            let parts = GaussianParts {
+                means: means.to_vec(),
+                quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+                log_scales: vec![[-6.0; 3]; 3],
+                opacity_logits: vec![3.0; 3],
+                sh: vec![[1.0; 3]; 3],
+                filter_3d,
+                ..GaussianParts::default()
+            };
+            let splatting = Splatting { mode, background: Some([0.0; 3]), ..Splatting::default() };
+            let mut record = MethodRecord::default();
+            splatting.describe(&mut record);
+            let prediction = splatting.predict(input, Gaussians::new(parts).unwrap(), Cost::default());
+            let image = prediction.render(&[0]).remove(0).unwrap().image;
+            let light = image.samples().iter().map(|sample| f64::from(*sample)).sum::<f64>();
+            (prediction.cost().notes, record.parameters.get("mode").cloned(), light)
+        };
+        let filter = || Some(vec![1e-4; 3]);
+        let (notes, recorded, unchosen) = found(None, filter());
+        let is_noted = matches!(&notes[..], [note] if note.starts_with(DRAWN_CLASSIC) && note.contains("--mode"));
+        assert!(is_noted, "{notes:?}");
+        assert_eq!(recorded, None, "as in stores of older versions, which are resumed");
+        assert_eq!(found(None, None).0, [""; 0]);
+        let [classic, antialiased] =
+            [RasterMode::Classic, RasterMode::Antialiased].map(|mode| found(Some(mode), filter()));
+        assert_eq!((classic.0.len(), antialiased.0.len()), (0, 0), "a choice needs no note");
+        assert_eq!([classic.1, antialiased.1], ["classic", "antialiased"].map(|mode| Some(mode.into())));
+        Tolerance::EXACT.assert([classic.2], [unchosen], "the default is the classic mode");
+        assert!(antialiased.2 < 0.8 * classic.2, "{} and {}", antialiased.2, classic.2);
     }
 }

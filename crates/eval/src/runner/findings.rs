@@ -5,7 +5,7 @@ use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex};
 use atsplat_scene::Warnings;
 
-use super::{Dataset, Selection};
+use super::{Dataset, Lacks, Selection, Summary};
 use crate::method::Method;
 use crate::{SkippedEntry, WarningCount};
 
@@ -68,18 +68,20 @@ impl Findings {
         }
     }
 
-    /// Adds what is to be known of a dataset's index; returns how many of its entries have no trial. A shard counts a part of
-    /// them, so that merged counts are those of one run.
-    pub(super) fn add_notices(&mut self, dataset: &Dataset, selection: Selection) -> u64 {
-        let mut skipped = 0;
+    /// Adds what is to be known of a dataset's index, and counts what it lacks. A shard counts a part of them, so that merged
+    /// counts are those of one run.
+    pub(super) fn add_notices(&mut self, dataset: &Dataset, selection: Selection, summary: &mut Summary) {
         for (kind, notice) in &dataset.index.notices {
             let count = selection.share_of(notice.count);
             if count > 0 {
                 self.add(&dataset.name, kind, count, notice.example.clone());
             }
-            skipped += if notice.is_skipped { count } else { 0 };
+            match notice.lacks {
+                Lacks::Nothing => {}
+                Lacks::Entries => summary.skipped += count,
+                Lacks::Data => summary.not_sampled += count,
+            }
         }
-        skipped
     }
 
     /// Adds the methods that name a method whose settings other presets state: they run with the preset's own.

@@ -7,7 +7,7 @@ use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{
     BuiltIndex, Derivation, EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, IndexNotices, Preset,
 };
-use atsplat_scene::{SceneSource, Warnings};
+use atsplat_scene::{SceneSource, WarningKind, Warnings};
 
 use crate::EvalError;
 use crate::rows::SAMPLED_BY;
@@ -19,6 +19,14 @@ const MAX_DEPTH: usize = 4;
 
 /// How the kinds of warnings about entries begin that a published index has and the split derived from it has not.
 pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
+
+const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
+const WITHOUT_PICTURE: &str = "frames without a picture, which are not sampled";
+const UNREADABLE_PICTURE: &str = "pictures that cannot be read, found in sampling";
+const NOT_READ: &str = "scenes that are not read, and not sampled";
+
+/// How the kinds of warnings about scenes and frames begin that are in the data, but not in the index sampled from them.
+pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_PICTURE, UNREADABLE_PICTURE, NOT_READ];
 
 /// An evaluation index and its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,8 +51,19 @@ pub struct IndexNotice {
     pub count: u64,
     /// The first of them.
     pub example: String,
-    /// Whether these are entries of a published index that have no trial: a run is not complete without them.
-    pub is_skipped: bool,
+    /// What a run lacks because of them.
+    pub lacks: Lacks,
+}
+
+/// What a run on an index lacks because of an irregularity: it is not complete without it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lacks {
+    /// Nothing.
+    Nothing,
+    /// Entries of a published index, which have no trial.
+    Entries,
+    /// Scenes or frames of the data, which a sampled index leaves out.
+    Data,
 }
 
 impl PlannedIndex {
@@ -89,12 +108,14 @@ impl PlannedIndex {
         let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
         let lengths = scene_lengths(&present, source, &|| (), warnings);
         let split = Extrapolation::from(derivation).split(&self.index, &lengths);
-        let is_skipped = self.name.is_some();
-        let kind = if is_skipped { DROPPED_BY_SPLIT } else { "sampled entries that have no place in the split" };
+        let (kind, lacks) = match self.name {
+            Some(_) => (DROPPED_BY_SPLIT, Lacks::Entries),
+            None => ("sampled entries that have no place in the split", Lacks::Nothing),
+        };
         let mut notices = self.notices;
         for (why, scenes) in split.drops() {
             if let Some(first) = scenes.first() {
-                let notice = IndexNotice { count: scenes.len() as u64, example: first.clone(), is_skipped };
+                let notice = IndexNotice { count: scenes.len() as u64, example: first.clone(), lacks };
                 notices.insert(format!("{kind}: {why}"), notice);
             }
         }
@@ -104,13 +125,26 @@ impl PlannedIndex {
 
     /// Samples an index, as `protocol build` does, by the rule of this name or path.
     pub fn sampled(name: &str, rule: &IndexBuilder, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
-        let built = rule.build(source, &|| (), warnings);
+        let mut found = Warnings::new();
+        let built = rule.build(source, &|| (), &mut found);
+        let unreadable = found.count(WarningKind::UnreadablePicture);
+        warnings.merge(found);
         let mut description = format!("{SAMPLED_BY}{name}");
         if built.entries == 0 && !built.nulls.is_empty() {
             description = format!("{description}; scenes without an entry: {}", reasons(&built));
         }
-        let notices = notices_of_sampling(&built, name);
+        let notices = notices_of_sampling(&built, unreadable, name);
         Self { notices, ..Self::generated(built.index, description, None) }
+    }
+
+    /// Notes the scenes of a sampled index's data that were not read when the data were opened, by the warnings of opening: the
+    /// sampler did not see them.
+    pub fn note_unread(&mut self, opening: &Warnings) {
+        for kind in [WarningKind::UnreadableScene, WarningKind::IgnoredScene] {
+            let Some(first) = opening.kept().iter().find(|warning| warning.kind == kind) else { continue };
+            let notice = IndexNotice { count: opening.count(kind), example: first.to_string(), lacks: Lacks::Data };
+            self.notices.insert(format!("{NOT_READ}: {kind}"), notice);
+        }
     }
 
     /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its
@@ -134,24 +168,27 @@ impl PlannedIndex {
 fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
     let found = [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch()].into_iter().flatten();
     found
-        .map(|found| (found.kind, IndexNotice { count: found.count, example: found.example, is_skipped: false }))
+        .map(|found| (found.kind, IndexNotice { count: found.count, example: found.example, lacks: Lacks::Nothing }))
         .collect()
 }
 
-/// What a rule left out. Nobody published these scenes as part of an index, so that a run is complete without them.
-fn notices_of_sampling(built: &BuiltIndex, rule: &str) -> BTreeMap<String, IndexNotice> {
+/// What a rule left out: scenes and frames that it could not use, and entries that it rejects by itself.
+fn notices_of_sampling(built: &BuiltIndex, unreadable_pictures: u64, rule: &str) -> BTreeMap<String, IndexNotice> {
     let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
     let nulls = first_null.map(|(key, _)| {
         let (count, example) = (built.nulls.values().sum(), format!("{key}, …: {}", reasons(built)));
-        ("scenes without an entry in the sampled index", count, example)
+        (WITHOUT_ENTRY, count, example, Lacks::Data)
     });
     let others = [
-        ("sampled entries rejected for their overlap", built.refused_entries, rule.to_owned()),
-        ("frames without a picture, which are not sampled", built.missing_pictures, rule.to_owned()),
+        ("sampled entries rejected for their overlap", built.refused_entries, rule.to_owned(), Lacks::Nothing),
+        (WITHOUT_PICTURE, built.missing_pictures, rule.to_owned(), Lacks::Data),
     ];
-    let found = nulls.into_iter().chain(others).filter(|(_, count, _)| *count > 0);
-    let notice = |count: usize, example| IndexNotice { count: count as u64, example, is_skipped: false };
-    found.map(|(kind, count, example)| (kind.to_owned(), notice(count, example))).collect()
+    let found = nulls.into_iter().chain(others).map(|(kind, count, example, lacks)| {
+        let notice = IndexNotice { count: count as u64, example, lacks };
+        (kind.to_owned(), notice)
+    });
+    let unreadable = IndexNotice { count: unreadable_pictures, example: rule.to_owned(), lacks: Lacks::Data };
+    found.chain([(UNREADABLE_PICTURE.to_owned(), unreadable)]).filter(|(_, notice)| notice.count > 0).collect()
 }
 
 /// Numbers of scenes without an entry, by reason.
@@ -235,20 +272,31 @@ mod tests {
         }
     }
 
-    fn notices_of(index: &PlannedIndex) -> Vec<(&str, u64, &str, bool)> {
+    fn notices_of(index: &PlannedIndex) -> Vec<(&str, u64, &str, Lacks)> {
         let notices = index.notices.iter();
-        notices.map(|(kind, found)| (kind.as_str(), found.count, found.example.as_str(), found.is_skipped)).collect()
+        notices.map(|(kind, found)| (kind.as_str(), found.count, found.example.as_str(), found.lacks)).collect()
     }
 
     #[test]
     fn scenes_that_a_sampler_leaves_out_are_counted_by_reason() {
         let rule = IndexBuilder::resolve("dl3dv-6v").unwrap();
         let source = Lengths::of(&[("a", 60), ("b", 5), ("c", 70), ("d", 3), ("e", 49)]);
-        let index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
+        let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
+        let mut opening = Warnings::new();
+        opening.push(WarningKind::IgnoredScene, "f", "holds pictures, but no cameras");
+        opening.push(WarningKind::ImperfectRotation, "a", "frame 3");
+        index.note_unread(&opening);
         let expected = [
-            ("frames without a picture, which are not sampled", 1, "dl3dv-6v", false),
-            ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", false),
+            ("frames without a picture, which are not sampled", 1, "dl3dv-6v", Lacks::Data),
+            (
+                "scenes that are not read, and not sampled: ignored-scene",
+                1,
+                "f: holds pictures, but no cameras",
+                Lacks::Data,
+            ),
+            ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", Lacks::Data),
         ];
+        assert!(index.notices.keys().all(|kind| NOT_SAMPLED.iter().any(|of| kind.starts_with(of))));
         assert_eq!(notices_of(&index), expected);
         assert_eq!(index.description, "sampled by dl3dv-6v", "the index itself is named as ever");
     }
@@ -268,14 +316,20 @@ mod tests {
         let published = derived(Some("published"));
         let expected = [("frames outside the scene", 1, "out"), ("scene too short", 2, "short")];
         let kinds = expected.map(|(why, ..)| format!("{DROPPED_BY_SPLIT}: {why}"));
-        let skipped: Vec<_> =
-            kinds.iter().zip(expected).map(|(kind, (_, count, first))| (kind.as_str(), count, first, true)).collect();
+        let skipped: Vec<_> = kinds
+            .iter()
+            .zip(expected)
+            .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Lacks::Entries))
+            .collect();
         assert_eq!(notices_of(&published), skipped, "a scene that is missing from the data is counted as such");
         assert_eq!(published.index.entries().count(), 2);
         let sampled = derived(None);
         let kinds = expected.map(|(why, ..)| format!("sampled entries that have no place in the split: {why}"));
-        let noticed: Vec<_> =
-            kinds.iter().zip(expected).map(|(kind, (_, count, first))| (kind.as_str(), count, first, false)).collect();
+        let noticed: Vec<_> = kinds
+            .iter()
+            .zip(expected)
+            .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Lacks::Nothing))
+            .collect();
         assert_eq!(notices_of(&sampled), noticed);
     }
 
@@ -289,12 +343,12 @@ mod tests {
         let preset = Preset::named("re10k-overlap").unwrap();
         let index = PlannedIndex::read(&path, &preset, &Lengths::of(&[]), &mut Warnings::new()).unwrap();
         let expected = [
-            ("fields that an index does not have", 1, "overlapp, 1 times", false),
+            ("fields that an index does not have", 1, "overlapp, 1 times", Lacks::Nothing),
             (
                 "overlaps given as words, read as the numbers that NoPoSplat uses for them",
                 2,
                 "the first is \"ignore\", read as 0.25",
-                false,
+                Lacks::Nothing,
             ),
         ];
         assert_eq!(notices_of(&index), expected);

@@ -24,7 +24,7 @@ mod worst;
 
 pub use dataset::IndexChoice;
 pub use findings::Findings;
-pub use index::{DROPPED_BY_SPLIT, IndexNotice, PlannedIndex};
+pub use index::{DROPPED_BY_SPLIT, IndexNotice, Lacks, NOT_SAMPLED, PlannedIndex};
 pub use metrics::{metric_ids, metric_records, named_metrics, suite};
 pub use pictures::{CONTEXT, KeepPictures, TRUTH, is_picture_of, picture_path};
 pub use plan::{Dataset, Plan, Summary, current_provenance};

@@ -23,7 +23,8 @@ impl Plan<'_> {
                 requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
             }
         }
-        let surveys: Vec<Survey> = self.methods.iter().filter_map(|method| method.survey(&requested)).collect();
+        let methods = self.methods_of_scenes();
+        let surveys: Vec<Survey> = methods.iter().filter_map(|method| method.survey(&requested)).collect();
         surveys.iter().try_for_each(Survey::check)?;
         Ok(surveys)
     }

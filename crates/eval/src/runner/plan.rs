@@ -66,13 +66,16 @@ pub struct Summary {
     pub undrawn: u64,
     /// Index entries without a trial.
     pub skipped: u64,
+    /// Scenes and frames of the data that are not in a sampled index: not read, without an entry, without a picture.
+    pub not_sampled: u64,
     /// Scenes of the indices that the datasets lack.
     #[serde(rename = "not-there")]
     pub missing_scenes: u64,
 }
 
 impl Summary {
-    /// Whether every entry of every index was evaluated without failures, and shows something.
+    /// Whether every entry of every index was evaluated without failures, and shows something; of sampled indices, also whether
+    /// they are of all scenes and frames of the data.
     pub const fn is_complete(&self) -> bool {
         let Self {
             evaluated: _,
@@ -82,9 +85,10 @@ impl Summary {
             non_finite,
             undrawn,
             skipped,
+            not_sampled,
             missing_scenes,
         } = *self;
-        incomplete + non_finite + undrawn + skipped + missing_scenes == 0
+        incomplete + non_finite + undrawn + skipped + not_sampled + missing_scenes == 0
     }
 }
 
@@ -184,6 +188,12 @@ impl Plan<'_> {
         known.extend(presets.flat_map(|preset| &preset.methods).map(|setting| setting.method.clone()));
         let known = known.into_iter().collect();
         Err(EvalError::Unknown { what: "setting of a method", found: name.to_owned(), known })
+    }
+
+    /// The methods, of which those that import files know the scenes of all indices.
+    pub(super) fn methods_of_scenes(&self) -> Vec<Arc<dyn Method>> {
+        let indices: Vec<_> = self.datasets.iter().map(|dataset| &dataset.index.index).collect();
+        self.methods.iter().map(|method| method.for_scenes_of(&indices).unwrap_or_else(|| Arc::clone(method))).collect()
     }
 
     pub(crate) fn selected(&self, dataset: &Dataset) -> Selected {

@@ -36,6 +36,8 @@ pub fn run_until(
     step: &(dyn Fn() + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Results, Summary), EvalError> {
+    let methods = plan.methods_of_scenes();
+    let plan = &Plan { methods: &methods, ..*plan };
     let mut findings = Findings::default();
     let mut summary = Summary::default();
     let worst = WorstSoFar::default();
@@ -59,7 +61,7 @@ pub fn run_until(
         for mismatch in dataset.preset.mismatches(&index, &dataset.index.sha256) {
             findings.add(&dataset.name, &mismatch.kind, mismatch.count, mismatch.example);
         }
-        summary.skipped += findings.add_notices(dataset, plan.selection);
+        findings.add_notices(dataset, plan.selection, &mut summary);
         findings.add_unlisted_settings(dataset, plan.methods);
         let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {

@@ -22,6 +22,8 @@ pub fn evaluate_trial(
     targets: &TargetPictures,
     method: &dyn Method,
 ) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
+    let bound = method.for_scenes_of(&[&dataset.index.index]);
+    let method = bound.as_deref().unwrap_or(method);
     let (keep, store, worst) = (KeepPictures::Nothing, Path::new(""), WorstSoFar::default());
     let evaluation =
         Evaluation { preset: &dataset.preset, suite, pictures: PictureSink { keep, store, worst: &worst } };

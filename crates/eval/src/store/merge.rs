@@ -1,6 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 
+use serde::Serialize;
+
 use super::SCHEMA_VERSION;
 use super::data::check_consistent;
 use crate::timing::{TimingRow, merged};
@@ -20,7 +22,8 @@ pub struct Merged {
 }
 
 /// A store that lacks results of its run.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Unfinished {
     /// Which part of the run, if it is divided.
     pub shard: Option<Shard>,
@@ -174,7 +177,7 @@ impl Rows {
 }
 
 #[expect(clippy::expect_used, reason = "rows are representable in JSON")]
-fn agree<R: serde::Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R) -> Result<(), EvalError> {
+fn agree<R: Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R) -> Result<(), EvalError> {
     if first == second {
         return Ok(());
     }

@@ -10,7 +10,7 @@ use rayon::ThreadPool;
 
 use super::load::{LoadMonitor, OwnTime};
 use super::quiet;
-use super::samples::{PreparedTrial, Samples, is_long};
+use super::samples::{PreparedTrial, Samples};
 use super::{Load, Machine, TimingRow};
 use crate::method::Method;
 use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
@@ -23,18 +23,31 @@ pub struct TimingPlan {
     pub trials: u32,
     /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
-    /// A warm-up run that takes at least this long counts as a repetition, and no more follow, unless the next run is faster
-    /// by a fifth.
+    /// A warm-up run that takes at least this long counts as a repetition, and no more follow, unless it takes a tenth longer
+    /// than the next run.
     pub warm_up_until: Duration,
-    /// Minimum number of repetitions of each trial; two are enough if each takes two seconds.
+    /// Minimum number of repetitions of each trial.
     pub repetitions: u32,
+    /// Two repetitions are enough if each takes at least this long, so that a pass does not last for hours.
+    pub long: Duration,
 }
 
 impl Default for TimingPlan {
     fn default() -> Self {
-        Self { trials: 3, warm_up: 1, warm_up_until: Duration::from_secs(5), repetitions: 5 }
+        Self { trials: 3, warm_up: 1, warm_up_until: LONG, repetitions: 5, long: LONG }
     }
 }
+
+impl TimingPlan {
+    /// Whether this many repetitions with this total time suffice.
+    pub(super) fn is_enough(&self, repetitions: usize, secs: f64) -> bool {
+        repetitions >= self.repetitions as usize
+            || (repetitions >= 2 && secs >= self.long.as_secs_f64() * repetitions as f64)
+    }
+}
+
+/// Work of this duration varies little in relation to itself: fewer repetitions tell as much.
+const LONG: Duration = Duration::from_secs(1);
 
 /// Additional trials that are tried if a method rejects some.
 const SPARE: usize = 8;
@@ -152,7 +165,7 @@ impl Pass<'_> {
 
     fn is_enough(&self, row: &TimingRow) -> bool {
         let secs = row.encode.iter().chain(&row.render).sum();
-        row.repetitions() >= self.timing.repetitions as usize || is_long(row.repetitions(), secs)
+        self.timing.is_enough(row.repetitions(), secs)
     }
 
     /// The rows of one method: the requested number of timed trials, or the first that could not be timed, with the reason.

@@ -18,22 +18,15 @@ const MIN_DURATION: Duration = Duration::from_millis(50);
 /// Maximum number of repetitions for that purpose.
 const MAX_REPETITIONS: usize = 200;
 
-/// Work of at least this many seconds is long: two repetitions then suffice, so that a pass does not last for hours.
-const LONG: f64 = 2.0;
 /// A warm-up that takes longer than the next run by this factor prepared something, such as a model's weights: both count as
 /// warm-ups.
-const COLD: f64 = 1.25;
+const COLD: f64 = 1.1;
 
 /// A trial with decoded context pictures.
 #[derive(Debug)]
 pub(super) struct PreparedTrial {
     pub(super) trial: Trial,
     pub(super) pictures: Vec<Arc<ImageU8>>,
-}
-
-/// Whether this many repetitions with this total time suffice because each is long.
-pub(super) fn is_long(repetitions: usize, secs: f64) -> bool {
-    repetitions >= 2 && secs >= LONG * repetitions as f64
 }
 
 /// Measured times and memory.
@@ -79,7 +72,7 @@ impl Samples {
             }
             samples = Self { warm_up: before.warm_up + 1, ..before };
         }
-        while repetitions < plan.repetitions as usize
+        while !plan.is_enough(repetitions, total)
             || (total < MIN_DURATION.as_secs_f64() && repetitions < MAX_REPETITIONS)
         {
             let secs = samples.repeat(input, method, &targets)?;
@@ -92,9 +85,6 @@ impl Samples {
             }
             repetitions += 1;
             total += secs;
-            if is_long(repetitions, total) {
-                break;
-            }
         }
         samples.peak_bytes = memory::peak_bytes().filter(|_| is_peak_reset);
         if samples.own_peak_bytes.is_some() {

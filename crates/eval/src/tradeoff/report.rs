@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use super::{Axis, Counts, Frontier, Incomplete, Point, Price, Standing, Tradeoff};
 use crate::statistics::MIN_SCENES;
+use crate::store::Unfinished;
 
 /// Frontiers of every protocol and metric. [`Display`](fmt::Display) prints them as tables with prices.
 #[derive(Debug, Serialize)]
@@ -12,6 +13,8 @@ use crate::statistics::MIN_SCENES;
 pub struct TradeoffReport {
     /// One per protocol and metric.
     pub tradeoffs: Vec<Tradeoff>,
+    /// Runs that were interrupted: their means are over the trials that they reached.
+    pub unfinished: Vec<Unfinished>,
 }
 
 impl fmt::Display for TradeoffReport {
@@ -30,7 +33,14 @@ impl fmt::Display for TradeoffReport {
             }
             incomplete.iter().try_for_each(|setting| writeln!(f, "  {setting}"))?;
         }
-        notes(f, &self.tradeoffs)
+        notes(f, &self.tradeoffs)?;
+        for Unfinished { preset, method, entries, of, .. } in &self.unfinished {
+            writeln!(
+                f,
+                "{preset}: the run of {method} has not ended: its means are over {entries} of {of} index entries"
+            )?;
+        }
+        Ok(())
     }
 }
 

@@ -232,7 +232,7 @@ fn targets_that_methods_were_given_are_counted_or_left_out() {
         let found = tradeoffs(&store, &["psnr"], leaked).unwrap();
         assert_eq!((found[0].targets, found[0].leaked), (targets, given));
         Tolerance::F64.assert([found[0].frontiers[0].points[0].quality], [quality], "mean over scenes");
-        let text = TradeoffReport { tradeoffs: found }.to_string();
+        let text = TradeoffReport { tradeoffs: found, unfinished: Vec::new() }.to_string();
         assert_eq!(text.contains(said), is_said, "{text}");
     }
 }
@@ -261,8 +261,12 @@ fn settings_with_fewer_scored_targets_are_named() {
     let one = Counts { scenes: 1, targets: 1, ..Counts::default() };
     let half = of("half", Counts { failed: 1, non_finite: 1, ..one });
     assert_eq!(tradeoffs[0].incomplete, [half, of("unfinished", one)]);
-    let report = TradeoffReport { tradeoffs };
+    // The row that is missing was never written.
+    store.provenance.presets[0].entries = 2;
+    let report = TradeoffReport { tradeoffs, unfinished: store.interrupted() };
     let text = report.to_string();
+    let ended = format!("{PRESET}: the run of unfinished has not ended: its means are over 1 of 2 index entries\n");
+    assert!(text.ends_with(&ended), "{text}");
     let why = "its mean is over fewer targets than the others'\n";
     for line in
         ["half: 1 of 2 scenes, 1 of 3 targets (1 failed, 1 not finite)", "unfinished: 1 of 2 scenes, 1 of 3 targets"]
@@ -359,7 +363,8 @@ fn the_methods_of_all_protocols_are_named_beside_their_adapter() {
         incomplete: Vec::new(),
         devices: [("renderer on a card".to_owned(), labels.map(str::to_owned).to_vec())].into(),
     };
-    let text = TradeoffReport { tradeoffs: vec![of("x", ["b", "c"]), of("y", ["a", "b"])] }.to_string();
+    let tradeoffs = vec![of("x", ["b", "c"]), of("y", ["a", "b"])];
+    let text = TradeoffReport { tradeoffs, unfinished: Vec::new() }.to_string();
     assert!(text.contains("\nb, c, a: renderer on a card.\n"), "{text}");
 }
 

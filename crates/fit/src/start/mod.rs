@@ -31,10 +31,10 @@ pub struct Point {
 pub fn from_points(points: &[Point], strategy: Strategy) -> Result<Gaussians, FitError> {
     let is_finite = |point: &Point| point.position.iter().chain(&point.colour).all(|value| value.is_finite());
     if points.len() < 4 {
-        return Err(FitError::Start { found: format!("{} points, fewer than 4", points.len()) });
+        return Err(FitError::Start { expected: "at least four points", found: points.len().to_string() });
     }
     if let Some(at) = points.iter().position(|point| !is_finite(point)) {
-        return Err(FitError::Start { found: format!("point {at}, which is not finite") });
+        return Err(FitError::Start { expected: "finite points", found: format!("point {at}, which is not") });
     }
     let (opacity, width) = if strategy == Strategy::Mcmc { (0.5, 0.1) } else { (0.1, 1.0) };
     let positions: Vec<[f64; 3]> = points.iter().map(|point| point.position).collect();

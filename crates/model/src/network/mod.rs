@@ -289,19 +289,35 @@ impl Network {
     ) -> Result<Vec<BlockTrace>, ModelError> {
         let mut tokens = initial;
         let mut trace = Vec::with_capacity(self.decoder.blocks.len());
-        for (position, (block, settings)) in self.decoder.blocks.iter().zip(&self.config.decoder.blocks).enumerate() {
-            let mut expanded = None;
-            if let (Some(expansion), Some(how_many)) = (&block.expansion, settings.active_expansion()) {
-                let outcome =
-                    expansion.forward(&self.config.expansion, how_many, tokens, position, call_seed, device)?;
-                (tokens, expanded) = (outcome.0, Some(outcome.1));
-            }
-            for layer in &block.layers {
-                tokens.features = layer.forward(tokens.features, context.clone());
-            }
+        for position in 0..self.decoder.blocks.len() {
+            let expanded;
+            (tokens, expanded) = self.expanded(position, tokens, call_seed, device)?;
+            tokens.features = self.attended(position, tokens.features, context);
             trace.push(BlockTrace { expanded, tokens: tokens.clone() });
         }
         Ok(trace)
+    }
+
+    /// The tokens that enter a block after its expansion, if it has one.
+    fn expanded(
+        &self,
+        block: usize,
+        tokens: Tokens,
+        call_seed: u64,
+        device: &Device,
+    ) -> Result<(Tokens, Option<Expanded>), ModelError> {
+        let how_many = self.config.decoder.blocks[block].active_expansion();
+        let (Some(expansion), Some(how_many)) = (&self.decoder.blocks[block].expansion, how_many) else {
+            return Ok((tokens, None));
+        };
+        let outcome = expansion.forward(&self.config.expansion, how_many, tokens, block, call_seed, device)?;
+        Ok((outcome.0, Some(outcome.1)))
+    }
+
+    /// Features of tokens after a block's layers.
+    fn attended(&self, block: usize, features: Tensor<3>, context: &Tensor<3>) -> Tensor<3> {
+        let layers = &self.decoder.blocks[block].layers;
+        layers.iter().fold(features, |features, layer| layer.forward(features, context.clone()))
     }
 }
 

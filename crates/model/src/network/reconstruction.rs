@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::{Encoding, Forward, Network, StageSeconds, Views};
 use crate::budget::{Budget, MemoryEstimate, memory};
+use crate::config::BlockConfig;
 use crate::{ImageSize, ModelError};
 
 /// Reconstruction of one scene, as plain numbers.
@@ -92,6 +93,28 @@ impl Network {
     pub fn reconstruct_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Reconstruction, ModelError> {
         let EncodedScene { encoding, views, seen_at } = scene;
         self.reconstruction(self.decode(encoding, call_seed)?, views, seen_at)
+    }
+
+    /// Predicted uncertainty of the tokens that enter each block that expands by score, as in [`BlockOutcome::scores`]. Nothing
+    /// after the last of them is computed.
+    ///
+    /// # Errors
+    /// As [`Network::forward`].
+    pub fn scores(&self, views: &Views, call_seed: u64) -> Result<Vec<Vec<f32>>, ModelError> {
+        let device = &self.device();
+        let Encoding { fine, initial: mut tokens, .. } = self.encode_scene(views)?.encoding;
+        let expanding = |block: &BlockConfig| block.active_expansion().is_some();
+        let Some(last) = self.config().decoder.blocks.iter().rposition(expanding) else { return Ok(Vec::new()) };
+        let mut scores = Vec::new();
+        for block in 0..=last {
+            let expanded;
+            (tokens, expanded) = self.expanded(block, tokens, call_seed, device)?;
+            scores.extend(expanded.and_then(|expanded| expanded.scores).map(f32_values));
+            if block < last {
+                tokens.features = self.attended(block, tokens.features, &fine);
+            }
+        }
+        Ok(scores)
     }
 
     /// Views resized to the scale of the training pictures.

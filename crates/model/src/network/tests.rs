@@ -65,14 +65,16 @@ impl Fixture {
         Network::new(&self.config, device).unwrap().with_weights(&weights).unwrap()
     }
 
+    fn call_seed(&self) -> u64 {
+        self.stored.metadata["call_seed"].parse().unwrap()
+    }
+
     fn forward(&self, device: &Device) -> Forward {
-        let call_seed = self.stored.metadata["call_seed"].parse().unwrap();
-        self.network(device).forward(&[self.views()], call_seed).unwrap()
+        self.network(device).forward(&[self.views()], self.call_seed()).unwrap()
     }
 
     fn reconstruct(&self, device: &Device) -> Reconstruction {
-        let call_seed = self.stored.metadata["call_seed"].parse().unwrap();
-        self.network(device).reconstruct(&self.views(), call_seed).unwrap()
+        self.network(device).reconstruct(&self.views(), self.call_seed()).unwrap()
     }
 
     /// Compares a tensor if the fixture holds it; returns whether it does.
@@ -128,8 +130,10 @@ fn every_variant_agrees_with_the_pytorch_twin() {
             && fixture.compare("sh", &gaussians.sh);
         assert!(compared, "{path:?}");
         let scene = gaussians.scene(0).unwrap();
-        let Reconstruction { gaussians: plain, budget, .. } = fixture.reconstruct(&device);
+        let Reconstruction { gaussians: plain, budget, blocks, .. } = fixture.reconstruct(&device);
         assert_eq!((scene.len(), &scene), (budget.gaussians, &plain));
+        let scores: Vec<Vec<f32>> = blocks.into_iter().filter_map(|block| block.scores).collect();
+        assert_eq!(fixture.network(&device).scores(&fixture.views(), fixture.call_seed()).unwrap(), scores, "{path:?}");
         assert!(gaussians.scene(1).is_err());
     }
     assert!(stages >= 27, "three fixtures hold every stage: {stages}");

@@ -47,9 +47,9 @@ impl<'a> PresetMatch<'a> {
 impl FullLint<'_> {
     /// What makes the index unfit for an evaluation, with counts; empty if nothing does.
     ///
-    /// Leaks and repetitions are as published in an official index, and in one that the preset names: there, they are no
-    /// fault. Nor are targets outside the window, scenes that are `null`, and fields that the format does not have if there
-    /// is no preset.
+    /// An index without entries has nothing to evaluate. Leaks and repetitions are as published in an official index, and in
+    /// one that the preset names: there, they are no fault. Nor are targets outside the window, scenes that are `null`, and
+    /// fields that the format does not have if there is no preset.
     pub fn faults(&self) -> Vec<String> {
         let lint = &self.lint;
         let leaked = [(lint.leaked.targets, LintReport::LEAKED)];
@@ -60,11 +60,17 @@ impl FullLint<'_> {
             (repeated_keys, ["repeated scene key", "repeated scene keys"]),
             (dropped, ["entry gives no trial on the dataset", "entries give no trial on the dataset"]),
         ];
+        let nothing = (lint.entries == 0).then(|| "no scene has an entry".to_owned());
         let found = own.chain(others).filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what));
         let mismatches = self.preset.iter().flat_map(|preset| &preset.mismatches);
         let mismatches = mismatches.map(|IndexMismatch { kind, count, .. }| format!("{count} {kind}"));
         let other = self.against.iter().filter(|against| against.verdict == Verdict::Different);
-        found.chain(mismatches).chain(other.map(|against| against.verdict.to_string())).collect()
+        nothing
+            .into_iter()
+            .chain(found)
+            .chain(mismatches)
+            .chain(other.map(|against| against.verdict.to_string()))
+            .collect()
     }
 
     fn is_published(&self) -> bool {

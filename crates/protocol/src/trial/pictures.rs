@@ -5,7 +5,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::Sha256Digest;
 use atsplat_pixels::{DecodeLimits, ImageU8};
 use atsplat_scene::preprocess::Plan;
-use atsplat_scene::{Frame, Picture, Scene, SceneError};
+use atsplat_scene::{Picture, Scene, SceneError};
 
 use super::digests::{PendingDigest, PictureDigests, ReadDigest};
 use super::lazy::LazyValue;
@@ -128,7 +128,7 @@ impl LazyPicture {
                 let pending = PendingDigest::of(&frame.picture);
                 match frame.bytes(scene, position) {
                     Ok(bytes) => {
-                        let picture = Frame::decode_bytes(&bytes, scene, position, &self.limits);
+                        let picture = frame.decode_bytes(&bytes, scene, position, &self.limits);
                         (picture, Some(pending.finish(&bytes)))
                     }
                     Err(error) => (Err(error), None),

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::TrialRow;
-use atsplat_eval::method::BROKEN;
+use atsplat_eval::method::{BROKEN, DRAWN_CLASSIC};
 use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES, Trend, along_setting, cost};
 use atsplat_metrics::{Definition, Measure};
 
@@ -390,7 +390,8 @@ fn counts_of(cells: &[Cell]) -> Option<String> {
     Some(text)
 }
 
-/// Trials that count in a row's means although their renders show nothing, or some of their Gaussians were broken.
+/// Trials that count in a row's means although their renders show nothing, some of their Gaussians were broken, or they may be meant
+/// to be drawn otherwise.
 fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
     // The trials of a mean over trainings, and of a row without context frames, are those of other rows.
     if row.without_leaked || row.is_over_trainings() {
@@ -403,7 +404,8 @@ fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
         trials.extend(part.source.results.trials.iter().filter(is_own));
     }
     let undrawn = trials.iter().filter(|trial| trial.draws_nothing()).count();
-    let broken = trials.iter().filter(|trial| trial.notes.iter().any(|note| note.starts_with(BROKEN))).count();
+    let noted = |kind: &str| trials.iter().filter(|own| own.notes.iter().any(|note| note.starts_with(kind))).count();
+    let (broken, classic) = (noted(BROKEN), noted(DRAWN_CLASSIC));
     let all = trials.len();
     let mut parts = Vec::new();
     if undrawn > 0 {
@@ -411,6 +413,10 @@ fn doubtful(notes: &mut Notes, row: &Row, edition: &Edition<'_>) {
     }
     if broken > 0 {
         parts.push(format!("broken Gaussians were skipped or repaired in {broken} of {all} trials"));
+    }
+    if classic > 0 {
+        let what = "Gaussians of antialiased training or with 3D filters were drawn in the classic mode";
+        parts.push(format!("{what} in {classic} of {all} trials"));
     }
     if !parts.is_empty() {
         notes.add(NoteKind::Counts, format!("{}: {}; not left out of the mean", name(row), parts.join("; ")));

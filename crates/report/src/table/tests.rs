@@ -106,7 +106,8 @@ fn a_size_without_the_trials_that_failed_is_not_ranked() {
     assert_eq!(mark(&store), [Mark::Plain, Mark::Best]);
 }
 
-/// Two of the network's four trials show nothing and one had broken Gaussians; a trial of the other protocol does not count.
+/// Two of the network's four trials show nothing, one had broken Gaussians, and one was drawn in the classic mode for want of a chosen
+/// one; a trial of the other protocol does not count.
 #[test]
 fn trials_without_a_drawn_gaussian_or_with_broken_ones_have_a_line() {
     let lines = |store: &Results| -> Vec<String> {
@@ -129,6 +130,11 @@ fn trials_without_a_drawn_gaussian_or_with_broken_ones_have_a_line() {
     trial.notes.push("broken Gaussians: 3 of 9, of which 2 are skipped".to_owned());
     let broken = "broken Gaussians were skipped or repaired in 1 of 4 trials";
     assert_eq!(lines(&store), [format!("{drawn}; {broken}; not left out of the mean")]);
+    let trial = store.trials.iter_mut().rfind(|trial| is_own(&trial.key)).unwrap();
+    trial.notes.push("drawn in the classic mode: the Gaussians have 3D filters".to_owned());
+    let classic =
+        "Gaussians of antialiased training or with 3D filters were drawn in the classic mode in 1 of 4 trials";
+    assert_eq!(lines(&store), [format!("{drawn}; {broken}; {classic}; not left out of the mean")]);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 mod binary;
 mod camera;
+mod displacement;
 mod source;
 mod text;
 
@@ -15,9 +16,10 @@ use crate::SceneError;
 use crate::files::read_file;
 
 pub use camera::{ColmapCamera, ColmapCameraModel};
+pub use displacement::{Displacement, displacement};
 pub use source::{ColmapOptions, ColmapScenes, points_folder};
 
-pub(crate) use source::{model_folders, model_in};
+pub(crate) use source::{model_folders, model_in, part_of_model};
 
 const FORMAT: &str = "COLMAP model";
 

@@ -3,8 +3,8 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::Camera;
 use atsplat_numeric::Tolerance;
 
-use super::{ColmapImage, encoding_of, malformed, model_file, parse_cameras, parse_images};
-use crate::camera_policy::report_cameras;
+use super::{ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
+use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
 use crate::ignored::Collections;
@@ -122,7 +122,7 @@ impl SceneSource for ColmapScenes {
             });
         }
         let scene = Scene { key: key.to_owned(), url: None, frames };
-        report_cameras(&scene, warnings);
+        report_cameras(&scene, Times::Given, warnings);
         Ok(scene)
     }
 }
@@ -143,6 +143,25 @@ pub(crate) fn model_in(folder: &Path) -> Option<PathBuf> {
 /// The folder of the points of a capture, which are where models are, with or without cameras and images.
 pub fn points_folder(capture: &Path) -> Option<PathBuf> {
     places(capture).find(|folder| model_file(folder, "points3D").0.is_file())
+}
+
+/// What is there and what is missing of a capture's model, and its folder; `None` if there is nothing of one. A capture with
+/// a whole model is not to be asked for.
+pub(crate) fn part_of_model(capture: &Path) -> Option<(String, PathBuf)> {
+    let part_in = |folder: PathBuf| {
+        let of_encoding = |encoding: Encoding| {
+            let name = |file: &str| last_name(&encoding.file(&folder, file));
+            let (there, missing): (Vec<&str>, Vec<&str>) =
+                ["cameras", "images", "points3D"].iter().partition(|file| encoding.file(&folder, file).is_file());
+            let [there, missing] = [there, missing].map(|files| files.into_iter().map(name).collect::<Vec<_>>());
+            // Points are not needed.
+            let missing: Vec<String> = missing.into_iter().filter(|name| !name.starts_with("points")).collect();
+            (!there.is_empty()).then(|| format!("{} without {}", there.join(" and "), missing.join(" and ")))
+        };
+        let parts: Vec<String> = [Encoding::Text, Encoding::Binary].into_iter().filter_map(of_encoding).collect();
+        (!parts.is_empty()).then(|| (parts.join(", and "), folder))
+    };
+    places(capture).find_map(part_in)
 }
 
 fn places(capture: &Path) -> impl Iterator<Item = PathBuf> {

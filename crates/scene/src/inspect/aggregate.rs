@@ -121,9 +121,11 @@ impl PictureCounts {
             files: self.files + other.files,
             encoded: self.encoded + other.encoded,
             missing: self.missing + other.missing,
+            empty: self.empty + other.empty,
             absent: self.absent + other.absent,
             headers_read: self.headers_read + other.headers_read,
             headers_unreadable: self.headers_unreadable + other.headers_unreadable,
+            cut_short: self.cut_short + other.cut_short,
         }
     }
 }

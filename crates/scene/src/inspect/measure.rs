@@ -4,8 +4,9 @@ use atsplat_camera::{Camera, Distortion, ImageSize, WorldFromCamera};
 use atsplat_numeric::Extremes;
 use glam::DVec3;
 
+use super::check::{is_empty_file, picture_cut_short};
 use super::{LensCounts, PictureCounts, SizeSampling};
-use crate::{Picture, Scene, WarningKind, Warnings};
+use crate::{Frame, Picture, Scene, WarningKind, Warnings};
 
 /// The measurements of one scene, without its pictures.
 pub(super) struct SceneMeasure {
@@ -59,19 +60,31 @@ impl SceneMeasure {
             extent: extent(&poses),
             path_length,
         };
-        measure.count(scene);
-        measure.read_headers(scene, sampling, warnings);
+        let with_picture = measure.count(scene, warnings);
+        measure.read_headers(&scene.key, &with_picture, sampling, warnings);
         measure
     }
 
-    fn count(&mut self, scene: &Scene) {
-        for frame in &scene.frames {
-            *match frame.picture {
-                Picture::File(_) => &mut self.pictures.files,
-                Picture::Encoded(_) | Picture::Generated(_) => &mut self.pictures.encoded,
-                Picture::Missing(_) => &mut self.pictures.missing,
-                Picture::Absent => &mut self.pictures.absent,
-            } += 1;
+    /// Counts the frames, and returns those with a picture that is not empty, with their positions.
+    fn count<'a>(&mut self, scene: &'a Scene, warnings: &mut Warnings) -> Vec<(usize, &'a Frame)> {
+        let mut with_picture = Vec::new();
+        for (position, frame) in scene.frames.iter().enumerate() {
+            let counts = &mut self.pictures;
+            let (count, is_there) = match &frame.picture {
+                Picture::File(path) if is_empty_file(path) => {
+                    let detail = format!("frame {position}: the file is empty ({})", path.display());
+                    warnings.push(WarningKind::EmptyPicture, scene.key.as_str(), detail);
+                    (&mut counts.empty, false)
+                }
+                Picture::File(_) => (&mut counts.files, true),
+                Picture::Encoded(_) | Picture::Generated(_) => (&mut counts.encoded, true),
+                Picture::Missing(_) => (&mut counts.missing, false),
+                Picture::Absent => (&mut counts.absent, false),
+            };
+            *count += 1;
+            if is_there {
+                with_picture.push((position, frame));
+            }
             *match frame.camera.distortion {
                 Distortion::None => &mut self.lenses.pinhole,
                 Distortion::OpenCv { .. } => &mut self.lenses.opencv,
@@ -81,22 +94,32 @@ impl SceneMeasure {
                 *self.stated_sizes.entry(size).or_default() += 1;
             }
         }
+        with_picture
     }
 
-    fn read_headers(&mut self, scene: &Scene, sampling: SizeSampling, warnings: &mut Warnings) {
-        let with_picture: Vec<_> =
-            scene.frames.iter().enumerate().filter(|(_, frame)| frame.picture.is_available()).collect();
+    fn read_headers(
+        &mut self,
+        key: &str,
+        with_picture: &[(usize, &Frame)],
+        sampling: SizeSampling,
+        warnings: &mut Warnings,
+    ) {
         for chosen in evenly_spread(with_picture.len(), sampling) {
             let Some((position, frame)) = with_picture.get(chosen) else { continue };
-            match frame.header(&scene.key, *position) {
+            match frame.header(key, *position) {
                 Ok(header) => {
                     self.pictures.headers_read += 1;
                     *self.sizes.entry(header.size).or_default() += 1;
-                    frame.report(&scene.key, *position, &header, warnings);
+                    frame.report(key, *position, &header, warnings);
+                    if let Some(problem) = picture_cut_short(&frame.picture) {
+                        self.pictures.cut_short += 1;
+                        let detail = format!("frame {position}: {problem} ({})", frame.picture.place());
+                        warnings.push(WarningKind::UnreadablePicture, key, detail);
+                    }
                 }
                 Err(error) => {
                     self.pictures.headers_unreadable += 1;
-                    warnings.push(WarningKind::UnreadablePicture, scene.key.as_str(), error.to_string());
+                    warnings.push(WarningKind::UnreadablePicture, key, error.to_string());
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Statistics of a dataset: counts, picture sizes, intrinsics, baselines, problems.
 
 mod aggregate;
+mod check;
 mod measure;
 mod report;
 mod table;
@@ -22,7 +23,8 @@ const SCENES_AT_ONCE: usize = 256;
 /// What an inspection reads and reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InspectOptions {
-    /// Which pictures' headers are read for their size.
+    /// Which pictures' headers are read for their size, and their ends looked for. All picture files are checked for being
+    /// empty.
     pub sizes: SizeSampling,
     /// Whether [`Inspection::per_scene`] is filled.
     pub per_scene: bool,

@@ -35,9 +35,10 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Whether every listed scene could be read.
+    /// Whether every listed scene was read, and no picture was found missing, empty, cut short or unreadable.
     pub const fn is_complete(&self) -> bool {
-        self.scenes.unreadable == 0
+        let PictureCounts { missing, empty, headers_unreadable, cut_short, .. } = self.pictures;
+        self.scenes.unreadable == 0 && missing == 0 && empty == 0 && headers_unreadable == 0 && cut_short == 0
     }
 }
 
@@ -57,18 +58,22 @@ pub struct SceneCounts {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct PictureCounts {
-    /// In a file of their own.
+    /// In a file of their own that is not empty.
     pub files: u64,
     /// Encoded in a chunk, or generated on demand.
     pub encoded: u64,
     /// Listed, but the file is missing.
     pub missing: u64,
+    /// Listed, but the file is empty.
+    pub empty: u64,
     /// Without a picture: the source holds only the trajectory.
     pub absent: u64,
     /// Headers read for the picture's size.
     pub headers_read: u64,
     /// Headers that could not be read.
     pub headers_unreadable: u64,
+    /// Pictures whose header was read, but whose end is missing.
+    pub cut_short: u64,
 }
 
 /// Number of pictures of one size.

@@ -26,11 +26,16 @@ impl Inspection {
             (pictures.files, "in files"),
             (pictures.encoded, "in chunks"),
             (pictures.missing, "missing"),
+            (pictures.empty, "empty"),
             (pictures.absent, "without a picture"),
         ];
         writeln!(f, "pictures  {}", counted(&places))?;
         if pictures.headers_read + pictures.headers_unreadable > 0 {
-            let headers = [(pictures.headers_read, "headers read"), (pictures.headers_unreadable, "not readable")];
+            let headers = [
+                (pictures.headers_read, "headers read"),
+                (pictures.headers_unreadable, "not readable"),
+                (pictures.cut_short, "cut short"),
+            ];
             writeln!(f, "sizes     {} ({})", sizes(&self.sizes), counted(&headers))?;
         }
         if !self.stated_sizes.is_empty() {

@@ -3,8 +3,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_camera::{Camera, Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
+use atsplat_pixels::DecodeLimits;
 
 use super::*;
+use crate::cut_short::PNG_END;
 use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, wandering_scene};
 use crate::{Picture, Scene, SharedBytes};
 
@@ -18,11 +20,12 @@ fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warni
     (report, warnings)
 }
 
-/// The start of a PNG, up to its size.
+/// A PNG with nothing between its size and its end.
 fn png(width: u32, height: u32) -> Picture {
     let mut bytes = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
     bytes.extend([width.to_be_bytes(), height.to_be_bytes()].concat());
     bytes.extend([8, 2, 0, 0, 0, 0, 0, 0, 0]);
+    bytes.extend(PNG_END);
     Picture::Encoded(SharedBytes::new(bytes))
 }
 
@@ -121,8 +124,14 @@ fn problems_are_counted_by_kind() {
     let (report, warnings) = inspected(&dataset_with_problems(), all);
     assert_eq!(report.scenes, SceneCounts { listed: 3, read: 2, unreadable: 1 });
     assert!(!report.is_complete());
-    let expected =
-        PictureCounts { files: 0, encoded: 5, missing: 1, absent: 4, headers_read: 3, headers_unreadable: 2 };
+    let expected = PictureCounts {
+        encoded: 5,
+        missing: 1,
+        absent: 4,
+        headers_read: 3,
+        headers_unreadable: 2,
+        ..PictureCounts::default()
+    };
     assert_eq!((report.frames, report.pictures), (10, expected));
     let size = |width, height, frames| SizeCount { size: ImageSize { width, height }, frames };
     assert_eq!(report.sizes, [size(64, 36, 2), size(64, 64, 1)]);
@@ -149,6 +158,61 @@ fn picture_sizes_are_read_from_files() {
     let pictures = report.pictures;
     assert_eq!((pictures.files, pictures.headers_read, pictures.headers_unreadable), (2, 1, 1));
     assert_eq!(report.sizes, [SizeCount { size: ImageSize { width: 640, height: 360 }, frames: 1 }]);
+}
+
+/// Every file is looked at, but only the sampled ones are read: of the frames with content 0, 3 and 7.
+#[test]
+fn files_that_are_empty_or_cut_short_are_problems() {
+    let folder = tempfile::tempdir().unwrap();
+    let Picture::Encoded(bytes) = png(640, 360) else { unreachable!() };
+    let mut scene = wandering_scene("files", 8);
+    for (position, frame) in scene.frames.iter_mut().enumerate() {
+        let path = folder.path().join(format!("{position}.png"));
+        let content = match position {
+            1 | 6 => &bytes[..0],
+            3 | 7 => &bytes[..bytes.len() - 1],
+            _ => &bytes[..],
+        };
+        std::fs::write(&path, content).unwrap();
+        frame.picture = Picture::File(path);
+    }
+    let source = TestSource::new([scene]);
+    for (sizes, cut) in [(SizeSampling::None, 0), (SizeSampling::PerScene(3), 2), (SizeSampling::All, 2)] {
+        let (report, warnings) = inspected(&source, InspectOptions { sizes, per_scene: true });
+        let pictures = report.pictures;
+        assert_eq!((pictures.files, pictures.empty, pictures.cut_short), (6, 2, cut), "{sizes:?}");
+        assert_eq!((pictures.headers_unreadable, report.per_scene[0].pictures, report.is_complete()), (0, 6, false));
+        let counts = [WarningKind::EmptyPicture, WarningKind::UnreadablePicture].map(|kind| warnings.count(kind));
+        assert_eq!(counts, [2, cut], "{sizes:?}");
+        let first = &warnings.kept()[0];
+        let path = folder.path().join("1.png");
+        assert_eq!(first.detail, format!("frame 1: the file is empty ({})", path.display()));
+        assert!(report.to_string().contains("pictures  6 in files, 2 empty\n"), "{report}");
+    }
+    let (_, warnings) = inspected(&source, InspectOptions::default());
+    let detail = &warnings.kept()[2].detail;
+    assert!(detail.starts_with("frame 3: cut short: a PNG of 44 bytes") && detail.contains("3.png"), "{detail}");
+}
+
+/// A picture in a file is named by its path, one in a chunk has none.
+#[test]
+fn unreadable_pictures_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("2166667.png");
+    std::fs::write(&path, b"\x89PNG\r\n\x1a\n cut short").unwrap();
+    let mut frame = frame(0, camera_at([0.0; 3]));
+    for (picture, place) in [
+        (Picture::File(path.clone()), path.display().to_string()),
+        (Picture::Encoded(SharedBytes::new(std::fs::read(&path).unwrap())), "in a chunk".to_owned()),
+    ] {
+        frame.picture = picture;
+        let limits = DecodeLimits::default();
+        for message in [frame.size("s", 65).unwrap_err(), frame.decode("s", 65, &limits).unwrap_err()] {
+            let message = message.to_string();
+            assert!(message.starts_with("frame 65 of scene \"s\": PNG "), "{message}");
+            assert!(message.ends_with(&format!(" ({place})")), "{message}");
+        }
+    }
 }
 
 #[test]

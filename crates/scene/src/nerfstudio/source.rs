@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::lens::LensFields;
 use super::pictures::without_factor;
 use super::{FoundPicture, PictureFinder, Transforms, parse_transforms};
-use crate::camera_policy::report_cameras;
+use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
 use crate::ignored::Collections;
@@ -134,7 +134,7 @@ impl SceneSource for NerfstudioScenes {
             url: subset,
             frames: frames(key, file, &transforms, pictures, self.options.undo_applied_transform, warnings)?,
         };
-        report_cameras(&scene, warnings);
+        report_cameras(&scene, Times::FromNames, warnings);
         Ok(scene)
     }
 
@@ -228,10 +228,10 @@ impl AppliedTransform {
 /// Size of the first picture found where the file lists it; all are assumed to have it.
 fn size_of_first(pictures: &[FoundPicture], key: &str) -> Result<Option<ImageSize>, SceneError> {
     let listed = pictures.iter().enumerate().find_map(|(at, found)| match &found.picture {
-        Picture::File(path) if found.as_listed => Some((at, path)),
+        Picture::File(path) if found.as_listed => Some((at, path, &found.picture)),
         _ => None,
     });
-    listed.map(|(at, path)| size_of_file(path, in_frame(key, at))).transpose()
+    listed.map(|(at, path, picture)| size_of_file(path, in_frame(key, at, picture))).transpose()
 }
 
 fn stem(file_path: &str) -> &str {

@@ -143,6 +143,75 @@ fn errors_explain_why_text_is_not_a_trajectory() {
 }
 
 #[test]
+fn errors_say_what_a_colmap_model_lacks() {
+    let [cameras, images] = MODEL.map(|(_, bytes)| bytes);
+    let without_cameras = [("room/images/a.png", &b""[..]), ("room/sparse/0/images.txt", images)];
+    let points = [("room/images/a.png", &b""[..]), ("room/sparse/0/points3D.bin", b"")];
+    let without_images = [("room/sparse/0/cameras.bin", cameras), points[1]];
+    let mixed = [("room/sparse/0/cameras.bin", cameras), ("room/sparse/0/images.txt", images)];
+    let separate = "images.txt without cameras.txt, and cameras.bin without images.bin";
+    for (files, below, expected) in [
+        (&without_cameras, "room", "images.txt without cameras.txt"),
+        (&without_cameras, "room/sparse/0", "images.txt without cameras.txt"),
+        (&without_cameras, "room/sparse/0/images.txt", "images.txt without cameras.txt"),
+        (&without_cameras, "", "images.txt without cameras.txt"),
+        (&without_images, "room", "cameras.bin and points3D.bin without images.bin"),
+        (&points, "room", "points3D.bin without cameras.bin and images.bin"),
+        (&mixed, "room", separate),
+    ] {
+        let message = opened(files, below).unwrap_err().to_string();
+        let expected = format!(", found a part of a COLMAP model, {expected} in ");
+        assert!(message.contains(&expected) && message.contains("sparse/0"), "{below:?}: {message}");
+        assert!(!message.contains("19 columns"), "{message}");
+    }
+}
+
+/// As `data simulate` writes them, and as a set of captures whose folder was not given.
+#[test]
+fn errors_name_datasets_below_a_folder() {
+    let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
+    let files = [
+        ("test/a.txt", rows),
+        ("images/1.png", b""),
+        ("train/images.txt", b"hello"),
+        ("val/b.txt", rows),
+        ("LICENSE.txt", b""),
+    ];
+    let message = opened(&files, "").unwrap_err().to_string();
+    let [test, val] = ["/test (re10k), ", "/val (re10k) ("];
+    assert!(message.contains("but with datasets below it: ") && message.contains(test), "{message}");
+    assert!(message.contains(val) && !message.contains("a part of"), "{message}");
+    let deep = opened(&[("all/dl3dv/1K/h/transforms.json", json)], "").unwrap_err().to_string();
+    assert!(deep.contains("found a folder without these ("), "only one level: {deep}");
+}
+
+/// The number at the end of a name is no timestamp, neither of one picture under three poses nor of two cameras' pictures.
+#[test]
+fn repeated_pictures_and_numbers_of_names_are_told_apart() {
+    let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+    let frame = |path: &str| format!(r#"{{"file_path": "{path}", "transform_matrix": {pose}}}"#);
+    let frames = ["l/a_7.png", "l/a_7.png", "r/a_7.png", "l/a_6.png", "l/a_7.png"].map(frame).join(",");
+    let json = format!(r#"{{"w": 4, "h": 3, "fl_x": 4, "frames": [{frames}]}}"#);
+    let folder =
+        folder_of(&[("room/transforms.json", json.as_bytes()), ("room/l/a_7.png", b""), ("room/r/a_7.png", b"")]);
+    let mut warnings = Warnings::new();
+    let dataset = open(folder.path().join("room"), &mut warnings).unwrap();
+    dataset.load("room", &mut warnings).unwrap();
+    let detail = |kind| {
+        let of_kind: Vec<_> = warnings.kept().iter().filter(|warning| warning.kind == kind).collect();
+        assert_eq!(of_kind.len(), 1, "{kind}");
+        of_kind[0].detail.as_str()
+    };
+    let picture = folder.path().join("room/l/a_7.png");
+    let twice = "2 of 5 frames repeat an earlier picture, first frame 1 that of frame 0";
+    assert_eq!(detail(crate::WarningKind::DuplicatePicture), format!("{twice}: {}", picture.display()));
+    let numbers = "1 numbers at the end of pictures' names repeat, the smallest is 7";
+    assert_eq!(detail(crate::WarningKind::DuplicateTimestamp), numbers);
+    let order = "numbers at the end of pictures' names go backwards 1 times in 5 frames";
+    assert_eq!(detail(crate::WarningKind::UnorderedTimestamps), order);
+}
+
+#[test]
 fn a_duplicate_scene_is_skipped_with_a_warning() {
     let json = TRANSFORMS.as_bytes();
     let folder = folder_of(&[("1K/a/transforms.json", json), ("2K/a/transforms.json", json)]);
@@ -209,6 +278,9 @@ fn scenes_in_other_formats_are_counted() {
         "b",
         &[("c", "an RE10K trajectory is not read, because the dataset is read as colmap")],
     );
+    let broken = [&model[..], &[("c/images/a.png", &b""[..]), ("c/sparse/0/images.txt", images)]].concat();
+    let part = "holds images.txt without cameras.txt, but no COLMAP model";
+    expect_ignored(&broken, Format::Colmap, "b", &[("c", part)]);
     let subsets = [("1K/a/transforms.json", json), ("1K/b/cameras.txt", cameras), ("1K/b/images.txt", images)];
     expect_ignored(&subsets, Format::Nerfstudio, "dl3dv_a", &[("b", "a COLMAP model")]);
     // A capture beside a folder of captures, which is read as one only where nothing else is.

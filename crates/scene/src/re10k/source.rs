@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use super::frames::attach_pictures;
 use super::read_trajectory;
-use crate::camera_policy::report_cameras;
+use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
 use crate::files::list;
 use crate::ignored::Collections;
@@ -121,7 +121,7 @@ impl SceneSource for Re10kScenes {
         }
         let expected = self.options.frames_root.is_some();
         attach_pictures(&mut scene, &self.picture_folders(key, file), expected, warnings)?;
-        report_cameras(&scene, warnings);
+        report_cameras(&scene, Times::Given, warnings);
         Ok(scene)
     }
 }

@@ -6,7 +6,7 @@ use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::Chunk;
-use crate::camera_policy::report_cameras;
+use crate::camera_policy::{Times, report_cameras};
 use crate::files::read_file;
 use crate::ignored::Collections;
 use crate::json;
@@ -198,7 +198,7 @@ impl SceneSource for TorchChunks {
         let record = self.chunk(position, path, warnings)?.record(key)?;
         record.report_radial(warnings);
         let scene = record.to_scene(path)?;
-        report_cameras(&scene, warnings);
+        report_cameras(&scene, Times::Given, warnings);
         Ok(scene)
     }
 }

@@ -4,6 +4,7 @@ use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_pickle::shortened;
 
 use super::{Dict, TorchError, Value};
+use crate::cut_short::cut_short;
 use crate::files::read_file;
 use crate::{Frame, Picture, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
@@ -90,6 +91,8 @@ impl ChunkScene {
 
     /// Converts a scene for storage in a chunk: encoded pictures are unchanged, lens distortion is dropped with a warning.
     ///
+    /// Pictures are not decoded: one whose header cannot be read, or whose end is missing, is stored with a warning.
+    ///
     /// A frame without a timestamp gets the number at the end of its name, as in depthsplat
     /// (`src/scripts/convert_dl3dv_test.py`: the integer after the last `_` of the file stem).
     ///
@@ -114,15 +117,8 @@ impl ChunkScene {
                 frame: position,
                 name: frame.name.clone(),
             })?;
-            match frame.header(&scene.key, position) {
-                Ok(header) => frame.report(&scene.key, position, &header, warnings),
-                Err(error @ SceneError::Pixels { .. }) => {
-                    warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string());
-                }
-                // Reported below, when the picture is read.
-                Err(_) => {}
-            }
-            stored.images.push(match &frame.picture {
+            let header = frame.header(&scene.key, position);
+            let image = match &frame.picture {
                 Picture::Encoded(bytes) => {
                     frame.bytes(&scene.key, position)?;
                     bytes.clone()
@@ -131,7 +127,19 @@ impl ChunkScene {
                 Picture::Generated(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
                 Picture::Missing(file) => return Err(no_picture(format!("no file {}", file.display()))),
                 Picture::Absent => return Err(no_picture("the source has no pictures".to_owned())),
-            });
+            };
+            let problem = match header {
+                Ok(header) => {
+                    frame.report(&scene.key, position, &header, warnings);
+                    let place = frame.picture.place();
+                    cut_short(&image).map(|problem| format!("frame {position}: {problem} ({place})"))
+                }
+                Err(error) => Some(error.to_string()),
+            };
+            if let Some(problem) = problem {
+                warnings.push(WarningKind::UnreadablePicture, &scene.key, problem);
+            }
+            stored.images.push(image);
             stored.timestamps.push(timestamp);
             stored.cameras.push(row_from_camera(&frame.camera));
             distorted += usize::from(frame.camera.distortion != atsplat_camera::Distortion::None);

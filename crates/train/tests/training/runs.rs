@@ -213,6 +213,11 @@ fn a_run_is_not_overwritten_or_mixed_with_another() {
     let error = open(&other, &Start::Resume).unwrap_err().to_string();
     assert!(error.contains("step-00000004.safetensors, field configuration: "), "{error}");
     assert!(error.ends_with("other settings: clip: 1.0, now 2.0"), "{error}");
+    // Of which another hash of the model follows.
+    let mut other = tiny.clone();
+    other.model.base = "micro".to_owned();
+    let error = open(&other, &Start::Resume).unwrap_err().to_string();
+    assert!(error.ends_with("other settings: model.base: nano, now micro"), "{error}");
     open(&tiny, &Start::Resume).unwrap();
     // Checkpoints are large, and may be removed after a run.
     std::fs::remove_dir_all(folder.path().join("checkpoints")).unwrap();

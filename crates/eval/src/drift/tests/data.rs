@@ -83,7 +83,10 @@ fn pictures_without_a_digest_are_counted_as_unknown() {
     unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
     let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
     assert_eq!((report.data.verdict(), report.first_stage()), (StageVerdict::Empty, None));
-    assert!(report.to_string().contains("No picture could be compared; stages were not probed."), "{report}");
+    assert!(
+        report.to_string().contains("No picture of the dataset could be compared; stages were not probed."),
+        "{report}"
+    );
 }
 
 #[test]

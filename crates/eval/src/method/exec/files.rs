@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 use atsplat_pixels::Image;
-use atsplat_splat::Gaussians;
+use atsplat_splat::{Gaussians, RasterMode};
 
 use super::npy;
 use crate::method::frame_files::FrameFiles;
@@ -57,8 +57,13 @@ impl TrialFolder {
     }
 
     /// The Gaussians of an answer, in the trial's world, and remarks on their file.
-    pub(super) fn gaussians(&self, name: &str, as_stored: bool) -> Result<(Gaussians, Vec<String>), String> {
-        ply::read(&self.file(name)?, Path::new(name), as_stored)
+    pub(super) fn gaussians(
+        &self,
+        name: &str,
+        as_stored: bool,
+        mode: Option<RasterMode>,
+    ) -> Result<(Gaussians, Vec<String>), String> {
+        ply::read(&self.file(name)?, Path::new(name), as_stored, mode)
     }
 
     /// A file of the folder; its whole path is accepted too.

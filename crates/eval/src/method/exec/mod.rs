@@ -222,8 +222,8 @@ impl Method for Exec {
                 return Ok(Box::new(Pictures { pictures, cost }));
             }
             (Answer::Gaussians(name), OutputKind::Gaussians) => {
-                let (gaussians, notes) =
-                    trial_folder.gaussians(&name, self.opacities_as_stored).map_err(MethodError::Failed)?;
+                let read = trial_folder.gaussians(&name, self.opacities_as_stored, self.splatting.mode);
+                let (gaussians, notes) = read.map_err(MethodError::Failed)?;
                 return Ok(self.splatting.predict(input, gaussians, Cost { notes, ..cost }));
             }
             (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),

@@ -1,0 +1,111 @@
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use atsplat_protocol::EvaluationIndex;
+
+use crate::file_name::file_name;
+use crate::store::PROVENANCE;
+
+/// Under which names the files of a scene may lie in a folder of imported results. The name of a scene never stands for an entry
+/// of another one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SceneNames {
+    /// All scenes of a run; empty if they are not known.
+    keys: Arc<HashSet<String>>,
+    /// Whether the folder is a method's in the pictures of a store, which always appends the entry's number: there, `room-0` is
+    /// the first entry of `room` and never the scene of that name.
+    is_of_store: bool,
+}
+
+impl SceneNames {
+    /// For a folder, with the scenes that are known here.
+    pub(super) fn below(&self, folder: &Path) -> Self {
+        Self { keys: Arc::clone(&self.keys), is_of_store: is_of_store(folder) }
+    }
+
+    /// For the same folder, with all scenes of these indices.
+    pub(super) fn among(&self, indices: &[&EvaluationIndex]) -> Self {
+        let keys = indices.iter().flat_map(|index| index.scenes.keys().cloned());
+        Self { keys: Arc::new(keys.collect()), is_of_store: self.is_of_store }
+    }
+
+    /// The accepted names of an index entry of a scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which
+    /// a store keeps its pictures.
+    pub(super) fn of(&self, scene: &str, entry: usize) -> Vec<String> {
+        let (own, _) = self.own_and_taken(scene, entry);
+        own
+    }
+
+    /// What to add to a message about missing files of a scene: which of its names are those of other scenes.
+    pub(super) fn note(&self, scene: &str, entry: usize) -> String {
+        let (_, taken) = self.own_and_taken(scene, entry);
+        let each = taken.iter().map(|name| format!("; {name} is the scene of that name"));
+        each.collect()
+    }
+
+    /// Whether a path below the folder is not that of another scene.
+    pub(super) fn may_be_of(&self, scene: &str, path: &str) -> bool {
+        self.is_of_store || path == scene || !self.keys.contains(path)
+    }
+
+    /// The names of an entry, and those that it cannot have because they are keys of other scenes.
+    fn own_and_taken(&self, scene: &str, entry: usize) -> (Vec<String>, Vec<String>) {
+        let stored = format!("{}-{entry}", file_name(scene));
+        if self.is_of_store {
+            return (vec![stored], Vec::new());
+        }
+        let without_entry = (entry == 0).then(|| scene.to_owned());
+        let mut names: Vec<String> = without_entry.into_iter().chain([format!("{scene}-{entry}")]).collect();
+        if !names.contains(&stored) {
+            names.push(stored);
+        }
+        names.into_iter().partition(|name| self.may_be_of(scene, name))
+    }
+}
+
+/// Whether a folder is `<store>/pictures/<preset>/<method>`.
+fn is_of_store(folder: &Path) -> bool {
+    let folder = folder.canonicalize().unwrap_or_else(|_unreadable| folder.to_owned());
+    let is_pictures = |at: &Path| at.ends_with("pictures") && at.with_file_name(PROVENANCE).is_file();
+    folder.ancestors().nth(2).is_some_and(is_pictures)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(keys: &[&str]) -> SceneNames {
+        let scenes = keys.iter().map(|key| ((*key).to_owned(), Vec::new())).collect();
+        SceneNames::default().among(&[&EvaluationIndex { scenes }])
+    }
+
+    #[test]
+    fn a_scenes_name_is_no_entry_of_another() {
+        let of = |keys: &[&str], scene, entry| (names(keys).of(scene, entry), names(keys).note(scene, entry));
+        let no_note = String::new();
+        assert_eq!(of(&[], "room", 0), (vec!["room".to_owned(), "room-0".to_owned()], no_note.clone()));
+        let both = ["room", "room-0"];
+        let taken = "; room-0 is the scene of that name".to_owned();
+        assert_eq!(of(&both, "room", 0), (vec!["room".to_owned()], taken));
+        assert_eq!(of(&both, "room-0", 0), (vec!["room-0".to_owned(), "room-0-0".to_owned()], no_note.clone()));
+        assert_eq!(of(&both, "room", 1), (vec!["room-1".to_owned()], no_note));
+        assert!(names(&["a", "a/color"]).may_be_of("a/color", "a/color"));
+        assert!(!names(&["a", "a/color"]).may_be_of("a", "a/color"));
+    }
+
+    #[test]
+    fn names_in_a_store_end_with_the_entry() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("pictures/preset/method");
+        std::fs::create_dir_all(&folder).unwrap();
+        let known = names(&["room", "room-0", "A"]);
+        assert_eq!(known.below(&folder).of("room", 0), ["room"], "no store");
+        std::fs::write(root.path().join(PROVENANCE), "{}").unwrap();
+        let stored = known.below(&folder);
+        assert_eq!([stored.of("room", 0), stored.of("room-0", 0)], [["room-0"], ["room-0-0"]]);
+        assert!(stored.may_be_of("room", "room-0"));
+        assert_eq!(stored.of("A", 2), [format!("{}-2", file_name("A"))]);
+        assert_eq!(stored.below(&folder.join("..")).of("room", 0), ["room"], "the folder above it");
+    }
+}

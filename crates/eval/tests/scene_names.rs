@@ -1,0 +1,118 @@
+//! Files of imported methods by the names of scenes.
+
+mod common;
+
+use std::sync::Arc;
+
+use atsplat_eval::method::{GaussianFrame, Method, NearestView, Ply, Renders, Splatting};
+use atsplat_eval::runner::KeepPictures;
+use atsplat_eval::{Results, TargetStatus};
+use atsplat_pixels::encode_png;
+use atsplat_splat::files::{Encoding, Output};
+use atsplat_splat::{GaussianParts, Gaussians, files};
+use common::{Run, Walls, dataset, entry, picture};
+
+/// One name is another with the number of an entry.
+const ROOMS: [&str; 2] = ["room", "room-0"];
+
+fn run_of(keys: &[&str], method: Arc<dyn Method>) -> Run {
+    let walls = Walls { keys: keys.iter().map(|key| (*key).to_owned()).collect(), ..Walls::new(0, 8) };
+    Run::new(vec![dataset(walls, &[entry(&[0, 4], &[5])])], vec![method])
+}
+
+/// Names that need escaping, beside a plain one.
+#[test]
+fn kept_pictures_of_any_scene_can_be_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |method: Arc<dyn Method>| run_of(&["scène 1", "A/b", "wall"], method);
+    let keeping = Run { pictures: KeepPictures::All, ..run(Arc::new(NearestView)) };
+    let (expected, _) = keeping.run(&folder.path().join("store")).unwrap();
+    let kept = folder.path().join("store/pictures/walls/nearest-view");
+    assert!(!kept.join("scène 1").exists() && !kept.join("scène 1-0").exists());
+    let scoring = run(Arc::new(Renders::new(&kept, None).unwrap()));
+    let surveys = scoring.plan().surveys().unwrap();
+    assert!(surveys[0].to_string().ends_with("SCENE-0/000029.png (3)"), "{}", surveys[0]);
+    let (scored, _) = scoring.run(&folder.path().join("scored")).unwrap();
+    let scores = |results: &Results| -> Vec<_> { results.targets.iter().map(|row| row.scores.clone()).collect() };
+    assert_eq!(scores(&scored), scores(&expected));
+    assert!(scores(&scored).iter().all(|scores| scores.contains_key("psnr")));
+}
+
+/// The renders of `room-0` are not there, or those of `room`.
+#[test]
+fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
+    let root = tempfile::tempdir().unwrap();
+    let score = |keys: &[&str], folders: &[(&str, usize)]| {
+        let renders = tempfile::tempdir_in(root.path()).unwrap();
+        for (folder, scene) in folders {
+            std::fs::create_dir_all(renders.path().join(folder)).unwrap();
+            std::fs::write(renders.path().join(folder).join("000005.png"), encode_png(&picture(*scene, 5)).unwrap())
+                .unwrap();
+        }
+        let run = run_of(keys, Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap()));
+        let survey = run.plan().surveys().unwrap().remove(0).to_string();
+        let (results, _) = run.run(&renders.path().join("store")).unwrap();
+        let found = results.targets.iter().map(|row| match row.status {
+            TargetStatus::Identical => "found".to_owned(),
+            _ => row.detail.clone().unwrap_or_default().replace(&renders.path().display().to_string(), "renders"),
+        });
+        (survey.rsplit(": ").next().unwrap_or_default().to_owned(), found.collect::<Vec<_>>())
+    };
+    let [missing, other] = ROOMS.map(|scene| {
+        format!("no file for frame 5 of scene {scene}: expected {scene}/000005.png or .exr below renders")
+    });
+    let all = "SCENE/000029.png (2)".to_owned();
+    let part = "SCENE/000029.png (1); 1 of 2 scenes are missing".to_owned();
+    assert_eq!(score(&ROOMS, &[("room", 0), ("room-0", 1)]), (all, vec!["found".to_owned(); 2]));
+    let without_first = vec![format!("{missing}; room-0 is the scene of that name"), "found".to_owned()];
+    assert_eq!(score(&ROOMS, &[("room-0", 1)]), (part.clone(), without_first));
+    assert_eq!(score(&ROOMS, &[("room", 0)]), (part, vec!["found".to_owned(), other]));
+    let alone = ("SCENE-0/000029.png (1)".to_owned(), vec!["found".to_owned()]);
+    assert_eq!(score(&ROOMS[..1], &[("room-0", 0)]), alone, "where no scene has that name");
+}
+
+/// `room-0` is the first entry of `room`, and the scene `room-0` lies in `room-0-0`.
+#[test]
+fn kept_pictures_of_such_scenes_can_be_scored() {
+    let root = tempfile::tempdir().unwrap();
+    let keeping = Run { pictures: KeepPictures::All, ..run_of(&ROOMS, Arc::new(NearestView)) };
+    let (expected, _) = keeping.run(&root.path().join("store")).unwrap();
+    let kept = root.path().join("store/pictures/walls/nearest-view");
+    assert!(kept.join("room-0").is_dir() && kept.join("room-0-0").is_dir());
+    let scored = |name: &str| {
+        let run = run_of(&ROOMS, Arc::new(Renders::new(&kept, None).unwrap()));
+        run.run(&root.path().join(name)).unwrap().0
+    };
+    let hashes = |results: &Results| results.targets.iter().map(|row| row.render_hash.clone()).collect::<Vec<_>>();
+    let all = hashes(&expected);
+    assert!(all.iter().all(Option::is_some) && all[0] != all[1], "two scenes: {all:?}");
+    assert_eq!(hashes(&scored("all")), all);
+    std::fs::remove_dir_all(kept.join("room-0-0")).unwrap();
+    assert_eq!(hashes(&scored("part")), [all[0].clone(), None]);
+}
+
+#[test]
+fn gaussians_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
+    let root = tempfile::tempdir().unwrap();
+    let parts = GaussianParts {
+        means: vec![[0.4, 0.0, 4.0]],
+        quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+        log_scales: vec![[-1.0; 3]],
+        opacity_logits: vec![2.0],
+        sh: vec![[1.0; 3]],
+        ..GaussianParts::default()
+    };
+    let path = root.path().join("room-0.ply");
+    files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::Ascii)).unwrap();
+    let run = |keys: &[&str], store: &str| {
+        let ply = Ply::new(root.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+        let (results, _) = run_of(keys, Arc::new(ply)).run(&root.path().join(store)).unwrap();
+        results.trials.iter().map(|trial| trial.detail.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(run(&ROOMS[..1], "alone"), [None]);
+    let [first, second] = run(&ROOMS, "both").try_into().unwrap();
+    let first = first.unwrap();
+    assert!(first.starts_with("no Gaussians of scene room: expected room.ply or "), "{first}");
+    assert!(first.ends_with("; room-0 is the scene of that name"), "{first}");
+    assert_eq!(second, None);
+}

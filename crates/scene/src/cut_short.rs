@@ -1,0 +1,103 @@
+//! Pictures that were cut short, for example by a copy that was interrupted: found by their structure, without decoding.
+
+use atsplat_pixels::PictureFormat;
+
+/// The last chunk of a PNG, with its checksum.
+pub(crate) const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
+
+/// The marker at the end of a JPEG.
+pub(crate) const JPEG_END: [u8; 2] = [0xff, 0xd9];
+
+/// What is wrong with a picture whose end is missing; `None` for a whole one, and for bytes of another format. Damage before
+/// the end is not found.
+pub(crate) fn cut_short(bytes: &[u8]) -> Option<String> {
+    let format = PictureFormat::sniff(bytes)?;
+    let is_whole = match format {
+        PictureFormat::Png => png_has_end(bytes),
+        PictureFormat::Jpeg => jpeg_has_end(bytes),
+        PictureFormat::WebP => webp_has_end(bytes),
+        PictureFormat::Exr => true,
+    };
+    (!is_whole).then(|| format!("cut short: a {format} of {} bytes without its end", bytes.len()))
+}
+
+/// Follows the lengths of the chunks (PNG specification, section 5.3).
+fn png_has_end(bytes: &[u8]) -> bool {
+    let mut rest = bytes.get(8..).unwrap_or_default();
+    while let Some([a, b, c, d, kind @ ..]) = rest.first_chunk::<8>() {
+        if kind == b"IEND" {
+            return rest.len() >= PNG_END.len();
+        }
+        let length = usize::try_from(u32::from_be_bytes([*a, *b, *c, *d])).unwrap_or(usize::MAX);
+        rest = rest.get(length.saturating_add(PNG_END.len())..).unwrap_or_default();
+    }
+    false
+}
+
+/// Looks for the end marker behind the first scan: a preview in the header has its own. In a scan, no other 0xff is
+/// followed by its second byte (ITU T.81, B.1.1.5). Of a header with other bytes than markers, only decoding can tell.
+fn jpeg_has_end(bytes: &[u8]) -> bool {
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    while let [0xff, marker, behind @ ..] = rest {
+        rest = match (marker, behind) {
+            (0xda, _) => return behind.windows(2).rev().any(|pair| pair == JPEG_END),
+            (0xff, _) => rest.get(1..).unwrap_or_default(),
+            (0x01 | 0xd0..=0xd9, _) => behind,
+            (_, [high, low, ..]) => behind.get(usize::from(u16::from_be_bytes([*high, *low]))..).unwrap_or_default(),
+            _ => &[],
+        };
+    }
+    // Neither the end of the bytes nor a marker.
+    !matches!(rest, [] | [0xff])
+}
+
+/// Compares the length in the RIFF header. Some encoders count the byte that pads an odd length without writing it.
+fn webp_has_end(bytes: &[u8]) -> bool {
+    const HEADER: u64 = 8;
+    let length = bytes.get(4..).and_then(<[u8]>::first_chunk::<4>).map_or(0, |length| u32::from_le_bytes(*length));
+    bytes.len() as u64 + 1 >= u64::from(length) + HEADER
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_pixels::{ImageU8, encode_jpeg, encode_png};
+
+    use super::*;
+
+    fn picture() -> ImageU8 {
+        let samples = (0..40 * 30 * 3).map(|at| u8::try_from(at * 7 % 251).unwrap()).collect();
+        ImageU8::new(40, 30, samples).unwrap()
+    }
+
+    #[test]
+    fn every_shorter_copy_is_cut_short_and_no_whole_picture_is() {
+        let (png, jpeg) = (encode_png(&picture()).unwrap(), encode_jpeg(&picture(), 90).unwrap());
+        let mut webp = b"RIFF\x18\0\0\0WEBPVP8 ".to_vec();
+        webp.resize(0x18 + 8, 7);
+        assert!(png.ends_with(&PNG_END) && jpeg.ends_with(&JPEG_END));
+        for (whole, header, tail) in [(&png, 8, 1), (&jpeg, 3, 1), (&webp, 12, 2)] {
+            assert_eq!(cut_short(whole), None);
+            assert_eq!(cut_short(&[&whole[..], b"more"].concat()), None, "bytes behind the end are ignored");
+            for length in header..=whole.len() - tail {
+                let message = cut_short(&whole[..length]).unwrap();
+                assert!(message.ends_with(&format!("of {length} bytes without its end")), "{message}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_preview_is_not_that_of_the_picture() {
+        let jpeg = encode_jpeg(&picture(), 90).unwrap();
+        let preview = [0xff, 0xe1, 0, 6, 0xff, 0xd9, 0xff, 0xd9];
+        let with_preview = [&jpeg[..2], &preview, &jpeg[2..]].concat();
+        assert_eq!(cut_short(&with_preview), None);
+        assert!(cut_short(&with_preview[..with_preview.len() - 2]).is_some());
+    }
+
+    #[test]
+    fn bytes_of_other_formats_are_not_judged() {
+        for bytes in [&b""[..], b"no picture", b"\x76\x2f\x31\x01", b"\xff\xd8\xff\xc0\0\x02no marker"] {
+            assert_eq!(cut_short(bytes), None, "{bytes:?}");
+        }
+    }
+}
