@@ -94,12 +94,13 @@ impl DriftReport {
             StageVerdict::Empty => "No picture of the dataset could be compared",
             _ => "The dataset's pictures are the baseline's",
         };
+        let moved = self.comparisons.iter().any(|comparison| comparison.verdict == Verdict::Drifted);
         let empty = self.attribution.iter().flat_map(|attribution| &attribution.stages);
         let empty: Vec<&str> =
             empty.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
         match &self.attribution {
             None => format!("{data}; stages were not probed."),
-            Some(_) if empty.is_empty() && self.verdict == Verdict::Drifted => format!(
+            Some(_) if empty.is_empty() && moved => format!(
                 "{data}; no stage changed on the probe. What moved lies outside both: a method's own files, such as renders or \
                  weights, or its program."
             ),
