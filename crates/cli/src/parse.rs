@@ -9,13 +9,17 @@ use atsplat_eval::runner::named_metrics;
 use atsplat_files::malformed_toml;
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
-use atsplat_splat::RendererConstants;
+use atsplat_splat::{RasterMode, RendererConstants};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
 /// Maximum number of frames that one call renders.
 const MAX_FRAMES: usize = 1_000_000;
+
+/// The modes of a renderer, for [`named`].
+pub(crate) const MODES: [(&str, RasterMode); 2] =
+    [("classic", RasterMode::Classic), ("antialiased", RasterMode::Antialiased)];
 
 /// A direction along one of the world's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -25,7 +25,7 @@ pub(crate) struct LookArgs {
     background: [f64; 3],
 
     /// How Gaussians smaller than a pixel are drawn; by default as recorded in the file, else classic.
-    #[arg(long, value_name = "MODE", value_parser = parse::named(MODES))]
+    #[arg(long, value_name = "MODE", value_parser = parse::named(parse::MODES))]
     mode: Option<RasterMode>,
 
     /// Highest degree of spherical harmonics that is evaluated.
@@ -36,8 +36,6 @@ pub(crate) struct LookArgs {
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub(super) channels: Vec<ChannelArg>,
 }
-
-const MODES: [(&str, RasterMode); 2] = [("classic", RasterMode::Classic), ("antialiased", RasterMode::Antialiased)];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum ChannelArg {

@@ -57,7 +57,7 @@ pub(super) struct GaussianArgs {
 
     /// How Gaussians smaller than a pixel are drawn, of imported files and of exec, as in `render`. Protocols state no mode: the
     /// default is classic, with a warning where a file may be meant otherwise.
-    #[arg(long, value_name = "MODE", value_parser = parse::named(MODES))]
+    #[arg(long, value_name = "MODE", value_parser = parse::named(parse::MODES))]
     mode: Option<RasterMode>,
 
     /// Which of the requested effects run: auto (the default, only those that can change an image by more than --tolerance),
@@ -85,7 +85,6 @@ pub(super) struct GaussianArgs {
     opacities_as_stored: bool,
 }
 
-const MODES: [(&str, RasterMode); 2] = [("classic", RasterMode::Classic), ("antialiased", RasterMode::Antialiased)];
 const FRAMES: [(&str, GaussianFrame); 2] = [("dataset", GaussianFrame::Dataset), ("trial", GaussianFrame::Trial)];
 
 impl MethodArgs {

@@ -10,6 +10,10 @@ use atsplat_scene::{Scene, SceneError};
 use atsplat_splat::{Cleaning, Gaussians, SplatError, files};
 use thiserror::Error;
 
+/// Largest median distance between COLMAP's cameras and the scene's, in extents of the scene. Cameras that were refined after
+/// COLMAP are closer, those of another world are not.
+const CLOSE: f64 = 0.05;
+
 /// What an optimisation starts from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Start {
@@ -43,10 +47,6 @@ pub struct StartGaussians {
     /// What a user should know of their file.
     pub warnings: Vec<String>,
 }
-
-/// Largest median distance between COLMAP's cameras and the scene's, in extents of the scene. Cameras that were refined after
-/// COLMAP are closer, those of another world are not.
-const CLOSE: f64 = 0.05;
 
 impl From<Gaussians> for StartGaussians {
     fn from(gaussians: Gaussians) -> Self {

@@ -176,19 +176,17 @@ fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
 fn notices_of_sampling(built: &BuiltIndex, unreadable_pictures: u64, rule: &str) -> BTreeMap<String, IndexNotice> {
     let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
     let nulls = first_null.map(|(key, _)| {
-        let (count, example) = (built.nulls.values().sum(), format!("{key}, …: {}", reasons(built)));
-        (WITHOUT_ENTRY, count, example, Lacks::Data)
+        let (count, example) = (built.nulls.values().sum::<usize>() as u64, format!("{key}, …: {}", reasons(built)));
+        (WITHOUT_ENTRY, IndexNotice { count, example, lacks: Lacks::Data })
     });
     let others = [
-        ("sampled entries rejected for their overlap", built.refused_entries, rule.to_owned(), Lacks::Nothing),
-        (WITHOUT_PICTURE, built.missing_pictures, rule.to_owned(), Lacks::Data),
-    ];
-    let found = nulls.into_iter().chain(others).map(|(kind, count, example, lacks)| {
-        let notice = IndexNotice { count: count as u64, example, lacks };
-        (kind.to_owned(), notice)
-    });
-    let unreadable = IndexNotice { count: unreadable_pictures, example: rule.to_owned(), lacks: Lacks::Data };
-    found.chain([(UNREADABLE_PICTURE.to_owned(), unreadable)]).filter(|(_, notice)| notice.count > 0).collect()
+        ("sampled entries rejected for their overlap", built.refused_entries as u64, Lacks::Nothing),
+        (WITHOUT_PICTURE, built.missing_pictures as u64, Lacks::Data),
+        (UNREADABLE_PICTURE, unreadable_pictures, Lacks::Data),
+    ]
+    .map(|(kind, count, lacks)| (kind, IndexNotice { count, example: rule.to_owned(), lacks }));
+    let found = nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0);
+    found.map(|(kind, notice)| (kind.to_owned(), notice)).collect()
 }
 
 /// Numbers of scenes without an entry, by reason.
