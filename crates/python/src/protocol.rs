@@ -83,6 +83,7 @@ impl Protocol {
             let opened = atsplat_scene::open_with(&data, &pictures.open_options(), &mut warnings)?;
             pictures.check(Some(opened.format))?;
             let source: Arc<dyn SceneSource> = Arc::new(opened);
+            let opening = warnings.clone();
             let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;
             let index = match (sampler.as_deref().zip(rule.as_ref()), &index) {
                 (Some(_), Some(_)) => {
@@ -92,7 +93,10 @@ impl Protocol {
                 (None, Some(path)) => IndexChoice::At(path),
                 (None, None) => IndexChoice::NextToData,
             };
-            let dataset = Dataset::new(self.preset.clone(), source, &data, index, any_size, &mut warnings)?;
+            let mut dataset = Dataset::new(self.preset.clone(), source, &data, index, any_size, &mut warnings)?;
+            if rule.is_some() {
+                dataset.index.note_unread(&opening);
+            }
             let warnings = warnings.counts().map(|(kind, count)| (kind.to_string(), count)).collect();
             Ok(Data { dataset: Arc::new(dataset), warnings })
         })

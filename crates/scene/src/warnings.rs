@@ -145,6 +145,19 @@ impl Warnings {
         self
     }
 
+    /// The warnings without the kept ones of a kind about scenes that turned out to be no problem.
+    #[must_use]
+    pub fn without(mut self, kind: WarningKind, is_no_problem: impl Fn(&str) -> bool) -> Self {
+        let before = self.kept.len();
+        self.kept.retain(|warning| warning.kind != kind || !is_no_problem(&warning.scene));
+        let removed = (before - self.kept.len()) as u64;
+        if let Some(count) = self.counts.get_mut(&kind) {
+            *count -= removed;
+        }
+        self.counts.retain(|_, count| *count > 0);
+        self
+    }
+
     /// Counts by kind, in the order of the kinds.
     pub fn counts(&self) -> impl Iterator<Item = (WarningKind, u64)> {
         self.counts.iter().map(|(kind, count)| (*kind, *count))

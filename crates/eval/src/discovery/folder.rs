@@ -9,7 +9,8 @@ use atsplat_files::name_of;
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, Preset};
 use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{
-    Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneError, SceneSource, Warnings, open_with,
+    Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings,
+    open_with,
 };
 use serde::Serialize;
 
@@ -64,6 +65,8 @@ struct DatasetOnDisk {
     path: PathBuf,
     format: Format,
     source: Arc<dyn SceneSource>,
+    /// What was found when it was opened.
+    opening: Warnings,
 }
 
 /// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
@@ -82,7 +85,9 @@ pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Discovere
         let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
         found.not_run.push(NotRun { what: folder.display().to_string(), why });
     }
+    leave_out_found(&mut on_disk);
     for dataset in &on_disk {
+        warnings.merge(dataset.opening.clone());
         add_protocols(folder, dataset, &mut found, warnings)?;
     }
     Ok(found)
@@ -97,7 +102,8 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
         Err(error) => return broken(format!("cannot be read: {error}")),
     };
     folders.sort();
-    let dataset = match open_with(folder, &OpenOptions::default(), &mut Warnings::new()) {
+    let mut opening = Warnings::new();
+    let dataset = match open_with(folder, &OpenOptions::default(), &mut opening) {
         Ok(dataset) => Some(dataset),
         Err(SceneError::Unrecognized { .. }) => None,
         Err(error) => {
@@ -121,13 +127,23 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
             };
             let is_collection = folders.iter().any(is_part);
             folders.retain(|path| is_collection && !is_part(path));
-            found.push(DatasetOnDisk { path, format, source: Arc::clone(&source) });
+            found.push(DatasetOnDisk { path, format, source: Arc::clone(&source), opening });
         }
     }
     if depth < MAX_DEPTH {
         for folder in &folders {
             search(folder, depth + 1, found, not_run);
         }
+    }
+}
+
+/// Scenes next to those of a dataset are not ignored if they were found as a dataset of their own.
+fn leave_out_found(on_disk: &mut [DatasetOnDisk]) {
+    let paths: Vec<PathBuf> = on_disk.iter().map(|dataset| dataset.path.clone()).collect();
+    for dataset in on_disk {
+        let below: Vec<&Path> = paths.iter().filter_map(|path| path.strip_prefix(&dataset.path).ok()).collect();
+        let is_found = |scene: &str| below.iter().any(|path| path.iter().any(|part| part == scene));
+        dataset.opening = std::mem::take(&mut dataset.opening).without(WarningKind::IgnoredScene, is_found);
     }
 }
 
@@ -150,7 +166,7 @@ fn add_protocols(
             found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
             continue;
         };
-        match index(folder, dataset.format, source.as_ref(), &preset, warnings) {
+        match index(folder, dataset, source.as_ref(), &preset, warnings) {
             Ok(index) => {
                 let is_free = |name: &str| found.is_free(name);
                 let name = if is_free(name) { name.to_owned() } else { name_at(name, &dataset.path, is_free) };
@@ -164,7 +180,7 @@ fn add_protocols(
         let preset = Preset::named("photos-3v-256")?;
         let source = Arc::clone(&dataset.source);
         let what = format!("{} on {}", preset.name, dataset.path.display());
-        match sampled(source.as_ref(), &preset, warnings) {
+        match sampled(dataset, source.as_ref(), &preset, warnings) {
             Ok(index) => {
                 let description = dataset.path.display().to_string();
                 let name = name_at(&preset.name, &dataset.path, |name| found.is_free(name));
@@ -210,7 +226,7 @@ fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSo
 /// The published index that names a scene of the dataset, or an index by the preset's sampler.
 fn index(
     folder: &Path,
-    format: Format,
+    dataset: &DatasetOnDisk,
     source: &dyn SceneSource,
     preset: &Preset,
     warnings: &mut Warnings,
@@ -228,19 +244,25 @@ fn index(
     }
     // RE10K's protocols apply only to the official scenes; DL3DV's sampler applies to any capture in its layout. Chunks do
     // not say which dataset they belong to.
-    if preset.dataset != "dl3dv" || format == Format::TorchChunks {
+    if preset.dataset != "dl3dv" || dataset.format == Format::TorchChunks {
         return Err("no published index in the folder names one of its scenes".to_owned());
     }
-    sampled(source, preset, warnings)
+    sampled(dataset, source, preset, warnings)
 }
 
-fn sampled(source: &dyn SceneSource, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
+fn sampled(
+    dataset: &DatasetOnDisk,
+    source: &dyn SceneSource,
+    preset: &Preset,
+    warnings: &mut Warnings,
+) -> Result<PlannedIndex, String> {
     let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampler".to_owned()) };
     let rule = IndexBuilder::resolve(sampler).map_err(|error| error.to_string())?;
     let mut planned = PlannedIndex::sampled(sampler, &rule, source, warnings);
     if let Some(derivation) = preset.index.derivation {
         planned = planned.split(derivation, source, warnings);
     }
+    planned.note_unread(&dataset.opening);
     if is_empty(&planned.index) { Err(format!("{sampler} finds no frames")) } else { Ok(planned) }
 }
 
@@ -315,6 +337,42 @@ mod tests {
         keys.sort();
         assert_eq!(keys, ["a", "b", "c", "d"]);
         assert!(not_run.is_empty(), "{not_run:?}");
+    }
+
+    /// Next to the captures lie a folder of pictures without cameras, which nothing reads, and a dataset of its own, which is read.
+    #[test]
+    fn what_opening_a_dataset_leaves_out_is_passed_on_unless_it_is_found_by_itself() {
+        let root = tempfile::tempdir().unwrap();
+        let captures = root.path().join("captures");
+        capture(&captures.join("a"));
+        capture(&captures.join("lost"));
+        std::fs::create_dir(captures.join("lost/images")).unwrap();
+        std::fs::rename(captures.join("lost/0.png"), captures.join("lost/images/0.png")).unwrap();
+        std::fs::remove_file(captures.join("lost/transforms.json")).unwrap();
+        let clip = captures.join("clip");
+        std::fs::create_dir(&clip).unwrap();
+        std::fs::copy(captures.join("a/0.png"), clip.join("0.png")).unwrap();
+        std::fs::write(clip.join("clip.txt"), "https://example.org\n0 1 1 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n")
+            .unwrap();
+        let mut on_disk = Vec::new();
+        search(root.path(), 0, &mut on_disk, &mut Vec::new());
+        let ignored = |on_disk: &[DatasetOnDisk]| -> Vec<String> {
+            let kept = on_disk.iter().flat_map(|dataset| dataset.opening.kept());
+            kept.filter(|warning| warning.kind == WarningKind::IgnoredScene)
+                .map(|warning| warning.scene.clone())
+                .collect()
+        };
+        assert_eq!(ignored(&on_disk), ["clip", "lost"]);
+        leave_out_found(&mut on_disk);
+        assert_eq!(
+            ignored(&on_disk),
+            ["lost"],
+            "{:?}",
+            on_disk.iter().map(|dataset| &dataset.path).collect::<Vec<_>>()
+        );
+        let mut warnings = Warnings::new();
+        find_datasets(root.path(), &mut warnings).unwrap();
+        assert_eq!(warnings.count(WarningKind::IgnoredScene), 1);
     }
 
     #[test]

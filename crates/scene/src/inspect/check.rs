@@ -4,22 +4,25 @@ use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
 
-use crate::Picture;
 use crate::cut_short::{JPEG_END, PNG_END, cut_short};
 use crate::files::read_file;
+use crate::{Picture, SceneError};
 
 /// Whether there is nothing in the file; `false` if that cannot be found out.
 pub(super) fn is_empty_file(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0)
 }
 
-/// What is wrong with a picture whose end is missing; `None` also if it cannot be read.
-pub(super) fn picture_cut_short(picture: &Picture) -> Option<String> {
+/// What is wrong with a picture whose end is missing.
+///
+/// # Errors
+/// A file that cannot be read, although its header could.
+pub(super) fn picture_cut_short(picture: &Picture) -> Result<Option<String>, SceneError> {
     match picture {
-        Picture::Encoded(bytes) => cut_short(bytes),
+        Picture::Encoded(bytes) => Ok(cut_short(bytes)),
         // Nearly all end with their format's last bytes. Others may have more behind them, so they are read.
-        Picture::File(path) if !ends_like_a_picture(path) => cut_short(&read_file("reading a picture", path).ok()?),
-        _ => None,
+        Picture::File(path) if !ends_like_a_picture(path) => Ok(cut_short(&read_file("reading a picture", path)?)),
+        _ => Ok(None),
     }
 }
 

@@ -106,12 +106,13 @@ impl SceneMeasure {
     ) {
         for chosen in evenly_spread(with_picture.len(), sampling) {
             let Some((position, frame)) = with_picture.get(chosen) else { continue };
-            match frame.header(key, *position) {
-                Ok(header) => {
+            let read = frame.header(key, *position).and_then(|header| Ok((header, picture_cut_short(&frame.picture)?)));
+            match read {
+                Ok((header, problem)) => {
                     self.pictures.headers_read += 1;
                     *self.sizes.entry(header.size).or_default() += 1;
                     frame.report(key, *position, &header, warnings);
-                    if let Some(problem) = picture_cut_short(&frame.picture) {
+                    if let Some(problem) = problem {
                         self.pictures.cut_short += 1;
                         let detail = format!("frame {position}: {problem} ({})", frame.picture.place());
                         warnings.push(WarningKind::UnreadablePicture, key, detail);
