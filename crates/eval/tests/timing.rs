@@ -306,8 +306,8 @@ fn times_of_replaced_files_are_dropped_and_measured_again() {
     assert_ne!(scene(&again), scene(&before), "these are measured");
     // Rows that are only evaluated again for their pictures stay timed.
     let settings = Run::new(walls(2), methods.to_vec());
-    let (pictured, summary) = Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap();
-    assert_eq!((summary.evaluated, pictured.timings), (4, again.timings));
+    let (with_images, summary) = Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap();
+    assert_eq!((summary.evaluated, with_images.timings), (4, again.timings));
 }
 
 #[test]

@@ -156,8 +156,8 @@ mod tests {
         let mut found = Warnings::new();
         let dataset = atsplat_scene::open(folder.path(), &mut found).unwrap();
         let read = dataset.load(&dataset.keys()[0], &mut found).unwrap();
-        let pictured: Vec<bool> = read.frames.iter().map(|frame| frame.picture.is_available()).collect();
-        assert_eq!(pictured, [false, true, false, true]);
+        let has_image: Vec<bool> = read.frames.iter().map(|frame| frame.picture.is_available()).collect();
+        assert_eq!(has_image, [false, true, false, true]);
         assert_eq!((found.total(), found.count(WarningKind::MissingPicture)), (2, 2), "{:?}", found.kept());
         for (read, own) in read.frames.iter().zip(&scene.frames) {
             assert_eq!((&read.name, read.camera.distortion), (&own.name, Distortion::None));
