@@ -76,14 +76,14 @@ def encoder_of(args):
 
 
 def views_of(trial, device):
-    """The context as the repositories batch it: pictures in [0, 1], camera to world, intrinsics divided by width and height."""
+    """The context as the repositories batch it: images in [0, 1], camera to world, intrinsics divided by width and height."""
     views = trial["context"]
-    pictures = np.stack([np.load(view["picture"]) for view in views]).transpose(0, 3, 1, 2)
+    images = np.stack([np.load(view["image"]) for view in views]).transpose(0, 3, 1, 2)
     intrinsics = np.array([view["intrinsics"] for view in views], dtype=float)
     intrinsics[:, 0] /= np.array([view["width"] for view in views])[:, None]
     intrinsics[:, 1] /= np.array([view["height"] for view in views])[:, None]
     batch = {
-        "image": pictures / 255,
+        "image": images / 255,
         "extrinsics": [view["world_from_camera"] for view in views],
         "intrinsics": intrinsics,
         "near": [trial["near"]] * len(views),

@@ -1,4 +1,4 @@
-//! Any bytes into `decode` and `size_of`: a picture within the limits or a typed error.
+//! Any bytes into `decode` and `size_of`: an image within the limits or a typed error.
 #![no_main]
 
 use atsplat_pixels::{DecodeLimits, decode, encode_png, size_of};

@@ -1,4 +1,4 @@
-//! Any bytes as a chunk of scenes, read to the last picture byte.
+//! Any bytes as a chunk of scenes, read to the last image byte.
 #![no_main]
 
 use std::hint::black_box;

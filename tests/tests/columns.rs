@@ -19,23 +19,23 @@ fn inspected(path: &Path) -> (Inspection, Warnings) {
 }
 
 #[test]
-fn the_fox_is_67_frames_of_which_17_have_no_picture() {
-    let Some(data) = shared_data("the_fox_is_67_frames_of_which_17_have_no_picture") else { return };
+fn the_fox_is_67_frames_of_which_17_have_no_image() {
+    let Some(data) = shared_data("the_fox_is_67_frames_of_which_17_have_no_image") else { return };
     let (report, warnings) = inspected(&data.join("fox"));
     assert_eq!((report.format.as_str(), report.frames), ("nerfstudio", 67));
-    assert_eq!((report.pictures.files, report.pictures.missing, report.pictures.headers_read), (50, 17, 50));
-    assert_eq!(warnings.count(WarningKind::MissingPicture), 17);
+    assert_eq!((report.images.files, report.images.missing, report.images.headers_read), (50, 17, 50));
+    assert_eq!(warnings.count(WarningKind::MissingImage), 17);
     assert_eq!((report.lenses.opencv, report.lenses.pinhole), (67, 0), "distortion is kept");
     let [size] = report.sizes[..] else { panic!("one size, found {:?}", report.sizes) };
     assert_eq!((size.size.width, size.size.height, size.frames), (1080, 1920, 50));
-    assert_eq!(report.per_scene[0].pictures, 50);
+    assert_eq!(report.per_scene[0].images, 50);
 }
 
 #[test]
 fn one_re10k_scene_has_279_frames() {
     let Some(data) = shared_data("one_re10k_scene_has_279_frames") else { return };
     let (report, _) = inspected(&data.join("re10k/chunk"));
-    assert_eq!((report.format.as_str(), report.frames, report.pictures.encoded), ("torch-chunks", 279, 279));
+    assert_eq!((report.format.as_str(), report.frames, report.images.encoded), ("torch-chunks", 279, 279));
     assert!(report.is_complete());
     // A chunk holds f32: the trajectory's numbers to six decimals, from another reader.
     let (text, _) = inspected(&data.join("re10k/000c3ab189999a83"));

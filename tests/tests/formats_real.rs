@@ -11,7 +11,7 @@ use atsplat_pixels::DecodeLimits;
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::re10k::{read_trajectory, write_trajectory};
 use atsplat_scene::{
-    Dataset, Format, OpenOptions, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings,
+    Dataset, Format, FrameImage, ImageFolder, OpenOptions, Scene, SceneError, SceneSource, WarningKind, Warnings,
     load_scenes, open, open_with,
 };
 use atsplat_tests::shared_data;
@@ -29,7 +29,7 @@ fn loaded(dataset: &Dataset) -> (Scene, Warnings) {
 }
 
 fn found(scene: &Scene) -> usize {
-    scene.frames.iter().filter(|frame| matches!(frame.picture, Picture::File(_))).count()
+    scene.frames.iter().filter(|frame| matches!(frame.image, FrameImage::File(_))).count()
 }
 
 fn counts(warnings: &Warnings) -> Vec<(WarningKind, u64)> {
@@ -46,17 +46,17 @@ fn re10k_scene_with_numbered_frames() {
     assert_eq!(scene.url, None, "the first line is a comment");
     assert_eq!(counts(&warnings), [], "{:?}", warnings.kept());
     let last = &scene.frames[278];
-    let Picture::File(path) = &last.picture else { panic!("{:?}", last.picture) };
-    assert!(path.ends_with("images/00278.png"), "row n is picture n: {}", path.display());
+    let FrameImage::File(path) = &last.image else { panic!("{:?}", last.image) };
+    assert!(path.ends_with("images/00278.png"), "row n is image n: {}", path.display());
     assert_eq!(scene.frames[0].timestamp_micros, Some(45_979_267));
     let size = ImageSize { width: 256, height: 256 };
     assert_eq!(last.size(KEY, 278).unwrap(), size);
-    let picture = scene.decode_any_shape(278, &DecodeLimits::default()).unwrap();
-    assert_eq!((picture.width(), picture.height()), (256, 256));
+    let image = scene.decode_any_shape(278, &DecodeLimits::default()).unwrap();
+    assert_eq!((image.width(), image.height()), (256, 256));
     let crop = scene.decode(278, &DecodeLimits::default());
     assert!(
-        matches!(crop, Err(SceneError::PictureMismatch { frame: 278, .. })),
-        "cameras of 16:9, pictures of 1:1: {crop:?}"
+        matches!(crop, Err(SceneError::ImageMismatch { frame: 278, .. })),
+        "cameras of 16:9, images of 1:1: {crop:?}"
     );
 }
 
@@ -111,7 +111,7 @@ fn cameractrl_trajectories_alone() {
     for scene in &scenes {
         assert_eq!(scene.frames.len(), 16, "{}", scene.key);
         assert!(scene.url.as_deref().is_some_and(|url| url.starts_with("https://www.youtube.com/")), "{:?}", scene.url);
-        assert!(scene.frames.iter().all(|frame| matches!(frame.picture, Picture::Absent)));
+        assert!(scene.frames.iter().all(|frame| matches!(frame.image, FrameImage::Absent)));
     }
 }
 
@@ -133,13 +133,13 @@ fn official_trajectories_are_written_back_byte_for_byte() {
 }
 
 #[test]
-fn fox_misses_pictures_and_keeps_its_lens() {
-    let Some(data) = shared_data("fox_misses_pictures_and_keeps_its_lens") else { return };
+fn fox_misses_images_and_keeps_its_lens() {
+    let Some(data) = shared_data("fox_misses_images_and_keeps_its_lens") else { return };
     let dataset = opened(&data.join("fox"));
     assert_eq!((dataset.format, dataset.keys()), (Format::Nerfstudio, &["fox".to_owned()][..]));
     let (scene, warnings) = loaded(&dataset);
     assert_eq!((scene.frames.len(), found(&scene)), (67, 50));
-    assert_eq!(warnings.count(WarningKind::MissingPicture), 17);
+    assert_eq!(warnings.count(WarningKind::MissingImage), 17);
     assert_eq!(warnings.count(WarningKind::LensDistortion), 1);
     let frame = &scene.frames[0];
     let lens = Distortion::OpenCv { k1: 0.057_842_1, k2: -0.080_509_9, k3: 0.0, p1: -0.000_980_296, p2: 0.000_155_75 };
@@ -155,22 +155,21 @@ fn fox_misses_pictures_and_keeps_its_lens() {
 fn desk_comes_in_two_sizes() {
     let Some(data) = shared_data("desk_comes_in_two_sizes") else { return };
     let folder = data.join("dl3dv_like/desk");
-    for (factor, pictures, elsewhere, size) in [(8, 80, 0, (480, 270)), (4, 120, 120, (960, 540))] {
-        let nerfstudio =
-            NerfstudioOptions { pictures: PictureFolder::Downscaled(factor), ..NerfstudioOptions::default() };
+    for (factor, images, elsewhere, size) in [(8, 80, 0, (480, 270)), (4, 120, 120, (960, 540))] {
+        let nerfstudio = NerfstudioOptions { images: ImageFolder::Downscaled(factor), ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
         let dataset = open_with(&folder, &options, &mut Warnings::new()).unwrap();
         assert_eq!(dataset.keys(), ["desk"]);
         let (scene, warnings) = loaded(&dataset);
-        assert_eq!((scene.frames.len(), found(&scene)), (120, pictures), "images_{factor}");
-        assert_eq!(warnings.count(WarningKind::MissingPicture), 120 - pictures as u64);
-        assert_eq!(warnings.count(WarningKind::PictureElsewhere), elsewhere, "the file says .png");
+        assert_eq!((scene.frames.len(), found(&scene)), (120, images), "images_{factor}");
+        assert_eq!(warnings.count(WarningKind::MissingImage), 120 - images as u64);
+        assert_eq!(warnings.count(WarningKind::ImageElsewhere), elsewhere, "the file says .png");
         assert_eq!(scene.frames[7].timestamp_micros, Some(8));
         let found = scene.frames[0].size("desk", 0).unwrap();
         assert_eq!((found.width, found.height), size);
         let k = scene.frames[0].camera.intrinsics;
         let expected = [1_658.434_163_349_556_7 / 1920.0, 1_660.650_683_901_539_7 / 1080.0];
-        Tolerance::relative(1e-14).assert([k.fx, k.fy], expected, "w and h are the file's, not the picture's");
+        Tolerance::relative(1e-14).assert([k.fx, k.fy], expected, "w and h are the file's, not the image's");
     }
 }
 
@@ -193,7 +192,7 @@ fn desk_poses_are_opengl() {
     );
 }
 
-/// Phone pictures are taken upright in a world with +z up: were the OpenGL axes taken for OpenCV's, `down`
+/// Phone images are taken upright in a world with +z up: were the OpenGL axes taken for OpenCV's, `down`
 /// would point to the sky.
 #[test]
 fn fox_cameras_stand_upright() {

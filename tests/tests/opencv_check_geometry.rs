@@ -8,7 +8,7 @@ use atsplat_opencv::{GeometryCheck, GeometryCheckOptions, PairChoice, UndistortM
 use atsplat_pixels::{DecodeLimits, encode_png};
 use atsplat_scene::geometry::{Convention, Verdict};
 use atsplat_scene::{
-    NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, SharedBytes, Warnings, open_with,
+    FrameImage, ImageFolder, NerfstudioOptions, OpenOptions, Scene, SceneSource, SharedBytes, Warnings, open_with,
 };
 use atsplat_tests::shared_data;
 
@@ -37,8 +37,8 @@ fn only_scene(test: &str, folder: &str, options: &OpenOptions) -> Option<Scene> 
 fn check(scene: &Scene, pairs: PairChoice) -> GeometryCheck {
     let options = GeometryCheckOptions { pairs, ..GeometryCheckOptions::default() };
     let mut warnings = Warnings::new();
-    let picture_of = |position: usize| scene.decode_any_shape(position, &DecodeLimits::default());
-    let checked = check_geometry(scene, picture_of, &options, &mut warnings).unwrap();
+    let image_of = |position: usize| scene.decode_any_shape(position, &DecodeLimits::default());
+    let checked = check_geometry(scene, image_of, &options, &mut warnings).unwrap();
     assert_eq!(warnings.total(), 0);
     checked
 }
@@ -125,9 +125,9 @@ fn every_mistake_made_in_a_real_re10k_scene_is_named() {
 #[test]
 fn fox_agrees_once_its_lens_is_undone() {
     let Some(scene) = only_scene("fox_agrees", "fox", &OpenOptions::default()) else { return };
-    let pictured: Vec<usize> =
-        (0..scene.frames.len()).filter(|i| matches!(scene.frames[*i].picture, Picture::File(_))).collect();
-    let neighbours = pictured.windows(2).map(|pair| (pair[0], pair[1])).collect();
+    let imaged: Vec<usize> =
+        (0..scene.frames.len()).filter(|i| matches!(scene.frames[*i].image, FrameImage::File(_))).collect();
+    let neighbours = imaged.windows(2).map(|pair| (pair[0], pair[1])).collect();
     let checked = check(&scene, PairChoice::Listed(neighbours));
     assert!(checked.pairs.len() >= 40, "{} pairs", checked.pairs.len());
     assert!(median_of(&checked, Convention::Declared) < 0.6);
@@ -146,30 +146,30 @@ fn inverted_fox_is_named_in_spite_of_its_repeating_wallpaper() {
 
 #[test]
 fn desk_agrees_at_both_resolutions() {
-    for pictures in [PictureFolder::Downscaled(8), PictureFolder::Downscaled(4)] {
-        let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
+    for images in [ImageFolder::Downscaled(8), ImageFolder::Downscaled(4)] {
+        let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
         let Some(scene) = only_scene("desk_agrees", "dl3dv_like/desk", &options) else { return };
         let checked = check(&scene, PairChoice::Spread(8));
-        assert!(checked.verdict.declared_fits(), "{pictures:?}: {}", checked.verdict);
-        assert!(median_of(&checked, Convention::Declared) < 0.4, "{pictures:?}");
-        assert!(median_of(&checked, Convention::PoseInverted) > 10.0, "{pictures:?}");
+        assert!(checked.verdict.declared_fits(), "{images:?}: {}", checked.verdict);
+        assert!(median_of(&checked, Convention::Declared) < 0.4, "{images:?}");
+        assert!(median_of(&checked, Convention::PoseInverted) > 10.0, "{images:?}");
     }
 }
 
-/// Pictures that were undistorted agree with a pinhole: what `data undistort` writes.
+/// Images that were undistorted agree with a pinhole: what `data undistort` writes.
 #[test]
 fn undistorted_fox_agrees_without_a_lens() {
     let Some(mut scene) = only_scene("undistorted_fox", "fox", &OpenOptions::default()) else { return };
-    scene.frames.retain(|frame| matches!(frame.picture, Picture::File(_)));
+    scene.frames.retain(|frame| matches!(frame.image, FrameImage::File(_)));
     scene.frames.truncate(16);
     for position in 0..scene.frames.len() {
-        let picture = scene.decode(position, &DecodeLimits::default()).unwrap();
-        let size = ImageSize { width: picture.width(), height: picture.height() };
+        let image = scene.decode(position, &DecodeLimits::default()).unwrap();
+        let size = ImageSize { width: image.width(), height: image.height() };
         let frame = &mut scene.frames[position];
         let undistorter = Undistorter::new(&frame.camera, size, UndistortMode::KeepK).unwrap();
-        frame.picture =
-            Picture::Encoded(SharedBytes::new(encode_png(&undistorter.undistort(&picture).unwrap()).unwrap()));
+        frame.image =
+            FrameImage::Encoded(SharedBytes::new(encode_png(&undistorter.undistort(&image).unwrap()).unwrap()));
         frame.camera = Camera::pinhole(frame.camera.camera_from_world, undistorter.intrinsics());
     }
     let neighbours = (1..scene.frames.len()).map(|at| (at - 1, at)).collect();

@@ -10,7 +10,7 @@ use atsplat_protocol::overlap::{OverlapEstimator, OverlapView};
 use atsplat_scene::{Scene, SceneSource, Warnings, open};
 use atsplat_tests::shared_data;
 
-/// The scene's frames are 256×256 centre crops of 640×360 pictures.
+/// The scene's frames are 256×256 centre crops of 640×360 images.
 const CROP: f64 = 640.0 / 360.0;
 
 fn re10k(test: &str) -> Option<Scene> {
@@ -27,9 +27,9 @@ fn re10k(test: &str) -> Option<Scene> {
 }
 
 fn coverage(scene: &Scene, pair: (usize, usize), reread: impl Fn(&Camera) -> Camera) -> Coverage {
-    let picture = |position| scene.decode(position, &DecodeLimits::default()).unwrap();
+    let image = |position| scene.decode(position, &DecodeLimits::default()).unwrap();
     let camera = |position: usize| reread(&scene.frames[position].camera);
-    let (first, second) = ((camera(pair.0), picture(pair.0)), (camera(pair.1), picture(pair.1)));
+    let (first, second) = ((camera(pair.0), image(pair.0)), (camera(pair.1), image(pair.1)));
     FeatureCoverage::default().coverage((&first.0, &first.1), (&second.0, &second.1)).unwrap()
 }
 
@@ -56,7 +56,7 @@ fn inverted_poses_verify_hardly_any_match() {
     };
     let right = coverage(&scene, (9, 49), |camera| *camera);
     let wrong = coverage(&scene, (9, 49), inverted);
-    assert_eq!(right.tentative, wrong.tentative, "the pictures are the same");
+    assert_eq!(right.tentative, wrong.tentative, "the images are the same");
     assert!(right.verified * 10 > right.tentative * 9, "{right:?}");
     assert!(wrong.verified * 4 < wrong.tentative, "{wrong:?}");
 }
@@ -64,11 +64,11 @@ fn inverted_poses_verify_hardly_any_match() {
 #[test]
 fn the_named_estimator_is_this_one() {
     let Some(scene) = re10k("the_named_estimator") else { return };
-    let picture = |position| scene.decode(position, &DecodeLimits::default()).unwrap();
-    let (first, second) = (picture(9), picture(49));
-    let view = |position: usize, picture| OverlapView {
+    let image = |position| scene.decode(position, &DecodeLimits::default()).unwrap();
+    let (first, second) = (image(9), image(49));
+    let view = |position: usize, image| OverlapView {
         camera: &scene.frames[position].camera,
-        picture: Some(picture),
+        image: Some(image),
         depth: None,
     };
     let (a, b) = (view(9, &first), view(49, &second));
@@ -78,6 +78,6 @@ fn the_named_estimator_is_this_one() {
     let named = estimator.estimate(&a, &b).unwrap();
     let direct = FeatureCoverage::default().overlap((a.camera, &first), (b.camera, &second)).unwrap();
     Tolerance::EXACT.assert([named], [direct], "estimate");
-    let blind = OverlapView { picture: None, ..a };
-    assert!(estimator.estimate(&blind, &b).is_err(), "no picture");
+    let blind = OverlapView { image: None, ..a };
+    assert!(estimator.estimate(&blind, &b).is_err(), "no image");
 }

@@ -1,4 +1,4 @@
-//! Real pictures, decoded and preprocessed, against the papers' code with Pillow inside
+//! Real images, decoded and preprocessed, against the papers' code with Pillow inside
 //! (`crates/scene/tests/fixtures/make_preprocess_golden.py --folder`).
 
 use std::fmt::Write as _;
@@ -19,7 +19,7 @@ struct Golden {
 
 #[derive(Deserialize)]
 struct Case {
-    picture: String,
+    image: String,
     source: ImageSize,
     steps: Vec<Step>,
     sha256: String,
@@ -32,17 +32,17 @@ fn a_real_capture_comes_out_as_the_papers_code_makes_it() {
     let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/preprocess_desk.json");
     let golden: Golden = serde_json::from_slice(&std::fs::read(fixture).unwrap()).unwrap();
     assert!(golden.cases.len() >= 9, "the fixture holds only {} cases", golden.cases.len());
-    for Case { picture, source, steps, sha256, frozen } in golden.cases {
-        let file = data.join("dl3dv_like/desk/nerfstudio/images_8").join(&picture);
+    for Case { image, source, steps, sha256, frozen } in golden.cases {
+        let file = data.join("dl3dv_like/desk/nerfstudio/images_8").join(&image);
         let decoded = decode(&std::fs::read(file).unwrap(), &DecodeLimits::default()).unwrap();
-        assert_eq!((decoded.width(), decoded.height()), (source.width, source.height), "{picture}");
+        assert_eq!((decoded.width(), decoded.height()), (source.width, source.height), "{image}");
         let plan = Preprocessing::of(steps.clone()).plan(source).unwrap();
         let digest = Sha256::digest(plan.apply(&decoded).unwrap().samples());
         let digest = digest.iter().fold(String::new(), |mut text, byte| {
             write!(text, "{byte:02x}").unwrap();
             text
         });
-        assert_eq!(digest, sha256, "{picture} through {steps:?}");
-        assert_eq!(plan.intrinsics(&golden.intrinsics).unwrap(), frozen, "{picture} through {steps:?}");
+        assert_eq!(digest, sha256, "{image} through {steps:?}");
+        assert_eq!(plan.intrinsics(&golden.intrinsics).unwrap(), frozen, "{image} through {steps:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 use atsplat_numeric::Tolerance;
 use atsplat_scene::torch::{self, TorchChunks, Value};
-use atsplat_scene::{Picture, SceneSource, Warnings};
+use atsplat_scene::{FrameImage, SceneSource, Warnings};
 use atsplat_tests::shared_data;
 
 #[test]
@@ -15,7 +15,7 @@ fn the_real_chunk_has_the_scene_with_279_posed_jpegs() {
     assert_eq!(scene.frames.len(), 279);
     assert!(scene.frames.is_sorted_by_key(|frame| frame.timestamp_micros), "a video's order");
     for (position, frame) in scene.frames.iter().enumerate() {
-        let Picture::Encoded(bytes) = &frame.picture else { panic!("frame {position}: {:?}", frame.picture) };
+        let FrameImage::Encoded(bytes) = &frame.image else { panic!("frame {position}: {:?}", frame.image) };
         assert!(bytes.starts_with(b"\xff\xd8\xff") && bytes.ends_with(b"\xff\xd9"), "frame {position} is a whole JPEG");
         Tolerance::F32_ROUND_TRIP.assert([frame.camera.camera_from_world.determinant()], [1.0], "rotation");
         // The frames are square crops of 640×360, so the widened fx is close to fy.

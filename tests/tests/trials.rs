@@ -10,12 +10,12 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::overlap::EpipolarRays;
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, SkipReason, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, SkipReason, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{DropReason, EvaluationIndex, Filters, IndexBuilder, IndexEntry, IndexFile, NearFar, Preset};
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::preprocess::Preprocessing;
 use atsplat_scene::{
-    Dataset, OpenOptions, Picture, PictureFolder, Scene, SceneError, SceneSource, Warnings, open, open_with,
+    Dataset, FrameImage, ImageFolder, OpenOptions, Scene, SceneError, SceneSource, Warnings, open, open_with,
 };
 use atsplat_tests::shared_data;
 
@@ -48,11 +48,11 @@ fn as_it_is() -> TrialRecipe {
         near_far: NearFar { near: 0.5, far: 100.0 },
         filters: Filters::default(),
         decode_limits: DecodeLimits::default(),
-        allow_absent_pictures: false,
+        allow_absent_images: false,
     }
 }
 
-fn first(source: Arc<Dataset>, index: &EvaluationIndex, recipe: TrialRecipe) -> (Trial, TargetPictures) {
+fn first(source: Arc<Dataset>, index: &EvaluationIndex, recipe: TrialRecipe) -> (Trial, TargetImages) {
     Trials::new(source, index, recipe, Prefetch::default()).next().unwrap().unwrap()
 }
 
@@ -134,9 +134,9 @@ fn with_the_crops_intrinsics(scene: &Path) -> tempfile::TempDir {
     let crops = text.replace(" 0.482334223 ", &format!(" {:.9} ", 0.482_334_223 * 640.0 / 360.0));
     std::fs::write(copy.path().join(name), crops).unwrap();
     std::fs::create_dir(copy.path().join("images")).unwrap();
-    for picture in std::fs::read_dir(scene.join("images")).unwrap() {
-        let picture = picture.unwrap();
-        std::fs::copy(picture.path(), copy.path().join("images").join(picture.file_name())).unwrap();
+    for image in std::fs::read_dir(scene.join("images")).unwrap() {
+        let image = image.unwrap();
+        std::fs::copy(image.path(), copy.path().join("images").join(image.file_name())).unwrap();
     }
     copy
 }
@@ -147,8 +147,8 @@ fn a_chunk_and_a_trajectory_with_frames_make_the_same_trial() {
     let published = only(RE10K_SCENE, &[9, 126], &[29, 30, 46]);
     let as_stated = opened(data.join("re10k").join(RE10K_SCENE));
     let skipped = Trials::new(as_stated, &published, as_it_is(), Prefetch::default()).next().unwrap().unwrap_err();
-    assert_eq!(skipped.reason, SkipReason::PictureMisfit, "squares under the intrinsics of the whole picture");
-    let (from_chunk, pictures) = first(opened(data.join("re10k/chunk")), &published, as_it_is());
+    assert_eq!(skipped.reason, SkipReason::ImageMisfit, "squares under the intrinsics of the whole image");
+    let (from_chunk, images) = first(opened(data.join("re10k/chunk")), &published, as_it_is());
     let corrected = with_the_crops_intrinsics(&data.join("re10k").join(RE10K_SCENE));
     let (from_crops, _) = first(opened(corrected.path().to_path_buf()), &published, as_it_is());
     assert_eq!(from_crops.pose_hash(), from_chunk.pose_hash());
@@ -157,16 +157,16 @@ fn a_chunk_and_a_trajectory_with_frames_make_the_same_trial() {
         let [text, chunk] = [text, chunk].map(|view| view.camera.camera_from_world.to_rows());
         Tolerance::F32_ROUND_TRIP.assert(text, chunk, "target pose");
     }
-    let picture = pictures.get(2).unwrap().unwrap();
-    assert_eq!((picture.width(), picture.height()), (256, 256));
+    let image = images.get(2).unwrap().unwrap();
+    assert_eq!((image.width(), image.height()), (256, 256));
     let (other, _) = first(opened(data.join("re10k/chunk")), &only(RE10K_SCENE, &[9, 127], &[29, 30, 46]), as_it_is());
     assert_ne!(other.pose_hash(), from_chunk.pose_hash(), "another frame");
 }
 
 /// The copy on disk holds 256×256 crops; the published loader drops every scene that is not 360×640.
 #[test]
-fn the_preset_drops_pictures_of_another_size() {
-    let Some(data) = shared_data("the_preset_drops_pictures_of_another_size") else { return };
+fn the_preset_drops_images_of_another_size() {
+    let Some(data) = shared_data("the_preset_drops_images_of_another_size") else { return };
     let recipe = TrialRecipe::of(&Preset::named("re10k-2v-256").unwrap(), "pixelSplat");
     let index = index(&data, "pixelsplat/evaluation_index_re10k.json");
     let scenes = index.scenes.into_iter();
@@ -180,7 +180,7 @@ fn the_preset_drops_pictures_of_another_size() {
     let nulls = first_hundred.scenes.values().filter(|entries| entries.is_empty()).count();
     let holds_the_scene = usize::from(first_hundred.scenes.contains_key(RE10K_SCENE));
     assert_eq!(of(SkipReason::NullEntry), nulls);
-    assert_eq!(of(SkipReason::Dropped(DropReason::PictureSize)), holds_the_scene);
+    assert_eq!(of(SkipReason::Dropped(DropReason::ImageSize)), holds_the_scene);
     assert_eq!(of(SkipReason::Dropped(DropReason::SceneMissing)), 100 - nulls - holds_the_scene);
     assert_eq!((holds_the_scene, trials.report().trials), (1, 0));
 }
@@ -189,7 +189,7 @@ fn the_preset_drops_pictures_of_another_size() {
 #[test]
 fn trials_of_the_six_view_protocol_from_a_sampled_index() {
     let Some(data) = shared_data("trials_of_the_six_view_protocol_from_a_sampled_index") else { return };
-    let nerfstudio = NerfstudioOptions { pictures: PictureFolder::Downscaled(8), ..NerfstudioOptions::default() };
+    let nerfstudio = NerfstudioOptions { images: ImageFolder::Downscaled(8), ..NerfstudioOptions::default() };
     let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
     let source = Arc::new(open_with(data.join("dl3dv_like"), &options, &mut Warnings::new()).unwrap());
     let builder: IndexBuilder = builder_of(
@@ -200,13 +200,13 @@ fn trials_of_the_six_view_protocol_from_a_sampled_index() {
     let recipe = TrialRecipe::of(&Preset::named("dl3dv-6v-256x448").unwrap(), "ATSplat");
     let prefetch = Prefetch { decode: DecodeAhead::Context, ..Prefetch::default() };
     let mut trials = Trials::new(source, &built.index, recipe, prefetch);
-    let (trial, pictures) = trials.next().unwrap().unwrap();
-    assert_eq!((trial.context().len(), trial.targets().len(), pictures.len()), (6, 50, 50));
+    let (trial, images) = trials.next().unwrap().unwrap();
+    assert_eq!((trial.context().len(), trial.targets().len(), images.len()), (6, 50, 50));
     assert_eq!(trial.targets().iter().filter(|view| view.label.leaked).count(), 6);
     let size = ImageSize { width: 448, height: 256 };
     assert!(trial.targets().iter().all(|view| view.size == size));
-    let picture = trial.context()[5].picture().unwrap();
-    assert_eq!((picture.width(), picture.height()), (448, 256));
+    let image = trial.context()[5].image().unwrap();
+    assert_eq!((image.width(), image.height()), (448, 256));
     let farthest = trial.context().iter().flat_map(|view| view.camera.camera_from_world.inverse().centre().to_array());
     let farthest = farthest.map(f64::abs).fold(0.0, |most: f64, x| if x > most { x } else { most });
     Tolerance::F64.assert([farthest], [1.0], "the mean camera's scale");
@@ -236,7 +236,7 @@ fn the_lens_is_part_of_the_trial_and_not_of_its_poses() {
     let fox = opened(data.join("fox"));
     let key = fox.keys().first().unwrap().clone();
     let scene = fox.load(&key, &mut Warnings::new()).unwrap();
-    let there = scene.frames.iter().enumerate().filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_)));
+    let there = scene.frames.iter().enumerate().filter(|(_, frame)| !matches!(frame.image, FrameImage::Missing(_)));
     let positions: Vec<usize> = there.map(|(at, _)| at).take(3).collect();
     let index = only(&key, &positions[..2], &positions[2..]);
     let trial = |source: Arc<dyn SceneSource>| {

@@ -87,7 +87,7 @@ impl Distortion {
 /// A lens model with the range on which it can be inverted.
 ///
 /// Points are on the camera's z = 1 plane: `(X/Z, Y/Z)` before the lens (*undistorted*), and after it (*distorted*), to
-/// which intrinsics then apply. Every model is a polynomial that was fitted inside the picture; further out it usually
+/// which intrinsics then apply. Every model is a polynomial that was fitted inside the image; further out it usually
 /// folds over, and a point there has a second, wrong preimage that plain fixed-point iteration (`cv2.undistortPoints`)
 /// may return. All methods here return [`CameraError::OutsideLens`] beyond the fold.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -22,13 +22,13 @@ pub enum CameraError {
         /// Largest absolute entry of `R Rᵀ − I`.
         residual: f64,
     },
-    /// A crop is not inside the picture, or empty.
-    #[error("crop of {crop:?} does not fit into a picture of {width}×{height}")]
+    /// A crop is not inside the image, or empty.
+    #[error("crop of {crop:?} does not fit into an image of {width}×{height}")]
     CropOutside {
         crop: crate::CropRect,
-        /// Picture width in pixels.
+        /// Image width in pixels.
         width: u32,
-        /// Picture height in pixels.
+        /// Image height in pixels.
         height: u32,
     },
     /// A point or ray is behind the camera, or at a right angle to its axis.

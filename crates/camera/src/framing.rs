@@ -36,7 +36,7 @@ impl NormalizedIntrinsics {
     /// A camera with a centred principal point, square pixels and a horizontal field of view of `angle` radians.
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] for an angle outside (0, π) or an empty picture, [`CameraError::NonFinite`].
+    /// [`CameraError::NotPositive`] for an angle outside (0, π) or an empty image, [`CameraError::NonFinite`].
     pub fn with_horizontal_view(angle: f64, size: ImageSize) -> Result<Self, CameraError> {
         let (width, height) = (positive("width", f64::from(size.width))?, positive("height", f64::from(size.height))?);
         positive("field of view", angle)?;
@@ -48,7 +48,7 @@ impl NormalizedIntrinsics {
     /// The distance along the optical axis at which a sphere of this radius just fits between all four edges.
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] for a radius of zero, or if the optical axis is outside the picture.
+    /// [`CameraError::NotPositive`] for a radius of zero, or if the optical axis is outside the image.
     pub fn distance_that_frames(&self, radius: f64) -> Result<f64, CameraError> {
         let nearest = |focal: f64, centre: f64| centre.minimum_of(1.0 - centre) / focal;
         let tangent = nearest(self.fx, self.cx).minimum_of(nearest(self.fy, self.cy));

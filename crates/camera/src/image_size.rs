@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::CameraError;
 
-/// Picture width and height in pixels.
+/// Image width and height in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ImageSize {
     /// Columns.

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{finite, positive};
 use crate::{CameraError, ImageSize};
 
-/// A rectangle of whole pixels inside a picture.
+/// A rectangle of whole pixels inside an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct CropRect {
     /// First column.
@@ -33,7 +33,7 @@ impl CropRect {
     }
 }
 
-/// How cropping a picture changes the normalised principal point.
+/// How cropping an image changes the normalised principal point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PrincipalPointRule {
@@ -45,23 +45,23 @@ pub enum PrincipalPointRule {
     Corrected,
 }
 
-/// Pinhole intrinsics in units of the picture's size: `x_pixels = width · (fx · X/Z + cx)`.
+/// Pinhole intrinsics in units of the image's size: `x_pixels = width · (fx · X/Z + cx)`.
 ///
 /// The convention of RE10K files and `.torch` chunks (pixelSplat `README.md:119`). Focal lengths are positive, all
 /// numbers finite.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NormalizedIntrinsics {
-    /// Horizontal focal length over picture width; > 0.
+    /// Horizontal focal length over image width; > 0.
     pub fx: f64,
-    /// Vertical focal length over picture height; > 0.
+    /// Vertical focal length over image height; > 0.
     pub fy: f64,
-    /// Principal point over picture width; 0.5 is the centre.
+    /// Principal point over image width; 0.5 is the centre.
     pub cx: f64,
-    /// Principal point over picture height; 0.5 is the centre.
+    /// Principal point over image height; 0.5 is the centre.
     pub cy: f64,
 }
 
-/// Pinhole intrinsics in pixels of one picture size: `x = fx · X/Z + cx`, with pixel centres at + 0.5.
+/// Pinhole intrinsics in pixels of one image size: `x = fx · X/Z + cx`, with pixel centres at + 0.5.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PixelIntrinsics {
     /// Horizontal focal length in pixels; > 0.
@@ -106,13 +106,13 @@ checked_new!(NormalizedIntrinsics);
 checked_new!(PixelIntrinsics);
 
 impl NormalizedIntrinsics {
-    /// The intrinsics in pixels of a picture of `size`.
+    /// The intrinsics in pixels of an image of `size`.
     pub fn pixel_from_normalized(&self, size: ImageSize) -> PixelIntrinsics {
         let (w, h) = (f64::from(size.width), f64::from(size.height));
         PixelIntrinsics { fx: self.fx * w, fy: self.fy * h, cx: self.cx * w, cy: self.cy * h }
     }
 
-    /// The intrinsics after cropping a picture of size `source`: focal lengths are multiplied by `w / w'` and `h / h'`, the
+    /// The intrinsics after cropping an image of size `source`: focal lengths are multiplied by `w / w'` and `h / h'`, the
     /// principal point follows `rule`.
     ///
     /// # Errors
@@ -151,10 +151,10 @@ impl NormalizedIntrinsics {
 }
 
 impl PixelIntrinsics {
-    /// The intrinsics in units of the picture's `size`.
+    /// The intrinsics in units of the image's `size`.
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] for an empty picture or focal length, [`CameraError::NonFinite`].
+    /// [`CameraError::NotPositive`] for an empty image or focal length, [`CameraError::NonFinite`].
     pub fn normalized_from_pixel(&self, size: ImageSize) -> Result<NormalizedIntrinsics, CameraError> {
         let (w, h) = (positive("width", f64::from(size.width))?, positive("height", f64::from(size.height))?);
         NormalizedIntrinsics::new(self.fx / w, self.fy / h, self.cx / w, self.cy / h)

@@ -43,7 +43,7 @@ pub use turntable::Turntable;
 pub struct Camera {
     /// World-to-camera transform with OpenCV axes.
     pub camera_from_world: CameraFromWorld,
-    /// Pinhole intrinsics in units of the picture's width and height.
+    /// Pinhole intrinsics in units of the image's width and height.
     pub intrinsics: NormalizedIntrinsics,
     /// Lens distortion on the `z = 1` plane.
     pub distortion: Distortion,

@@ -13,10 +13,10 @@ pub struct Projector {
     pub(crate) lens: Lens,
 }
 
-/// The projection of a point to a picture.
+/// The projection of a point to an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected {
-    /// Position in units of the picture's width and height: (0, 0) is the outer corner of the first pixel, (1, 1) that of
+    /// Position in units of the image's width and height: (0, 0) is the outer corner of the first pixel, (1, 1) that of
     /// the last.
     pub position: DVec2,
     /// Depth along the optical axis, in scene units ("z-depth"); positive unless a fisheye lens sees the point beyond 90°.
@@ -26,12 +26,12 @@ pub struct Projected {
 }
 
 impl Projected {
-    /// The position in pixels of a picture of `size`; the centre of the first pixel is at (0.5, 0.5).
+    /// The position in pixels of an image of `size`; the centre of the first pixel is at (0.5, 0.5).
     pub fn pixel(&self, size: ImageSize) -> DVec2 {
         self.position * DVec2::new(f64::from(size.width), f64::from(size.height))
     }
 
-    /// Whether the point is inside the picture: `position` in [0, 1) × [0, 1).
+    /// Whether the point is inside the image: `position` in [0, 1) × [0, 1).
     pub fn is_inside(&self) -> bool {
         let inside = |value: f64| (0.0..1.0).contains(&value);
         inside(self.position.x) && inside(self.position.y)
@@ -82,7 +82,7 @@ impl Projector {
         Ok(Projected { position, depth: point.z, distance: point.length() })
     }
 
-    /// Unit ray in the camera's frame through a position in units of the picture's width and height.
+    /// Unit ray in the camera's frame through a position in units of the image's width and height.
     ///
     /// # Errors
     /// [`CameraError::OutsideLens`] if there is no such ray, [`CameraError::NonFinite`].

@@ -34,7 +34,7 @@ impl Ray {
 }
 
 impl Camera {
-    /// Rays through all pixel centres of a picture of `size`, row by row.
+    /// Rays through all pixel centres of an image of `size`, row by row.
     ///
     /// # Errors
     /// Those of [`Projector::pixel_rays`], and the error of the first ray that does not exist.
@@ -44,7 +44,7 @@ impl Camera {
 }
 
 impl Projector {
-    /// The undistorted ray through a position in units of the picture's width and height.
+    /// The undistorted ray through a position in units of the image's width and height.
     ///
     /// As in the papers, the direction is scaled in the camera's frame and then rotated, so the accuracy of its length
     /// depends on that of the pose's rotation.
@@ -67,10 +67,10 @@ impl Projector {
 
     /// Rays through the pixel centres `((column + 0.5) / width, (row + 0.5) / height)`, row by row.
     ///
-    /// With the size of a patch grid instead of a picture, these are the rays through the patch centres.
+    /// With the size of a patch grid instead of an image, these are the rays through the patch centres.
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] for an empty picture. Each item has the errors of [`Self::ray`].
+    /// [`CameraError::NotPositive`] for an empty image. Each item has the errors of [`Self::ray`].
     pub fn pixel_rays(&self, size: ImageSize, scale: DirectionScale) -> Result<PixelRays, CameraError> {
         positive("width", f64::from(size.width))?;
         positive("height", f64::from(size.height))?;
@@ -78,7 +78,7 @@ impl Projector {
     }
 }
 
-/// Iterator over the rays of a picture in row-major order; see [`Projector::pixel_rays`].
+/// Iterator over the rays of an image in row-major order; see [`Projector::pixel_rays`].
 #[derive(Clone, Debug)]
 pub struct PixelRays {
     projector: Projector,
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_picture_has_no_rays() {
+    fn an_empty_image_has_no_rays() {
         let empty = ImageSize { width: 0, height: 3 };
         assert!(camera().pixel_rays(empty, DirectionScale::UnitLength).is_err());
     }

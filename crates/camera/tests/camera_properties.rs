@@ -14,7 +14,7 @@ use proptest::prelude::*;
 
 const RULES: [PrincipalPointRule; 2] = [PrincipalPointRule::Frozen, PrincipalPointRule::Corrected];
 const SLACK: Tolerance = Tolerance::absolute(1e-11);
-/// For the intrinsics of a crop of one pixel, a thousand times the picture's.
+/// For the intrinsics of a crop of one pixel, a thousand times the image's.
 const INTRINSICS: Tolerance = Tolerance { absolute: 1e-9, relative: 1e-12 };
 const LENGTH: Tolerance = Tolerance { absolute: 1e-11, relative: 1e-11 };
 
@@ -29,7 +29,7 @@ fn any_intrinsics() -> impl Strategy<Value = NormalizedIntrinsics> {
         .prop_map(|(fx, fy, cx, cy)| NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap())
 }
 
-/// Lenses that do not fold inside the picture.
+/// Lenses that do not fold inside the image.
 fn any_distortion() -> impl Strategy<Value = Distortion> {
     let small = -0.01..0.01;
     prop_oneof![
@@ -57,7 +57,7 @@ fn numbers(k: NormalizedIntrinsics) -> [f64; 4] {
     [k.fx, k.fy, k.cx, k.cy]
 }
 
-/// A picture and two crops, the second inside the first.
+/// An image and two crops, the second inside the first.
 fn nested_crops() -> impl Strategy<Value = (ImageSize, CropRect, CropRect)> {
     let inside = |outer: u32| (1..=outer).prop_flat_map(move |length| (0..=outer - length, Just(length)));
     (8u32..2000, 8u32..2000).prop_flat_map(move |(width, height)| {
@@ -130,7 +130,7 @@ proptest! {
         let point = DVec3::from_array(point);
         let moved = Camera { camera_from_world: camera.camera_from_world.inverse().moved_by(&motion).inverse(), ..camera };
         if let (Ok(here), Ok(there)) = (camera.project(point), moved.project(motion.transform_point(point))) {
-            // For near points, rounding errors are magnified in the picture.
+            // For near points, rounding errors are magnified in the image.
             let closeness = here.depth.abs().minimum_of(1.0).maximum_of(1e-3);
             let slack = Tolerance { absolute: 1e-9 / closeness, relative: 1e-9 / closeness };
             prop_assert!(slack.check(there.position.to_array(), here.position.to_array()).is_ok());

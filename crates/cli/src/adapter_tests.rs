@@ -47,7 +47,7 @@ impl SelfTestObserver for AdapterTests {
     fn begins(&self, adapter: &AdapterDescription, stage: ProbeStage) {
         let activity = match stage {
             ProbeStage::Opening => "opening the device",
-            ProbeStage::Picture => "rendering a test image; the driver compiles kernels first",
+            ProbeStage::Image => "rendering a test image; the driver compiles kernels first",
             ProbeStage::Derivative => "testing gradients; the driver compiles kernels first",
         };
         self.report(format!("{adapter}: {activity}"));

@@ -1,12 +1,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use atsplat_scene::{Dataset, Fetch, Format, OpenOptions, PictureOptions, Warnings};
+use atsplat_scene::{Dataset, Fetch, Format, ImageOptions, OpenOptions, Warnings};
 
 use crate::objects::{CacheArgs, RemoteData};
 use crate::parse::usage_error;
 
-/// A dataset and where its pictures are.
+/// A dataset and where its images are.
 #[derive(Debug, clap::Args)]
 pub(crate) struct DatasetArgs {
     /// RE10K trajectories, `.torch` chunks, a `transforms.json`, a COLMAP model, or a folder of them; also as a URL (s3://, gs://,
@@ -14,13 +14,13 @@ pub(crate) struct DatasetArgs {
     pub(crate) data: PathBuf,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 }
 
-/// Where a dataset's pictures are, for commands whose dataset is an argument named `data`.
+/// Where a dataset's images are, for commands whose dataset is an argument named `data`.
 #[derive(Debug, clap::Args)]
-pub(crate) struct PictureArgs {
-    /// Which copy of a capture's pictures: 1 for `images`, 2, 4 or 8 for `images_2` … (nerfstudio, COLMAP).
+pub(crate) struct ImageArgs {
+    /// Which copy of a capture's images: 1 for `images`, 2, 4 or 8 for `images_2` … (nerfstudio, COLMAP).
     #[arg(long, value_name = "N", requires = "data", value_parser = clap::value_parser!(u32).range(1..=64))]
     images: Option<u32>,
 
@@ -39,12 +39,12 @@ pub(crate) struct PictureArgs {
 impl DatasetArgs {
     /// Opens the dataset; its format is detected.
     pub(crate) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Dataset> {
-        self.pictures.open(&self.data, warnings)
+        self.images.open(&self.data, warnings)
     }
 }
 
-impl PictureArgs {
-    /// The same arguments for another copy of a capture's pictures.
+impl ImageArgs {
+    /// The same arguments for another copy of a capture's images.
     pub(crate) fn with_images(&self, factor: u32) -> Self {
         let (frames, cache) = (self.frames.clone(), self.cache.clone());
         Self { images: Some(factor), frames, prefer_undistorted: self.prefer_undistorted, cache }
@@ -78,8 +78,8 @@ impl PictureArgs {
         self.options().check(format).map_err(|unread| usage_error(format!("--{unread}")))
     }
 
-    fn options(&self) -> PictureOptions {
+    fn options(&self) -> ImageOptions {
         let (images, frames) = (self.images, self.frames.clone());
-        PictureOptions { images, frames, prefer_undistorted: self.prefer_undistorted }
+        ImageOptions { images, frames, prefer_undistorted: self.prefer_undistorted }
     }
 }

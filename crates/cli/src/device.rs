@@ -21,10 +21,7 @@ impl DeviceArgs {
         if is_used || self.processor == Processor::Cpu {
             return Ok(());
         }
-        Err(format!(
-            "{}: no method has a network or Gaussians to render; pictures are compared on the CPU",
-            self.name()
-        ))
+        Err(format!("{}: no method has a network or Gaussians to render; images are compared on the CPU", self.name()))
     }
 
     /// Opens the device of an evaluation, and tests an adapter that was not tested before.

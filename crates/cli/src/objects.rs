@@ -81,12 +81,12 @@ impl RemoteData {
         self.0.with_url(text)
     }
 
-    /// Fails if a picture or scene could not be fetched, which commands would otherwise report as unreadable data.
+    /// Fails if an image or scene could not be fetched, which commands would otherwise report as unreadable data.
     pub(crate) fn check(remote: Option<&Arc<Self>>) -> anyhow::Result<()> {
         remote.and_then(|remote| remote.failure()).map_or(Ok(()), |error| Err(error.into()))
     }
 
-    /// Why a picture or scene could not be fetched, if one could not: the storage failed, the data may be fine.
+    /// Why an image or scene could not be fetched, if one could not: the storage failed, the data may be fine.
     pub(crate) fn failure(&self) -> Option<ObjectError> {
         self.0.failure()
     }

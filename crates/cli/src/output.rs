@@ -204,20 +204,20 @@ mod tests {
     /// Networks and their ablations are in two stores, on the same data; a few unreadable scenes were known when it was opened.
     #[test]
     fn findings_of_stores_with_the_same_data_count_once() {
-        let networks = store(&[("rooms", "missing-picture", 5), ("yards", "missing-picture", 2)]);
-        let ablations = store(&[("rooms", "missing-picture", 5), ("rooms", "unreadable-scene", 3)]);
+        let networks = store(&[("rooms", "missing-image", 5), ("yards", "missing-image", 2)]);
+        let ablations = store(&[("rooms", "missing-image", 5), ("rooms", "unreadable-scene", 3)]);
         let mut printed = Warnings::new();
         for scene in ["a", "b", "c"] {
             let found: Vec<_> = findings(&[&networks, &ablations], &printed).into_iter().collect();
             let expected = [
-                (("rooms", "missing-picture"), (5, "one of 5")),
+                (("rooms", "missing-image"), (5, "one of 5")),
                 (("rooms", "unreadable-scene"), (3, "one of 3")),
-                (("yards", "missing-picture"), (2, "one of 2")),
+                (("yards", "missing-image"), (2, "one of 2")),
             ];
             assert_eq!(found, expected, "fewer were printed than there are");
             printed.push(WarningKind::UnreadableScene, scene, "cut off");
         }
         let kinds: Vec<&str> = findings(&[&ablations], &printed).into_keys().map(|(_, kind)| kind).collect();
-        assert_eq!(kinds, ["missing-picture"], "all three were printed");
+        assert_eq!(kinds, ["missing-image"], "all three were printed");
     }
 }

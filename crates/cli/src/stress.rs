@@ -30,7 +30,7 @@ pub(crate) struct Args {
     list: bool,
 
     /// Plot the errors by case, .svg or .png.
-    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    #[arg(long, value_name = "IMAGE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
     /// Print JSON; an error with a null bound must only be finite.

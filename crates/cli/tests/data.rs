@@ -75,7 +75,7 @@ fn errors_name_unknown_data_and_outputs() {
     assert!(outcome.stderr.contains("cameras.xlsx"), "{}", outcome.stderr);
 }
 
-fn picture() -> Vec<u8> {
+fn image() -> Vec<u8> {
     encode_png(&ImageU8::new(16, 16, vec![128; 16 * 16 * 3]).unwrap()).unwrap()
 }
 
@@ -84,7 +84,7 @@ fn write_scene(folder: &Path, key: &str, frames: usize) {
     write_trajectory(&folder.join(format!("{key}.txt")), frames);
     std::fs::create_dir(folder.join(key)).unwrap();
     for frame in 0..frames {
-        std::fs::write(folder.join(key).join(format!("{}.png", frame * 33_367)), picture()).unwrap();
+        std::fs::write(folder.join(key).join(format!("{}.png", frame * 33_367)), image()).unwrap();
     }
 }
 
@@ -97,7 +97,7 @@ fn frames_elsewhere_are_found_by_key() {
     std::fs::rename(here.join("frames/test/a.txt"), here.join("a.txt")).unwrap();
     let report = succeed(here, &["data", "inspect", "a.txt", "--frames", "frames/test", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-    assert_eq!(report["pictures"]["files"], 2, "{report}");
+    assert_eq!(report["images"]["files"], 2, "{report}");
     let above = atsplat(here, &["data", "inspect", "a.txt", "--frames", "frames"]);
     assert!(above.code == 1 && above.stderr.contains("such as a/, found no such folder (frames)"), "{}", above.stderr);
 }
@@ -111,7 +111,7 @@ fn writes_chunks_without_the_broken_scene() {
     for key in ["a", "b", "c"] {
         write_scene(&here.join("data"), key, 3);
     }
-    std::fs::write(here.join("data/b/0.png"), b"no picture at all").unwrap();
+    std::fs::write(here.join("data/b/0.png"), b"no image at all").unwrap();
     for out in ["data", "./data/test"] {
         let refused = atsplat(here, &["data", "export", "data", out, "--chunks"]);
         let expected = format!("error: {out}: chunks there would be read in place of the scenes of data");
@@ -134,16 +134,16 @@ fn images_that_are_cut_short_are_found_without_decoding() {
     write_scene(&here.join("data"), "a", 3);
     let strict = |args: &[&str]| atsplat(here, &[args, &["--strict"]].concat());
     assert_eq!(strict(&["data", "inspect", "data"]).code, 0);
-    let whole = picture();
+    let whole = image();
     std::fs::write(here.join("data/a/33367.png"), &whole[..whole.len() - 5]).unwrap();
     let inspected = strict(&["data", "inspect", "data"]);
-    assert!(inspected.code == 4 && inspected.stdout.contains("1 unreadable-picture"), "{}", inspected.stdout);
+    assert!(inspected.code == 4 && inspected.stdout.contains("1 unreadable-image"), "{}", inspected.stdout);
     assert!(inspected.stdout.contains("3 headers read, 1 cut short"), "{}", inspected.stdout);
     assert!(inspected.stdout.contains("frame 1: cut short: a PNG of "), "{}", inspected.stdout);
     let exported = strict(&["data", "export", "data", "chunks", "--chunks"]);
     assert!(exported.code == 4 && exported.stdout.contains("1 scenes in 1 chunks"), "{}", exported.stderr);
     assert!(
-        exported.stderr.contains("unreadable-picture") && exported.stderr.contains("33367.png"),
+        exported.stderr.contains("unreadable-image") && exported.stderr.contains("33367.png"),
         "{}",
         exported.stderr
     );
@@ -175,14 +175,14 @@ fn missing_images_do_not_affect_cameras() {
     let said = |args: &[&str]| {
         let outcome = atsplat(here, args);
         assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
-        (outcome.stdout.contains("missing-picture"), outcome.stdout.contains("lens-distortion"), outcome.stderr)
+        (outcome.stdout.contains("missing-image"), outcome.stdout.contains("lens-distortion"), outcome.stderr)
     };
     assert!(matches!(said(&["data", "inspect", "scene"]), (true, true, _)));
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files/degree3_little_endian.ply");
     let render = ["render", scene.to_str().unwrap(), "--cameras", "scene", "--out", "out"];
     for args in [&["data", "export", "scene", "cameras.csv"][..], &["data", "motion", "scene"], &render] {
         let (_, _, stderr) = said(args);
-        assert!(!stderr.contains("missing-picture"), "{args:?}: {stderr}");
+        assert!(!stderr.contains("missing-image"), "{args:?}: {stderr}");
         assert!(stderr.contains("lens-distortion"), "warnings about cameras stay: {args:?}: {stderr}");
     }
 }
@@ -217,7 +217,7 @@ fn hostile_chunk(folder: &Path) {
             url: String::new(),
             timestamps: vec![7],
             cameras: vec![camera],
-            images: vec![SharedBytes::new(picture())],
+            images: vec![SharedBytes::new(image())],
         };
         writer.push(scene).unwrap();
     }
@@ -248,7 +248,7 @@ fn frames_with_the_same_name_are_all_written() {
     let here = folder.path();
     let frame = |side: &str| {
         std::fs::create_dir_all(here.join("scene/images").join(side)).unwrap();
-        std::fs::write(here.join(format!("scene/images/{side}/0001.png")), picture()).unwrap();
+        std::fs::write(here.join(format!("scene/images/{side}/0001.png")), image()).unwrap();
         serde_json::json!({
             "file_path": format!("images/{side}/0001.png"),
             "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],

@@ -37,7 +37,7 @@ fn a_device_is_spelled_in_one_way() {
 }
 
 #[test]
-fn pictures_alone_need_no_device() {
+fn images_alone_need_no_device() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 1);

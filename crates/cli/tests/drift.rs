@@ -74,7 +74,7 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
                 status: TrialStatus::Done,
                 detail: None,
                 context: vec![0, 9],
-                context_hashes: [0, 9].map(|frame| format!("picture {scene} {frame}")).to_vec(),
+                context_hashes: [0, 9].map(|frame| format!("image {scene} {frame}")).to_vec(),
                 targets: 2,
                 overlap: None,
                 width: 8,

@@ -17,7 +17,7 @@ use atsplat_tests::skip;
 use common::{atsplat, succeed};
 use evaluation::write_noise;
 
-const HELLO: &str = r#"echo '{"atsplat": 1, "name": "shell", "version": "1", "gives": "pictures"}'"#;
+const HELLO: &str = r#"echo '{"atsplat": 1, "name": "shell", "version": "1", "gives": "images"}'"#;
 
 /// A script that answers with the renders of another run, `$1` below the working folder.
 fn write_copying(here: &Path) {
@@ -25,12 +25,12 @@ fn write_copying(here: &Path) {
 while IFS= read -r line; do
   field() { printf '%s' "$line" | sed "s/.*\"$1\":\"*\([^\",]*\).*/\1/"; }
   cp -r "$1/$(field scene)-0" "$(field folder)/out"
-  echo "{\"trial\": $(field trial), \"pictures\": \"out\"}"
+  echo "{\"trial\": $(field trial), \"images\": \"out\"}"
 done"#;
     fs::write(here.join("method.sh"), format!("{HELLO}\n{body}\n")).unwrap();
 }
 
-/// Equal to the bit: the process is given a folder of pictures that `score` reads too.
+/// Equal to the bit: the process is given a folder of images that `score` reads too.
 #[test]
 fn a_process_and_score_give_equal_numbers() {
     let folder = tempfile::tempdir().unwrap();
@@ -38,11 +38,8 @@ fn a_process_and_score_give_equal_numbers() {
     write_noise(here, 3);
     write_copying(here);
     let data = ["tiny.toml", "--data", "data"];
-    succeed(
-        here,
-        &[&["run"], &data[..], &["--method", "warp", "--keep-pictures", "all", "--out", "baseline"]].concat(),
-    );
-    let renders = "baseline/pictures/tiny/warp";
+    succeed(here, &[&["run"], &data[..], &["--method", "warp", "--keep-images", "all", "--out", "baseline"]].concat());
+    let renders = "baseline/images/tiny/warp";
     succeed(here, &[&["score"], &data[..], &["--renders", renders, "--name", "mine", "--out", "scores"]].concat());
     let method = format!("nearest-view,mine=exec:sh method.sh {renders} 'a, b'");
     let run = [&["run"], &data[..], &["--method", &method, "--method-processes", "2", "--out", "store"]].concat();

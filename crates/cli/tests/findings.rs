@@ -18,7 +18,7 @@ const SIDE: u32 = 40;
 const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view"];
 
 /// A grey image that differs between frames.
-fn picture(frame: usize, side: u32) -> Vec<u8> {
+fn image(frame: usize, side: u32) -> Vec<u8> {
     let shade = u8::try_from(60 + frame).unwrap();
     encode_png(&ImageU8::new(side, side, vec![shade; (side * side * 3) as usize]).unwrap()).unwrap()
 }
@@ -34,7 +34,7 @@ fn dataset(here: &Path, scenes: &[&str], frames: usize) {
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, text.replace(" 0.48 0.86 ", " 0.86 0.86 ")).unwrap();
         for frame in 0..frames {
-            std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), picture(frame, SIDE)).unwrap();
+            std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), image(frame, SIDE)).unwrap();
         }
     }
 }
@@ -193,11 +193,11 @@ fn evaluating_nothing_fails_with_any_flags() {
         }
     }
     for (scene, frame) in ["a", "b"].into_iter().flat_map(|scene| (0..5).map(move |frame| (scene, frame))) {
-        std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), "no picture").unwrap();
+        std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), "no image").unwrap();
     }
     let broken = run(here, &["--out", "broken"]);
     assert!(
-        broken.code == 1 && broken.stderr.contains("every entry was skipped: 2 picture-unreadable"),
+        broken.code == 1 && broken.stderr.contains("every entry was skipped: 2 image-unreadable"),
         "{}",
         broken.stderr
     );
@@ -256,7 +256,7 @@ fn a_strict_report_finds_entries_that_were_not_run() {
     assert_eq!(part.code, 4, "{}", part.stderr);
     for expected in [
         "warning: part: tiny: 1 scene of the index is not in the data: gone\n",
-        "warning: part: tiny: 1 index entry was skipped: scene a, entry 0: picture-missing: frame 4 (",
+        "warning: part: tiny: 1 index entry was skipped: scene a, entry 0: image-missing: frame 4 (",
     ] {
         assert!(part.stderr.contains(expected), "{expected}: {}", part.stderr);
     }
@@ -295,9 +295,9 @@ fn images_of_another_size_suggest_a_copy_that_fits() {
         let images = here.join("data/a").join(images);
         std::fs::create_dir_all(&images).unwrap();
         let height = 3 * width / 4;
-        let picture = ImageU8::new(width, height, vec![90; (width * height * 3) as usize]).unwrap();
+        let image = ImageU8::new(width, height, vec![90; (width * height * 3) as usize]).unwrap();
         for at in 0..3 {
-            std::fs::write(images.join(format!("{at}.png")), encode_png(&picture).unwrap()).unwrap();
+            std::fs::write(images.join(format!("{at}.png")), encode_png(&image).unwrap()).unwrap();
         }
     }
     std::fs::write(here.join("data/a/transforms.json"), transforms.to_string()).unwrap();
@@ -342,10 +342,10 @@ fn strict_fails_on_what_a_sampler_leaves_out() {
     for gone in [3, 5] {
         std::fs::remove_file(here.join(format!("data/gaps/{}.png", gone * 33_367))).unwrap();
     }
-    let frames = "2 frames without a picture, which are not sampled: rule.toml";
+    let frames = "2 frames without an image, which are not sampled: rule.toml";
     check("frames", &[frames]);
     std::fs::create_dir_all(here.join("data/ignored")).unwrap();
-    std::fs::write(here.join("data/ignored/0.png"), picture(0, SIDE)).unwrap();
+    std::fs::write(here.join("data/ignored/0.png"), image(0, SIDE)).unwrap();
     let ignored = "1 scenes that are not read, and not sampled: ignored-scene: ignored";
     check("ignored", &[frames, ignored]);
     dataset(here, &["broken"], 9);
@@ -363,9 +363,9 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     for (scene, frame) in [("one", 1), ("one", 2), ("two", 2)] {
         let place = here.join(format!("out/test/{scene}/color"));
         std::fs::create_dir_all(&place).unwrap();
-        std::fs::write(place.join(format!("{frame:06}.png")), picture(frame + 1, SIDE)).unwrap();
+        std::fs::write(place.join(format!("{frame:06}.png")), image(frame + 1, SIDE)).unwrap();
         std::fs::create_dir_all(here.join(format!("small/{scene}"))).unwrap();
-        std::fs::write(here.join(format!("small/{scene}/{frame}.png")), picture(frame, 8)).unwrap();
+        std::fs::write(here.join(format!("small/{scene}/{frame}.png")), image(frame, 8)).unwrap();
     }
     let score = |renders: &str| {
         let args = ["score", "tiny.toml", "--data", "data", "--name", "theirs", "--out", "store", "--renders", renders];
@@ -392,7 +392,7 @@ fn a_mistyped_folder_of_renders_can_be_corrected_in_the_same_store() {
     assert!(small.code == 1 && small.stderr.contains("small: SCENE/29.png (2)"), "{}", small.stderr);
     assert!(small.stderr.contains("all of 4 targets failed"), "{}", small.stderr);
     for line in [
-        "tiny: 3 targets of theirs failed: scene one, frame 1: expected a picture of 40×40, found 8×8\n",
+        "tiny: 3 targets of theirs failed: scene one, frame 1: expected an image of 40×40, found 8×8\n",
         "tiny: 1 target of theirs failed: scene two, frame 1: no file for frame 1 of scene two: expected two/000001.png",
     ] {
         assert!(small.stdout.contains(line), "{line}: {}", small.stdout);

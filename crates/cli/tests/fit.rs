@@ -175,7 +175,7 @@ fn errors_name_the_option_that_mends_them() {
     assert!(one.stderr.contains(" is the only view"), "{}", one.stderr);
 }
 
-/// A picture is missing, in a folder whose name reads like another reason.
+/// An image is missing, in a folder whose name reads like another reason.
 #[test]
 fn only_errors_about_the_size_name_its_option() {
     let folder = tempdir().unwrap();
@@ -186,11 +186,11 @@ fn only_errors_about_the_size_name_its_option() {
     std::fs::remove_file(here.join(photos).join("000001.png")).unwrap();
     let fit = ["fit", photos, "--views", "..", "--size", "32x32", "--strategy", "fixed", "--steps", "1"];
     let refused = atsplat(here, &[&fit[..], &["--out", "fitted.ply"]].concat());
-    let names_the_frame = refused.stderr.contains("picture-missing: frame 1 ") && !refused.stderr.contains("--size");
+    let names_the_frame = refused.stderr.contains("image-missing: frame 1 ") && !refused.stderr.contains("--size");
     assert!(refused.code == 1 && names_the_frame, "{}", refused.stderr);
 }
 
-/// The output of `atsplat render` is one scene, with its pictures next to the record.
+/// The output of `atsplat render` is one scene, with its images next to the record.
 #[test]
 fn options_of_datasets_are_refused_for_renders() {
     let folder = tempdir().unwrap();

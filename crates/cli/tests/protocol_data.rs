@@ -18,7 +18,7 @@ fn json(text: &str) -> serde_json::Value {
 /// The capture has images of 960×540 and 480×270; the protocol needs the small ones.
 #[test]
 fn every_command_uses_the_requested_images() {
-    let Some(shared) = shared_data("each_command_takes_the_pictures_that_are_asked_for") else { return };
+    let Some(shared) = shared_data("each_command_takes_the_images_that_are_asked_for") else { return };
     let data = shared.canonicalize().unwrap().join("dl3dv_like");
     let data = data.to_str().unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -41,8 +41,8 @@ fn capture() -> tempfile::TempDir {
                 u8::try_from((x * 5 + y * (3 + c) * 2 + usize::from(at) * 9 + (x / 8 + y / 8) % 2 * 70) % 256).unwrap()
             };
             let places = (0..32).flat_map(|y| (0..48).flat_map(move |x| (0..3).map(move |c| (x, y, c))));
-            let picture = ImageU8::new(48, 32, places.map(sample).collect()).unwrap();
-            fs::write(folder.path().join(&name), encode_png(&picture).unwrap()).unwrap();
+            let image = ImageU8::new(48, 32, places.map(sample).collect()).unwrap();
+            fs::write(folder.path().join(&name), encode_png(&image).unwrap()).unwrap();
         }
         let (sin, cos) = (0.1 * f64::from(at)).sin_cos();
         let pose = [
@@ -85,9 +85,9 @@ fn by_hand(folder: &Path, frames: &[usize]) -> Reconstruction {
     let normalised = normalise(&poses, &[], &rule).unwrap();
     let cameras = cameras.iter().zip(&normalised.context);
     let cameras = cameras.map(|(camera, pose)| Camera { camera_from_world: pose.inverse(), ..*camera }).collect();
-    let picture = |&frame: &usize| scene.decode(frame, &DecodeLimits::default()).unwrap().into_samples();
-    let pictures = frames.iter().flat_map(picture).map(|sample| f32::from(sample) / 255.0).collect();
-    let views = Views::new(ImageSize::new(32, 48), pictures, cameras).unwrap();
+    let image = |&frame: &usize| scene.decode(frame, &DecodeLimits::default()).unwrap().into_samples();
+    let images = frames.iter().flat_map(image).map(|sample| f32::from(sample) / 255.0).collect();
+    let views = Views::new(ImageSize::new(32, 48), images, cameras).unwrap();
     let config = ModelConfig::read(&tiny()).unwrap();
     let weights = generated(&parameters(&config), SEED);
     Network::new(&config, &Device::flex()).unwrap().with_weights(&weights).unwrap().reconstruct(&views, 0).unwrap()
@@ -161,8 +161,8 @@ fn the_datasets_cameras_see_the_same_in_the_scene_frame() {
         "targets/000003",
     ];
     assert_eq!(names, expected.map(|name| format!("{name}.png")));
-    let picture = |path: &str| decode(&fs::read(here.join(path)).unwrap(), &DecodeLimits::default()).unwrap();
-    assert_eq!(picture("renders/inputs/000002.png"), picture("images/002.png"), "nothing was resampled");
+    let image = |path: &str| decode(&fs::read(here.join(path)).unwrap(), &DecodeLimits::default()).unwrap();
+    assert_eq!(image("renders/inputs/000002.png"), image("images/002.png"), "nothing was resampled");
 
     let scale = record["input"]["normalisation"]["scale"].as_f64().unwrap();
     assert!((0.1..0.9).contains(&scale), "the scene is scaled: {scale}");
@@ -172,7 +172,7 @@ fn the_datasets_cameras_see_the_same_in_the_scene_frame() {
     succeed(here, &[&render[..], &["--near", &near, "--far", &far]].concat());
     for name in &names[3..] {
         let (ours, again) =
-            (picture(&format!("renders/{name}")), picture(&format!("again/{}", name.split_once('/').unwrap().1)));
+            (image(&format!("renders/{name}")), image(&format!("again/{}", name.split_once('/').unwrap().1)));
         let worst = ours.samples().iter().zip(again.samples()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
         let brightest = ours.samples().iter().max().unwrap();
         assert!(worst <= 2, "{name}: {worst}");

@@ -170,7 +170,7 @@ fn a_failed_frame_is_counted_and_the_others_are_written() {
     assert!(outcome.stderr.contains("no frame could be rendered"), "{}", outcome.stderr);
 }
 
-/// The pictures are made by then: their record says what went wrong behind them.
+/// The images are made by then: their record says what went wrong behind them.
 #[test]
 fn a_failed_round_trip_keeps_the_record() {
     let folder = folder();
@@ -193,10 +193,10 @@ fn cpu_and_reference_agree() {
         succeed(here, &[&args[..], &["--out", backend]].concat());
         assert!(record(&here.join(backend))["backend"].as_str().unwrap().starts_with(backend));
     }
-    let picture = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
+    let image = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
     let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
     for name in ["000000.exr", "000001.exr"] {
-        let (cpu, reference) = (picture(&format!("cpu/{name}")), picture(&format!("reference/{name}")));
+        let (cpu, reference) = (image(&format!("cpu/{name}")), image(&format!("reference/{name}")));
         Tolerance::absolute(1e-4).assert(wide(&cpu), wide(&reference), name);
     }
 }
@@ -219,9 +219,9 @@ fn renders_on_an_adapter_or_falls_back_to_the_cpu() {
     assert_eq!(backend.starts_with("cpu"), taken_over, "{backend}: {}", outcome.stderr);
     let required = graphics_required();
     assert!(!required || backend.starts_with("gpu"), "{backend}: {}", outcome.stderr);
-    let picture = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
+    let image = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
     let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
-    let (ours, theirs) = (picture("cpu/000000.exr"), picture("gpu/000000.exr"));
+    let (ours, theirs) = (image("cpu/000000.exr"), image("gpu/000000.exr"));
     Tolerance::absolute(1.0 / 255.0).assert(wide(&theirs), wide(&ours), "an adapter");
 }
 
@@ -230,7 +230,7 @@ fn skipped_effects_are_reported_and_stay_within_the_tolerance() {
     let folder = folder();
     let here = folder.path();
     let scene = fixture("degree3_little_endian.ply");
-    let mut pictures = Vec::new();
+    let mut images = Vec::new();
     for effects in ["all", "auto", "none"] {
         let args =
             ["render", scene.to_str().unwrap(), "--orbit", "3", "--size", "32x24", "--formats", "exr", "--effects"];
@@ -244,13 +244,13 @@ fn skipped_effects_are_reported_and_stay_within_the_tolerance() {
             let file = fs::read(here.join(effects).join(format!("{at:06}.exr"))).unwrap();
             exr::read_rgb(&file, &DecodeLimits::default()).unwrap().0.into_samples()
         };
-        pictures.push((0..3).flat_map(read).map(f64::from).collect::<Vec<_>>());
+        images.push((0..3).flat_map(read).map(f64::from).collect::<Vec<_>>());
     }
     let args = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--formats", "exr", "--effects", "none"];
     let text = succeed(here, &[&args[..], &["--out", "plane"]].concat());
     assert!(text.contains("depth: skipped in 1 frame, its image is not written"), "{text}");
-    Tolerance::absolute(0.01 + 1e-5).assert(pictures[1].clone(), pictures[0].clone(), "auto is all");
-    assert!(Tolerance::absolute(0.5).check(pictures[2].clone(), pictures[0].clone()).is_err(), "none is black");
+    Tolerance::absolute(0.01 + 1e-5).assert(images[1].clone(), images[0].clone(), "auto is all");
+    assert!(Tolerance::absolute(0.5).check(images[2].clone(), images[0].clone()).is_err(), "none is black");
 }
 
 #[test]
@@ -275,9 +275,9 @@ fn exposes_by_gain_by_name_and_from_a_record() {
         for view in record(&here.join(out))["views"].as_array().unwrap() {
             let name = view["files"][0].as_str().unwrap();
             let file = fs::read(here.join(out).join(name)).unwrap();
-            let picture = exr::read_rgb(&file, &DecodeLimits::default()).unwrap().0;
+            let image = exr::read_rgb(&file, &DecodeLimits::default()).unwrap().0;
             let expected = rendered(&here.join("scene.ply"), view, &options);
-            assert_eq!(bits(picture.samples()), bits(expected.rgb.as_flattened()), "{word}");
+            assert_eq!(bits(image.samples()), bits(expected.rgb.as_flattened()), "{word}");
             assert_eq!(fs::read(here.join(&again).join(name)).unwrap(), file, "{word}: a record keeps its exposures");
         }
     }

@@ -34,7 +34,7 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     }
 }
 
-/// 3DGS writes the camera's axes in the world; a record of the same camera gives the same picture.
+/// 3DGS writes the camera's axes in the world; a record of the same camera gives the same image.
 #[test]
 fn reads_the_cameras_of_a_trained_model() {
     let folder = folder();
@@ -55,8 +55,8 @@ fn reads_the_cameras_of_a_trained_model() {
         fs::write(here.join(name), cameras.to_string()).unwrap();
         succeed(here, &["render", "scene.ply", "--cameras", name, "--out", &format!("of-{name}"), "--formats", "exr"]);
     }
-    let picture = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
-    let (trained, own) = (picture("of-trained/000000.exr"), picture("of-own/000000.exr"));
+    let image = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
+    let (trained, own) = (image("of-trained/000000.exr"), image("of-own/000000.exr"));
     for (a, b) in trained.channels().iter().zip(own.channels()) {
         let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
         Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
@@ -68,7 +68,7 @@ fn reads_the_cameras_of_a_trained_model() {
     }
 }
 
-/// MotionCtrl's lists hold no lens: --fov and --size say it, and a record of the same cameras gives the same pictures.
+/// MotionCtrl's lists hold no lens: --fov and --size say it, and a record of the same cameras gives the same images.
 #[test]
 fn bare_poses_use_the_requested_lens() {
     let folder = folder();
@@ -104,15 +104,15 @@ fn bare_poses_use_the_requested_lens() {
     }
     assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
     assert_eq!(render("own.json", &[]).code, 0);
-    let picture = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
+    let image = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
     for frame in ["000000.exr", "000001.exr"] {
-        let (poses, own) = (picture(&format!("poses/{frame}")), picture(&format!("own/{frame}")));
+        let (poses, own) = (image(&format!("poses/{frame}")), image(&format!("own/{frame}")));
         for (a, b) in poses.channels().iter().zip(own.channels()) {
             let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
             Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
         }
     }
-    assert_ne!(picture("own/000000.exr"), picture("own/000001.exr"), "two views");
+    assert_ne!(image("own/000000.exr"), image("own/000001.exr"), "two views");
     let outcome = render("own.json", &["--fov", "90"]);
     assert!(outcome.code == 1 && outcome.stderr.contains("own.json has intrinsics of its own"), "{}", outcome.stderr);
 }
@@ -146,8 +146,8 @@ fn an_empty_scene_renders_as_background() {
     let outcome = atsplat(here, &[&args[..], &["--out", "out"]].concat());
     assert_eq!(outcome.code, 0, "{}", outcome.stderr);
     assert!(outcome.stderr.contains("no Gaussian is left"), "{}", outcome.stderr);
-    let picture = decode(&fs::read(here.join("out/000003.png")).unwrap(), &DecodeLimits::default()).unwrap();
-    assert_eq!(picture.samples(), [0, 255, 51].repeat(12));
+    let image = decode(&fs::read(here.join("out/000003.png")).unwrap(), &DecodeLimits::default()).unwrap();
+    assert_eq!(image.samples(), [0, 255, 51].repeat(12));
     let outcome = atsplat(here, &["render", "empty.ply", "--orbit", "--out", "out"]);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("no visible Gaussian"), "{}", outcome.stderr);

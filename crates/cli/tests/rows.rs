@@ -79,8 +79,8 @@ fn a_second_writer_is_rejected_and_no_trial_is_lost() {
 }
 
 /// Writes an image with a trailing byte and an old modification time.
-fn write_with_tail(path: &Path, picture: &[u8], tail: u8) {
-    std::fs::write(path, [picture, &[tail]].concat()).unwrap();
+fn write_with_tail(path: &Path, image: &[u8], tail: u8) {
+    std::fs::write(path, [image, &[tail]].concat()).unwrap();
     let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
     std::fs::File::options().write(true).open(path).unwrap().set_modified(then).unwrap();
 }
@@ -90,21 +90,21 @@ fn changed_images_are_recomputed_and_verify_reads_all() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     write_noise(here, 3);
-    let picture = here.join("data/scene-01/0.png");
-    let bytes = std::fs::read(&picture).unwrap();
-    write_with_tail(&picture, &bytes, 1);
+    let image = here.join("data/scene-01/0.png");
+    let bytes = std::fs::read(&image).unwrap();
+    write_with_tail(&image, &bytes, 1);
     assert!(succeed(here, &RUN).contains("6 results computed"));
     assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("0 results computed; 6 were there before"));
     // With the same size and time, only reading the file detects the change.
-    write_with_tail(&picture, &bytes, 2);
+    write_with_tail(&image, &bytes, 2);
     assert!(succeed(here, &RUN).contains("0 results computed"));
     assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("2 results computed; 4 were there before"));
     // A different image.
     let other = std::fs::read(here.join("data/scene-02/0.png")).unwrap();
-    std::fs::write(&picture, other).unwrap();
+    std::fs::write(&image, other).unwrap();
     let alone = [&RUN[..5], &["warp"], &RUN[6..]].concat();
     let refused = atsplat(here, &alone);
-    let named = "nearest-view on tiny, scene \"scene-01\", entry 0: its pictures or cameras changed";
+    let named = "nearest-view on tiny, scene \"scene-01\", entry 0: its images or cameras changed";
     assert!(refused.code == 1 && refused.stderr.contains(named), "{}", refused.stderr);
     assert!(succeed(here, &RUN).contains("2 results computed; 4 were there before"));
     succeed(here, &[&RUN[..7], &["fresh"]].concat());

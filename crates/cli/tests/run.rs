@@ -8,12 +8,12 @@ mod evaluation;
 use std::path::Path;
 
 use atsplat_camera::ImageSize;
-use atsplat_eval::runner::picture_path;
+use atsplat_eval::runner::image_path;
 use atsplat_eval::{Results, TargetStatus, TrialKey};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode, encode_png, exr};
 use atsplat_rooms::{
-    EffectChoice, Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
+    EffectChoice, ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::Warnings;
 use atsplat_tests::shared_data;
@@ -35,7 +35,7 @@ fn simulated_at(here: &Path, scenes: u32, kind: SceneKind, side: u32) {
         effects: EffectChoice::None,
         ..Request::new(kind, SceneSeed { split: Split::Test, number })
     };
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
     let requests: Vec<Request> = (0..scenes).map(request).collect();
     let written = write_dataset(&here.join("data"), requests, &options, &mut Warnings::default(), |_, _| {}).unwrap();
     write_preset(here, side);
@@ -53,7 +53,7 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 2);
-    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
+    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-images", "all"];
     let message = succeed(here, &[&args[..], &FLOORS].concat());
     assert!(message.contains("4 results computed"), "{message}");
     let floors = Results::read(&here.join("floors")).unwrap();
@@ -63,7 +63,7 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     assert_eq!(leaked.map(|row| row.status).collect::<Vec<_>>(), [TargetStatus::Identical; 2]);
 
     // The ground-truth images, as written by any other method.
-    let truth = "floors/pictures/tiny/truth";
+    let truth = "floors/images/tiny/truth";
     let unnamed = atsplat(here, &["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--out", "oracle"]);
     assert!(unnamed.code == 1 && unnamed.stderr.contains("--name that of score"), "{}", unnamed.stderr);
     let score =
@@ -73,7 +73,7 @@ fn baselines_run_on_simulated_data_and_ground_truth_is_identical() {
     let oracle = Results::read(&here.join("oracle")).unwrap();
     for row in &oracle.targets {
         assert_eq!(row.status, TargetStatus::Identical, "{row:?}");
-        Tolerance::F64.assert([row.scores["ssim"]], [1.0], "SSIM of identical pictures");
+        Tolerance::F64.assert([row.scores["ssim"]], [1.0], "SSIM of identical images");
     }
     let again = succeed(here, &score);
     assert!(again.contains("0 results computed; 2 were there before"), "{again}");
@@ -183,18 +183,18 @@ fn broken_renders_are_counted_as_rows() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     simulated(here, 2);
-    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
+    let args = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-images", "all"];
     succeed(here, &[&args[..], &["--method", "warp"]].concat());
     let floors = Results::read(&here.join("floors")).unwrap();
-    let picture = |scene, frame| picture_path(&here.join("floors"), &key(&floors, "warp", scene), frame);
-    std::fs::remove_file(picture(0, 1)).unwrap();
-    let whole = std::fs::read(picture(0, 2)).unwrap();
-    std::fs::write(picture(0, 2), &whole[..whole.len() / 2]).unwrap();
+    let image = |scene, frame| image_path(&here.join("floors"), &key(&floors, "warp", scene), frame);
+    std::fs::remove_file(image(0, 1)).unwrap();
+    let whole = std::fs::read(image(0, 2)).unwrap();
+    std::fs::write(image(0, 2), &whole[..whole.len() / 2]).unwrap();
     let small = decode(&whole, &DecodeLimits::default()).unwrap();
     let small = ImageU8::new(20, 20, small.samples()[..1200].to_vec()).unwrap();
-    std::fs::write(picture(1, 1), encode_png(&small).unwrap()).unwrap();
+    std::fs::write(image(1, 1), encode_png(&small).unwrap()).unwrap();
 
-    let renders = "floors/pictures/tiny/warp";
+    let renders = "floors/images/tiny/warp";
     let score = ["score", "tiny.toml", "--data", "data/test", "--renders", renders, "--out", "scored"];
     let message = succeed(here, &score);
     assert!(message.contains("3 failed") && message.contains("2 incomplete"), "{message}");
@@ -203,7 +203,7 @@ fn broken_renders_are_counted_as_rows() {
     let detail = |target: usize| scored.targets[target].detail.clone().unwrap_or_default();
     assert!(detail(0).contains("no file for frame 1"), "{}", detail(0));
     assert!(detail(1).contains("000002.png"), "{}", detail(1));
-    assert!(detail(3).contains("expected a picture of 40×40, found 20×20"), "{}", detail(3));
+    assert!(detail(3).contains("expected an image of 40×40, found 20×20"), "{}", detail(3));
     let failed: Vec<bool> = scored.targets.iter().map(|row| row.status == TargetStatus::Failed).collect();
     assert_eq!(failed, [true, true, false, true, false, false]);
 }
@@ -355,16 +355,16 @@ fn reports_data_that_contradicts_its_description() {
         std::fs::write(here.join("data").join(key).join("transforms.json"), transforms.to_string()).unwrap();
         for at in 0..3 {
             let width = if key == "cropped" && at == 1 { 48 } else { 64 };
-            let picture = ImageU8::new(width, 48, vec![90; (width * 48 * 3) as usize]).unwrap();
+            let image = ImageU8::new(width, 48, vec![90; (width * 48 * 3) as usize]).unwrap();
             let path = here.join("data").join(key).join(format!("images/{at}.png"));
-            std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
+            std::fs::write(path, encode_png(&image).unwrap()).unwrap();
         }
         keys.push(key);
     }
     write_index(&here.join("data"), &keys, "[0, 2]", "[1]");
     let args = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "nearest-view"];
     let outcome = atsplat(here, &args);
-    let skipped = "1 entry skipped, picture-misfit: scene cropped: frame 1: expected a picture of 64×48";
+    let skipped = "1 entry skipped, image-misfit: scene cropped: frame 1: expected an image of 64×48";
     assert!(outcome.stdout.contains(skipped) && outcome.stdout.contains("found 48×48"), "{}", outcome.stdout);
     assert!(outcome.stderr.contains("2 × lens-distortion"), "{}", outcome.stderr);
     let results = Results::read(&here.join("store")).unwrap();

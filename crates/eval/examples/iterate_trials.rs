@@ -1,5 +1,5 @@
 //! Goes through a protocol's trials as an evaluation does: `iterate_trials PRESET DATA INDEX.json`. For each trial a method gets
-//! the context views, with pictures, and the cameras of the target views.
+//! the context views, with images, and the cameras of the target views.
 
 #![expect(clippy::print_stdout, reason = "an example prints its result")]
 
@@ -31,11 +31,11 @@ fn main() -> anyhow::Result<()> {
                     trial.targets().len()
                 );
                 for view in trial.context() {
-                    let picture = view.picture()?;
+                    let image = view.image()?;
                     let centre = view.camera.camera_from_world.inverse().centre();
-                    println!("  frame {}: {}x{}, camera at {centre:.3}", view.frame, picture.width(), picture.height());
+                    println!("  frame {}: {}x{}, camera at {centre:.3}", view.frame, image.width(), image.height());
                 }
-                println!("  {} pictures to compare with", truth.len());
+                println!("  {} images to compare with", truth.len());
             }
             Err(skipped) => println!("{}: skipped, {}", skipped.scene, skipped.detail),
         }

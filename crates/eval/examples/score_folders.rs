@@ -1,4 +1,4 @@
-//! PSNR and SSIM of the pictures in one folder against those of the same names in another: `score_folders RENDERS TRUTH`.
+//! PSNR and SSIM of the images in one folder against those of the same names in another: `score_folders RENDERS TRUTH`.
 
 #![expect(clippy::print_stdout, reason = "an example prints its result")]
 

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p atsplat-eval --example throughput -- ../shared/data/re10k/000c3ab189999a83 [TARGETS]`
 //!
-//! Every trial has two context and three target pictures of a real scene at 256², and 131 072 Gaussians: one for each
+//! Every trial has two context and three target images of a real scene at 256², and 131 072 Gaussians: one for each
 //! context pixel, on a wall in front of its camera, as wide as the pixel. The network's time is not included.
 
 #![expect(clippy::print_stdout, reason = "an example prints what it measures")]
@@ -14,7 +14,7 @@ use anyhow::{Context as _, ensure};
 use atsplat_camera::DirectionScale;
 use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Splatting, TrialInput};
 use atsplat_eval::runner::{
-    Dataset, KeepPictures, Plan, PlannedIndex, Selection, current_provenance, named_metrics, run,
+    Dataset, KeepImages, Plan, PlannedIndex, Selection, current_provenance, named_metrics, run,
 };
 use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Store};
@@ -63,7 +63,7 @@ fn main() -> anyhow::Result<()> {
         suite: &suite,
         selection: Selection::default(),
         timing: None,
-        pictures: KeepPictures::Nothing,
+        images: KeepImages::Nothing,
         prefetch: Prefetch::default(),
     };
     println!("threads  trials/min  19 422 targets in");
@@ -118,11 +118,11 @@ fn gaussians(input: TrialInput<'_>) -> Result<Gaussians, MethodError> {
     let baseline = centres.first().zip(centres.last()).map_or(1.0, |(a, b)| a.distance(*b));
     let depth = WALL * baseline;
     let mut parts = GaussianParts::default();
-    for (view, picture) in views.iter().zip(input.pictures) {
+    for (view, image) in views.iter().zip(input.images) {
         let rays = view.camera.pixel_rays(view.size, DirectionScale::UnitDepth).map_err(|error| failed(&error))?;
         let pixel = depth / (view.camera.intrinsics.fx * f64::from(view.size.width));
         #[expect(clippy::cast_possible_truncation, reason = "Gaussians are f32")]
-        for (ray, rgb) in rays.iter().zip(picture.samples().as_chunks::<3>().0) {
+        for (ray, rgb) in rays.iter().zip(image.samples().as_chunks::<3>().0) {
             parts.means.push(ray.at(depth).to_array().map(|value| value as f32));
             parts.quaternions.push([1.0, 0.0, 0.0, 0.0]);
             parts.log_scales.push([(0.6 * pixel).ln() as f32; 3]);

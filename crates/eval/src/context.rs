@@ -5,21 +5,21 @@ use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::trial::Trial;
 
-/// Context pictures and cameras as the network's input: 8-bit samples are divided by 255.
+/// Context images and cameras as the network's input: 8-bit samples are divided by 255.
 ///
 /// # Errors
-/// [`ModelError::SizesDiffer`] for pictures of different sizes, and the errors of [`Views::new`].
+/// [`ModelError::SizesDiffer`] for images of different sizes, and the errors of [`Views::new`].
 pub fn network_views<'a>(
-    pictures: impl IntoIterator<Item = &'a ImageU8>,
+    images: impl IntoIterator<Item = &'a ImageU8>,
     cameras: Vec<Camera>,
 ) -> Result<Views, ModelError> {
     let mut size = None;
     let mut samples = Vec::new();
-    for (picture, image) in pictures.into_iter().enumerate() {
+    for (at, image) in images.into_iter().enumerate() {
         let found = ImageSize::new(image.height() as usize, image.width() as usize);
         let expected = *size.get_or_insert(found);
         if found != expected {
-            return Err(ModelError::SizesDiffer { picture, expected, found });
+            return Err(ModelError::SizesDiffer { image: at, expected, found });
         }
         samples.extend(image.samples().iter().map(|&sample| f32::from(sample) / 255.0));
     }

@@ -140,9 +140,9 @@ fn measure(
 ) -> Result<EstimatedPair, EstimatorError> {
     let [first, second] = frames;
     let truth = simulation.covisibility(first, second)?.overlap();
-    let needs_pictures = estimators.iter().any(OverlapEstimator::needs_pictures);
+    let needs_images = estimators.iter().any(OverlapEstimator::needs_images);
     let (a, b) =
-        (SimulatedView::of(simulation, first, needs_pictures)?, SimulatedView::of(simulation, second, needs_pictures)?);
+        (SimulatedView::of(simulation, first, needs_images)?, SimulatedView::of(simulation, second, needs_images)?);
     let (view_a, view_b) = (a.view()?, b.view()?);
     // A failed estimate, for example of two images without common features, is a result.
     let estimates = estimators.iter().map(|estimator| estimator.estimate(&view_a, &view_b).ok()).collect();
@@ -153,22 +153,22 @@ fn measure(
 struct SimulatedView {
     camera: Camera,
     geometry: Geometry,
-    picture: Option<ImageU8>,
+    image: Option<ImageU8>,
 }
 
 impl SimulatedView {
-    fn of(simulation: &Simulation, frame: usize, with_picture: bool) -> Result<Self, EstimatorError> {
-        let picture = || Ok::<_, EstimatorError>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?);
+    fn of(simulation: &Simulation, frame: usize, with_image: bool) -> Result<Self, EstimatorError> {
+        let image = || Ok::<_, EstimatorError>(simulation.image(frame)?.to_u8(Rounding::Nearest)?);
         Ok(Self {
             camera: simulation.camera(frame)?,
             geometry: simulation.geometry(frame)?,
-            picture: with_picture.then(picture).transpose()?,
+            image: with_image.then(image).transpose()?,
         })
     }
 
     fn view(&self) -> Result<OverlapView<'_>, EstimatorError> {
         let depth = DepthMap::new(self.geometry.size, &self.geometry.depth)?;
-        Ok(OverlapView { camera: &self.camera, picture: self.picture.as_ref(), depth: Some(depth) })
+        Ok(OverlapView { camera: &self.camera, image: self.image.as_ref(), depth: Some(depth) })
     }
 }
 

@@ -118,7 +118,7 @@ impl RunReport {
     #[must_use]
     pub fn with_advice(self, takes_any_size: bool, images: Option<u32>) -> Self {
         const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
-        let refused = self.without.iter().any(|unscored| unscored.what.ends_with(DropReason::PictureSize.name()));
+        let refused = self.without.iter().any(|unscored| unscored.what.ends_with(DropReason::ImageSize.name()));
         let copy =
             images.map(|factor| format!("--images {factor} takes copies of the images of the expected size, and "));
         let advice = (refused && !takes_any_size).then(|| format!("{}{ADVICE}", copy.unwrap_or_default()));
@@ -420,7 +420,7 @@ mod tests {
         let missing = "no file for frame N of scene SCENE";
         assert_eq!(of("no file for frame 12 of scene aa11: expected aa11/000012.png or .exr below out"), missing);
         assert_eq!(of("no file for frame 7 of scene aa11: expected aa11/000007.png or .exr below out"), missing);
-        assert_eq!(of("expected a picture of 40×40, found 20×20"), "expected a picture of N×N, found N×N");
+        assert_eq!(of("expected an image of 40×40, found 20×20"), "expected an image of N×N, found N×N");
         assert_eq!(of("unexpected end of file (out/aa11/000002.png)"), "unexpected end of file");
     }
 }

@@ -39,7 +39,7 @@ pub fn scores(network: &Network, dataset: &Dataset) -> Result<Vec<Vec<f64>>, Eva
         })?;
         let settings = |error: crate::expansion::ExpansionError| EvalError::Settings {
             what: "thresholds by quantile",
-            expected: format!("context pictures of {}", trial.scene()),
+            expected: format!("context images of {}", trial.scene()),
             found: error.to_string(),
         };
         let scored = network.scores(&context_views(&trial).map_err(settings)?, trial_seed(0, &trial))?;

@@ -23,20 +23,20 @@ fn first_trial(preset: &str) -> (Trial, Vec<u8>) {
     let source = Arc::new(simulated(&preset, &index).unwrap().unwrap());
     let mut trials = Trials::new(source, &index, TrialRecipe::of(&preset, "ATSplat"), Prefetch::NONE);
     let (trial, targets) = trials.next().unwrap().unwrap();
-    let context = trial.context().iter().map(|view| view.picture().unwrap());
-    let samples = context.chain([targets.get(0).unwrap().unwrap()]).flat_map(|picture| picture.samples().to_vec());
+    let context = trial.context().iter().map(|view| view.image().unwrap());
+    let samples = context.chain([targets.get(0).unwrap().unwrap()]).flat_map(|image| image.samples().to_vec());
     let samples = samples.collect();
     (trial, samples)
 }
 
-/// Pictures of the context and of the first target, and their cameras in the trial's frame.
+/// Images of the context and of the first target, and their cameras in the trial's frame.
 fn tensors(preset: &str) -> StoredTensors {
     let (trial, samples) = first_trial(preset);
     let cameras: Vec<Camera> =
         trial.context().iter().map(|view| view.camera).chain([trial.targets()[0].camera]).collect();
     let size = trial.targets()[0].size;
     let shape = vec![cameras.len(), size.height as usize, size.width as usize, 3];
-    let pictures = StoredTensor::new(DType::U8, shape, SharedBytes::new(samples)).unwrap();
+    let images = StoredTensor::new(DType::U8, shape, SharedBytes::new(samples)).unwrap();
     let numbers = |width: usize, of: &dyn Fn(&Camera) -> Vec<f64>| {
         let bytes: Vec<u8> = cameras.iter().flat_map(of).flat_map(f64::to_le_bytes).collect();
         StoredTensor::new(DType::F64, vec![cameras.len(), width], SharedBytes::new(bytes)).unwrap()
@@ -47,7 +47,7 @@ fn tensors(preset: &str) -> StoredTensors {
         vec![own.fx, own.fy, own.cx, own.cy]
     });
     let mut stored = StoredTensors::default();
-    for (name, tensor) in [("pictures", pictures), ("camera-from-world", poses), ("intrinsics", intrinsics)] {
+    for (name, tensor) in [("images", images), ("camera-from-world", poses), ("intrinsics", intrinsics)] {
         stored.tensors.insert(name.to_owned(), tensor);
     }
     stored
@@ -64,8 +64,8 @@ fn the_committed_trials_are_those_of_their_presets() {
             expected.write(&path).unwrap();
         }
         let found = TensorFile::open(&path).unwrap().stored;
-        let pictures = |stored: &StoredTensors| stored.tensors["pictures"].bytes().to_vec();
-        let (ours, theirs) = (pictures(&found), pictures(&expected));
+        let images = |stored: &StoredTensors| stored.tensors["images"].bytes().to_vec();
+        let (ours, theirs) = (images(&found), images(&expected));
         // The last bits of the system's mathematics differ between machines.
         assert!(ours.len() == theirs.len() && ours.iter().zip(&theirs).all(|(a, b)| a.abs_diff(*b) <= 1), "{preset}");
         for name in ["camera-from-world", "intrinsics"] {

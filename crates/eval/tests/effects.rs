@@ -26,7 +26,7 @@ fn splattings() -> [(&'static str, Splatting); 2] {
     [("auto", Splatting::default()), ("all", Splatting { effects: EffectSelection::All, ..Splatting::default() })]
 }
 
-/// The walls in the pictures' shape of every preset, with its rules, once for each that differs.
+/// The walls in the images' shape of every preset, with its rules, once for each that differs.
 fn presets() -> Vec<(&'static str, Preset)> {
     let mut found: BTreeMap<String, (&str, Preset)> = BTreeMap::new();
     for name in Preset::names() {
@@ -42,7 +42,7 @@ fn presets() -> Vec<(&'static str, Preset)> {
 }
 
 /// Asserts that PSNR differs by less than 1e-3 dB between the two methods in every preset; returns the number of targets
-/// whose pictures differ.
+/// whose images differ.
 fn compare(methods: Vec<Arc<dyn Method>>, targets: &[usize], presets: Vec<(&'static str, Preset)>) -> usize {
     let datasets = presets.into_iter().map(|(name, preset)| Dataset {
         name: name.to_owned(),
@@ -112,5 +112,5 @@ fn the_psnr_of_harmonics_is_that_of_everything() {
     let simulated = |(_, preset): &(&str, Preset)| ["rooms", "yards"].contains(&preset.dataset.as_str());
     let two: Vec<_> = presets().into_iter().filter(simulated).take(2).collect();
     assert_eq!(two.len(), 2);
-    assert_eq!(compare(methods.to_vec(), &targets, two), 36, "something is left out of every picture");
+    assert_eq!(compare(methods.to_vec(), &targets, two), 36, "something is left out of every image");
 }

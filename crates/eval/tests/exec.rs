@@ -12,14 +12,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use atsplat_eval::method::{Exec, ExecSettings, GaussianFrame, Method, Ply, Renders, Splatting, Warp};
-use atsplat_eval::runner::KeepPictures;
+use atsplat_eval::runner::KeepImages;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, Results, TargetRow, TargetStatus, TrialStatus};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_splat::files::{Encoding, Output, write};
 use atsplat_splat::{GaussianParts, Gaussians};
-use common::{Run, SIZE, Walls, dataset, entry, picture};
+use common::{Run, SIZE, Walls, dataset, entry, image};
 
 /// A shell script that answers each trial with `body`, which sees `$trial`, `$folder` and `$scene`.
 fn script(here: &Path, gives: &str, body: &str) -> String {
@@ -73,12 +73,12 @@ fn outcomes(results: &Results) -> Vec<(String, u32, Option<String>, Option<f64>)
     results.targets.iter().map(outcome).collect()
 }
 
-/// Pictures of the warp below `here/warp`, and as arrays `here/wall-0.npy`; their scores as a folder of renders.
+/// Images of the warp below `here/warp`, and as arrays `here/wall-0.npy`; their scores as a folder of renders.
 fn prepared(here: &Path, scenes: usize) -> Results {
     let mut run = run_of(scenes, Arc::new(Warp));
-    run.pictures = KeepPictures::All;
+    run.images = KeepImages::All;
     run.run(&here.join("store")).unwrap();
-    fs::rename(here.join("store/pictures/walls/warp"), here.join("warp")).unwrap();
+    fs::rename(here.join("store/images/walls/warp"), here.join("warp")).unwrap();
     for scene in 0..scenes {
         let frames = [1, 3].map(|frame| {
             let path = here.join(format!("warp/wall-{scene}-0/{frame:06}.png"));
@@ -93,26 +93,26 @@ fn prepared(here: &Path, scenes: usize) -> Results {
 }
 
 /// A `.npy` file of `<f4`, as `numpy.save` writes it but for the padding of its header.
-fn array(pictures: &[Image]) -> Vec<u8> {
-    let shape = format!("({}, {}, {}, 3)", pictures.len(), SIZE.height, SIZE.width);
+fn array(images: &[Image]) -> Vec<u8> {
+    let shape = format!("({}, {}, {}, 3)", images.len(), SIZE.height, SIZE.width);
     let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n");
     let length = u16::try_from(header.len()).unwrap().to_le_bytes();
-    let samples = pictures.iter().flat_map(Image::samples).flat_map(|sample| sample.to_le_bytes());
+    let samples = images.iter().flat_map(Image::samples).flat_map(|sample| sample.to_le_bytes());
     [b"\x93NUMPY\x01\x00".as_slice(), &length, header.as_bytes(), &samples.collect::<Vec<u8>>()].concat()
 }
 
 #[test]
-fn pictures_of_a_process_score_as_the_same_files_do() {
+fn images_of_a_process_score_as_the_same_files_do() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let expected = prepared(here, 3);
-    let array = r#"cp $scene.npy "$folder/a.npy"; answer "\"pictures\": \"$folder/a.npy\"""#;
-    let found = results_of(3, exec(&script(here, "pictures", array)));
+    let array = r#"cp $scene.npy "$folder/a.npy"; answer "\"images\": \"$folder/a.npy\"""#;
+    let found = results_of(3, exec(&script(here, "images", array)));
     assert_eq!(outcomes(&found), outcomes(&expected));
-    let files = r#"cp -r warp/$scene-0 "$folder/out"; answer '"pictures": "out"'"#;
-    assert_eq!(outcomes(&results_of(3, exec(&script(here, "pictures", files)))), outcomes(&expected));
+    let files = r#"cp -r warp/$scene-0 "$folder/out"; answer '"images": "out"'"#;
+    assert_eq!(outcomes(&results_of(3, exec(&script(here, "images", files)))), outcomes(&expected));
     // Targets in another order are other results.
-    let swapped = results_of(3, exec(&script(here, "pictures", &array.replace("cp ", "cp swapped-"))));
+    let swapped = results_of(3, exec(&script(here, "images", &array.replace("cp ", "cp swapped-"))));
     for (found, expected) in outcomes(&swapped).iter().zip(outcomes(&expected)) {
         assert!(found.2 != expected.2 && found.3.unwrap() < expected.3.unwrap() - 1.0, "{found:?} {expected:?}");
     }
@@ -128,8 +128,8 @@ fn a_process_is_given_cameras_in_pixels_and_the_context_in_order() {
     let here = folder.path();
     prepared(here, 1);
     let body = r#"printf '%s' "$line" > seen.json; cp "$folder"/context-*.npy .
-        cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
-    let method = exec(&script(here, "pictures\", \"setting\": \"MVSplat", body));
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    let method = exec(&script(here, "images\", \"setting\": \"MVSplat", body));
     let run = Run::new(vec![dataset(Walls::new(1, 8), &[entry(&[4, 0], &[1, 3])])], vec![method]);
     run.run(&here.join("other")).unwrap();
     let seen: serde_json::Value = serde_json::from_slice(&fs::read(here.join("seen.json")).unwrap()).unwrap();
@@ -146,10 +146,10 @@ fn a_process_is_given_cameras_in_pixels_and_the_context_in_order() {
             Tolerance::F64.assert(numbers(&view["world_from_camera"]), pose, "camera to world");
             let intrinsics = [64.0, 0.0, 32.0, 0.0, 64.0, 32.0, 0.0, 0.0, 1.0];
             Tolerance::F64.assert(numbers(&view["intrinsics"]), intrinsics, "pixels");
-            assert_eq!(view["picture"].is_string(), views == "context", "no target's picture");
+            assert_eq!(view["image"].is_string(), views == "context", "no target's image");
             if views == "context" {
                 let bytes = fs::read(here.join(format!("context-{at}.npy"))).unwrap();
-                assert!(bytes.ends_with(picture(0, usize::try_from(frame).unwrap()).samples()), "{at}");
+                assert!(bytes.ends_with(image(0, usize::try_from(frame).unwrap()).samples()), "{at}");
             }
         }
     }
@@ -214,8 +214,8 @@ fn a_store_of_logits_is_not_resumed_with_opacities_as_stored() {
     assert!(refused.contains("methods shell") && refused.contains("opacities-as-stored: none and true"), "{refused}");
     let (_, summary) = run_of(2, method("gaussians", false)).run(&store).unwrap();
     assert_eq!((summary.evaluated, summary.resumed), (0, 2));
-    // Pictures have no opacities.
-    let [without, with] = [false, true].map(|as_stored| method("pictures", as_stored).record());
+    // Images have no opacities.
+    let [without, with] = [false, true].map(|as_stored| method("images", as_stored).record());
     assert_eq!(without, with);
 }
 
@@ -236,18 +236,18 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         wall-1) sleep 60 & echo $! > orphan; echo 'CUDA out of memory' >&2; exit 3;;
         wall-2) sleep 60 & echo $! > sleeper; echo thinking >&2; wait;;
         wall-3) echo 'Loading model ...';;
-        wall-4) tail -c +3 nan.npy > "$folder/a.npy"; answer '"pictures": "a.npy"';;
-        wall-5) cp few-wall-0.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
-        wall-6) cp nan.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        wall-4) tail -c +3 nan.npy > "$folder/a.npy"; answer '"images": "a.npy"';;
+        wall-5) cp few-wall-0.npy "$folder/a.npy"; answer '"images": "a.npy"';;
+        wall-6) cp nan.npy "$folder/a.npy"; answer '"images": "a.npy"';;
         wall-7) answer '"error": "no parallax"';;
         wall-8) answer '"not_applicable": "two views are too few"';;
-        wall-9) answer '"pictures": "b.npy"';;
+        wall-9) answer '"images": "b.npy"';;
         wall-10) kill -KILL $$;;
-        wall-12) cp bright.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        wall-12) cp bright.npy "$folder/a.npy"; answer '"images": "a.npy"';;
         wall-13) answer '"gaussians": "a.ply"';;
-        *) cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"';;
+        *) cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"';;
       esac"#;
-    let command = script(here, "pictures", body);
+    let command = script(here, "images", body);
     let limit = Duration::from_secs(3);
     let method = Arc::new(Exec::start(ExecSettings { limit, ..settings(&command) }).unwrap());
     let found = results_of(14, method);
@@ -266,8 +266,8 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         (7, "the method says: no parallax"),
         (9, "expected the file \"b.npy\""),
         (10, "signal: 9"),
-        (12, "a.npy: picture 0: expected samples in [0, 1], found 200.00…200.00, which seems to be 0…255"),
-        (13, "expected pictures, as it said when it started, found gaussians"),
+        (12, "a.npy: image 0: expected samples in [0, 1], found 200.00…200.00, which seems to be 0…255"),
+        (13, "expected images, as it said when it started, found gaussians"),
     ];
     for (scene, reason) in reasons {
         let (trial, target, detail) = of(scene);
@@ -299,8 +299,8 @@ fn a_process_is_started_again_after_each_crash() {
     let here = folder.path();
     let expected = prepared(here, 7);
     let body = r#"n=$((n + 1)); if [ $n = 3 ]; then exit 1; fi
-        cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
-    let found = results_of(7, exec(&script(here, "pictures", body)));
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    let found = results_of(7, exec(&script(here, "images", body)));
     let failed = found.trials.iter().filter(|trial| trial.status == TrialStatus::Failed).count();
     assert_eq!(failed, 2, "{:?}", found.trials);
     let (found, expected) = (outcomes(&found), outcomes(&expected));
@@ -313,7 +313,7 @@ fn a_process_that_is_another_one_when_started_again_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let text = r#"n=$(($(cat starts 2>/dev/null) + 1)); echo $n > starts
-echo '{"atsplat": 1, "name": "shell", "version": "v'$n'", "gives": "pictures"}'
+echo '{"atsplat": 1, "name": "shell", "version": "v'$n'", "gives": "images"}'
 read -r line; exit 1
 "#;
     fs::write(here.join("method.sh"), format!("cd '{}'\n{text}", here.display())).unwrap();
@@ -329,8 +329,8 @@ fn two_processes_answer_at_once_with_the_same_results() {
     let here = folder.path();
     let expected = prepared(here, 6);
     let body = r#"echo $ATSPLAT_PROCESS >> numbers; sleep 0.2
-        cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
-    let command = script(here, "pictures", body);
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    let command = script(here, "images", body);
     let method = Arc::new(Exec::start(ExecSettings { processes: 2, ..settings(&command) }).unwrap());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let found = pool.install(|| results_of(6, method));
@@ -345,13 +345,13 @@ fn a_timing_pass_records_wall_time_stages_and_the_processes_own_memory() {
     let here = folder.path();
     prepared(here, 1);
     let body = r#"sleep 0.02; cp $scene.npy "$folder/a.npy"
-        answer '"pictures": "a.npy", "seconds": {"encode": 0.25, "render": 0.125}'"#;
-    let mut run = run_of(1, exec(&script(here, "pictures", body)));
+        answer '"images": "a.npy", "seconds": {"encode": 0.25, "render": 0.125}'"#;
+    let mut run = run_of(1, exec(&script(here, "images", body)));
     run.timing = Some(TimingPlan { trials: 1, ..TimingPlan::default() });
     let (results, _) = run.run(&here.join("timed")).unwrap();
     let row = &results.timings[0];
     assert!(row.encode.len() >= 5 && row.encode.iter().all(|secs| *secs >= 0.02), "{row:?}");
-    assert!(row.render.is_empty(), "its pictures are finished");
+    assert!(row.render.is_empty(), "its images are finished");
     assert_eq!((row.stages["encode"][0], row.stages["render"][0]), (0.25, 0.125));
     if Path::new("/proc/self/status").exists() {
         // A shell needs far less memory than this process.
@@ -375,7 +375,7 @@ fn what_does_not_start_as_a_method_is_refused_before_the_run() {
     assert!(text(refused("echo ready")).contains("found \"ready\""));
     assert!(text(refused("'unclosed")).contains("quoted"));
     assert!(text(refused("/nowhere/method")).contains("/nowhere/method"));
-    let other = script(here, "pictures", "exit").replace("method.sh", "no.sh");
+    let other = script(here, "images", "exit").replace("method.sh", "no.sh");
     assert!(text(refused(&other)).contains("no.sh"));
     // A word is a word: no shell expands it.
     let literal = text(refused("sh -c 'echo \"$1\"' sh '$(id)'"));
@@ -388,12 +388,12 @@ fn a_changed_method_does_not_resume_a_store() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     prepared(here, 1);
-    let body = r#"cp $scene.npy "$folder/a.npy"; answer '"pictures": "a.npy"'"#;
+    let body = r#"cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
     let store = here.join("resumed");
-    run_of(1, exec(&script(here, "pictures", body))).run(&store).unwrap();
-    let (_, summary) = run_of(1, exec(&script(here, "pictures", body))).run(&store).unwrap();
+    run_of(1, exec(&script(here, "images", body))).run(&store).unwrap();
+    let (_, summary) = run_of(1, exec(&script(here, "images", body))).run(&store).unwrap();
     assert_eq!((summary.evaluated, summary.resumed), (0, 1));
-    let changed = run_of(1, exec(&script(here, "pictures", &format!("sleep 0; {body}")))).run(&store).map(drop);
+    let changed = run_of(1, exec(&script(here, "images", &format!("sleep 0; {body}")))).run(&store).map(drop);
     let message = changed.unwrap_err().to_string();
     assert!(message.contains("methods shell of the two runs differ") && message.contains("method.sh"), "{message}");
 }

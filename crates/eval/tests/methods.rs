@@ -1,4 +1,4 @@
-//! Each method on a scene whose pictures are known in closed form.
+//! Each method on a scene whose images are known in closed form.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -24,12 +24,12 @@ use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use atsplat_splat::effects::EffectSelection;
 use atsplat_splat::files::{Encoding, Output};
 use atsplat_splat::{GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, View, files};
-use common::{Run, SIZE, Walls, dataset, entry, picture, preset};
+use common::{Run, SIZE, Walls, dataset, entry, image, preset};
 
 struct TestTrial {
     preset: Preset,
     trial: Trial,
-    pictures: Vec<Arc<ImageU8>>,
+    images: Vec<Arc<ImageU8>>,
 }
 
 fn test_trials(entries: &[IndexEntry]) -> Vec<TestTrial> {
@@ -37,17 +37,17 @@ fn test_trials(entries: &[IndexEntry]) -> Vec<TestTrial> {
     let walls = Walls::new(1, 8);
     let index = EvaluationIndex { scenes: [("wall-0".to_owned(), entries.to_vec())].into_iter().collect() };
     let trials = Trials::new(Arc::new(walls), &index, TrialRecipe::of(&preset, "ATSplat"), Prefetch::default());
-    let with_pictures = trials.map(|trial| {
+    let with_images = trials.map(|trial| {
         let (trial, _) = trial.unwrap();
-        let pictures = trial.context().iter().map(|view| view.picture().unwrap()).collect();
-        TestTrial { preset: preset.clone(), trial, pictures }
+        let images = trial.context().iter().map(|view| view.image().unwrap()).collect();
+        TestTrial { preset: preset.clone(), trial, images }
     });
-    with_pictures.collect()
+    with_images.collect()
 }
 
 impl TestTrial {
     fn input(&self) -> TrialInput<'_> {
-        TrialInput { preset: &self.preset, trial: &self.trial, pictures: &self.pictures }
+        TrialInput { preset: &self.preset, trial: &self.trial, images: &self.images }
     }
 
     fn render(&self, method: &dyn Method, target: usize) -> Result<Image, String> {
@@ -57,7 +57,7 @@ impl TestTrial {
 }
 
 fn decibels(render: &Image, frame: usize) -> f64 {
-    between(render, &Image::from_u8(&picture(0, frame)))
+    between(render, &Image::from_u8(&image(0, frame)))
 }
 
 fn between(render: &Image, truth: &Image) -> f64 {
@@ -69,14 +69,14 @@ fn nearest_view_is_copied_and_ties_go_to_the_first() {
     let trials = test_trials(&[entry(&[0, 4], &[1, 2, 3, 4, 7])]);
     let copied = |target| trials[0].render(&NearestView, target).unwrap();
     for (target, frame) in [(0, 0), (1, 0), (2, 4), (3, 4), (4, 4)] {
-        assert_eq!(copied(target), Image::from_u8(&picture(0, frame)), "target {target}");
+        assert_eq!(copied(target), Image::from_u8(&image(0, frame)), "target {target}");
     }
     let tied = test_trials(&[entry(&[4, 0], &[2])]).remove(0);
-    assert_eq!(tied.render(&NearestView, 0).unwrap(), Image::from_u8(&picture(0, 4)), "first in the trial's order");
+    assert_eq!(tied.render(&NearestView, 0).unwrap(), Image::from_u8(&image(0, 4)), "first in the trial's order");
 }
 
 #[test]
-fn baselines_give_the_same_pictures_again_and_say_so() {
+fn baselines_give_the_same_images_again_and_say_so() {
     let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
     for method in [&NearestView as &dyn Method, &Warp] {
         assert!(method.record().deterministic, "{}", method.record().name);
@@ -98,7 +98,7 @@ fn the_warp_finds_the_wall() {
     assert!(alone.samples().iter().all(|sample| (0.0..=1.0).contains(sample)), "without parallax too");
 }
 
-/// Two pictures of one colour each. Where a pixel shows both, the weights are `1 / (d² + s²)` of the cameras' distances `d`,
+/// Two images of one colour each. Where a pixel shows both, the weights are `1 / (d² + s²)` of the cameras' distances `d`,
 /// with `s` a hundredth of the distance between the two, whatever plane was found.
 #[test]
 fn the_warp_weighs_views_by_their_inverse_squared_distance() {
@@ -108,7 +108,7 @@ fn the_warp_weighs_views_by_their_inverse_squared_distance() {
         Arc::new(ImageU8::new(SIZE.width, SIZE.height, samples).unwrap())
     };
     let colours = [[255, 0, 51], [0, 255, 153]];
-    trial.pictures = colours.map(plain).to_vec();
+    trial.images = colours.map(plain).to_vec();
     // The cameras are side by side, four units of 0.2 apart; the common factor cancels.
     for (target, distances) in [(0, [1.0, 3.0]), (1, [2.0, 2.0]), (2, [3.0, 1.0])] {
         let weights = distances.map(|distance: f64| 1.0 / (distance * distance + (0.01 * 4.0f64).powi(2)));
@@ -136,14 +136,14 @@ fn write(path: &Path, bytes: &[u8]) {
 
 #[test]
 fn renders_are_found_in_every_layout() {
-    let png = encode_png(&picture(0, 5)).unwrap();
+    let png = encode_png(&image(0, 5)).unwrap();
     let trials = test_trials(&[entry(&[0, 4], &[5]), entry(&[0, 6], &[5])]);
     for layout in ["wall-0/color/000005.png", "wall-0/000005.png", "wall-0/5.png", "wall-0-0/00005.png"] {
         let folder = tempfile::tempdir().unwrap();
         write(&folder.path().join(layout), &png);
         let renders = Renders::new(folder.path(), Some("other")).unwrap();
         assert_eq!(renders.record().name, "other");
-        assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&picture(0, 5))), "{layout}");
+        assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&image(0, 5))), "{layout}");
         let second = trials[1].render(&renders, 0).unwrap_err();
         assert!(second.contains("no file for frame 5"), "another entry of the scene has its own folder: {second}");
         write(&folder.path().join("wall-0-1/color/5.png"), &png);
@@ -156,9 +156,9 @@ fn exr_takes_precedence_and_two_files_for_a_frame_are_an_error() {
     let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
-    let bright: Vec<f32> = Image::from_u8(&picture(0, 5)).samples().iter().map(|sample| sample + 0.7).collect();
+    let bright: Vec<f32> = Image::from_u8(&image(0, 5)).samples().iter().map(|sample| sample + 0.7).collect();
     let bright = Image::new(SIZE.width, SIZE.height, bright).unwrap();
-    write(&folder.path().join("wall-0/000005.png"), &encode_png(&picture(0, 5)).unwrap());
+    write(&folder.path().join("wall-0/000005.png"), &encode_png(&image(0, 5)).unwrap());
     write(&folder.path().join("wall-0/000005.exr"), &exr::write_rgb(&bright, &exr::Values::DisplayReferred).unwrap());
     assert_eq!(trial.render(&renders, 0), Ok(bright), "values above 1 stay");
     write(&folder.path().join("wall-0/05.png"), b"");
@@ -172,7 +172,7 @@ fn a_frame_in_two_layouts_fails_alone() {
     let trial = test_trials(&[entry(&[0, 4], &[5, 7])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
-    let png = encode_png(&picture(0, 5)).unwrap();
+    let png = encode_png(&image(0, 5)).unwrap();
     for file in ["wall-0/color/000005.png", "wall-0/color/000007.png", "wall-0/000007.png", "wall-1/000005.png"] {
         write(&folder.path().join(file), &png);
     }
@@ -185,7 +185,7 @@ fn a_frame_in_two_layouts_fails_alone() {
     assert_eq!(renders.files(&trial.trial).iter().filter(|file| file.is_some()).count(), 1);
     std::fs::remove_file(folder.path().join("wall-0/000007.png")).unwrap();
     assert!(trial.render(&renders, 1).is_ok());
-    // A float picture left by another run.
+    // A float image left by another run.
     write(&folder.path().join("wall-0/color/000007.exr"), b"");
     let stale = trial.render(&renders, 1).unwrap_err();
     assert!(stale.contains("000007.exr and ") && stale.contains("of another frame: "), "{stale}");
@@ -202,7 +202,7 @@ fn float_renders_in_another_range_or_of_other_channels_are_refused() {
     let renders = Renders::new(folder.path(), None).unwrap();
     let file = folder.path().join("wall-0/000005.exr");
     let scaled = |scale: f32, offset: f32| {
-        let samples = Image::from_u8(&picture(0, 5)).into_samples();
+        let samples = Image::from_u8(&image(0, 5)).into_samples();
         let samples = samples.into_iter().map(|sample| scale * sample + offset).collect();
         let image = Image::new(SIZE.width, SIZE.height, samples).unwrap();
         write(&file, &exr::write_rgb(&image, &exr::Values::Unstated).unwrap());
@@ -234,7 +234,7 @@ fn rejects_a_transparent_render() {
     let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
-    let rgba = include_bytes!("../../pixels/tests/fixtures/pictures/colour6_8.png");
+    let rgba = include_bytes!("../../pixels/tests/fixtures/images/colour6_8.png");
     write(&folder.path().join("wall-0/000005.png"), rgba);
     let error = trial.render(&renders, 0).unwrap_err();
     assert!(error.contains("transparent pixels, the first at column") && error.contains("000005.png"), "{error}");
@@ -455,12 +455,12 @@ fn an_untrained_network_is_marked_and_counts_its_tokens() {
     assert!(rendered.image.samples().iter().all(|sample| sample.is_finite()));
 }
 
-/// A picture of 64×64 has 16 patches for a network trained at that size, and 4 for one trained at 32×32.
+/// An image of 64×64 has 16 patches for a network trained at that size, and 4 for one trained at 32×32.
 #[test]
 fn a_network_sees_its_training_size_and_renders_the_protocols_size() {
     let weights = WeightsSource::File { sha256: "0".repeat(64) };
     let trial = test_trials(&[entry(&[0, 4], &[2])]).remove(0);
-    let smaller = "the network saw context pictures of 64x64 at 32x32".to_owned();
+    let smaller = "the network saw context images of 64x64 at 32x32".to_owned();
     for (trained, tokens, notes) in [(32, 2 * 4, vec![smaller]), (64, 2 * 16, vec![])] {
         let network = nano().trained_at(ImageSize::new(trained, trained));
         let method = AtSplat::new("atsplat", network, &weights, 0, Splatting::default()).unwrap();

@@ -1,4 +1,4 @@
-//! Rows are tied to the data they were computed from; changed data and wrong numbers of pictures are detected.
+//! Rows are tied to the data they were computed from; changed data and wrong numbers of images are detected.
 
 mod common;
 
@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use atsplat_camera::PoseNormalisation;
 use atsplat_eval::method::{Method, MethodError, NearestView, Prediction, Rendered, Renders, TrialInput, Warp};
-use atsplat_eval::runner::{KeepPictures, Summary, current_provenance, picture_path, run};
+use atsplat_eval::runner::{KeepImages, Summary, current_provenance, image_path, run};
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use common::{Run, SIZE, Walls, baselines, dataset, entry, grey, record, rows};
@@ -25,8 +25,8 @@ fn replaced(frame: usize) -> Walls {
 }
 
 #[test]
-fn a_changed_picture_is_recomputed_to_the_rows_of_a_fresh_store() {
-    // A context picture, and a target's.
+fn a_changed_image_is_recomputed_to_the_rows_of_a_fresh_store() {
+    // A context image, and a target's.
     for frame in [4, 6] {
         let [store, fresh] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
         let (before, _) = evaluate(store.path(), Walls::new(3, 8), baselines()).unwrap();
@@ -39,7 +39,7 @@ fn a_changed_picture_is_recomputed_to_the_rows_of_a_fresh_store() {
         let (_, again) = evaluate(store.path(), replaced(frame), baselines()).unwrap();
         assert_eq!((again.evaluated, again.resumed), (0, 6));
     }
-    // An unused picture changes nothing.
+    // An unused image changes nothing.
     let store = tempfile::tempdir().unwrap();
     evaluate(store.path(), Walls::new(3, 8), baselines()).unwrap();
     assert_eq!(evaluate(store.path(), replaced(5), baselines()).unwrap().1.evaluated, 0);
@@ -188,7 +188,7 @@ fn results_whose_data_are_missing_are_named() {
     assert!(error.contains("scene \"wall-2\"") && error.contains("no longer in the data"), "{error}");
 }
 
-/// Returns this many pictures whatever the number of targets.
+/// Returns this many images whatever the number of targets.
 #[derive(Debug)]
 struct FixedCount(usize);
 
@@ -209,12 +209,12 @@ impl Prediction for FixedCount {
 }
 
 #[test]
-fn a_wrong_number_of_pictures_fails_the_trial_with_both_numbers() {
+fn a_wrong_number_of_images_fails_the_trial_with_both_numbers() {
     for given in [0, 1, 3] {
         let store = tempfile::tempdir().unwrap();
         let (results, summary) = evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(FixedCount(given))]).unwrap();
         assert_eq!((results.trials[0].status, summary.incomplete), (TrialStatus::Failed, 1));
-        let message = format!("expected a picture for each of 2 targets, the method returned {given}");
+        let message = format!("expected an image for each of 2 targets, the method returned {given}");
         assert_eq!(results.trials[0].detail.as_deref(), Some(message.as_str()));
         assert_eq!(results.targets.len(), 2, "every target has its row");
         assert!(
@@ -225,16 +225,16 @@ fn a_wrong_number_of_pictures_fails_the_trial_with_both_numbers() {
     assert!(evaluate(store.path(), Walls::new(1, 8), vec![Arc::new(FixedCount(2))]).unwrap().1.is_complete());
 }
 
-/// Pictures that another method wrote are data too.
+/// Images that another method wrote are data too.
 #[test]
-fn imported_pictures_that_changed_are_scored_again() {
+fn imported_images_that_changed_are_scored_again() {
     let [store, renders] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let scene = renders.path().join("wall-0");
     std::fs::create_dir(&scene).unwrap();
     let write = |frame: usize, shade: u8| {
-        let picture =
+        let image =
             ImageU8::new(SIZE.width, SIZE.height, vec![shade; (SIZE.width * SIZE.height * 3) as usize]).unwrap();
-        std::fs::write(scene.join(format!("{frame:06}.png")), encode_png(&picture).unwrap()).unwrap();
+        std::fs::write(scene.join(format!("{frame:06}.png")), encode_png(&image).unwrap()).unwrap();
     };
     let score = || {
         let method: Arc<dyn Method> = Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap());
@@ -255,62 +255,62 @@ fn imported_pictures_that_changed_are_scored_again() {
 }
 
 #[test]
-fn scenes_whose_keys_differ_only_in_punctuation_have_separate_pictures() {
+fn scenes_whose_keys_differ_only_in_punctuation_have_separate_images() {
     let store = tempfile::tempdir().unwrap();
     let mut walls = Walls::new(4, 8);
     walls.keys = ["a/b", "a_b", "A_b", "a%2Fb"].map(str::to_owned).to_vec();
     let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[1, 6])])], nearest());
-    let (results, _) = Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap();
+    let (results, _) = Run { images: KeepImages::All, ..settings }.run(store.path()).unwrap();
     let read = |row: &TargetRow| {
-        let bytes = std::fs::read(picture_path(store.path(), &row.key, row.frame)).unwrap();
+        let bytes = std::fs::read(image_path(store.path(), &row.key, row.frame)).unwrap();
         decode(&bytes, &DecodeLimits::default()).unwrap()
     };
     for row in results.targets.iter().filter(|row| row.frame == 1) {
         let scene = ["a/b", "a_b", "A_b", "a%2Fb"].iter().position(|key| *key == row.key.scene).unwrap();
-        assert_eq!(read(row), common::picture(scene, 0), "{}: the nearest view is its own scene's", row.key.scene);
+        assert_eq!(read(row), common::image(scene, 0), "{}: the nearest view is its own scene's", row.key.scene);
     }
 }
 
-/// Path of a picture in a store.
+/// Path of an image in a store.
 fn stored(store: &Path, method: &str, scene: usize, frame: u64) -> PathBuf {
     let (preset, method, scene) = ("walls".to_owned(), method.to_owned(), format!("wall-{scene}"));
-    picture_path(store, &TrialKey { preset, method, scene, entry: 0 }, frame)
+    image_path(store, &TrialKey { preset, method, scene, entry: 0 }, frame)
 }
 
 #[test]
-fn pictures_that_are_asked_for_later_are_added() {
+fn images_that_are_asked_for_later_are_added() {
     let store = tempfile::tempdir().unwrap();
     let run = |keep| {
         let walls = Walls { damaged: Some((2, 6)), ..Walls::new(3, 8) };
         let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[1, 6])])], nearest());
-        let (results, summary) = Run { pictures: keep, ..settings }.run(store.path()).unwrap();
+        let (results, summary) = Run { images: keep, ..settings }.run(store.path()).unwrap();
         (results, (summary.evaluated, summary.resumed))
     };
-    let picture = |scene, frame| stored(store.path(), "nearest-view", scene, frame);
-    let (before, counts) = run(KeepPictures::Nothing);
-    assert_eq!((counts, picture(1, 6).exists()), ((3, 0), false));
-    let (after, counts) = run(KeepPictures::All);
+    let image = |scene, frame| stored(store.path(), "nearest-view", scene, frame);
+    let (before, counts) = run(KeepImages::Nothing);
+    assert_eq!((counts, image(1, 6).exists()), ((3, 0), false));
+    let (after, counts) = run(KeepImages::All);
     assert_eq!((counts, rows(&after)), ((3, 0), rows(&before)), "evaluated again, with the same numbers");
     let compared = after.targets.iter().filter(|row| row.status != TargetStatus::Failed);
-    let mut paths = compared.map(|row| picture_path(store.path(), &row.key, row.frame));
+    let mut paths = compared.map(|row| image_path(store.path(), &row.key, row.frame));
     assert!(paths.all(|path| path.is_file()) && stored(store.path(), "truth", 1, 6).is_file());
     // Its ground truth is damaged, so it was not compared.
-    std::fs::remove_file(picture(2, 6)).unwrap();
-    assert_eq!(run(KeepPictures::All).1, (0, 3));
-    std::fs::remove_file(picture(1, 6)).unwrap();
-    assert_eq!(run(KeepPictures::Worst).1, (0, 3), "they keep what there is");
-    assert_eq!(run(KeepPictures::All).1, (1, 2));
-    assert!(picture(1, 6).is_file());
+    std::fs::remove_file(image(2, 6)).unwrap();
+    assert_eq!(run(KeepImages::All).1, (0, 3));
+    std::fs::remove_file(image(1, 6)).unwrap();
+    assert_eq!(run(KeepImages::Worst).1, (0, 3), "they keep what there is");
+    assert_eq!(run(KeepImages::All).1, (1, 2));
+    assert!(image(1, 6).is_file());
 }
 
 /// In object storage, after a writer was killed between two uploads.
 #[test]
-fn old_pictures_beside_new_rows_are_replaced() {
+fn old_images_beside_new_rows_are_replaced() {
     let store = tempfile::tempdir().unwrap();
     let run = |replaced: &[(usize, usize)]| {
         let walls = Walls { replaced: replaced.to_vec(), ..Walls::new(2, 8) };
         let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[6])])], nearest());
-        Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap().1.evaluated
+        Run { images: KeepImages::All, ..settings }.run(store.path()).unwrap().1.evaluated
     };
     let files = [("truth", 6), ("nearest-view", 6), ("context", 4)];
     let files = files.map(|(method, frame)| stored(store.path(), method, 1, frame));
@@ -329,41 +329,41 @@ fn old_pictures_beside_new_rows_are_replaced() {
     assert_eq!(run(&replaced), 0);
 }
 
-/// A page shows a row with the picture in its place, so that may not be another row's.
+/// A page shows a row with the image in its place, so that may not be another row's.
 #[test]
-fn pictures_of_replaced_rows_are_removed() {
+fn images_of_replaced_rows_are_removed() {
     let [store, renders] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let render = |scene: usize, shade: u8| {
         let samples = vec![shade; (SIZE.width * SIZE.height * 3) as usize];
-        let picture = ImageU8::new(SIZE.width, SIZE.height, samples).unwrap();
+        let image = ImageU8::new(SIZE.width, SIZE.height, samples).unwrap();
         let folder = renders.path().join(format!("wall-{scene}"));
         std::fs::create_dir_all(&folder).unwrap();
-        std::fs::write(folder.join("000006.png"), encode_png(&picture).unwrap()).unwrap();
-        picture
+        std::fs::write(folder.join("000006.png"), encode_png(&image).unwrap()).unwrap();
+        image
     };
     let run = |replaced: &[(usize, usize)], keep| {
         let walls = Walls { replaced: replaced.to_vec(), ..Walls::new(2, 8) };
         let theirs: Arc<dyn Method> = Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap());
         let settings = Run::new(vec![dataset(walls, &[entry(&[0, 4], &[6])])], vec![theirs, Arc::new(NearestView)]);
-        Run { pictures: keep, ..settings }.run(store.path()).unwrap().1.evaluated
+        Run { images: keep, ..settings }.run(store.path()).unwrap().1.evaluated
     };
     let there = |scene| {
-        let pictures = [("theirs", 6), ("nearest-view", 6), ("truth", 6), ("context", 4)];
-        pictures.map(|(method, frame)| stored(store.path(), method, scene, frame).is_file())
+        let images = [("theirs", 6), ("nearest-view", 6), ("truth", 6), ("context", 4)];
+        images.map(|(method, frame)| stored(store.path(), method, scene, frame).is_file())
     };
     render(0, 100);
     render(1, 100);
-    assert_eq!(run(&[], KeepPictures::All), 4);
+    assert_eq!(run(&[], KeepImages::All), 4);
     assert_eq!([there(0), there(1)], [[true; 4]; 2]);
     render(0, 200);
-    assert_eq!(run(&[], KeepPictures::Nothing), 1);
+    assert_eq!(run(&[], KeepImages::Nothing), 1);
     assert_eq!([there(0), there(1)], [[false, true, true, true], [true; 4]], "only what the row was made with");
-    // Other data: every method's pictures of the trial, and the data's own.
-    assert_eq!(run(&[(1, 6)], KeepPictures::Nothing), 2);
+    // Other data: every method's images of the trial, and the data's own.
+    assert_eq!(run(&[(1, 6)], KeepImages::Nothing), 2);
     assert_eq!([there(0), there(1)], [[false, true, true, true], [false; 4]]);
     let shown = render(1, 50);
-    assert_eq!(run(&[(1, 6)], KeepPictures::All), 3);
+    assert_eq!(run(&[(1, 6)], KeepImages::All), 3);
     assert_eq!([there(0), there(1)], [[true; 4]; 2]);
     let read = |method| decode(&std::fs::read(stored(store.path(), method, 1, 6)).unwrap(), &DecodeLimits::default());
-    assert_eq!((read("theirs").unwrap(), read("truth").unwrap()), (shown, common::picture(101, 6)));
+    assert_eq!((read("theirs").unwrap(), read("truth").unwrap()), (shown, common::image(101, 6)));
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{IndexNotice, KeepPictures, Lacks, PlannedIndex, current_provenance, picture_path};
+use atsplat_eval::runner::{IndexNotice, KeepImages, Lacks, PlannedIndex, current_provenance, image_path};
 use atsplat_eval::{IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
 use atsplat_protocol::IndexBuilder;
@@ -45,7 +45,7 @@ impl Prediction for FaultyPrediction {
         let samples = |sample: f32, width: u32| vec![sample; (width * SIZE.height * 3) as usize];
         let image = |sample, width| Image::new(width, SIZE.height, samples(sample, width)).unwrap();
         let one = |target: &usize| match (self.0.as_str(), target) {
-            ("wall-3", 0) => Err("no picture".to_owned()),
+            ("wall-3", 0) => Err("no image".to_owned()),
             ("wall-4", 0) => Ok(image(f32::NAN, SIZE.width)),
             ("wall-5", 0) => Ok(image(0.5, SIZE.width - 1)),
             _ => Ok(image(0.5, SIZE.width)),
@@ -72,7 +72,7 @@ impl Method for Plain {
 impl Prediction for Plain {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |target: &usize| {
-            let (value, drawn) = self.0[*target].ok_or("no picture")?;
+            let (value, drawn) = self.0[*target].ok_or("no image")?;
             let samples = vec![value; (SIZE.width * SIZE.height * 3) as usize];
             let image = Image::new(SIZE.width, SIZE.height, samples).unwrap();
             Ok(Rendered { image, drawn, effects: Vec::new() })
@@ -125,10 +125,10 @@ fn every_outcome_is_a_row() {
         (TrialStatus::NotApplicable, "two views are too few"),
         (TrialStatus::Failed, "out of memory"),
         (TrialStatus::Failed, "the method panicked: a bug"),
-        (TrialStatus::Partial, "1 of 3 targets failed: no picture"),
+        (TrialStatus::Partial, "1 of 3 targets failed: no image"),
         (TrialStatus::Done, ""),
-        (TrialStatus::Partial, "expected a picture of 64×64, found 63×64"),
-        (TrialStatus::Failed, "a context picture"),
+        (TrialStatus::Partial, "expected an image of 64×64, found 63×64"),
+        (TrialStatus::Failed, "a context image"),
         (TrialStatus::Done, ""),
     ];
     for (scene, (status, detail)) in expected.into_iter().enumerate() {
@@ -203,11 +203,11 @@ fn targets_without_a_score_are_not_evaluated() {
         assert!(found.starts_with(expected), "{found}");
     };
     starts([nan; 3], "all of 6 targets have non-finite samples, the first with: 12288 in the render");
-    starts([None; 3], "all of 6 targets failed, the first with: no picture");
+    starts([None; 3], "all of 6 targets failed, the first with: no image");
     starts([nan, None, nan], "of 6 targets, 4 have non-finite samples and the others failed, the first with: 12288");
 }
 
-/// A ground-truth picture that cannot be read fails only its target.
+/// A ground-truth image that cannot be read fails only its target.
 #[test]
 fn a_damaged_ground_truth_is_a_failed_target() {
     let walls = Walls { damaged: Some((0, 6)), ..Walls::new(2, 8) };
@@ -215,7 +215,7 @@ fn a_damaged_ground_truth_is_a_failed_target() {
     let (results, _) = settings(walls, baselines()).run(folder.path()).unwrap();
     let row = results.targets.iter().find(|row| row.key == key("warp", 0) && row.frame == 6).unwrap();
     assert_eq!((row.status, row.truth_hash.is_none()), (TargetStatus::Failed, true));
-    assert!(row.detail.as_ref().unwrap().contains("the ground-truth picture"), "{row:?}");
+    assert!(row.detail.as_ref().unwrap().contains("the ground-truth image"), "{row:?}");
     assert_eq!(results.trials.iter().filter(|trial| trial.status == TrialStatus::Partial).count(), 2);
 }
 
@@ -324,19 +324,19 @@ fn what_an_index_leaves_out_is_a_warning() {
 }
 
 #[test]
-fn requested_pictures_are_kept() {
-    for keep in [KeepPictures::All, KeepPictures::Worst] {
+fn requested_images_are_kept() {
+    for keep in [KeepImages::All, KeepImages::Worst] {
         let folder = tempfile::tempdir().unwrap();
-        let run = Run { pictures: keep, ..settings(Walls::new(12, 8), vec![Arc::new(Warp)]) };
+        let run = Run { images: keep, ..settings(Walls::new(12, 8), vec![Arc::new(Warp)]) };
         let (results, _) = run.run(folder.path()).unwrap();
         let stored = |method: &str, frame| {
-            (0..12).filter(|scene| picture_path(folder.path(), &key(method, *scene), frame).is_file()).count()
+            (0..12).filter(|scene| image_path(folder.path(), &key(method, *scene), frame).is_file()).count()
         };
         let mut trials: Vec<(f64, bool)> = Vec::new();
         for trial in &results.trials {
             let rows = results.targets.iter().filter(|row| row.key == trial.key);
             let psnr: Vec<f64> = rows.clone().map(|row| row.scores["psnr"]).collect();
-            let are_kept = rows.clone().all(|row| picture_path(folder.path(), &row.key, row.frame).is_file());
+            let are_kept = rows.clone().all(|row| image_path(folder.path(), &row.key, row.frame).is_file());
             trials.push((psnr.iter().sum::<f64>() / psnr.len() as f64, are_kept));
         }
         trials.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -347,7 +347,7 @@ fn requested_pictures_are_kept() {
             [scenes, scenes, scenes, 0]
         );
         match keep {
-            KeepPictures::Worst => {
+            KeepImages::Worst => {
                 assert!((8..=10).contains(&scenes), "{scenes} are kept");
                 assert!(kept[..6].iter().all(|is_kept| *is_kept), "the worst: {kept:?}");
                 assert!(kept[10..].iter().all(|is_kept| *is_kept), "the best: {kept:?}");
@@ -367,16 +367,16 @@ fn rejects_duplicate_names_and_invalid_shards() {
     assert!(run.plan().provenance(current_provenance("0", None, Vec::new())).is_err());
 }
 
-/// DepthSplat's rule takes every frame of a window; frames whose picture is missing are not counted.
+/// DepthSplat's rule takes every frame of a window; frames whose image is missing are not counted.
 #[test]
-fn a_sampled_index_contains_only_existing_pictures() {
+fn a_sampled_index_contains_only_existing_images() {
     let walls = Walls { gaps: true, ..Walls::new(1, 60) };
     let rule = IndexBuilder::resolve("dl3dv-6v").unwrap();
     let index = PlannedIndex::sampled("dl3dv-6v", &rule, &walls, &mut Warnings::new());
     let entry = &index.index.scenes["wall-0"][0];
     assert_eq!((entry.context.len(), entry.target.len()), (6, 50));
     assert!(entry.context.iter().chain(&entry.target).all(|frame| frame % 7 != 3), "{entry:?}");
-    assert_eq!(entry.target.last(), Some(&57), "50 pictures reach beyond frame 49");
+    assert_eq!(entry.target.last(), Some(&57), "50 images reach beyond frame 49");
     let whole = PlannedIndex::sampled("dl3dv-6v", &rule, &Walls::new(1, 60), &mut Warnings::new());
     assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
     assert_eq!(whole.description, "sampled by dl3dv-6v");
@@ -384,11 +384,11 @@ fn a_sampled_index_contains_only_existing_pictures() {
     assert_eq!(none.description, "sampled by dl3dv-6v; scenes without an entry: 2 too-few-frames");
 }
 
-/// Changes a context picture and then a target picture: drift names exactly that scene and frame. Ten reruns on the same
-/// pictures are not drift.
+/// Changes a context image and then a target image: drift names exactly that scene and frame. Ten reruns on the same
+/// images are not drift.
 #[test]
-fn drift_names_the_picture_that_changed() {
-    use atsplat_eval::drift::{Acceptance, Baseline, PictureRole, Verdict, compare};
+fn drift_names_the_image_that_changed() {
+    use atsplat_eval::drift::{Acceptance, Baseline, ImageRole, Verdict, compare};
     let of = |brighter| {
         let folder = tempfile::tempdir().unwrap();
         let walls = Walls { brighter, ..Walls::new(3, 8) };
@@ -406,15 +406,15 @@ fn drift_names_the_picture_that_changed() {
         assert_eq!((calm.verdict, calm.data.compared, calm.data.unknown), (Verdict::Same, 3 * 4, 0), "{calm}");
     }
     for (frame, by, roles) in [
-        (0, 9, vec![PictureRole::Context]),
-        (0, -9, vec![PictureRole::Context]),
-        (4, 9, vec![PictureRole::Context, PictureRole::Target]),
-        (6, -9, vec![PictureRole::Target]),
+        (0, 9, vec![ImageRole::Context]),
+        (0, -9, vec![ImageRole::Context]),
+        (4, 9, vec![ImageRole::Context, ImageRole::Target]),
+        (6, -9, vec![ImageRole::Target]),
     ] {
         let report = compare(&of(Some((1, frame, by))), &baseline);
-        let [picture] = &report.data.changed[..] else { panic!("one picture: {report}") };
-        assert_eq!((picture.scene.as_str(), picture.frame), ("wall-1", frame as u64), "{report}");
-        assert_eq!(picture.roles.iter().copied().collect::<Vec<_>>(), roles, "{report}");
+        let [image] = &report.data.changed[..] else { panic!("one image: {report}") };
+        assert_eq!((image.scene.as_str(), image.frame), ("wall-1", frame as u64), "{report}");
+        assert_eq!(image.roles.iter().copied().collect::<Vec<_>>(), roles, "{report}");
         assert_eq!(report.verdict, Verdict::Drifted, "{report}");
     }
 }

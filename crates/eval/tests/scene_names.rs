@@ -5,12 +5,12 @@ mod common;
 use std::sync::Arc;
 
 use atsplat_eval::method::{GaussianFrame, Method, NearestView, Ply, Renders, Splatting};
-use atsplat_eval::runner::KeepPictures;
+use atsplat_eval::runner::KeepImages;
 use atsplat_eval::{Results, TargetStatus};
 use atsplat_pixels::encode_png;
 use atsplat_splat::files::{Encoding, Output};
 use atsplat_splat::{GaussianParts, Gaussians, files};
-use common::{Run, Walls, dataset, entry, picture};
+use common::{Run, Walls, dataset, entry, image};
 
 /// One name is another with the number of an entry.
 const ROOMS: [&str; 2] = ["room", "room-0"];
@@ -22,12 +22,12 @@ fn run_of(keys: &[&str], method: Arc<dyn Method>) -> Run {
 
 /// Names that need escaping, beside a plain one.
 #[test]
-fn kept_pictures_of_any_scene_can_be_scored() {
+fn kept_images_of_any_scene_can_be_scored() {
     let folder = tempfile::tempdir().unwrap();
     let run = |method: Arc<dyn Method>| run_of(&["scène 1", "A/b", "wall"], method);
-    let keeping = Run { pictures: KeepPictures::All, ..run(Arc::new(NearestView)) };
+    let keeping = Run { images: KeepImages::All, ..run(Arc::new(NearestView)) };
     let (expected, _) = keeping.run(&folder.path().join("store")).unwrap();
-    let kept = folder.path().join("store/pictures/walls/nearest-view");
+    let kept = folder.path().join("store/images/walls/nearest-view");
     assert!(!kept.join("scène 1").exists() && !kept.join("scène 1-0").exists());
     let scoring = run(Arc::new(Renders::new(&kept, None).unwrap()));
     let surveys = scoring.plan().surveys().unwrap();
@@ -46,7 +46,7 @@ fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
         let renders = tempfile::tempdir_in(root.path()).unwrap();
         for (folder, scene) in folders {
             std::fs::create_dir_all(renders.path().join(folder)).unwrap();
-            std::fs::write(renders.path().join(folder).join("000005.png"), encode_png(&picture(*scene, 5)).unwrap())
+            std::fs::write(renders.path().join(folder).join("000005.png"), encode_png(&image(*scene, 5)).unwrap())
                 .unwrap();
         }
         let run = run_of(keys, Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap()));
@@ -73,11 +73,11 @@ fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
 
 /// `room-0` is the first entry of `room`, and the scene `room-0` lies in `room-0-0`.
 #[test]
-fn kept_pictures_of_such_scenes_can_be_scored() {
+fn kept_images_of_such_scenes_can_be_scored() {
     let root = tempfile::tempdir().unwrap();
-    let keeping = Run { pictures: KeepPictures::All, ..run_of(&ROOMS, Arc::new(NearestView)) };
+    let keeping = Run { images: KeepImages::All, ..run_of(&ROOMS, Arc::new(NearestView)) };
     let (expected, _) = keeping.run(&root.path().join("store")).unwrap();
-    let kept = root.path().join("store/pictures/walls/nearest-view");
+    let kept = root.path().join("store/images/walls/nearest-view");
     assert!(kept.join("room-0").is_dir() && kept.join("room-0-0").is_dir());
     let scored = |name: &str| {
         let run = run_of(&ROOMS, Arc::new(Renders::new(&kept, None).unwrap()));

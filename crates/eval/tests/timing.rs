@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use atsplat_eval::method::{Cost, Method, MethodError, NearestView, Prediction, Rendered, Timed, TrialInput};
-use atsplat_eval::runner::{Dataset, KeepPictures};
+use atsplat_eval::runner::{Dataset, KeepImages};
 use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Results, Store, TrialStatus};
 use atsplat_numeric::median;
@@ -30,7 +30,7 @@ struct SleepingMethod {
 }
 
 const COST: Duration = Duration::from_millis(100);
-const PICTURE: Duration = Duration::from_millis(60);
+const IMAGE: Duration = Duration::from_millis(60);
 
 impl Method for SleepingMethod {
     fn record(&self) -> MethodRecord {
@@ -61,7 +61,7 @@ impl Prediction for SleepingPrediction {
 
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |_: &usize| {
-            std::thread::sleep(PICTURE);
+            std::thread::sleep(IMAGE);
             Ok(grey())
         };
         targets.iter().map(one).collect()
@@ -99,7 +99,7 @@ fn a_known_cost_is_measured_within_15_percent_under_contention() {
     let threads = rayon::current_num_threads();
     let own = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let alone = own.install(|| median((0..9).map(|_| secs_of(encode)))).unwrap();
-    let picture = median((0..9).map(|_| secs_of(|| std::thread::sleep(PICTURE)))).unwrap();
+    let image = median((0..9).map(|_| secs_of(|| std::thread::sleep(IMAGE)))).unwrap();
     let (stop, folders) = (AtomicBool::new(false), [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()]);
     let (shared, results) = std::thread::scope(|scope| {
         scope.spawn(|| keep_busy(&stop));
@@ -117,7 +117,7 @@ fn a_known_cost_is_measured_within_15_percent_under_contention() {
     let encoding = found.encode.unwrap();
     assert!((encoding.median / alone - 1.0).abs() <= 0.15, "{} s, and {alone} s alone", encoding.median);
     let render = found.render.unwrap().median;
-    assert!((render / picture - 1.0).abs() <= 0.15, "{render} s for a picture");
+    assert!((render / image - 1.0).abs() <= 0.15, "{render} s for an image");
     assert_eq!((found.trials, found.trials_there, found.repetitions, found.warm_up), (3, 4, 5, 1));
     assert_eq!((encoding.samples, found.stages["sleep"].samples), (15, 15));
     assert!(encoding.quartiles[0] <= encoding.median && encoding.median <= encoding.quartiles[1], "{encoding:?}");
@@ -136,7 +136,7 @@ fn long_work_needs_no_warm_up_and_two_repetitions() {
         let calls = method.calls.load(Ordering::Relaxed) - 1;
         (found.warm_up, found.repetitions, found.encode.unwrap().samples, calls)
     };
-    let (one, never) = (COST + PICTURE, Duration::MAX);
+    let (one, never) = (COST + IMAGE, Duration::MAX);
     assert_eq!(runs(one, never, None), (0, 3, 3, 3));
     assert_eq!(runs(4 * one, never, None), (1, 3, 3, 4));
     // The call after the evaluation's is the first of the timing pass.
@@ -192,7 +192,7 @@ fn untimed_methods_have_a_reason() {
         [Arc::new(NearestView), Arc::new(Allocating), Arc::new(Rejecting("rejecting")), Arc::new(Rejecting("broken"))];
     let results = timed_run(folder.path(), walls(3), &methods, Some(TimingPlan::default()));
     let nearest = times(&results, "walls", "nearest-view").unwrap();
-    assert!(nearest.encode.is_none() && nearest.render == nearest.first_picture, "it does no work on its context");
+    assert!(nearest.encode.is_none() && nearest.render == nearest.first_image, "it does no work on its context");
     assert!(nearest.repetitions > 5, "short work is repeated until it can be measured");
     let allocating = times(&results, "walls", "allocating").unwrap();
     assert!(allocating.render.is_none() && allocating.stages.is_empty());
@@ -228,7 +228,7 @@ fn undisturbed_times_are_not_measured_again() {
     let more = TimingPlan { repetitions: 6, ..TimingPlan::default() };
     let more = timed_run(folder.path(), walls(2), &methods, Some(more));
     assert_eq!((calls(), more.timings.len(), more.timings[0].encode.len()), (14, 2, 6));
-    // Other context pictures make another trial.
+    // Other context images make another trial.
     let other = vec![dataset(Walls::new(2, 8), &[entry(&[0, 6], &[2])])];
     let store = Store::open(folder.path()).unwrap();
     let known = store.timings().unwrap();
@@ -304,9 +304,9 @@ fn times_of_replaced_files_are_dropped_and_measured_again() {
         row.unwrap().render.clone()
     };
     assert_ne!(scene(&again), scene(&before), "these are measured");
-    // Rows that are only evaluated again for their pictures stay timed.
+    // Rows that are only evaluated again for their images stay timed.
     let settings = Run::new(walls(2), methods.to_vec());
-    let (with_images, summary) = Run { pictures: KeepPictures::All, ..settings }.run(store.path()).unwrap();
+    let (with_images, summary) = Run { images: KeepImages::All, ..settings }.run(store.path()).unwrap();
     assert_eq!((summary.evaluated, with_images.timings), (4, again.timings));
 }
 

@@ -133,8 +133,8 @@ fn predicted<T>(method: &dyn Method, dataset: &Dataset, of: impl Fn(&dyn Predict
     let recipe = TrialRecipe::of(preset, "ATSplat");
     let (trial, _) =
         Trials::new(Arc::clone(source), &index.index, recipe, Prefetch::default()).last().unwrap().unwrap();
-    let pictures: Vec<_> = trial.context().iter().map(|view| view.picture().unwrap()).collect();
-    of(method.predict(TrialInput { preset, trial: &trial, pictures: &pictures }).unwrap().as_ref())
+    let images: Vec<_> = trial.context().iter().map(|view| view.image().unwrap()).collect();
+    of(method.predict(TrialInput { preset, trial: &trial, images: &images }).unwrap().as_ref())
 }
 
 /// Of the weights that a setting has, which are not always those of the sweep.

@@ -37,7 +37,7 @@ fn main() {
 }
 
 fn rounds(strategy: Strategy) {
-    let views: Vec<TrainingView> = (0..8).map(|number| picture(number, &scene(1000, 0.04))).collect();
+    let views: Vec<TrainingView> = (0..8).map(|number| image(number, &scene(1000, 0.04))).collect();
     let start = scene(COUNT, 0.015);
     // Long enough that nothing is scheduled; the start has every degree of the harmonics.
     let config = FitConfig { max_gaussians: COUNT, ..FitConfig::new(strategy, 30_000) };
@@ -104,7 +104,7 @@ fn scene(count: usize, scale: f32) -> Gaussians {
 }
 
 /// The Gaussians from a place on a circle.
-fn picture(number: u32, gaussians: &Gaussians) -> TrainingView {
+fn image(number: u32, gaussians: &Gaussians) -> TrainingView {
     let angle = 0.7 * f64::from(number);
     let centre = 3.0 * DVec3::new(angle.sin(), 0.0, -angle.cos());
     let forward = -centre.normalize();
@@ -114,7 +114,7 @@ fn picture(number: u32, gaussians: &Gaussians) -> TrainingView {
     let intrinsics = NormalizedIntrinsics::new(1.2, 1.2, 0.5, 0.5).expect("intrinsics");
     let size = ImageSize { width: SIDE, height: SIDE };
     let view = View { camera: Camera::pinhole(pose, intrinsics), size };
-    let rendering = CpuRenderer::default().render(gaussians, &view, &RenderOptions::default()).expect("a picture");
+    let rendering = CpuRenderer::default().render(gaussians, &view, &RenderOptions::default()).expect("an image");
     let rgb = rendering.rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
     TrainingView { name: number.to_string(), view, rgb }
 }

@@ -228,7 +228,7 @@ fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()
 }
 
-/// Hash of cameras and pictures, in order.
+/// Hash of cameras and images, in order.
 pub(crate) fn views_hash(views: &[TrainingView]) -> String {
     let lines: Vec<String> = views.iter().map(of_view).collect();
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()

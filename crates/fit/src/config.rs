@@ -114,7 +114,7 @@ pub struct FitConfig {
     pub extent: Option<f64>,
     /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::Fault::Runaway`].
     pub max_gaussians: usize,
-    /// Limit on the bytes of parameters, gradients, pictures and the CPU's renderer; that of a graphics adapter has its own.
+    /// Limit on the bytes of parameters, gradients, images and the CPU's renderer; that of a graphics adapter has its own.
     pub memory_limit: u64,
     /// Thresholds of the renderer, near and far in the unit of length of the views; Mip-Splatting replaces the blur by 0.1 square
     /// pixels.

@@ -1,4 +1,4 @@
-//! Where pictures are rendered and differentiated.
+//! Where images are rendered and differentiated.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,7 +14,7 @@ use crate::loss::Terms;
 /// A renderer that others use too.
 type Shared = Arc<Mutex<Box<dyn Renderer>>>;
 
-/// Where the pictures of an optimisation are rendered and differentiated: the CPU, or a graphics adapter. Loss, Adam, density
+/// Where the images of an optimisation are rendered and differentiated: the CPU, or a graphics adapter. Loss, Adam, density
 /// control and filters run on the CPU in both cases.
 #[derive(Clone, Default)]
 pub struct FitDevice(Option<Adapter>);
@@ -80,7 +80,7 @@ impl Default for Derivative {
     }
 }
 
-/// The loss of a picture and the gradient of its exposure.
+/// The loss of an image and the gradient of its exposure.
 type Evaluated = (Terms, Option<Exposure>);
 
 impl Splatter {
@@ -98,7 +98,7 @@ impl Splatter {
         }
     }
 
-    /// Forward pass, `loss` of the picture with its gradient, and backward pass, unless the loss is not finite.
+    /// Forward pass, `loss` of the image with its gradient, and backward pass, unless the loss is not finite.
     pub(crate) fn differentiate(
         &mut self,
         job: Job<'_>,

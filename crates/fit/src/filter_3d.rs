@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::scene::narrowed;
 use crate::{Fault, FitError};
 
-/// A camera sees Gaussians this share of its picture's width and height beyond the border.
+/// A camera sees Gaussians this share of its image's width and height beyond the border.
 const BORDER: f64 = 0.15;
 /// Variance of the filter in pixels of the best camera.
 const VARIANCE: f64 = 0.2;

@@ -61,13 +61,13 @@ pub struct StepRecord {
 }
 
 impl StepRecord {
-    /// PSNR of the training picture, in dB; infinite for an exact one.
+    /// PSNR of the training image, in dB; infinite for an exact one.
     pub fn psnr(&self) -> f64 {
         psnr(self.terms.mse)
     }
 }
 
-/// How well a picture matches.
+/// How well an image matches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Score {
     /// PSNR of colours clamped to [0, 1], not rounded to 8 bits; in dB.
@@ -326,7 +326,7 @@ impl Fit {
         Ok(scene.with_gaussians(|gaussians| splatter.render(gaussians, view, &options))?)
     }
 
-    /// Compares the render of a view with its picture.
+    /// Compares the render of a view with its image.
     ///
     /// # Errors
     /// As [`Self::render`].
@@ -386,7 +386,7 @@ impl Fit {
     }
 }
 
-/// The picture as an exposure shows it.
+/// The image as an exposure shows it.
 fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
     rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(crate::scene::narrowed)).collect()
 }

@@ -1,4 +1,4 @@
-//! Optimises Gaussians for one scene by gradient descent on its posed pictures: 3DGS' adaptive density control (Kerbl et
+//! Optimises Gaussians for one scene by gradient descent on its posed images: 3DGS' adaptive density control (Kerbl et
 //! al. 2023), Mip-Splatting (Yu et al. 2024), MCMC (Kheradmand et al. 2024), and refinement of given Gaussians.
 //!
 //! A [`Fit`] holds the scene and takes one step at a time. A step depends on the configuration and the step number alone,

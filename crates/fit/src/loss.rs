@@ -1,4 +1,4 @@
-//! The loss of 3DGS, `(1 − λ) · L1 + λ · (1 − SSIM)`, and its gradient with respect to the rendered picture.
+//! The loss of 3DGS, `(1 − λ) · L1 + λ · (1 − SSIM)`, and its gradient with respect to the rendered image.
 
 use atsplat_camera::ImageSize;
 use atsplat_metrics::DSsim;
@@ -32,7 +32,7 @@ pub struct PhotometricLoss {
 }
 
 impl PhotometricLoss {
-    /// The loss of a picture; its gradient replaces the contents of `gradient`. Both pictures have `size`, row by row.
+    /// The loss of an image; its gradient replaces the contents of `gradient`. Both images have `size`, row by row.
     pub fn evaluate(
         &mut self,
         render: &[[f32; 3]],
@@ -47,12 +47,12 @@ impl PhotometricLoss {
         let d_ssim = self.d_ssim.evaluate(render, truth, sides, &mut self.dissimilar) / count;
         gradient.resize(render.len() / 3, [0.0; 3]);
         let weights = [(1.0 - weight) / count, weight / count].map(narrowed);
-        let pictures = render.par_chunks(CHUNK).zip(truth.par_chunks(CHUNK));
+        let images = render.par_chunks(CHUNK).zip(truth.par_chunks(CHUNK));
         let into = gradient.as_flattened_mut().par_chunks_mut(CHUNK).zip(self.dissimilar.par_chunks(CHUNK));
-        let sums: Vec<[f64; 2]> = pictures
+        let sums: Vec<[f64; 2]> = images
             .zip(into)
-            .map(|(pictures, (into, dissimilar))| {
-                Arch::new().dispatch(AbsoluteError { pictures, dissimilar, weights, into })
+            .map(|(images, (into, dissimilar))| {
+                Arch::new().dispatch(AbsoluteError { images, dissimilar, weights, into })
             })
             .collect();
         let [l1, mse] = sums.into_iter().fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]).map(|sum| sum / count);
@@ -62,7 +62,7 @@ impl PhotometricLoss {
 
 /// Writes the gradient; returns the sums of absolute and of squared errors.
 struct AbsoluteError<'a> {
-    pictures: (&'a [f32], &'a [f32]),
+    images: (&'a [f32], &'a [f32]),
     dissimilar: &'a [f32],
     weights: [f32; 2],
     into: &'a mut [f32],
@@ -73,7 +73,7 @@ impl WithSimd for AbsoluteError<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> [f64; 2] {
-        let Self { pictures: (render, truth), dissimilar, weights: [l1, d_ssim], into } = self;
+        let Self { images: (render, truth), dissimilar, weights: [l1, d_ssim], into } = self;
         for ((slot, (x, y)), dissimilar) in into.iter_mut().zip(render.iter().zip(truth)).zip(dissimilar) {
             // The derivative of |error| at 0 is 0, as PyTorch's.
             let sign = if x > y { l1 } else { 0.0 } - if x < y { l1 } else { 0.0 };

@@ -7,7 +7,7 @@ use crate::{FitConfig, FitError, TrainingView};
 /// Bytes of the renderer for a Gaussian: splat, lists of tiles and their sums, screen-space gradients. A Gaussian that
 /// covers many tiles needs more; the renderer's own limit then stops the run.
 const RENDERER: u64 = 640;
-/// Bytes per pixel of the largest picture: render, gradient, buffers of loss and renderer.
+/// Bytes per pixel of the largest image: render, gradient, buffers of loss and renderer.
 const PER_PIXEL: u64 = 256;
 
 /// Bytes for each Gaussian: value, gradient and two moments of every parameter, once more while density control copies
@@ -20,18 +20,18 @@ fn each(degree: u8) -> u64 {
 /// Most Gaussians of a run: the configured number, or fewer if the memory does not suffice.
 ///
 /// # Errors
-/// [`FitError::Setting`] if pictures alone exceed the limit, or memory does not suffice for the `start`.
+/// [`FitError::Setting`] if images alone exceed the limit, or memory does not suffice for the `start`.
 pub(crate) fn most_gaussians(config: &FitConfig, views: &[TrainingView], start: usize) -> Result<usize, FitError> {
-    let pictures: u64 = views.iter().map(|view| 12 * view.view.pixels() as u64).sum();
+    let images: u64 = views.iter().map(|view| 12 * view.view.pixels() as u64).sum();
     let largest = views.iter().map(|view| view.view.pixels() as u64).max().unwrap_or(0);
-    let fixed = pictures.saturating_add(PER_PIXEL * largest);
+    let fixed = images.saturating_add(PER_PIXEL * largest);
     let fitting = config.memory_limit.saturating_sub(fixed) / each(config.sh_degree);
     let fitting = usize::try_from(fitting).unwrap_or(usize::MAX);
     if fitting < start {
         let needed = fixed.saturating_add(each(config.sh_degree).saturating_mul(start as u64));
         return Err(FitError::Setting {
             name: "memory-limit",
-            expected: format!("at least {needed} bytes for {start} Gaussians and {} pictures", views.len()),
+            expected: format!("at least {needed} bytes for {start} Gaussians and {} images", views.len()),
             found: config.memory_limit.to_string(),
         });
     }

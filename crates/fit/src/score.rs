@@ -78,7 +78,7 @@ impl Fit {
     }
 }
 
-/// Mean PSNR of copying the training picture of the nearest camera; `None` without held-out views, or for pictures of other
+/// Mean PSNR of copying the training image of the nearest camera; `None` without held-out views, or for images of other
 /// sizes.
 pub fn nearest_view_psnr(held_out: &[TrainingView], training: &[TrainingView]) -> Option<f64> {
     let centre = |view: &TrainingView| view.view.camera.camera_from_world.inverse().centre();
@@ -103,7 +103,7 @@ mod tests {
 
     use super::*;
 
-    /// A grey picture of two pixels, seen from a place on the x axis.
+    /// A grey image of two pixels, seen from a place on the x axis.
     fn view(x: f64, grey: f32) -> TrainingView {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
         let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();

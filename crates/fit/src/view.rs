@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::FitError;
 
-/// A posed picture.
+/// A posed image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingView {
     /// For messages.

@@ -1,4 +1,4 @@
-//! Whole runs on a small scene whose pictures are rendered from known Gaussians.
+//! Whole runs on a small scene whose images are rendered from known Gaussians.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -200,7 +200,7 @@ fn a_checkpoint_of_another_start_or_of_other_held_out_views_is_rejected() {
     assert!(error.contains("expected metadata as this version writes it, found missing field `start`"), "{error}");
 }
 
-/// The pictures have a black background, on which their own Gaussians match them.
+/// The images have a black background, on which their own Gaussians match them.
 #[test]
 fn a_coloured_background_is_optimised_as_it_is_rendered() {
     let rgb = [0.25, 0.5, 0.75];
@@ -339,10 +339,10 @@ fn settings_out_of_range_are_named() {
     assert!(error.contains("extent: expected cameras in different places"), "{error}");
 }
 
-/// The paper promises that relocation hardly changes the picture: at most a hundredth of full contrast at any pixel for a
+/// The paper promises that relocation hardly changes the image: at most a hundredth of full contrast at any pixel for a
 /// Gaussian of opacity 0.9 that becomes two, where cloning without the correction changes more than that.
 #[test]
-fn relocation_keeps_the_picture() {
+fn relocation_keeps_the_image() {
     let one = |opacity: f64, factor: f64, copies: usize| {
         let mut parts = GaussianParts::default();
         for _ in 0..copies {
@@ -400,10 +400,10 @@ fn pruning_has_no_visible_effect() {
     );
     assert_eq!((changes.unwrap().pruned, scene.len()), (5, 55));
     let mut renderer = CpuRenderer::default();
-    let mut picture = |gaussians: &Gaussians| {
+    let mut image = |gaussians: &Gaussians| {
         renderer.render(gaussians, &view(0.1, 48), &RenderOptions::default()).unwrap().rgb.into_flattened()
     };
-    let (before, after) = (picture(&start), picture(&scene.gaussians()));
+    let (before, after) = (image(&start), image(&scene.gaussians()));
     let largest =
         before.iter().zip(&after).map(|(a, b)| (a - b).abs()).fold(0.0, |a: f32, b| if b > a { b } else { a });
     assert!(largest > 0.0 && largest < 5.0 * 0.005, "{largest}");

@@ -1,4 +1,4 @@
-"""SSIM and PSNR against scikit-image on the same pictures, in turns in one run, both on one thread.
+"""SSIM and PSNR against scikit-image on the same images, in turns in one run, both on one thread.
 
 cargo build --release -p atsplat-metrics --example time_metrics
 python against_skimage.py PATH_TO/time_metrics [WIDTH HEIGHT]
@@ -28,8 +28,8 @@ calls = {
 }
 with tempfile.TemporaryDirectory() as folder:
     paths = [os.path.join(folder, name) for name in ("render", "truth")]
-    for path, picture in zip(paths, (render, truth)):
-        picture.astype("<f4").tofile(path)
+    for path, image in zip(paths, (render, truth)):
+        image.astype("<f4").tofile(path)
     ours, theirs = {}, {}
     for _ in range(5):
         lines = subprocess.run([binary, str(width), str(height), *paths, "20"], capture_output=True, text=True, check=True)

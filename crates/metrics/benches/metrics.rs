@@ -6,7 +6,7 @@ use atsplat_metrics::{Pair, Ssim, Values, l1, psnr, ssim};
 use atsplat_pixels::Image;
 use criterion::{Criterion, criterion_group, criterion_main};
 
-fn picture(width: u32, height: u32, factor: u32) -> Image {
+fn image(width: u32, height: u32, factor: u32) -> Image {
     let ten_bits = |i: u32| u16::try_from(i.wrapping_mul(factor) >> 22).unwrap_or_else(|error| unreachable!("{error}"));
     let samples = (0..width * height * 3).map(|i| f32::from(ten_bits(i)) / 1023.0);
     Image::new(width, height, samples.collect()).unwrap_or_else(|error| unreachable!("{error}"))
@@ -15,7 +15,7 @@ fn picture(width: u32, height: u32, factor: u32) -> Image {
 fn metrics(criterion: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap_or_else(|error| unreachable!("{error}"));
     for (width, height) in [(256, 256), (960, 512)] {
-        let (a, b) = (picture(width, height, 2_654_435_761), picture(width, height, 2_246_822_519));
+        let (a, b) = (image(width, height, 2_654_435_761), image(width, height, 2_246_822_519));
         let pair = Pair::new(&a, &b).unwrap_or_else(|error| unreachable!("{error}"));
         let mut group = criterion.benchmark_group(format!("{width}x{height}"));
         group.bench_function("check", |bencher| bencher.iter(|| Pair::new(black_box(&a), &b).is_ok()));

@@ -1,4 +1,4 @@
-//! Minimum and median milliseconds of each metric on two raw f32 RGB pictures, on one thread:
+//! Minimum and median milliseconds of each metric on two raw f32 RGB images, on one thread:
 //! `time_metrics WIDTH HEIGHT RENDER TRUTH TURNS`. For `benches/against_skimage.py`.
 
 #![expect(clippy::print_stdout, reason = "an example that prints")]

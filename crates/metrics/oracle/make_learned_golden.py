@@ -14,7 +14,7 @@ import lpips
 import numpy as np
 import torch
 from PIL import Image
-from seeded import PICTURES, render, uniform
+from seeded import IMAGES, render, uniform
 
 sys.modules.setdefault("IPython", types.SimpleNamespace(embed=None))
 import stlpips_pytorch.stlpips as stlpips
@@ -55,8 +55,8 @@ def networks():
 
 golden = []
 for name, model in networks():
-    for case, (picture, box) in enumerate(CASES):
-        image = Image.open(PICTURES / picture).convert("RGB")
+    for case, (image, box) in enumerate(CASES):
+        image = Image.open(IMAGES / image).convert("RGB")
         samples = np.asarray(image.crop((box[0], box[1], box[0] + box[2], box[1] + box[3])) if box else image)
         truth = samples.astype(np.float32) / np.float32(255)
         tensors = [torch.from_numpy(v.transpose(2, 0, 1)[None].copy()) for v in (render(samples, case), truth)]
@@ -64,5 +64,5 @@ for name, model in networks():
             value, layers = model(*tensors, normalize=True, retPerLayer=True)
             wide, _ = model.double()(*[t.double() for t in tensors], normalize=True, retPerLayer=True)
             model.float()
-        golden.append({"network": name, "picture": picture, "box": box, "seed": case, "value": value.item(), "value_f64": wide.item()})
+        golden.append({"network": name, "image": image, "box": box, "seed": case, "value": value.item(), "value_f64": wide.item()})
 print(json.dumps(golden, indent=1))

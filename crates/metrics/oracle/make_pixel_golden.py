@@ -1,8 +1,8 @@
-"""PSNR, L1 and SSIM of small pictures by skimage, torchmetrics, pytorch-msssim and Inria's formula.
+"""PSNR, L1 and SSIM of small images by skimage, torchmetrics, pytorch-msssim and Inria's formula.
 
 pip install numpy pillow scikit-image torch torchmetrics pytorch-msssim; python make_pixel_golden.py > ../tests/fixtures/pixel_golden.json
 
-Pictures are those of crates/pixels, cut to the size that is written down; renders are made by `seeded.render`, which the
+Images are those of crates/pixels, cut to the size that is written down; renders are made by `seeded.render`, which the
 tests have too. Everything is computed in f64 from f32 samples.
 """
 
@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F
 import torchmetrics.functional.image as tm
 from PIL import Image
-from seeded import PICTURES, render
+from seeded import IMAGES, render
 
 CASES = [
     ("size_17x15.jpg", None),
@@ -58,10 +58,10 @@ def scores(x, y):
 
 golden = []
 for name, box in CASES:
-    picture = Image.open(PICTURES / name).convert("RGB")
-    picture = np.asarray(picture.crop((box[0], box[1], box[0] + box[2], box[1] + box[3])) if box else picture)
-    truth = picture.astype(np.float32) / np.float32(255)
-    made = render(picture, seed=len(golden))
+    image = Image.open(IMAGES / name).convert("RGB")
+    image = np.asarray(image.crop((box[0], box[1], box[0] + box[2], box[1] + box[3])) if box else image)
+    truth = image.astype(np.float32) / np.float32(255)
+    made = render(image, seed=len(golden))
     eight = lambda v, add: np.floor(np.clip(v, 0, 1) * np.float32(255) + np.float32(add)) / np.float32(255)
     values = {
         "as-rendered": (made, truth),
@@ -71,5 +71,5 @@ for name, box in CASES:
     }
     wide = {key: scores(x.astype(np.float64), y.astype(np.float64)) for key, (x, y) in values.items()}
     f32 = skimage.metrics.structural_similarity(made, truth, channel_axis=2, data_range=1.0, win_size=11, gaussian_weights=True)
-    golden.append({"picture": name, "box": box, "size": picture.shape[1::-1], "values": wide, "ssim_skimage_f32": float(f32)})
+    golden.append({"image": name, "box": box, "size": image.shape[1::-1], "values": wide, "ssim_skimage_f32": float(f32)})
 print(json.dumps(golden, indent=1))

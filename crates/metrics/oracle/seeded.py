@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-PICTURES = Path(__file__).resolve().parents[2] / "pixels/tests/fixtures/pictures"
+IMAGES = Path(__file__).resolve().parents[2] / "pixels/tests/fixtures/images"
 
 
 def uniform(seed: int, count: int, bound: float) -> np.ndarray:
@@ -17,9 +17,9 @@ def uniform(seed: int, count: int, bound: float) -> np.ndarray:
     return ((2.0 * unit - 1.0) * bound).astype(np.float32)
 
 
-def render(picture: np.ndarray, seed: int) -> np.ndarray:
+def render(image: np.ndarray, seed: int) -> np.ndarray:
     """A stand-in for a render, of 8-bit samples: shrunk steps, shifted by a pixel, with noise that leaves [0, 1]."""
-    truth = picture.astype(np.float32) / np.float32(255)
+    truth = image.astype(np.float32) / np.float32(255)
     shifted = np.roll(truth, 1, axis=1)
     noise = uniform(seed, truth.size, 0.08).reshape(truth.shape)
     return (np.float32(0.75) * truth + np.float32(0.3) * shifted + noise).astype(np.float32)

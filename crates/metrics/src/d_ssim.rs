@@ -1,7 +1,7 @@
 //! Structural dissimilarity as a loss: `1 − SSIM` as 3DGS's training computes SSIM ([`crate::Ssim::INRIA`]), with its
 //! gradient.
 //!
-//! Computed in f32. SSIM's variances do not change when a constant is subtracted from the pictures, so that values relative
+//! Computed in f32. SSIM's variances do not change when a constant is subtracted from the images, so that values relative
 //! to mid-grey keep more of their digits. Rows are computed in parallel, each in a fixed order, and nothing is fused: the bits
 //! depend neither on the number of threads nor on the instruction set.
 
@@ -18,9 +18,9 @@ const CHANNELS: usize = 3;
 const C1: f32 = 0.01 * 0.01;
 const C2: f32 = 0.03 * 0.03;
 
-/// What is subtracted from the pictures.
+/// What is subtracted from the images.
 const GREY: f32 = 0.5;
-/// Blurred quantities of the pictures less [`GREY`], where both are black: `x`, `y`, `x² + y²`, `xy`.
+/// Blurred quantities of the images less [`GREY`], where both are black: `x`, `y`, `x² + y²`, `xy`.
 const BLACK: [f32; 4] = [-GREY, -GREY, 2.0 * GREY * GREY, GREY * GREY];
 const BLURRED: usize = BLACK.len();
 /// Derivatives of `1 − SSIM` with respect to the blurred `x`, `x²` and `xy`.
@@ -31,7 +31,7 @@ const LANES: usize = 16;
 /// Fewest rows per task.
 const ROWS: usize = 8;
 
-/// Computes the loss of pictures and reuses its buffers.
+/// Computes the loss of images and reuses its buffers.
 #[derive(Clone, Debug, Default)]
 pub struct DSsim {
     row: usize,
@@ -44,7 +44,7 @@ pub struct DSsim {
 }
 
 impl DSsim {
-    /// The sum of `1 − SSIM` over all pixels and channels, and its gradient with respect to the render. Both pictures have
+    /// The sum of `1 − SSIM` over all pixels and channels, and its gradient with respect to the render. Both images have
     /// `width × height` pixels of three interleaved values, row by row, and so has the gradient. Values that are not finite
     /// make the sum NaN or infinite.
     pub fn evaluate(
@@ -86,7 +86,7 @@ impl DSsim {
         sums.into_iter().sum()
     }
 
-    /// `1 − SSIM` of the last pictures, for each pixel and channel.
+    /// `1 − SSIM` of the last images, for each pixel and channel.
     pub fn values(&self) -> &[f32] {
         &self.values
     }
@@ -166,12 +166,12 @@ impl Scratch {
     /// Blurs the four quantities of a row.
     #[inline(always)]
     fn quantities(&mut self, taps: &[f32; TAPS], render: &[f32], truth: &[f32], into: &mut [f32]) {
-        let (pictures, (means, rest)) = ((render, truth), into.split_at_mut(2 * self.stride));
+        let (images, (means, rest)) = ((render, truth), into.split_at_mut(2 * self.stride));
         let ((mean_x, mean_y), (squares, products)) = (means.split_at_mut(self.stride), rest.split_at_mut(self.stride));
-        self.blur_of(taps, pictures, BLACK[0], mean_x, |x, _| x);
-        self.blur_of(taps, pictures, BLACK[1], mean_y, |_, y| y);
-        self.blur_of(taps, pictures, BLACK[2], squares, |x, y| x * x + y * y);
-        self.blur_of(taps, pictures, BLACK[3], products, |x, y| x * y);
+        self.blur_of(taps, images, BLACK[0], mean_x, |x, _| x);
+        self.blur_of(taps, images, BLACK[1], mean_y, |_, y| y);
+        self.blur_of(taps, images, BLACK[2], squares, |x, y| x * x + y * y);
+        self.blur_of(taps, images, BLACK[3], products, |x, y| x * y);
     }
 
     #[inline(always)]
@@ -211,7 +211,7 @@ impl Scratch {
         for ((((x, y), (square, product)), (by_mean, (by_square, by_product))), value) in
             inputs.zip(outputs).zip(values.iter_mut())
         {
-            // All terms are arranged so that equal pictures have a loss and a gradient of exactly 0.
+            // All terms are arranged so that equal images have a loss and a gradient of exactly 0.
             let (mx, my) = (x + GREY, y + GREY);
             let (a1, b1) = (2.0 * mx * my + C1, mx * mx + my * my + C1);
             let (a2, b2) = (2.0 * (product - x * y) + C2, square - (x * x + y * y) + C2);
@@ -316,7 +316,7 @@ mod tests {
     const F32: Tolerance = Tolerance { absolute: 1e-4, relative: 0.0 };
 
     /// Noise of this amplitude around a level; bright and flat is where variances lose most digits.
-    fn pictures(level: f32, amplitude: f64) -> [Vec<f32>; 2] {
+    fn images(level: f32, amplitude: f64) -> [Vec<f32>; 2] {
         [1, 2].map(|seed| {
             let noise = crate::learned::uniform(seed, SIZE[0] * SIZE[1] * CHANNELS, amplitude);
             noise.into_iter().enumerate().map(|(at, value)| level + 1e-4 * at as f32 % 0.1 + value).collect()
@@ -331,7 +331,7 @@ mod tests {
     #[test]
     fn agrees_with_the_metric_in_f64() {
         for (level, amplitude) in [(0.5, 0.5), (0.9, 0.01), (0.05, 0.02)] {
-            let [render, truth] = pictures(level, amplitude);
+            let [render, truth] = images(level, amplitude);
             let mut loss = DSsim::default();
             let sum = loss.evaluate(&render, &truth, SIZE, &mut Vec::new());
             let (a, b) = (image(&render), image(&truth));
@@ -347,7 +347,7 @@ mod tests {
 
     #[test]
     fn gradient_agrees_with_differences_of_the_metric_in_f64() {
-        let [render, truth] = pictures(0.6, 0.3);
+        let [render, truth] = images(0.6, 0.3);
         let (mut loss, mut gradient) = (DSsim::default(), Vec::new());
         // Twice, because buffers are reused.
         for _ in 0..2 {
@@ -373,7 +373,7 @@ mod tests {
 
     #[test]
     fn same_bits_on_any_number_of_threads() {
-        let [render, truth] = pictures(0.5, 0.4);
+        let [render, truth] = images(0.5, 0.4);
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {

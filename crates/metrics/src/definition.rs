@@ -79,7 +79,7 @@ const DEFINITIONS: &[Definition] = &[
         "psnr",
         "PSNR",
         CLIPPED,
-        "both pictures clipped to [0, 1], no rounding, one mean over pixels and channels: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
+        "both images clipped to [0, 1], no rounding, one mean over pixels and channels: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
         PIXELSPLAT,
     ),
     psnr(
@@ -108,7 +108,7 @@ const DEFINITIONS: &[Definition] = &[
         "SSIM",
         FLOAT,
         Ssim::SKIMAGE_GAUSSIAN,
-        "skimage, Gaussian 11×11 of σ 1.5, covariance of the sample, windows inside the picture, values not clipped: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
+        "skimage, Gaussian 11×11 of σ 1.5, covariance of the sample, windows inside the image, values not clipped: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
         PIXELSPLAT,
     ),
     ssim(
@@ -116,7 +116,7 @@ const DEFINITIONS: &[Definition] = &[
         "SSIM (clipped)",
         CLIPPED,
         Ssim::SKIMAGE_GAUSSIAN,
-        "as ssim, of pictures clipped to [0, 1]",
+        "as ssim, of images clipped to [0, 1]",
         PIXELSPLAT,
     ),
     ssim(
@@ -140,7 +140,7 @@ const DEFINITIONS: &[Definition] = &[
         "SSIM (Inria)",
         CLIPPED,
         Ssim::INRIA,
-        "Gaussian 11×11 of σ 1.5, covariance of the population, zeros around the picture, every pixel counts: gaussian-splatting and its descendants, clipped as they clip",
+        "Gaussian 11×11 of σ 1.5, covariance of the population, zeros around the image, every pixel counts: gaussian-splatting and its descendants, clipped as they clip",
         INRIA,
     ),
     ssim(
@@ -148,7 +148,7 @@ const DEFINITIONS: &[Definition] = &[
         "SSIM (valid)",
         CLIPPED,
         Ssim::VALID,
-        "Gaussian 11×11 of σ 1.5, covariance of the population, windows inside the picture: pytorch-msssim, the JAX code of mip-NeRF and its descendants",
+        "Gaussian 11×11 of σ 1.5, covariance of the population, windows inside the image: pytorch-msssim, the JAX code of mip-NeRF and its descendants",
         "https://github.com/VainF/pytorch-msssim",
     ),
     ssim(
@@ -164,7 +164,7 @@ const DEFINITIONS: &[Definition] = &[
         "SSIM (7×7)",
         CLIPPED,
         Ssim::SKIMAGE_UNIFORM,
-        "skimage's defaults, flat 7×7, covariance of the sample, windows inside the picture, clipped: Long-LRM",
+        "skimage's defaults, flat 7×7, covariance of the sample, windows inside the image, clipped: Long-LRM",
         "https://scikit-image.org/docs/stable/api/skimage.metrics.html#skimage.metrics.structural_similarity",
     ),
     lpips(
@@ -180,7 +180,7 @@ const DEFINITIONS: &[Definition] = &[
         "LPIPS (clipped)",
         CLIPPED,
         Network::LpipsVgg,
-        "as lpips, of pictures clipped to [0, 1]: Long-LRM",
+        "as lpips, of images clipped to [0, 1]: Long-LRM",
         LPIPS,
     ),
     lpips(
@@ -221,12 +221,12 @@ const DEFINITIONS: &[Definition] = &[
         direction: Direction::Lower,
         unit: "",
         measure: Measure::L1 { values: CLIPPED },
-        convention: "mean absolute difference over pixels and channels, both pictures clipped to [0, 1]",
+        convention: "mean absolute difference over pixels and channels, both images clipped to [0, 1]",
         link: "https://github.com/nerfbaselines/nerfbaselines/blob/main/nerfbaselines/metrics.json",
     },
 ];
 
-/// All metrics of two pictures, the most common variant first in each group.
+/// All metrics of two images, the most common variant first in each group.
 pub const fn definitions() -> &'static [Definition] {
     DEFINITIONS
 }

@@ -14,23 +14,23 @@ pub enum MetricError {
         /// Width and height of the truth.
         found: [u32; 2],
     },
-    /// The pictures have no pixels.
-    #[error("pictures: expected at least one pixel, found {}×{}", size[0], size[1])]
+    /// The images have no pixels.
+    #[error("images: expected at least one pixel, found {}×{}", size[0], size[1])]
     Empty {
         /// Width and height.
         size: [u32; 2],
     },
     /// Samples are NaN or infinite.
-    #[error("pictures: expected finite samples, found {0}")]
+    #[error("images: expected finite samples, found {0}")]
     NonFinite(NonFinite),
-    /// The picture is smaller than the metric's window.
+    /// The image is smaller than the metric's window.
     #[error("{measure}: expected at least {smallest} pixels a side, found {}×{}", size[0], size[1])]
     TooSmall {
         /// Which metric.
         measure: &'static str,
         /// Smallest supported side.
         smallest: u32,
-        /// Width and height of the picture.
+        /// Width and height of the image.
         size: [u32; 2],
     },
     /// The network's features, and thus the distance, are NaN or infinite.

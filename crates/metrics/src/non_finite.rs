@@ -2,7 +2,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Number of NaN or infinite samples of a pair of pictures. Counted before anything is computed, because comparisons such as
+/// Number of NaN or infinite samples of a pair of images. Counted before anything is computed, because comparisons such as
 /// `f32::max` would hide them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -11,15 +11,15 @@ pub struct NonFinite {
     pub render: u64,
     /// Samples of the ground truth.
     pub truth: u64,
-    /// Column, row and channel of the first one in row-major order, in either picture.
+    /// Column, row and channel of the first one in row-major order, in either image.
     pub first: Option<[u32; 3]>,
 }
 
 impl NonFinite {
     /// Counts the samples of interleaved RGB rows of `width` pixels.
-    #[expect(clippy::expect_used, reason = "sides of pictures are u32")]
+    #[expect(clippy::expect_used, reason = "sides of images are u32")]
     pub(crate) fn count(render: &[f32], truth: &[f32], width: usize) -> Self {
-        // Fast path for finite pictures: one pass without branches.
+        // Fast path for finite images: one pass without branches.
         if all_finite(render) && all_finite(truth) {
             return Self::default();
         }
@@ -30,13 +30,13 @@ impl NonFinite {
             counted.truth += u64::from(broken(truth));
             if counted.first.is_none() && counted.total() > 0 {
                 let position = [sample / 3 % width, sample / 3 / width, sample % 3];
-                counted.first = Some(position.map(|part| u32::try_from(part).expect("sides of pictures are u32")));
+                counted.first = Some(position.map(|part| u32::try_from(part).expect("sides of images are u32")));
             }
         }
         counted
     }
 
-    /// Number in both pictures.
+    /// Number in both images.
     pub const fn total(&self) -> u64 {
         self.render + self.truth
     }

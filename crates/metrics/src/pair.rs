@@ -12,7 +12,7 @@ pub struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// Pairs two pictures.
+    /// Pairs two images.
     ///
     /// # Errors
     /// [`MetricError::SizeMismatch`], [`MetricError::Empty`], [`MetricError::NonFinite`] with the count.
@@ -48,7 +48,7 @@ impl<'a> Pair<'a> {
         self.render.samples() == self.truth.samples()
     }
 
-    /// The samples of both pictures.
+    /// The samples of both images.
     pub(crate) fn rows(&self, values: Values) -> [Cow<'a, [f32]>; 2] {
         [values.of(self.render.samples()), values.of(self.truth.samples())]
     }

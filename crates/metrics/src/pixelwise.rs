@@ -11,7 +11,7 @@ pub fn l1(pair: &Pair<'_>, values: Values) -> f64 {
     mean(pair, values, Difference::Absolute)
 }
 
-/// Peak signal-to-noise ratio in dB for a peak of 1, one mean over the picture's pixels and channels
+/// Peak signal-to-noise ratio in dB for a peak of 1, one mean over the image's pixels and channels
 /// (pixelSplat `src/evaluation/metrics.py:11-19` with [`Values::Clipped`]).
 ///
 /// [`Score::Identical`] if no sample differs after the conversion by `values`: the ratio is infinite.

@@ -4,7 +4,7 @@ use thiserror::Error;
 use crate::MetricError;
 use crate::learned::WeightsAbsent;
 
-/// PSNR in dB that identical pictures count as in averages, where papers average the infinity. A convention of this toolkit,
+/// PSNR in dB that identical images count as in averages, where papers average the infinity. A convention of this toolkit,
 /// equal to a root mean square error of 1e-5, far below the step of 8 bits.
 pub const DECIBEL_CAP: f64 = 100.0;
 
@@ -13,7 +13,7 @@ pub const DECIBEL_CAP: f64 = 100.0;
 pub enum Score {
     /// A finite number.
     Value(f64),
-    /// The pictures are identical and the number is infinite.
+    /// The images are identical and the number is infinite.
     Identical,
     /// No number could be computed.
     NotComputed(NotComputed),
@@ -26,9 +26,9 @@ pub enum NotComputed {
     /// A learned metric's weights were not found.
     #[error("not computed: {0}")]
     WeightsAbsent(WeightsAbsent),
-    /// The pictures are unsuitable for the metric.
+    /// The images are unsuitable for the metric.
     #[error("not computed: {0}")]
-    Pictures(#[from] MetricError),
+    Images(#[from] MetricError),
 }
 
 impl Score {
@@ -40,7 +40,7 @@ impl Score {
         }
     }
 
-    /// The number, with `cap` for identical pictures.
+    /// The number, with `cap` for identical images.
     pub const fn capped(&self, cap: f64) -> Option<f64> {
         match self {
             Self::Value(value) => Some(*value),
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn identical_pictures_count_as_the_cap_and_missing_scores_do_not() {
+    fn identical_images_count_as_the_cap_and_missing_scores_do_not() {
         let missing = Score::NotComputed(MetricError::Empty { size: [0, 0] }.into());
         let capped = [Score::Value(20.0), Score::Identical, missing].map(|score| score.capped(DECIBEL_CAP));
         Tolerance::EXACT.assert(capped.into_iter().flatten(), [20.0, 100.0], "in a mean");

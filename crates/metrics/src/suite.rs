@@ -73,7 +73,7 @@ pub struct Suite {
 pub struct Scored {
     /// Number of non-finite samples; if there are any, no score is computed.
     pub non_finite: NonFinite,
-    /// Whether the pictures are bit-identical.
+    /// Whether the images are bit-identical.
     pub identical: bool,
     /// Scores by metric id, in the order of the suite's definitions.
     pub scores: Vec<(&'static str, Score)>,
@@ -125,8 +125,8 @@ impl Suite {
 
     fn perceptual(&self, perceptual: &Perceptual, pair: &Pair<'_>, values: Values) -> Result<f64, MetricError> {
         let (render, truth) = rayon::join(
-            || perceptual.features(&values.picture(pair.render())),
-            || self.cache.features(perceptual, &values.picture(pair.truth())),
+            || perceptual.features(&values.image(pair.render())),
+            || self.cache.features(perceptual, &values.image(pair.truth())),
         );
         perceptual.distance(&render?, &*truth?)
     }

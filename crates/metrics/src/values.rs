@@ -3,7 +3,7 @@ use std::borrow::Cow;
 use atsplat_pixels::{Image, Rounding};
 use serde::{Deserialize, Serialize};
 
-/// Conversion of both pictures' samples before they are compared; part of a metric's convention.
+/// Conversion of both images' samples before they are compared; part of a metric's convention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Values {
@@ -16,11 +16,11 @@ pub enum Values {
 }
 
 impl Values {
-    /// The converted picture.
+    /// The converted image.
     #[expect(clippy::expect_used, reason = "the number of samples does not change")]
-    pub(crate) fn picture(self, picture: &Image) -> Image {
-        let samples = self.of(picture.samples()).into_owned();
-        Image::new(picture.width(), picture.height(), samples).expect("as many samples as the original")
+    pub(crate) fn image(self, image: &Image) -> Image {
+        let samples = self.of(image.samples()).into_owned();
+        Image::new(image.width(), image.height(), samples).expect("as many samples as the original")
     }
 
     /// The converted samples.
@@ -47,9 +47,9 @@ mod tests {
     #[test]
     fn eight_bit_values_equal_a_round_trip_through_bytes() {
         let samples: Vec<f32> = (-300i16..3000).map(|i| f32::from(i) / 2500.0).collect();
-        let picture = Image::new(1100, 1, samples.clone()).unwrap();
+        let image = Image::new(1100, 1, samples.clone()).unwrap();
         for rounding in [Rounding::Truncate, Rounding::Nearest] {
-            let read = Image::from_u8(&picture.to_u8(rounding).unwrap());
+            let read = Image::from_u8(&image.to_u8(rounding).unwrap());
             let found = Values::EightBit(rounding).of(&samples);
             let [found, expected] = [&*found, read.samples()].map(|v| v.iter().copied().map(f64::from));
             Tolerance::EXACT.assert(found, expected, "8 bits");

@@ -69,7 +69,7 @@ fn perceptual(network: Network) -> Perceptual {
 }
 
 fn distance(perceptual: &Perceptual, render: &Image, truth: &Image) -> f64 {
-    let [render, truth] = [render, truth].map(|picture| perceptual.features(picture).unwrap());
+    let [render, truth] = [render, truth].map(|image| perceptual.features(image).unwrap());
     perceptual.distance(&render, &truth).unwrap()
 }
 
@@ -89,7 +89,7 @@ fn distances_agree_with_the_packages() {
             let truth = common::truth(case);
             let render = common::render(&truth, case["seed"].as_u64().unwrap());
             let found = distance(&perceptual, &render, &truth);
-            SEEDED.assert([found], case["value_f64"].as_f64(), &format!("{name} of {}", case["picture"]));
+            SEEDED.assert([found], case["value_f64"].as_f64(), &format!("{name} of {}", case["image"]));
         }
     }
 }
@@ -107,8 +107,8 @@ fn distances_are_independent_of_threads_and_caches() {
     let cache = FeatureCache::new(perceptual.features(&a).unwrap().bytes() * 2);
     let first = cache.features(&perceptual, &a).unwrap();
     assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "cached");
-    for picture in [&b, &seeded(71, 64, 3)] {
-        cache.features(&perceptual, picture).unwrap();
+    for image in [&b, &seeded(71, 64, 3)] {
+        cache.features(&perceptual, image).unwrap();
     }
     let again = cache.features(&perceptual, &a).unwrap();
     assert!(!Arc::ptr_eq(&first, &again), "the oldest went");
@@ -116,7 +116,7 @@ fn distances_are_independent_of_threads_and_caches() {
 }
 
 #[test]
-fn invalid_pictures_and_weights_are_typed_errors() {
+fn invalid_images_and_weights_are_typed_errors() {
     let perceptual = perceptual(Network::LpipsAlex);
     let smallest = Network::LpipsAlex.smallest_side();
     assert!(perceptual.features(&seeded(smallest, smallest, 1)).is_ok());
@@ -125,7 +125,7 @@ fn invalid_pictures_and_weights_are_typed_errors() {
     let broken = Image::new(64, 64, vec![f32::NAN; 64 * 64 * 3]).unwrap();
     assert!(matches!(perceptual.features(&broken), Err(MetricError::NonFinite(_))));
     let (a, b) = (seeded(64, 64, 1), seeded(64, 65, 1));
-    let features = [&a, &b].map(|picture| perceptual.features(picture).unwrap());
+    let features = [&a, &b].map(|image| perceptual.features(image).unwrap());
     assert!(matches!(perceptual.distance(&features[0], &features[1]), Err(MetricError::SizeMismatch { .. })));
 
     let folder = tempfile::tempdir().unwrap();
@@ -172,7 +172,7 @@ fn a_suite_reports_metrics_that_cannot_be_computed() {
     samples[7] = f32::NAN;
     let broken = suite.score(&Image::new(40, 40, samples).unwrap(), &a);
     assert_eq!((broken.non_finite.render, broken.non_finite.first), (1, Some([2, 0, 1])));
-    assert!(broken.scores.iter().all(|(_, score)| matches!(score, Score::NotComputed(NotComputed::Pictures(_)))));
+    assert!(broken.scores.iter().all(|(_, score)| matches!(score, Score::NotComputed(NotComputed::Images(_)))));
 }
 
 /// Finite samples that overflow the network: infinities of both signs add up to NaN, which no layer hides.
@@ -190,7 +190,7 @@ fn a_distance_that_is_no_number_is_not_a_score() {
         assert_eq!((scored.non_finite.total(), scored.scores.len()), (0, 2));
         for (id, score) in scored.scores {
             let Score::NotComputed(reason) = &score else { panic!("{id}: {score:?}") };
-            assert!(matches!(reason, NotComputed::Pictures(MetricError::Overflow { .. })), "{id}: {reason}");
+            assert!(matches!(reason, NotComputed::Images(MetricError::Overflow { .. })), "{id}: {reason}");
             assert!(reason.to_string().starts_with("not computed: ") && reason.to_string().contains("LPIPS (Alex): "));
         }
     }

@@ -10,7 +10,7 @@ const PSNR: Tolerance = Tolerance::absolute(1e-9);
 const SSIM: Tolerance = Tolerance::absolute(1e-9);
 /// torchmetrics divides by a logarithm in f32.
 const PSNR_TORCHMETRICS: Tolerance = Tolerance::absolute(1e-5);
-/// skimage's own rounding errors on the f32 pictures that papers use.
+/// skimage's own rounding errors on the f32 images that papers use.
 const SSIM_SKIMAGE_F32: Tolerance = Tolerance::absolute(5e-6);
 
 #[test]
@@ -22,7 +22,7 @@ fn metrics_agree_with_other_implementations() {
         let truth = common::truth(case);
         let render = common::render(&truth, seed as u64);
         let pair = Pair::new(&render, &truth).unwrap();
-        let name = case["picture"].as_str().unwrap();
+        let name = case["image"].as_str().unwrap();
         for (key, values) in [
             ("as-rendered", Values::AsRendered),
             ("clipped", Values::Clipped),

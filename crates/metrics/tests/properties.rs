@@ -1,6 +1,6 @@
-//! Properties of metrics on any pair of pictures: bounds, symmetry, independence of threads.
+//! Properties of metrics on any pair of images: bounds, symmetry, independence of threads.
 
-#![expect(clippy::unwrap_used, reason = "test pictures are valid")]
+#![expect(clippy::unwrap_used, reason = "test images are valid")]
 
 mod common;
 
@@ -80,11 +80,11 @@ proptest! {
 }
 
 #[test]
-fn identical_pictures_are_recognised() {
-    for picture in
+fn identical_images_are_recognised() {
+    for image in
         [seeded(20, 13, 5), Image::new(20, 13, vec![0.25; 780]).unwrap(), Image::new(20, 13, vec![0.0; 780]).unwrap()]
     {
-        let pair = Pair::new(&picture, &picture).unwrap();
+        let pair = Pair::new(&image, &image).unwrap();
         assert!(pair.is_identical());
         for values in VALUES {
             assert_eq!(psnr(&pair, values), Score::Identical, "{values:?}");
@@ -108,7 +108,7 @@ fn invalid_pairs_are_typed_errors() {
     assert_eq!(error.to_string(), "truth: expected 12×6 pixels as the render has, found 6×12");
     let empty = Image::new(0, 5, vec![]).unwrap();
     assert!(matches!(Pair::new(&empty, &empty), Err(MetricError::Empty { size: [0, 5] })));
-    for (picture, convention, smallest) in [
+    for (image, convention, smallest) in [
         (&ten, Ssim::SKIMAGE_GAUSSIAN, Some(11)),
         (&one, Ssim::VALID, Some(11)),
         (&wide, Ssim::SKIMAGE_UNIFORM, Some(7)),
@@ -117,7 +117,7 @@ fn invalid_pairs_are_typed_errors() {
         (&ten, Ssim::TORCHMETRICS, None),
         (&one, Ssim::TORCHMETRICS, Some(6)),
     ] {
-        let pair = Pair::new(picture, picture).unwrap();
+        let pair = Pair::new(image, image).unwrap();
         let found = match ssim(&pair, Values::Clipped, convention) {
             Err(MetricError::TooSmall { smallest, .. }) => Some(smallest),
             Err(_) => Some(0),

@@ -75,10 +75,10 @@ def in_float32():
 
 
 def scene(views, height, width):
-    pictures = torch.arange(views * height * width * 3).remainder(251).float().div(250).reshape(views, height, width, 3)
+    images = torch.arange(views * height * width * 3).remainder(251).float().div(250).reshape(views, height, width, 3)
     poses = torch.eye(4).repeat(views, 1, 1)
     poses[:, 0, 3] = 0.2 * torch.arange(views)
-    return twin.Scene(pictures, poses, torch.tensor([[0.9, 0.9, 0.5, 0.5]]).repeat(views, 1))
+    return twin.Scene(images, poses, torch.tensor([[0.9, 0.9, 0.5, 0.5]]).repeat(views, 1))
 
 
 def main():
@@ -88,7 +88,7 @@ def main():
     config = tomllib.loads((HERE / f"../../../eval/models/{case[0]}.toml").read_text())
     environment = dict(os.environ, RAYON_NUM_THREADS=str(THREADS))
     ours = subprocess.Popen([sys.argv[1]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
-    pictures, parameters, stages = scene(*map(int, case[1:])), Cached(1), {}
+    images, parameters, stages = scene(*map(int, case[1:])), Cached(1), {}
 
     def timed(name):
         function = getattr(twin, name)
@@ -112,7 +112,7 @@ def main():
     def theirs():
         stages.clear()
         start = time.perf_counter()
-        made, _ = twin.reconstruct(config, parameters, pictures, 0)
+        made, _ = twin.reconstruct(config, parameters, images, 0)
         total = time.perf_counter() - start
         seconds = {"coarse": stages["coarse_branch"], "anchors": stages["initial_tokens"],
                    "fine": stages["fine_branch"], "head": stages["gaussians"]}

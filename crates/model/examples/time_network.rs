@@ -44,16 +44,16 @@ fn network(name: &str, device: &Device) -> Result<Network, Box<dyn Error>> {
     Ok(Network::new(&config, device)?.with_weights(&weights)?)
 }
 
-/// Smooth pictures, and cameras along a line that look in one direction.
+/// Smooth images, and cameras along a line that look in one direction.
 fn views(count: usize, size: ImageSize) -> Result<Views, Box<dyn Error>> {
     let pixels = count * size.height * size.width * 3;
-    let pictures = (0..pixels).map(|at| (at % 251) as f32 / 250.0).collect();
+    let images = (0..pixels).map(|at| (at % 251) as f32 / 250.0).collect();
     let camera = |view: usize| {
         let pose = WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(0.2 * view as f64, 0.0, 0.0))?;
         Ok(Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5)?))
     };
     let cameras: Result<Vec<Camera>, Box<dyn Error>> = (0..count).map(camera).collect();
-    Ok(Views::new(size, pictures, cameras?)?)
+    Ok(Views::new(size, images, cameras?)?)
 }
 
 fn report(made: &Reconstruction) -> serde_json::Value {

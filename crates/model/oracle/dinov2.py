@@ -29,10 +29,10 @@ def positions(embedding, side, rows, columns, registers):
     return torch.cat([embedding[:, :1], grid.permute(0, 2, 3, 1).flatten(1, 2)], 1)
 
 
-def patch_tokens(p, pictures, size, registers):
-    """Normalised last-layer patch tokens [V, patches, D] of pictures [V, H, W, 3] in 0..1."""
+def patch_tokens(p, images, size, registers):
+    """Normalised last-layer patch tokens [V, patches, D] of images [V, H, W, 3] in 0..1."""
     dim, depth, heads, side = SIZES[size]
-    x = ((pictures - MEAN) / DEVIATION).permute(0, 3, 1, 2)
+    x = ((images - MEAN) / DEVIATION).permute(0, 3, 1, 2)
     views, rows, columns = len(x), x.shape[2] // PATCH, x.shape[3] // PATCH
     x = F.conv2d(x, p("patch_embed.proj.weight", dim, 3, PATCH, PATCH), p("patch_embed.proj.bias", dim), stride=PATCH)
     x = torch.cat([p("cls_token", 1, 1, dim).expand(views, -1, -1), x.flatten(2).transpose(1, 2)], 1)

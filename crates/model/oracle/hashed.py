@@ -1,6 +1,6 @@
 """Numbers that a seed and a name define, the same here and in `src/hash.rs` and `src/weights/generated.rs`.
 
-Weights and pictures of the fixtures come from here, so that no fixture stores them.
+Weights and images of the fixtures come from here, so that no fixture stores them.
 Run as a script, it prints the vectors that the Rust tests hold.
 """
 
@@ -61,7 +61,7 @@ def weight(seed, name, shape):
     return values.astype(np.float32).reshape(shape)
 
 
-def picture(seed, views, height, width):
+def image(seed, views, height, width):
     """Noise in 0..1 as float32, [view, row, column, channel]."""
     values = 0.5 + 0.5 * signed_unit(named(seed, "picture"), views * height * width * 3)
     return values.astype(np.float32).reshape(views, height, width, 3)

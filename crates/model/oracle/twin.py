@@ -34,18 +34,18 @@ class Parameters:
 
 
 class Scene:
-    """Pictures [V, H, W, 3] in 0..1, poses world from camera [V, 4, 4], normalised intrinsics fx fy cx cy [V, 4]."""
+    """Images [V, H, W, 3] in 0..1, poses world from camera [V, 4, 4], normalised intrinsics fx fy cx cy [V, 4]."""
 
-    def __init__(self, pictures, poses, intrinsics):
-        self.pictures, self.poses, self.intrinsics = pictures, poses, intrinsics
+    def __init__(self, images, poses, intrinsics):
+        self.images, self.poses, self.intrinsics = images, poses, intrinsics
 
     def smaller(self, factor):
-        return Scene(resized(self.pictures, self.pictures.shape[1] // factor, self.pictures.shape[2] // factor),
+        return Scene(resized(self.images, self.images.shape[1] // factor, self.images.shape[2] // factor),
                      self.poses, self.intrinsics)
 
     def rays(self, rows, columns):
         """Origins and unit directions [V, R, C, 3] through points given in pixels: rows [R], columns [C]."""
-        _, height, width, _ = self.pictures.shape
+        _, height, width, _ = self.images.shape
         fx, fy, cx, cy = (self.intrinsics[:, k, None, None] for k in range(4))
         x = (columns[None, None, :] / width - cx) / fx
         y = (rows[None, :, None] / height - cy) / fy
@@ -57,13 +57,13 @@ class Scene:
 
     def plucker(self):
         """o x d and d at every pixel's centre: [V, H, W, 6]."""
-        _, height, width, _ = self.pictures.shape
+        _, height, width, _ = self.images.shape
         origins, directions = self.rays(torch.arange(height).double() + 0.5, torch.arange(width).double() + 0.5)
         return torch.cat([torch.linalg.cross(origins, directions), directions], -1)
 
 
-def resized(pictures, height, width):
-    moved = pictures.permute(0, 3, 1, 2)
+def resized(images, height, width):
+    moved = images.permute(0, 3, 1, 2)
     moved = F.interpolate(moved, (height, width), mode="bilinear", antialias=True, align_corners=False)
     return moved.permute(0, 2, 3, 1)
 
@@ -131,10 +131,10 @@ def backbone(config, layers, p, scene):
     """[V, c, D']."""
     settings, size = config["backbone"], config["coarse"]["patch-size"]
     if settings["kind"] == "dino-v2":
-        _, height, width, _ = scene.pictures.shape
-        pictures = resized(scene.pictures, 14 * (height // size), 14 * (width // size))
-        return dinov2.patch_tokens(p, pictures, settings["size"], settings["registers"])
-    maps = torch.cat([2 * scene.pictures - 1, scene.plucker()], -1)
+        _, height, width, _ = scene.images.shape
+        images = resized(scene.images, 14 * (height // size), 14 * (width // size))
+        return dinov2.patch_tokens(p, images, settings["size"], settings["registers"])
+    maps = torch.cat([2 * scene.images - 1, scene.plucker()], -1)
     x = layers.linear(p, "embed", patches(maps, size), layers.dim)
     for layer in range(settings["layers"]):
         x = layers.block(p.below(f"layers.{layer}"), x)
@@ -147,7 +147,7 @@ def coarse_branch(config, layers, p, scene, seen):
     features = backbone(config, layers, p.below("backbone"), scene)
     seen["backbone"] = features
     p = p.below("coarse")
-    raw = layers.linear(p, "patch", patches(2 * scene.pictures - 1, settings["patch-size"]), layers.dim)
+    raw = layers.linear(p, "patch", patches(2 * scene.images - 1, settings["patch-size"]), layers.dim)
     x = layers.linear(p, "fuse", torch.cat([features, raw], -1), layers.dim)
     x = x + layers.linear(p, "plucker", patches(scene.plucker(), settings["patch-size"]), layers.dim)
     seen["coarse_tokens"] = x
@@ -164,12 +164,12 @@ def fine_branch(config, layers, p, scene, coarse, grid, seen):
     """[V * f, D]: what anchors look at."""
     settings, p = config["fine"], p.below("fine")
     size = settings["patch-size"]
-    x = layers.linear(p, "patch", patches(2 * scene.pictures - 1, size), layers.dim)
+    x = layers.linear(p, "patch", patches(2 * scene.images - 1, size), layers.dim)
     x = x + layers.linear(p, "plucker", patches(scene.plucker(), size), layers.dim)
     for layer in range(settings["layers"]):
         x = layers.block(p.below(f"layers.{layer}"), x)
     seen["fine_own"] = x
-    fine_grid = (scene.pictures.shape[1] // size, scene.pictures.shape[2] // size)
+    fine_grid = (scene.images.shape[1] // size, scene.images.shape[2] // size)
     maps = coarse.unflatten(1, grid).permute(0, 3, 1, 2)
     if settings["upsampling"] == "bilinear":
         maps = F.interpolate(maps, fine_grid, mode="bilinear", align_corners=False)
@@ -254,7 +254,7 @@ def initial_tokens(config, layers, p, scene, coarse, grid, seen):
     if config["head"].get("frame", "world") == "world":
         return tokens, anchors, None
     # Patch width over focal length, both in pixels.
-    slope = size / (scene.intrinsics[:, 0] * scene.pictures.shape[2])
+    slope = size / (scene.intrinsics[:, 0] * scene.images.shape[2])
     per_view = grid[0] * grid[1]
     footprints = depths[:, 0] * slope.repeat_interleave(per_view)
     return tokens, anchors, (scene.poses[:, :3, :3].repeat_interleave(per_view, 0), footprints)
@@ -368,7 +368,7 @@ def reconstruct(config, p, scene, call_seed):
     coarse_scene = scene.smaller(config["coarse"]["image-downscale"]) if config["coarse"]["image-downscale"] > 1 else scene
     fine_scene = scene.smaller(config["fine"]["image-downscale"]) if config["fine"]["image-downscale"] > 1 else scene
     size = config["coarse"]["patch-size"]
-    grid = (coarse_scene.pictures.shape[1] // size, coarse_scene.pictures.shape[2] // size)
+    grid = (coarse_scene.images.shape[1] // size, coarse_scene.images.shape[2] // size)
     coarse = coarse_branch(config, layers, p, coarse_scene, seen)
     context = fine_branch(config, layers, p, fine_scene, coarse, grid, seen)
     tokens, anchors, rays = initial_tokens(config, layers, p, coarse_scene, coarse, grid, seen)

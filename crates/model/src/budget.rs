@@ -71,7 +71,7 @@ impl Budget {
     ///
     /// # Panics
     /// For a budget without tokens, which no configuration has.
-    #[expect(clippy::expect_used, reason = "a picture has at least one patch, and expansion removes no token")]
+    #[expect(clippy::expect_used, reason = "an image has at least one patch, and expansion removes no token")]
     pub fn gaussians_per_token(&self) -> usize {
         self.gaussians.checked_div(self.final_tokens).expect("a network has tokens")
     }
@@ -80,9 +80,9 @@ impl Budget {
 /// Number of tokens that enter the decoder.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] if patches do not divide the picture.
-pub fn initial_tokens(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<usize, ModelError> {
-    let patches = config.coarse_grid(picture)?.len().saturating_mul(views);
+/// [`ModelError::Malformed`] if patches do not divide the image.
+pub fn initial_tokens(config: &ModelConfig, views: usize, image: ImageSize) -> Result<usize, ModelError> {
+    let patches = config.coarse_grid(image)?.len().saturating_mul(views);
     Ok(match config.anchors.design {
         AnchorDesign::LearnableTokens { tokens } => tokens,
         AnchorDesign::PatchDepth {} | AnchorDesign::RayDepth {} | AnchorDesign::DirectXyz {} => patches,
@@ -92,10 +92,10 @@ pub fn initial_tokens(config: &ModelConfig, views: usize, picture: ImageSize) ->
 /// Numbers of tokens and Gaussians for `views` views of this size.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] if patches do not divide the picture.
-pub fn budget(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<BudgetRange, ModelError> {
-    let initial = initial_tokens(config, views, picture)?;
-    config.fine_grid(picture)?;
+/// [`ModelError::Malformed`] if patches do not divide the image.
+pub fn budget(config: &ModelConfig, views: usize, image: ImageSize) -> Result<BudgetRange, ModelError> {
+    let initial = initial_tokens(config, views, image)?;
+    config.fine_grid(image)?;
     let with = |thresholds_exceeded: bool| {
         let mut count = initial;
         let expanded: Vec<usize> = config
@@ -140,16 +140,16 @@ impl MemoryEstimate {
 ///
 /// # Errors
 /// As [`budget`].
-pub fn memory(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<MemoryEstimate, ModelError> {
+pub fn memory(config: &ModelConfig, views: usize, image: ImageSize) -> Result<MemoryEstimate, ModelError> {
     const BYTES: u64 = size_of::<f32>() as u64;
     let product = |factors: &[usize]| factors.iter().fold(1u64, |all, &factor| all.saturating_mul(factor as u64));
     let dim = config.transformer.dim;
     let layer = 2 + config.transformer.mlp_ratio.max(4);
-    let (coarse_grid, fine_grid) = (config.coarse_grid(picture)?, config.fine_grid(picture)?);
+    let (coarse_grid, fine_grid) = (config.coarse_grid(image)?, config.fine_grid(image)?);
     let coarse = product(&[views, coarse_grid.len(), dim]);
     let fine = product(&[views, fine_grid.len(), dim]);
-    let tokens = budget(config, views, picture)?.most;
-    let pictures = product(&[views, picture.height, picture.width, 3]);
+    let tokens = budget(config, views, image)?.most;
+    let images = product(&[views, image.height, image.width, 3]);
 
     let backbone = match config.backbone {
         BackboneConfig::DinoV2 { size, registers } => {
@@ -160,8 +160,8 @@ pub fn memory(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<
         BackboneConfig::Patch { .. } => coarse.saturating_mul(layer as u64),
     };
     let encoder = coarse.saturating_mul(layer as u64);
-    // The fine patches' Plücker rays are twice the size of the pictures.
-    let fine_branch = (coarse + 2 * pictures).saturating_add(fine.saturating_mul(layer as u64));
+    // The fine patches' Plücker rays are twice the size of the images.
+    let fine_branch = (coarse + 2 * images).saturating_add(fine.saturating_mul(layer as u64));
     let widest = tokens.tokens.iter().copied().fold(tokens.initial_tokens, usize::max);
     // Keys and values of the fine features, the features themselves and their normalised copy.
     let decoder = fine.saturating_mul(4).saturating_add(product(&[widest, dim, layer]));
@@ -170,7 +170,7 @@ pub fn memory(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<
     let most = [backbone, encoder, fine_branch, decoder, head].into_iter().fold(0, u64::max);
 
     let weights: u64 = parameters(config).iter().map(Parameter::elements).map(|count| count as u64).sum();
-    let activation_bytes = most.saturating_add(pictures).saturating_mul(BYTES);
+    let activation_bytes = most.saturating_add(images).saturating_mul(BYTES);
     Ok(MemoryEstimate { weight_bytes: weights.saturating_mul(BYTES), activation_bytes })
 }
 

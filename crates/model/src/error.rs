@@ -24,32 +24,32 @@ pub enum ModelError {
     /// A configuration, key map, weights file or input is malformed.
     #[error(transparent)]
     Malformed(#[from] Malformed),
-    /// Pictures, poses or outputs of the network hold NaN or infinite values.
+    /// Images, poses or outputs of the network hold NaN or infinite values.
     #[error("{location}: expected finite values, found {count} that are NaN or infinite")]
     NonFinite {
-        /// Which picture, camera or stage.
+        /// Which image, camera or stage.
         location: String,
         /// Number of such values.
         count: usize,
     },
-    /// Pictures of one input differ in size.
-    #[error("model input: picture {picture}: expected {expected}, the size of picture 0, found {found}")]
+    /// Images of one input differ in size.
+    #[error("model input: image {image}: expected {expected}, the size of image 0, found {found}")]
     SizesDiffer {
-        /// Index of the picture, counted from 0.
-        picture: usize,
-        /// Size of the first picture.
+        /// Index of the image, counted from 0.
+        image: usize,
+        /// Size of the first image.
         expected: ImageSize,
-        /// Size of this picture.
+        /// Size of this image.
         found: ImageSize,
     },
-    /// Patches do not divide a picture.
-    #[error("model input: {branch} branch, picture size: expected height and width that {step} divides, found {found}")]
+    /// Patches do not divide an image.
+    #[error("model input: {branch} branch, image size: expected height and width that {step} divides, found {found}")]
     Indivisible {
         /// The branch of the patches.
         branch: &'static str,
-        /// Side of a patch, in pixels of the picture.
+        /// Side of a patch, in pixels of the image.
         step: usize,
-        /// Size of the picture.
+        /// Size of the image.
         found: ImageSize,
     },
     /// The renderer rejected Gaussians, a view or options.

@@ -71,12 +71,12 @@ fn cameras(config: &ModelConfig) -> Vec<Camera> {
     (0..config.views).map(camera).collect()
 }
 
-/// Pictures of colour waves.
+/// Images of colour waves.
 fn views(config: &ModelConfig) -> Views {
     let (count, size) = (config.views, config.resolution);
     let samples = count * size.height * size.width * 3;
-    let pictures = (0..samples).map(|at| 0.5 + 0.5 * (at as f32 * 0.37).sin() * (at as f32 * 0.000_91).cos()).collect();
-    Views::new(size, pictures, cameras(config)).unwrap()
+    let images = (0..samples).map(|at| 0.5 + 0.5 * (at as f32 * 0.37).sin() * (at as f32 * 0.000_91).cos()).collect();
+    Views::new(size, images, cameras(config)).unwrap()
 }
 
 fn made(config: &ModelConfig, device: &Device) -> Reconstruction {
@@ -254,7 +254,7 @@ fn leaves(scenes: usize, count: usize, device: &Device) -> (GaussianTensors, Ten
     (gaussians, scalars)
 }
 
-/// Pictures of several scenes, all at once or scene by scene, and the gradients of a sum that weighs every pixel differently.
+/// Images of several scenes, all at once or scene by scene, and the gradients of a sum that weighs every pixel differently.
 fn of_scenes(at_once: bool, count: usize, views: &[Vec<View>], device: &Device) -> Vec<Vec<f32>> {
     let (gaussians, scalars) = leaves(views.len(), count, device);
     let options = RenderOptions {
@@ -316,7 +316,7 @@ fn at_once_and_one_by_one_agree(count: usize, views: &[Vec<View>], device: &Devi
     }
 }
 
-/// Scenes at once have the pictures and gradients of scenes one by one: three in one launch, and two with more views than a launch takes.
+/// Scenes at once have the images and gradients of scenes one by one: three in one launch, and two with more views than a launch takes.
 /// The CPU's backend accepts batches too.
 #[test]
 fn scenes_at_once_are_those_one_by_one() {
@@ -340,7 +340,7 @@ fn gradients_of_scenes_that_are_too_large_together_are_those_one_by_one() {
     at_once_and_one_by_one_agree(25_000, &views, &device);
 }
 
-/// Largest difference in PSNR between the pictures that a network and a renderer on an adapter make of a trial and those that
+/// Largest difference in PSNR between the images that a network and a renderer on an adapter make of a trial and those that
 /// the CPU makes, in dB.
 const PSNR: f64 = 0.005;
 
@@ -355,8 +355,8 @@ impl Trial {
     fn open(preset: &str) -> Self {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/trials/{preset}.safetensors"));
         let stored = TensorFile::open(&path).unwrap().stored;
-        let pictures = &stored.tensors["pictures"];
-        let [count, height, width, channels]: [usize; 4] = pictures.shape().try_into().unwrap();
+        let images = &stored.tensors["images"];
+        let [count, height, width, channels]: [usize; 4] = images.shape().try_into().unwrap();
         assert_eq!(channels, 3);
         let numbers = |name: &str| -> Vec<f64> {
             stored.tensors[name].bytes().as_chunks().0.iter().map(|word| f64::from_le_bytes(*word)).collect()
@@ -368,7 +368,7 @@ impl Trial {
         });
         let mut cameras: Vec<Camera> = cameras.collect();
         let target = cameras.pop().unwrap();
-        let mut samples: Vec<f32> = pictures.bytes().iter().map(|&sample| f32::from(sample) / 255.0).collect();
+        let mut samples: Vec<f32> = images.bytes().iter().map(|&sample| f32::from(sample) / 255.0).collect();
         let truth = samples.split_off((count - 1) * height * width * channels);
         let context = Views::new(ImageSize::new(height, width), samples, cameras).unwrap();
         let size = CameraSize { width: width.try_into().unwrap(), height: height.try_into().unwrap() };
@@ -385,7 +385,7 @@ impl Trial {
     }
 }
 
-/// Products in float16 change the embedded network's picture of a trial, but hardly its PSNR.
+/// Products in float16 change the embedded network's image of a trial, but hardly its PSNR.
 #[test]
 fn products_in_float16_move_the_psnr_by_little() {
     let Some(device) = wgpu() else { return };

@@ -20,7 +20,7 @@ pub(crate) const UPDATE: &str = "update/";
 /// The table whose arrival makes those in [`UPDATE`] the store's.
 pub(crate) const UPDATED: &str = "update/trials.parquet";
 /// Folders of a store, which object storage may hold as empty objects.
-const FOLDERS: [&str; 3] = [PARTS, "pictures/", UPDATE];
+const FOLDERS: [&str; 3] = [PARTS, "images/", UPDATE];
 
 /// The objects of a list that stand for files.
 pub(crate) fn files(all: &[Object]) -> Vec<Object> {
@@ -58,7 +58,7 @@ pub(crate) fn is_shared(name: &str) -> bool {
 }
 
 /// Files of a later round are sent when those of the earlier ones have arrived, so that a store that is read or resumed
-/// meanwhile lacks nothing, and no row has the times or pictures of the one before it.
+/// meanwhile lacks nothing, and no row has the times or images of the one before it.
 pub(crate) fn round(name: &str) -> usize {
     match name {
         RECORDS => 0,

@@ -290,23 +290,23 @@ fn whoever_only_looks_at_a_store_disturbs_nobody() {
     first.finish().unwrap();
 }
 
-/// Whoever is killed between two of these leaves no row with the times or pictures of the one that it replaced.
+/// Whoever is killed between two of these leaves no row with the times or images of the one that it replaced.
 #[test]
-fn times_and_pictures_of_replaced_rows_are_gone_before_new_rows_arrive() {
-    let names = ["pictures/old.png", "provenance.json", "timings.parquet", "trials.parquet"];
+fn times_and_images_of_replaced_rows_are_gone_before_new_rows_arrive() {
+    let names = ["images/old.png", "provenance.json", "timings.parquet", "trials.parquet"];
     let fixture = Fixture::of_store(&names);
     let (copy, changes) = fixture.recorded();
     fs::create_dir(copy.folder().join("parts")).unwrap();
-    fs::remove_file(copy.folder().join("pictures/old.png")).unwrap();
-    for name in ["parts/1.json", "pictures/new.png", "targets.parquet", "timings.parquet", "trials.parquet"] {
+    fs::remove_file(copy.folder().join("images/old.png")).unwrap();
+    for name in ["parts/1.json", "images/new.png", "targets.parquet", "timings.parquet", "trials.parquet"] {
         fs::write(copy.folder().join(name), "new").unwrap();
     }
     copy.finish().unwrap();
     let expected = [
         "writer.txt",
-        "-pictures/old.png",
+        "-images/old.png",
         "timings.parquet",
-        "pictures/new.png",
+        "images/new.png",
         "parts/1.json",
         "update/targets.parquet",
         "update/trials.parquet",
@@ -323,14 +323,14 @@ fn times_and_pictures_of_replaced_rows_are_gone_before_new_rows_arrive() {
 #[test]
 fn empty_objects_of_folders_are_skipped_in_a_store() {
     let fixture = Fixture::of_store(&["parts/1.json", "provenance.json"]);
-    for name in ["parts", "pictures", "trials.parquet"] {
+    for name in ["parts", "images", "trials.parquet"] {
         fixture.put(&format!("store/{name}"), b"");
     }
     let copy = fixture.copy("one").unwrap();
     assert_eq!(read(&copy.folder().join("parts/1.json")), b"old contents");
     let mirror = fixture.mirror("store").unwrap();
     for folder in [copy.folder(), mirror.path()] {
-        assert!(folder.join("parts").is_dir() && !folder.join("pictures").exists());
+        assert!(folder.join("parts").is_dir() && !folder.join("images").exists());
         assert!(folder.join("trials.parquet").is_file());
     }
     copy.finish().unwrap();

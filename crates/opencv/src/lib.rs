@@ -1,4 +1,4 @@
-//! Functions of the system's OpenCV: feature matching between pictures, the geometry check and the overlap estimator
+//! Functions of the system's OpenCV: feature matching between images, the geometry check and the overlap estimator
 //! based on it, undistortion, frames from videos.
 //!
 //! Empty without the cargo feature `opencv`, so that a build without OpenCV has this crate too, and so that the feature

@@ -12,7 +12,7 @@ use crate::graph::{Graph, Node, NodeId};
 use crate::shared_bytes::array_at;
 use crate::shortened;
 
-/// Maximum length of a pickle. A chunk needs about 70 bytes per picture.
+/// Maximum length of a pickle. A chunk needs about 70 bytes per image.
 const MAX_PICKLE_BYTES: usize = 256 << 20;
 const HIGHEST_PROTOCOL: u8 = 5;
 /// A memo slot without an object.

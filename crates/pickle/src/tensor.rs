@@ -72,7 +72,7 @@ pub(crate) struct Storage {
 
 /// A tensor of `torch.save`: a strided view of a storage, whose bounds are checked when it is parsed.
 ///
-/// Creating one does not read its elements, so that listing the scenes of a chunk does not read its pictures from disk.
+/// Creating one does not read its elements, so that listing the scenes of a chunk does not read its images from disk.
 /// Elements are little endian.
 #[derive(Clone)]
 pub struct Tensor {

@@ -1,6 +1,6 @@
 //! The zip directory of a `torch.save` file.
 //!
-//! The `zip` crate reads every local header, which on a mapped chunk reads one page of disk for every picture, used or
+//! The `zip` crate reads every local header, which on a mapped chunk reads one page of disk for every image, used or
 //! not; and of two entries with one name it uses the last, where PyTorch uses another. This reads only the central
 //! directory, rejects ambiguous ones, and reads a local header when its entry is requested. The content of an entry is compared
 //! with its CRC-32 when it is first read.

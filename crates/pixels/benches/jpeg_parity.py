@@ -3,7 +3,7 @@
     cargo build --release -p atsplat-pixels --example decode_rgb
     python crates/pixels/benches/jpeg_parity.py target/release/examples/decode_rgb FOLDER_OR_CHUNK...
 
-Every argument is a folder of .jpg files or a .torch chunk (a zip whose stored entries are JPEG). Pictures of
+Every argument is a folder of .jpg files or a .torch chunk (a zip whose stored entries are JPEG). Images of
 every quality, subsampling and mode are generated from the first one and checked as well.
 """
 
@@ -41,11 +41,11 @@ def jpegs(source):
         return [data for data in entries if data[:3] == b"\xff\xd8\xff"]
 
 
-def generated(picture):
+def generated(image):
     kinds = itertools.product((5, 30, 50, 75, 90, 95, 100), (0, 1, 2), (False, True))
     for quality, subsampling, progressive in kinds:
         file = io.BytesIO()
-        picture.save(file, "JPEG", quality=quality, subsampling=subsampling, progressive=progressive)
+        image.save(file, "JPEG", quality=quality, subsampling=subsampling, progressive=progressive)
         name = f"quality {quality}, {['4:4:4', '4:2:2', '4:2:0'][subsampling]}"
         yield name + (", progressive" if progressive else ""), [file.getvalue()]
 
@@ -58,7 +58,7 @@ def main():
     print("| files | identical | samples equal | largest difference | PSNR |")
     print("|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        path = pathlib.Path(folder) / "picture.jpg"
+        path = pathlib.Path(folder) / "image.jpg"
         for name, files in [*sets, *generated(first)]:
             identical, equal, count, largest, squares = 0, 0, 0, 0, 0
             for data in files:

@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         };
         let image = match last.take() {
             Some(image) if (image.width(), image.height()) == (width, height) => image,
-            _ => picture(width, height)?,
+            _ => image(width, height)?,
         };
         let start = Instant::now();
         let resized = resize(&image, to_width, to_height, filter)?;
@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// Sample `i` is the top byte of `i · 2654435761` modulo 2³².
-fn picture(width: u32, height: u32) -> Result<ImageU8, PixelError> {
+fn image(width: u32, height: u32) -> Result<ImageU8, PixelError> {
     let samples = (0..width.saturating_mul(height).saturating_mul(3)).map(|i| i.wrapping_mul(2_654_435_761));
     ImageU8::new(width, height, samples.map(|value| value.to_be_bytes()[0]).collect())
 }

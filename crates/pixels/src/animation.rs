@@ -1,7 +1,7 @@
 use std::fmt;
 use std::io::Write;
 
-use crate::{ImageU8, PictureFormat, PixelError};
+use crate::{ImageFormat, ImageU8, PixelError};
 
 /// Writes an animated PNG frame by frame: 8-bit RGB, lossless, infinite loop. The same frames give the same bytes.
 /// Viewers without support for animation show the first frame.
@@ -20,10 +20,10 @@ impl<W: Write> fmt::Debug for AnimatedPng<W> {
 }
 
 impl<W: Write> AnimatedPng<W> {
-    /// Writes the header for `frames` pictures of `width × height` at `per_second` frames per second.
+    /// Writes the header for `frames` images of `width × height` at `per_second` frames per second.
     ///
     /// # Errors
-    /// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`], also for zero frames or zero frames
+    /// [`PixelError::Empty`] for an image without pixels, [`PixelError::Encode`], also for zero frames or zero frames
     /// per second.
     pub fn new(out: W, (width, height): (u32, u32), frames: u32, per_second: u16) -> Result<Self, PixelError> {
         if width == 0 || height == 0 {
@@ -36,7 +36,7 @@ impl<W: Write> AnimatedPng<W> {
         encoder.set_animated(frames, 0).map_err(failed)?;
         if per_second == 0 {
             let source = "expected at least one frame per second, found 0".into();
-            return Err(PixelError::Encode { format: PictureFormat::Png, source });
+            return Err(PixelError::Encode { format: ImageFormat::Png, source });
         }
         encoder.set_frame_delay(1, per_second).map_err(failed)?;
         Ok(Self { writer: encoder.write_header().map_err(failed)?, size: (width, height), frames, written: 0 })
@@ -45,7 +45,7 @@ impl<W: Write> AnimatedPng<W> {
     /// Appends a frame.
     ///
     /// # Errors
-    /// [`PixelError::FrameSize`] for a picture of another size, [`PixelError::FrameCount`] beyond the last frame,
+    /// [`PixelError::FrameSize`] for an image of another size, [`PixelError::FrameCount`] beyond the last frame,
     /// [`PixelError::Encode`] if it cannot be written.
     pub fn push(&mut self, image: &ImageU8) -> Result<(), PixelError> {
         let found = (image.width(), image.height());
@@ -73,7 +73,7 @@ impl<W: Write> AnimatedPng<W> {
 }
 
 fn failed(source: png::EncodingError) -> PixelError {
-    PixelError::Encode { format: PictureFormat::Png, source: source.into() }
+    PixelError::Encode { format: ImageFormat::Png, source: source.into() }
 }
 
 #[cfg(test)]

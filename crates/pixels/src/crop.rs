@@ -6,18 +6,18 @@ use crate::{ImageU8, PixelError};
 /// `src/dataset/shims/crop_shim.py`).
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a crop without pixels, [`PixelError::CropOutside`] if it is not inside the picture.
+/// [`PixelError::Empty`] for a crop without pixels, [`PixelError::CropOutside`] if it is not inside the image.
 pub fn crop(image: &ImageU8, column: u32, row: u32, width: u32, height: u32) -> Result<ImageU8, PixelError> {
     if width == 0 || height == 0 {
         return Err(PixelError::Empty { what: "crop", width, height });
     }
-    let (picture_width, picture_height) = (image.width(), image.height());
+    let (image_width, image_height) = (image.width(), image.height());
     let fits = |start: u32, length: u32, limit: u32| start.checked_add(length).is_some_and(|end| end <= limit);
-    if !fits(column, width, picture_width) || !fits(row, height, picture_height) {
-        return Err(PixelError::CropOutside { column, row, width, height, picture_width, picture_height });
+    if !fits(column, width, image_width) || !fits(row, height, image_height) {
+        return Err(PixelError::CropOutside { column, row, width, height, image_width, image_height });
     }
     let (first, length) = (column as usize * 3, width as usize * 3);
-    let rows = image.samples().chunks_exact(picture_width as usize * 3).skip(row as usize).take(height as usize);
+    let rows = image.samples().chunks_exact(image_width as usize * 3).skip(row as usize).take(height as usize);
     let samples = rows.flat_map(|samples| &samples[first..first + length]).copied().collect();
     ImageU8::new(width, height, samples)
 }

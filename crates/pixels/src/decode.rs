@@ -6,7 +6,7 @@ use image::{ColorType, ImageDecoder, ImageError, Limits};
 use crate::limits::zeroed;
 use crate::render::check_header;
 use crate::size::{header, unknown};
-use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
+use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError, size_of};
 
 /// Decodes to 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every loader of the field
 /// applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
@@ -18,7 +18,7 @@ use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
 /// - 16-bit samples keep their high byte (truncation, not rounding);
 /// - an animated WebP gives its first frame.
 ///
-/// One rule differs on purpose: Pillow clips 16-bit *grey* at 255, which turns nearly every such picture white; here it
+/// One rule differs on purpose: Pillow clips 16-bit *grey* at 255, which turns nearly every such image white; here it
 /// keeps its high byte, as colours do.
 ///
 /// # Errors
@@ -28,7 +28,7 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
     decoded(bytes, limits, |_, _, _| Ok(()))
 }
 
-/// [`decode`] for renders, whose stored samples have to be the picture: where the rules of [`decode`] would change it, the
+/// [`decode`] for renders, whose stored samples have to be the image: where the rules of [`decode`] would change it, the
 /// file is refused. The colour of a transparent pixel depends on the background, and on whether the file's colours are
 /// premultiplied by alpha, which PNG does not state.
 ///
@@ -48,8 +48,8 @@ fn decoded(
     limits: &DecodeLimits,
     check: impl Fn(ColorType, &[u8], u32) -> Result<(), PixelError>,
 ) -> Result<ImageU8, PixelError> {
-    let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
-    if format == PictureFormat::Exr {
+    let format = ImageFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
+    if format == ImageFormat::Exr {
         return Err(PixelError::HoldsFloats);
     }
     let (width, height) = size_of(bytes)?;
@@ -60,15 +60,13 @@ fn decoded(
     let reader = Cursor::new(bytes);
     let failed = |source: ImageError| PixelError::Decode { format, source: source.into() };
     let (color, stored) = match format {
-        PictureFormat::Png => {
+        ImageFormat::Png => {
             let decoder = PngDecoder::with_limits(reader, library_limits(limits)).map_err(failed)?;
             stored_samples(format, decoder, (width, height), limits)
         }
-        PictureFormat::Jpeg => return crate::jpeg::decode(bytes, (width, height), limits),
-        PictureFormat::WebP => {
-            stored_samples(format, WebPDecoder::new(reader).map_err(failed)?, (width, height), limits)
-        }
-        PictureFormat::Exr => Err(PixelError::HoldsFloats),
+        ImageFormat::Jpeg => return crate::jpeg::decode(bytes, (width, height), limits),
+        ImageFormat::WebP => stored_samples(format, WebPDecoder::new(reader).map_err(failed)?, (width, height), limits),
+        ImageFormat::Exr => Err(PixelError::HoldsFloats),
     }?;
     check(color, &stored, width)?;
     ImageU8::new(width, height, rgb8(format, color, stored)?)
@@ -103,12 +101,12 @@ fn require_eight_bits(color: ColorType) -> Result<(), PixelError> {
 ///
 /// Deflate expands at most 1032 times and a PNG row has at least one bit per pixel; a JPEG has at least one bit for the
 /// DC coefficient of each 8×8 block. WebP has no such bound: pixels of a constant colour need no bits.
-fn max_pixels(format: PictureFormat, length: usize) -> u64 {
+fn max_pixels(format: ImageFormat, length: usize) -> u64 {
     let length = length as u64;
     match format {
-        PictureFormat::Png => length.saturating_mul(1032 * 8),
-        PictureFormat::Jpeg => length.saturating_mul(8 * 64),
-        PictureFormat::WebP | PictureFormat::Exr => u64::MAX,
+        ImageFormat::Png => length.saturating_mul(1032 * 8),
+        ImageFormat::Jpeg => length.saturating_mul(8 * 64),
+        ImageFormat::WebP | ImageFormat::Exr => u64::MAX,
     }
 }
 
@@ -122,7 +120,7 @@ fn library_limits(limits: &DecodeLimits) -> Limits {
 
 /// Decodes to the samples stored in the file, after a check that the decoder agrees with the header.
 fn stored_samples(
-    format: PictureFormat,
+    format: ImageFormat,
     decoder: impl ImageDecoder,
     size: (u32, u32),
     limits: &DecodeLimits,
@@ -134,13 +132,13 @@ fn stored_samples(
     let color = decoder.color_type();
     let each = u64::from(color.bytes_per_pixel());
     limits.check(format, size, each)?;
-    let mut samples = zeroed("decoded picture", size.0.into(), size.1.into(), each)?;
+    let mut samples = zeroed("decoded image", size.0.into(), size.1.into(), each)?;
     decoder.read_image(&mut samples).map_err(|source| PixelError::Decode { format, source: source.into() })?;
     Ok((color, samples))
 }
 
 /// Converts stored samples to 8-bit RGB; 16-bit samples are in native byte order.
-fn rgb8(format: PictureFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<u8>, PixelError> {
+fn rgb8(format: ImageFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<u8>, PixelError> {
     let high = |&pair: &[u8; 2]| u16::from_ne_bytes(pair).to_be_bytes()[0];
     Ok(match color {
         ColorType::Rgb8 => stored,
@@ -158,7 +156,7 @@ fn rgb8(format: PictureFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<
             pixels.iter().flat_map(|[grey, _]| [high(grey); 3]).collect()
         }
         other => {
-            let feature = format!("a picture of {other:?} samples as 8-bit RGB");
+            let feature = format!("an image of {other:?} samples as 8-bit RGB");
             return Err(PixelError::Unsupported { format, feature });
         }
     })

@@ -4,21 +4,21 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 use libjpeg_turbo_rs::{PixelFormat, Subsampling, compress};
 
-use crate::{ImageU8, PictureFormat, PixelError};
+use crate::{ImageFormat, ImageU8, PixelError};
 
-/// Encodes as 8-bit RGB PNG, lossless; the same picture gives the same bytes.
+/// Encodes as 8-bit RGB PNG, lossless; the same image gives the same bytes.
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`].
+/// [`PixelError::Empty`] for an image without pixels, [`PixelError::Encode`].
 pub fn encode_png(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
     let (width, height) = (image.width(), image.height());
     if width == 0 || height == 0 {
-        return Err(PixelError::Empty { what: "encoded picture", width, height });
+        return Err(PixelError::Empty { what: "encoded image", width, height });
     }
     let mut file = Cursor::new(Vec::new());
     PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
         .write_image(image.samples(), width, height, ExtendedColorType::Rgb8)
-        .map_err(|source| PixelError::Encode { format: PictureFormat::Png, source: source.into() })?;
+        .map_err(|source| PixelError::Encode { format: ImageFormat::Png, source: source.into() })?;
     Ok(file.into_inner())
 }
 
@@ -26,7 +26,7 @@ pub fn encode_png(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
 /// `save(…, quality=quality)`.
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Quality`], [`PixelError::Encode`], also for a side
+/// [`PixelError::Empty`] for an image without pixels, [`PixelError::Quality`], [`PixelError::Encode`], also for a side
 /// of more than 65500 pixels.
 pub fn encode_jpeg(image: &ImageU8, quality: u8) -> Result<Vec<u8>, PixelError> {
     if !(1..=100).contains(&quality) {
@@ -38,5 +38,5 @@ pub fn encode_jpeg(image: &ImageU8, quality: u8) -> Result<Vec<u8>, PixelError> 
     }
     let (width, height) = (width as usize, height as usize);
     compress(image.samples(), width, height, PixelFormat::Rgb, quality, Subsampling::S420)
-        .map_err(|source| PixelError::Encode { format: PictureFormat::Jpeg, source: source.into() })
+        .map_err(|source| PixelError::Encode { format: ImageFormat::Jpeg, source: source.into() })
 }

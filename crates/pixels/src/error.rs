@@ -2,9 +2,9 @@ use std::error::Error as StdError;
 
 use thiserror::Error;
 
-use crate::PictureFormat;
+use crate::ImageFormat;
 
-/// Why a picture cannot be decoded, processed or encoded.
+/// Why an image cannot be decoded, processed or encoded.
 #[derive(Debug, Error)]
 #[expect(missing_docs, reason = "the message explains the fields")]
 pub enum PixelError {
@@ -25,15 +25,15 @@ pub enum PixelError {
         length: usize,
     },
     /// The file is a Git LFS pointer: the content was not fetched.
-    #[error("expected a picture, found a Git LFS pointer to it: run `git lfs pull` in its repository")]
+    #[error("expected an image, found a Git LFS pointer to it: run `git lfs pull` in its repository")]
     LfsPointer,
-    /// A picture that must be opaque has transparent pixels.
+    /// An image that must be opaque has transparent pixels.
     #[error(
-        "expected an opaque picture, found {count} transparent pixels, the first at column {column}, row {row}: \
+        "expected an opaque image, found {count} transparent pixels, the first at column {column}, row {row}: \
     composite it over the background of the comparison"
     )]
     Transparent { count: usize, column: usize, row: usize },
-    /// A render's stored samples are not the picture that is to be compared.
+    /// A render's stored samples are not the image that is to be compared.
     #[error("expected {expected}, found {found}: {remedy}")]
     UnusableRender { expected: &'static str, found: String, remedy: &'static str },
     /// The file holds floats, not 8-bit samples.
@@ -41,11 +41,11 @@ pub enum PixelError {
     HoldsFloats,
     /// The header is truncated or inconsistent.
     #[error("{format} header: {problem}")]
-    Header { format: PictureFormat, problem: String },
-    /// The picture is larger than the caller's [`DecodeLimits`](crate::DecodeLimits).
+    Header { format: ImageFormat, problem: String },
+    /// The image is larger than the caller's [`DecodeLimits`](crate::DecodeLimits).
     #[error("{format} of {width}×{height}: {what} of at most {limit} allowed, found {found}")]
     OverLimit {
-        format: PictureFormat,
+        format: ImageFormat,
         width: u32,
         height: u32,
         /// Which limit: `width`, `height` or `decoded bytes`.
@@ -55,27 +55,25 @@ pub enum PixelError {
     },
     /// The header declares more pixels than a file of this length can hold.
     #[error("{format} of {width}×{height} does not fit into a file of {length} bytes")]
-    FileTooShort { format: PictureFormat, width: u32, height: u32, length: usize },
+    FileTooShort { format: ImageFormat, width: u32, height: u32, length: usize },
     /// The file is valid, but uses an unsupported feature.
     #[error("{format}: {feature} is not supported")]
-    Unsupported { format: PictureFormat, feature: String },
+    Unsupported { format: ImageFormat, feature: String },
     /// The data after the header is corrupt or truncated.
     #[error("{format} data: {source}")]
-    Decode { format: PictureFormat, source: Box<dyn StdError + Send + Sync> },
-    /// A picture could not be encoded.
+    Decode { format: ImageFormat, source: Box<dyn StdError + Send + Sync> },
+    /// An image could not be encoded.
     #[error("writing {format}: {source}")]
-    Encode { format: PictureFormat, source: Box<dyn StdError + Send + Sync> },
+    Encode { format: ImageFormat, source: Box<dyn StdError + Send + Sync> },
     /// A width or height is zero.
     #[error("{what}: expected at least one pixel, found {width}×{height}")]
     Empty { what: &'static str, width: u32, height: u32 },
-    /// A picture of this size does not fit into memory.
+    /// An image of this size does not fit into memory.
     #[error("{what} of {width}×{height}: expected a size that fits into memory")]
     TooLarge { what: &'static str, width: u64, height: u64 },
-    /// A crop is not inside the picture.
-    #[error(
-        "crop of {width}×{height} at column {column}, row {row} does not fit into {picture_width}×{picture_height}"
-    )]
-    CropOutside { column: u32, row: u32, width: u32, height: u32, picture_width: u32, picture_height: u32 },
+    /// A crop is not inside the image.
+    #[error("crop of {width}×{height} at column {column}, row {row} does not fit into {image_width}×{image_height}")]
+    CropOutside { column: u32, row: u32, width: u32, height: u32, image_width: u32, image_height: u32 },
     /// A frame does not have the size of its animation.
     #[error("frame of an animation: expected {}×{}, found {}×{}", expected.0, expected.1, found.0, found.1)]
     FrameSize { expected: (u32, u32), found: (u32, u32) },
@@ -97,7 +95,7 @@ pub enum PixelError {
     /// An invalid name of an EXR channel.
     #[error("channel {name:?}: {problem}")]
     ChannelName { name: String, problem: &'static str },
-    /// A channel does not have the size of its picture.
+    /// A channel does not have the size of its image.
     #[error("channel {name:?}: expected {expected} samples, found {found}")]
     ChannelSize {
         name: String,

@@ -17,7 +17,7 @@ use ::exr::prelude::{ReadChannels as _, ReadLayers as _, f16};
 
 use crate::limits::reserved;
 use crate::size::header as header_problem;
-use crate::{DecodeLimits, Image, PictureFormat, PixelError};
+use crate::{DecodeLimits, Image, ImageFormat, PixelError};
 
 const ATTRIBUTE: &str = "values";
 const LONGEST_NAME: usize = 31;
@@ -64,7 +64,7 @@ impl Channels {
     /// Channels with planes of `width × height` samples each.
     ///
     /// # Errors
-    /// [`PixelError::Empty`] for a picture without pixels or channels, [`PixelError::ChannelName`] for a name that is
+    /// [`PixelError::Empty`] for an image without pixels or channels, [`PixelError::ChannelName`] for a name that is
     /// repeated, is not 1 to 31 printable ASCII characters, or contains a colon, and [`PixelError::ChannelSize`] for a
     /// plane of another size.
     pub fn new(width: u32, height: u32, mut channels: Vec<Channel>) -> Result<Self, PixelError> {
@@ -117,10 +117,10 @@ impl Channels {
     }
 }
 
-/// Encodes an RGB picture as an EXR with f32 channels `R`, `G` and `B`, losslessly compressed (ZIP, 16 rows).
+/// Encodes an RGB image as an EXR with f32 channels `R`, `G` and `B`, losslessly compressed (ZIP, 16 rows).
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a picture without pixels.
+/// [`PixelError::Empty`] for an image without pixels.
 pub fn write_rgb(image: &Image, values: &Values) -> Result<Vec<u8>, PixelError> {
     let plane = |name: &str, offset: usize| Channel {
         name: name.to_owned(),
@@ -143,9 +143,9 @@ fn rgb_of(channels: &Channels) -> Result<(Image, Values), PixelError> {
     let [red, green, blue] = [channels.get("R")?, channels.get("G")?, channels.get("B")?];
     if red.values != green.values || red.values != blue.values {
         let found = format!("{:?}, {:?} and {:?}", red.values, green.values, blue.values);
-        return Err(header_problem(PictureFormat::Exr, format!("expected R, G and B of one kind, found {found}")));
+        return Err(header_problem(ImageFormat::Exr, format!("expected R, G and B of one kind, found {found}")));
     }
-    let mut samples = reserved("EXR picture", channels.width.into(), channels.height.into(), 3)?;
+    let mut samples = reserved("EXR image", channels.width.into(), channels.height.into(), 3)?;
     let planes = red.samples.iter().zip(&green.samples).zip(&blue.samples);
     samples.extend(planes.flat_map(|((r, g), b)| [*r, *g, *b]));
     Ok((Image::new(channels.width, channels.height, samples)?, red.values.clone()))
@@ -171,12 +171,12 @@ pub fn read_render(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values
     rgb_of(&channels)
 }
 
-/// An error for a file of several layers, any of which may be the picture, and for a layer that is a crop of the picture.
+/// An error for a file of several layers, any of which may be the image, and for a layer that is a crop of the image.
 fn require_whole(bytes: &[u8]) -> Result<(), PixelError> {
     let unusable = |expected, found, remedy| Err(PixelError::UnusableRender { expected, found, remedy });
     let headers = headers(bytes)?;
     let [header] = &headers[..] else {
-        return unusable("one layer", headers.len().to_string(), "write the picture alone");
+        return unusable("one layer", headers.len().to_string(), "write the image alone");
     };
     let shown = header.shared_attributes.display_window;
     let (position, size) = (header.own_attributes.layer_position, header.layer_size);
@@ -184,7 +184,7 @@ fn require_whole(bytes: &[u8]) -> Result<(), PixelError> {
         return Ok(());
     }
     let window = |at: Vec2<i32>, size: Vec2<usize>| format!("{}×{} at column {}, row {}", size.0, size.1, at.0, at.1);
-    let found = format!("{} of a picture of {}", window(position, size), window(shown.position, shown.size));
+    let found = format!("{} of an image of {}", window(position, size), window(shown.position, shown.size));
     unusable("all pixels of the display window", found, "write them without cropping")
 }
 
@@ -207,19 +207,19 @@ pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
         .write()
         .non_parallel()
         .to_buffered(&mut file)
-        .map_err(|source| PixelError::Encode { format: PictureFormat::Exr, source: source.into() })?;
+        .map_err(|source| PixelError::Encode { format: ImageFormat::Exr, source: source.into() })?;
     Ok(file.into_inner())
 }
 
 /// Decodes every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
 ///
-/// The picture is the layer's data window; its position in the display window is ignored, as are other layers.
+/// The image is the layer's data window; its position in the display window is ignored, as are other layers.
 ///
 /// # Errors
 /// [`PixelError::OverLimit`] before decoding, [`PixelError::Unsupported`] for deep data, subsampled or integer channels,
 /// [`PixelError::Header`] and [`PixelError::Decode`] for corrupt files.
 pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError> {
-    let format = PictureFormat::Exr;
+    let format = ImageFormat::Exr;
     let header = first_header(bytes)?;
     let (width, height) = layer_size(&header)?;
     limits.check(format, (width, height), 4 * header.channels.list.len() as u64)?;
@@ -261,25 +261,25 @@ pub(crate) fn size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
 
 fn headers(bytes: &[u8]) -> Result<Headers, PixelError> {
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
-    meta.map(|meta| meta.headers).map_err(|error| header_problem(PictureFormat::Exr, error.to_string()))
+    meta.map(|meta| meta.headers).map_err(|error| header_problem(ImageFormat::Exr, error.to_string()))
 }
 
 fn first_header(bytes: &[u8]) -> Result<Header, PixelError> {
     let first = headers(bytes)?.into_iter().next();
-    first.ok_or_else(|| header_problem(PictureFormat::Exr, "expected a layer, found none"))
+    first.ok_or_else(|| header_problem(ImageFormat::Exr, "expected a layer, found none"))
 }
 
 fn layer_size(header: &Header) -> Result<(u32, u32), PixelError> {
     let side = |length: usize| {
         u32::try_from(length).ok().filter(|&side| side > 0).ok_or_else(|| {
-            header_problem(PictureFormat::Exr, format!("expected a side of 1 to 2^32 - 1 pixels, found {length}"))
+            header_problem(ImageFormat::Exr, format!("expected a side of 1 to 2^32 - 1 pixels, found {length}"))
         })
     };
     Ok((side(header.layer_size.0)?, side(header.layer_size.1)?))
 }
 
 fn failed(source: ::exr::error::Error) -> PixelError {
-    PixelError::Decode { format: PictureFormat::Exr, source: source.into() }
+    PixelError::Decode { format: ImageFormat::Exr, source: source.into() }
 }
 
 /// One line for each kind of values: the channels' names, a colon, their meaning.

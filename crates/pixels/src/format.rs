@@ -2,11 +2,11 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// A picture format, detected by its first bytes and never by the file name: DL3DV and RE10K chunks contain JPEG and PNG
+/// An image format, detected by its first bytes and never by the file name: DL3DV and RE10K chunks contain JPEG and PNG
 /// under any extension (conventions A2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum PictureFormat {
+pub enum ImageFormat {
     /// Portable Network Graphics.
     Png,
     /// JPEG, baseline or progressive.
@@ -17,7 +17,7 @@ pub enum PictureFormat {
     Exr,
 }
 
-impl PictureFormat {
+impl ImageFormat {
     /// The format of a file that starts with these bytes; `None` if unknown.
     pub fn sniff(bytes: &[u8]) -> Option<Self> {
         match bytes {
@@ -40,7 +40,7 @@ impl PictureFormat {
     }
 }
 
-impl fmt::Display for PictureFormat {
+impl fmt::Display for ImageFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Png => "PNG",
@@ -57,16 +57,16 @@ mod tests {
 
     #[test]
     fn formats_are_detected_by_magic_bytes() {
-        assert_eq!(PictureFormat::sniff(b"\x89PNG\r\n\x1a\n...."), Some(PictureFormat::Png));
-        assert_eq!(PictureFormat::sniff(b"\xff\xd8\xff\xe0"), Some(PictureFormat::Jpeg));
-        assert_eq!(PictureFormat::sniff(b"RIFF\x10\0\0\0WEBPVP8 "), Some(PictureFormat::WebP));
-        assert_eq!(PictureFormat::sniff(b"\x76\x2f\x31\x01\x02"), Some(PictureFormat::Exr));
+        assert_eq!(ImageFormat::sniff(b"\x89PNG\r\n\x1a\n...."), Some(ImageFormat::Png));
+        assert_eq!(ImageFormat::sniff(b"\xff\xd8\xff\xe0"), Some(ImageFormat::Jpeg));
+        assert_eq!(ImageFormat::sniff(b"RIFF\x10\0\0\0WEBPVP8 "), Some(ImageFormat::WebP));
+        assert_eq!(ImageFormat::sniff(b"\x76\x2f\x31\x01\x02"), Some(ImageFormat::Exr));
     }
 
     #[test]
     fn incomplete_magic_bytes_are_not_a_format() {
         for bytes in [&b""[..], b"\x89PNG", b"\xff\xd8", b"RIFF\x10\0\0\0WAVE", b"GIF89a", b"\x76\x2f\x31"] {
-            assert_eq!(PictureFormat::sniff(bytes), None, "{bytes:?}");
+            assert_eq!(ImageFormat::sniff(bytes), None, "{bytes:?}");
         }
     }
 }

@@ -1,9 +1,9 @@
 use libjpeg_turbo_rs::{Decoder, JpegError, PixelFormat};
 
 use crate::size::header;
-use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError};
+use crate::{DecodeLimits, ImageFormat, ImageU8, PixelError};
 
-const FORMAT: PictureFormat = PictureFormat::Jpeg;
+const FORMAT: ImageFormat = ImageFormat::Jpeg;
 
 /// Real progressive JPEGs have ten scans; each additional one is a pass over all blocks for a few bytes.
 const MAX_SCANS: usize = 100;
@@ -92,13 +92,13 @@ pub(crate) fn decode(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> R
         ..Default::default()
     };
     let decoder = Decoder::new_with_limits(bytes, library).map_err(failed)?.with_output_format(PixelFormat::Rgb);
-    let picture = decoder.decode_image().map_err(failed)?;
+    let image = decoder.decode_image().map_err(failed)?;
     let (width, height) = size;
-    if (picture.width, picture.height) != (width as usize, height as usize) {
+    if (image.width, image.height) != (width as usize, height as usize) {
         return Err(header(
             FORMAT,
-            format!("size {width}×{height}, but the data has {}×{}", picture.width, picture.height),
+            format!("size {width}×{height}, but the data has {}×{}", image.width, image.height),
         ));
     }
-    ImageU8::new(width, height, picture.data)
+    ImageU8::new(width, height, image.data)
 }

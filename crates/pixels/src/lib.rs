@@ -1,4 +1,4 @@
-//! Pictures: decoding within limits of PNG, JPEG, WebP and EXR, encoding of all but WebP, Pillow-exact resampling, crops,
+//! Images: decoding within limits of PNG, JPEG, WebP and EXR, encoding of all but WebP, Pillow-exact resampling, crops,
 //! 8-bit rounding rules, animated PNG. Independent of cameras and datasets.
 
 mod animation;
@@ -8,10 +8,10 @@ mod encode;
 mod error;
 pub mod exr;
 mod format;
+mod images;
 mod jpeg;
 mod limits;
 mod orientation;
-mod picture;
 mod preview;
 mod render;
 mod resize;
@@ -23,10 +23,10 @@ pub use crop::crop;
 pub use decode::{decode, decode_render};
 pub use encode::{encode_jpeg, encode_png};
 pub use error::PixelError;
-pub use format::PictureFormat;
+pub use format::ImageFormat;
+pub use images::{Image, ImageU8};
 pub use limits::DecodeLimits;
 pub use orientation::Orientation;
-pub use picture::{Image, ImageU8};
 pub use preview::{Preview, preview_frame};
 pub use resize::{Filter, resize};
 pub use rounding::Rounding;

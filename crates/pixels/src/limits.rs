@@ -1,6 +1,6 @@
-use crate::{PictureFormat, PixelError};
+use crate::{ImageFormat, PixelError};
 
-/// Limits of decoded pictures, checked against the header before anything is allocated.
+/// Limits of decoded images, checked against the header before anything is allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DecodeLimits {
     /// Maximum columns.
@@ -20,10 +20,10 @@ impl Default for DecodeLimits {
 }
 
 impl DecodeLimits {
-    /// An error for a picture that exceeds the limits.
+    /// An error for an image that exceeds the limits.
     pub(crate) fn check(
         &self,
-        format: PictureFormat,
+        format: ImageFormat,
         (width, height): (u32, u32),
         bytes_per_pixel: u64,
     ) -> Result<(), PixelError> {

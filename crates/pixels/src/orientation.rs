@@ -1,6 +1,6 @@
 use std::fmt;
 
-use crate::PictureFormat;
+use crate::ImageFormat;
 
 /// EXIF's tag for the orientation.
 const ORIENTATION: u16 = 0x0112;
@@ -9,7 +9,7 @@ const SHORT: u16 = 3;
 /// The prefix of EXIF data in a JPEG, and by mistake in some WebP files.
 const EXIF: &[u8] = b"Exif\0\0";
 
-/// EXIF orientation: how the stored picture has to be rotated or mirrored for display.
+/// EXIF orientation: how the stored image has to be rotated or mirrored for display.
 ///
 /// [`decode`](crate::decode()) ignores it, as do Pillow's `Image.open` and the field's loaders; viewers and OpenCV's
 /// `imread` apply it. Intrinsics may refer to either.
@@ -33,16 +33,16 @@ pub enum Orientation {
 }
 
 impl Orientation {
-    /// The orientation of an encoded picture; `None` if it is upright or not stated.
+    /// The orientation of an encoded image; `None` if it is upright or not stated.
     ///
     /// The start of the file suffices for JPEG, and for PNG if the chunk `eXIf` is before the pixels, as in files of the
     /// common writers. WebP stores EXIF after the pixels: pass the whole file.
     pub fn of(bytes: &[u8]) -> Option<Self> {
-        let exif = match PictureFormat::sniff(bytes)? {
-            PictureFormat::Jpeg => exif_of_jpeg(bytes),
-            PictureFormat::Png => exif_of_png(bytes),
-            PictureFormat::WebP => exif_of_webp(bytes),
-            PictureFormat::Exr => None,
+        let exif = match ImageFormat::sniff(bytes)? {
+            ImageFormat::Jpeg => exif_of_jpeg(bytes),
+            ImageFormat::Png => exif_of_png(bytes),
+            ImageFormat::WebP => exif_of_webp(bytes),
+            ImageFormat::Exr => None,
         }?;
         Self::from_number(orientation_in(exif.strip_prefix(EXIF).unwrap_or(exif))?)
     }

@@ -1,9 +1,9 @@
-//! Headers of files that another program rendered: their stored samples have to be the picture.
+//! Headers of files that another program rendered: their stored samples have to be the image.
 
 use std::ops::RangeInclusive;
 
 use crate::orientation::png_chunks;
-use crate::{Orientation, PictureFormat, PixelError};
+use crate::{ImageFormat, Orientation, PixelError};
 
 /// Exponents in `gAMA`, times 100 000, of samples that are encoded for display: 1/2.8 to 1/1.7.
 const FOR_DISPLAY: RangeInclusive<u32> = 35_000..=60_000;
@@ -15,13 +15,13 @@ const NOT_FOR_DISPLAY: [u8; 6] = [8, 9, 10, 16, 17, 18];
 /// before they are shown. Damaged files and EXR are left to the decoder.
 pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
     let unusable = |expected, found, remedy| Err(PixelError::UnusableRender { expected, found, remedy });
-    if let Some(format @ (PictureFormat::Jpeg | PictureFormat::WebP)) = PictureFormat::sniff(bytes) {
+    if let Some(format @ (ImageFormat::Jpeg | ImageFormat::WebP)) = ImageFormat::sniff(bytes) {
         let remedy = "the losses of other formats would count as errors of the method";
         return unusable("a PNG or EXR file", format!("a {format}"), remedy);
     }
     if let Some(orientation) = Orientation::of(bytes) {
         let found = format!("one that is {orientation} according to its EXIF data");
-        return unusable("an upright picture", found, "store the pixels as they are to be compared");
+        return unusable("an upright image", found, "store the pixels as they are to be compared");
     }
     if let Some(found) = other_encoding(bytes) {
         return unusable("samples encoded as sRGB", found, "encode them, or correct the header");
@@ -32,7 +32,7 @@ pub(crate) fn check_header(bytes: &[u8]) -> Result<(), PixelError> {
 /// What a PNG says about the encoding of its samples, if it is not one for display. `cICP` takes precedence over a
 /// profile, which is not read, and a profile over `gAMA` (PNG specification, third edition, 4.3).
 fn other_encoding(bytes: &[u8]) -> Option<String> {
-    if PictureFormat::sniff(bytes) != Some(PictureFormat::Png) {
+    if ImageFormat::sniff(bytes) != Some(ImageFormat::Png) {
         return None;
     }
     let (mut has_profile, mut exponent) = (false, None);
@@ -55,13 +55,13 @@ mod tests {
     use super::*;
     use crate::{ImageU8, encode_jpeg, encode_png};
 
-    fn picture() -> ImageU8 {
+    fn image() -> ImageU8 {
         ImageU8::new(2, 1, vec![10, 20, 30, 40, 50, 60]).unwrap()
     }
 
     /// A PNG with these chunks after its header.
     fn png(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
-        let plain = encode_png(&picture()).unwrap();
+        let plain = encode_png(&image()).unwrap();
         let (header, pixels) = plain.split_at(33);
         let mut bytes = header.to_vec();
         for &(name, data) in chunks {
@@ -91,12 +91,12 @@ mod tests {
     }
 
     #[test]
-    fn turned_pictures_and_other_formats_are_refused() {
+    fn turned_images_and_other_formats_are_refused() {
         // One entry: the orientation, half a turn.
         let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x03\0\0\0\0\0\0\0";
         let turned = problem(&png(&[(b"eXIf", exif)])).unwrap();
-        assert!(turned.starts_with("expected an upright picture, found one that is to be turned by 180° "), "{turned}");
-        let jpeg = problem(&encode_jpeg(&picture(), 95).unwrap()).unwrap();
+        assert!(turned.starts_with("expected an upright image, found one that is to be turned by 180° "), "{turned}");
+        let jpeg = problem(&encode_jpeg(&image(), 95).unwrap()).unwrap();
         assert!(jpeg.starts_with("expected a PNG or EXR file, found a JPEG: "), "{jpeg}");
     }
 

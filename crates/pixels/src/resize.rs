@@ -25,14 +25,14 @@ pub enum Filter {
     Box,
 }
 
-/// Resamples to `width × height`, bit for bit like Pillow's `Image.resize((width, height), filter)` of an RGB picture.
+/// Resamples to `width × height`, bit for bit like Pillow's `Image.resize((width, height), filter)` of an RGB image.
 ///
 /// Weights are computed in f64, quantised to 22 fractional bits, and applied in a horizontal pass that rounds to 8 bits,
 /// then in a vertical one; a pass that does not change the size is skipped, so the same size is a copy. Enlarging uses
 /// the kernel at its own width (Pillow `src/libImaging/Resample.c`, `precompute_coeffs`).
 ///
 /// The reference is Pillow up to 12.2, which produced the field's numbers. Pillow 12.3 and 13.0 run the vertical pass
-/// first for some pictures that shrink more in height than in width (Pillow #9524, #9549) and round differently there;
+/// first for some images that shrink more in height than in width (Pillow #9524, #9549) and round differently there;
 /// for the sizes of the published protocols all versions agree.
 ///
 /// # Errors
@@ -50,13 +50,13 @@ fn resize_at(level: Level, image: &ImageU8, width: u32, height: u32, filter: Fil
     let mut resized = Cow::Borrowed(image);
     if width != image.width {
         let columns = Coefficients::new(image.width, width, filter)?;
-        let mut samples = zeroed("resized picture", width.into(), image.height.into(), 3)?;
+        let mut samples = zeroed("resized image", width.into(), image.height.into(), 3)?;
         passes::horizontal(level, &image.samples, image.width as usize * 3, &columns, &mut samples);
         resized = Cow::Owned(ImageU8 { width, height: image.height, samples });
     }
     if height != image.height {
         let rows = Coefficients::new(image.height, height, filter)?;
-        let mut samples = zeroed("resized picture", width.into(), height.into(), 3)?;
+        let mut samples = zeroed("resized image", width.into(), height.into(), 3)?;
         passes::vertical(level, &resized.samples, width as usize * 3, &rows, &mut samples);
         resized = Cow::Owned(ImageU8 { width, height, samples });
     }
@@ -72,7 +72,7 @@ mod tests {
 
     const FILTERS: [Filter; 3] = [Filter::Lanczos, Filter::Bilinear, Filter::Box];
 
-    fn picture() -> impl Strategy<Value = ImageU8> {
+    fn image() -> impl Strategy<Value = ImageU8> {
         (1..90u32, 1..90u32, any::<u64>(), any::<bool>()).prop_map(|(width, height, seed, extreme)| {
             let mut random = SplitMix64::new(seed);
             let mut next = || {
@@ -86,7 +86,7 @@ mod tests {
     proptest! {
         #[test]
         fn all_levels_give_the_same_bits(
-            image in picture(), width in 1..120u32, height in 1..120u32, filter in prop::sample::select(&FILTERS[..]),
+            image in image(), width in 1..120u32, height in 1..120u32, filter in prop::sample::select(&FILTERS[..]),
         ) {
             let portable = resize_at(Level::Portable, &image, width, height, filter).unwrap();
             for level in Level::available() {
@@ -95,7 +95,7 @@ mod tests {
         }
 
         #[test]
-        fn a_constant_picture_stays_constant(
+        fn a_constant_image_stays_constant(
             colour in any::<[u8; 3]>(), size in (1..70u32, 1..70u32), target in (1..90u32, 1..90u32),
             filter in prop::sample::select(&FILTERS[..]),
         ) {
@@ -106,7 +106,7 @@ mod tests {
         }
 
         #[test]
-        fn resizing_commutes_with_mirroring(image in picture(), filter in prop::sample::select(&[Filter::Lanczos, Filter::Bilinear][..])) {
+        fn resizing_commutes_with_mirroring(image in image(), filter in prop::sample::select(&[Filter::Lanczos, Filter::Bilinear][..])) {
             // With powers of two the kernel's sampling positions are exact, so left and right agree.
             let (width, height) = (image.width * 2, image.height);
             let there = resize(&mirrored(&image), width, height, filter).unwrap();

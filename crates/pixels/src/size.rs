@@ -1,18 +1,18 @@
-use crate::{PictureFormat, PixelError};
+use crate::{ImageFormat, PixelError};
 
-/// Columns and rows of an encoded picture according to its header; nothing is decoded or allocated. EXIF orientation is
+/// Columns and rows of an encoded image according to its header; nothing is decoded or allocated. EXIF orientation is
 /// not applied, as in [`decode`](crate::decode()).
 ///
 /// # Errors
 /// [`PixelError::UnknownFormat`], [`PixelError::LfsPointer`], [`PixelError::Header`] if the header is truncated or
 /// declares zero pixels, [`PixelError::Unsupported`] for a JPEG with its height after the data.
 pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
-    let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
+    let format = ImageFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
     let (width, height) = match format {
-        PictureFormat::Png => png_size(bytes),
-        PictureFormat::Jpeg => crate::jpeg::Frame::find(bytes).map(|frame| frame.size),
-        PictureFormat::WebP => webp_size(bytes),
-        PictureFormat::Exr => crate::exr::size(bytes),
+        ImageFormat::Png => png_size(bytes),
+        ImageFormat::Jpeg => crate::jpeg::Frame::find(bytes).map(|frame| frame.size),
+        ImageFormat::WebP => webp_size(bytes),
+        ImageFormat::Exr => crate::exr::size(bytes),
     }?;
     if width == 0 || height == 0 {
         return Err(header(format, format!("expected at least one pixel, found {width}×{height}")));
@@ -23,9 +23,9 @@ pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
 /// Whether a PNG or WebP has an alpha channel or a transparent colour, from the chunks before its pixels; `false` for other
 /// formats. Whether any pixel is transparent is not checked.
 pub fn has_alpha(bytes: &[u8]) -> bool {
-    match PictureFormat::sniff(bytes) {
-        Some(PictureFormat::Png) => png_has_alpha(bytes),
-        Some(PictureFormat::WebP) => webp_has_alpha(bytes),
+    match ImageFormat::sniff(bytes) {
+        Some(ImageFormat::Png) => png_has_alpha(bytes),
+        Some(ImageFormat::WebP) => webp_has_alpha(bytes),
         _ => false,
     }
 }
@@ -34,7 +34,7 @@ pub fn has_alpha(bytes: &[u8]) -> bool {
 /// formats.
 pub fn has_16_bits(bytes: &[u8]) -> bool {
     const BIT_DEPTH: usize = 24;
-    PictureFormat::sniff(bytes) == Some(PictureFormat::Png) && bytes.get(BIT_DEPTH) == Some(&16)
+    ImageFormat::sniff(bytes) == Some(ImageFormat::Png) && bytes.get(BIT_DEPTH) == Some(&16)
 }
 
 /// The start of a Git LFS pointer (git-lfs `docs/spec.md`).
@@ -49,13 +49,13 @@ pub(crate) fn unknown(bytes: &[u8]) -> PixelError {
     PixelError::UnknownFormat { start: start.join(" "), length: bytes.len() }
 }
 
-pub(crate) fn header(format: PictureFormat, problem: impl Into<String>) -> PixelError {
+pub(crate) fn header(format: ImageFormat, problem: impl Into<String>) -> PixelError {
     PixelError::Header { format, problem: problem.into() }
 }
 
 fn png_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     const LARGEST: u32 = i32::MAX.unsigned_abs();
-    let problem = |text| header(PictureFormat::Png, text);
+    let problem = |text| header(ImageFormat::Png, text);
     let [length, kind, width, height] =
         words(bytes, 8).ok_or_else(|| problem(format!("truncated after {} bytes", bytes.len())))?;
     if length != 13u32.to_be_bytes() || kind != *b"IHDR" {
@@ -107,7 +107,7 @@ fn webp_has_alpha(bytes: &[u8]) -> bool {
 
 /// RFC 9649, sections 2.5 to 2.7; the lossy frame header is RFC 6386, 9.1.
 fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
-    let problem = |text: &str| header(PictureFormat::WebP, text);
+    let problem = |text: &str| header(ImageFormat::WebP, text);
     let truncated = || problem("truncated");
     let kind: &[u8; 4] = bytes.get(12..).and_then(<[u8]>::first_chunk).ok_or_else(truncated)?;
     let payload = bytes.get(20..).ok_or_else(truncated)?;
@@ -123,7 +123,7 @@ fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
         b"VP8L" => {
             let [signature, a, b, c, d] = payload.first_chunk().ok_or_else(truncated)?;
             if *signature != 0x2f {
-                return Err(problem("expected the signature of a lossless picture"));
+                return Err(problem("expected the signature of a lossless image"));
             }
             let bits = u32::from_le_bytes([*a, *b, *c, *d]);
             Ok(((bits & 0x3fff) + 1, ((bits >> 14) & 0x3fff) + 1))

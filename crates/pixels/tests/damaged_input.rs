@@ -4,8 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_pixels::{
-    DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, decode_render, encode_jpeg, encode_png, exr,
-    size_of,
+    DecodeLimits, Image, ImageFormat, ImageU8, PixelError, decode, decode_render, encode_jpeg, encode_png, exr, size_of,
 };
 use image::codecs::{png::PngEncoder, webp::WebPEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -50,7 +49,7 @@ fn the_fuzz_corpora_do_not_panic() {
 
 #[test]
 fn files_truncated_before_their_last_pixel_are_errors() {
-    for (path, bytes) in files(&crate_folder("tests/fixtures/pictures")) {
+    for (path, bytes) in files(&crate_folder("tests/fixtures/images")) {
         // The trailing bytes hold no pixels: a PNG's IEND and checksum, a JPEG's end marker and padding, a RIFF's
         // padding, WebP's metadata.
         let spare = if path.extension().is_some_and(|extension| extension == "png") { 24 } else { 8 };
@@ -67,8 +66,8 @@ proptest! {
 
     #[test]
     fn corrupt_files_do_not_panic(seed in any::<prop::sample::Index>(), hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
-        let pictures = files(&crate_folder("tests/fixtures/pictures"));
-        let (_, mut bytes) = seed.get(&pictures).clone();
+        let images = files(&crate_folder("tests/fixtures/images"));
+        let (_, mut bytes) = seed.get(&images).clone();
         for (place, value) in hits {
             let place = place.index(bytes.len());
             bytes[place] = value;
@@ -83,7 +82,7 @@ proptest! {
     }
 
     #[test]
-    fn lossless_formats_round_trip(image in small_picture()) {
+    fn lossless_formats_round_trip(image in small_image()) {
         for bytes in [encode_png(&image).unwrap(), webp(&image)] {
             prop_assert_eq!(size_of(&bytes).unwrap(), (image.width(), image.height()));
             prop_assert_eq!(&decode(&bytes, &DecodeLimits::default()).unwrap(), &image);
@@ -113,7 +112,7 @@ const MAGICS: [&[u8]; 7] = [
     b"\x76\x2f\x31\x01\x02\0\0\0",
 ];
 
-fn small_picture() -> impl Strategy<Value = ImageU8> {
+fn small_image() -> impl Strategy<Value = ImageU8> {
     (1..40u32, 1..40u32).prop_flat_map(|(width, height)| {
         prop::collection::vec(any::<u8>(), (width * height * 3) as usize)
             .prop_map(move |samples| ImageU8::new(width, height, samples).unwrap())
@@ -177,7 +176,7 @@ fn errors_describe_other_content() {
     let image = Image::new(1, 1, vec![0.5; 3]).unwrap();
     let file = exr::write_rgb(&image, &exr::Values::Linear).unwrap();
     assert!(matches!(decode(&file, &limits), Err(PixelError::HoldsFloats)));
-    assert_eq!(PictureFormat::sniff(&file), Some(PictureFormat::Exr));
+    assert_eq!(ImageFormat::sniff(&file), Some(ImageFormat::Exr));
 }
 
 /// Like 16-bit colours: 0x02bc becomes 2, where clipping would give 255.
@@ -186,8 +185,8 @@ fn sixteen_bit_grey_keeps_its_high_byte() {
     let mut bytes = Vec::new();
     let grey: Vec<u8> = [700u16, 0x80ff, 0xffff, 0].iter().flat_map(|value| value.to_ne_bytes()).collect();
     PngEncoder::new(&mut bytes).write_image(&grey, 2, 2, ExtendedColorType::L16).unwrap();
-    let picture = decode(&bytes, &DecodeLimits::default()).unwrap();
-    assert_eq!(picture.samples(), [[2; 3], [0x80; 3], [0xff; 3], [0; 3]].as_flattened());
+    let image = decode(&bytes, &DecodeLimits::default()).unwrap();
+    assert_eq!(image.samples(), [[2; 3], [0x80; 3], [0xff; 3], [0; 3]].as_flattened());
 }
 
 #[test]
@@ -216,7 +215,7 @@ fn transparent_pixels_of_renders_are_errors() {
 
 #[test]
 fn renders_that_would_lose_bits_or_light_are_errors() {
-    let read = |name: &str| std::fs::read(crate_folder("tests/fixtures/pictures").join(name)).unwrap();
+    let read = |name: &str| std::fs::read(crate_folder("tests/fixtures/images").join(name)).unwrap();
     for (name, found) in [
         ("colour2_16.png", "16-bit samples"),
         ("gamma_is_ignored.png", "the exponent 1.000 in `gAMA`"),

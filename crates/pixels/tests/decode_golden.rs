@@ -1,4 +1,4 @@
-//! Decoding compared with Pillow's `convert("RGB")` (`fixtures/make_pictures.py`).
+//! Decoding compared with Pillow's `convert("RGB")` (`fixtures/make_images.py`).
 #![expect(clippy::unwrap_used, clippy::panic, reason = "an invalid fixture fails the test")]
 
 use std::fmt::Write as _;
@@ -30,7 +30,7 @@ fn orientations_are_read_but_not_applied() {
     assert!(others.into_iter().all(|(name, _, _)| orientation(&name).is_none()));
 }
 
-/// The picture that `make_pictures.py` saved as JPEG is also in `lossless.webp`.
+/// The image that `make_images.py` saved as JPEG is also in `lossless.webp`.
 #[test]
 fn jpeg_encoding_matches_pillow_bit_for_bit() {
     let read = |name: &str| std::fs::read(folder().join(name)).unwrap();
@@ -45,7 +45,7 @@ fn jpeg_encoding_matches_pillow_bit_for_bit() {
 }
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/pictures")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/images")
 }
 
 fn golden() -> Vec<(String, (u32, u32), Sha256Digest)> {

@@ -36,7 +36,7 @@ fn the_header_states_the_meaning_as_text() {
 }
 
 #[test]
-fn the_same_picture_gives_the_same_bytes() {
+fn the_same_image_gives_the_same_bytes() {
     let image = Image::new(50, 40, (0..6000u16).map(|i| f32::from(i) / 6000.0).collect()).unwrap();
     let first = write_rgb(&image, &Values::Linear).unwrap();
     for _ in 0..5 {
@@ -97,7 +97,7 @@ fn reads_files_of_another_program() {
     let (whole, _) = read_render(&file("rgb_f16_zip.exr"), &DecodeLimits::default()).unwrap();
     assert_eq!(whole.samples(), ramp, "a render");
     for (name, found) in
-        [("shifted.exr", "5×4 at column 2, row 1 of a picture of 5×4 at column 0, row 0: "), ("two_parts.exr", "2: ")]
+        [("shifted.exr", "5×4 at column 2, row 1 of an image of 5×4 at column 0, row 0: "), ("two_parts.exr", "2: ")]
     {
         let (first, _) = read_rgb(&file(name), &DecodeLimits::default()).unwrap();
         assert_eq!(first.samples(), ramp, "{name}");

@@ -28,7 +28,7 @@ fn check(path: &Path) -> usize {
             panic!("{}: {line}", path.display());
         };
         let number = |text: &str| text.parse::<u32>().unwrap();
-        let source = picture(pattern, number(seed), number(width), number(height));
+        let source = image(pattern, number(seed), number(width), number(height));
         let filter = match filter {
             "lanczos" => Filter::Lanczos,
             "bilinear" => Filter::Bilinear,
@@ -45,7 +45,7 @@ fn check(path: &Path) -> usize {
     cases
 }
 
-fn picture(pattern: &str, seed: u32, width: u32, height: u32) -> ImageU8 {
+fn image(pattern: &str, seed: u32, width: u32, height: u32) -> ImageU8 {
     let state = |index: u64| (index + (u64::from(seed) << 32)).wrapping_add(1).wrapping_mul(SPLIT_MIX_STEP);
     let noise = |index: u64| split_mix(state(index)).to_be_bytes()[0];
     let count = u64::from(width) * u64::from(height) * 3;

@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 
 use atsplat_camera::Camera;
-use atsplat_scene::{Picture, Scene, SceneSource, WarningKind, Warnings};
+use atsplat_scene::{FrameImage, Scene, SceneSource, WarningKind, Warnings};
 use serde::{Deserialize, Serialize};
 
 use crate::loading::{in_parallel, load};
@@ -52,8 +52,8 @@ pub struct BuiltIndex {
     /// Sampled entries that the overlap rule rejected, or whose overlap could not be measured. A scene that lost all of them
     /// is counted in `nulls` too.
     pub refused_entries: usize,
-    /// Frames excluded from sampling because their picture files are missing.
-    pub missing_pictures: usize,
+    /// Frames excluded from sampling because their image files are missing.
+    pub missing_images: usize,
 }
 
 impl IndexBuilder {
@@ -66,11 +66,11 @@ impl IndexBuilder {
     }
 
     /// Samples all scenes of `source` in parallel; the index does not depend on the number of threads. Frames with a
-    /// missing picture file are excluded from sampling, but frame numbers still count them.
+    /// missing image file are excluded from sampling, but frame numbers still count them.
     ///
     /// `progress` is called once per scene, from any thread. Unreadable scenes become `null` and add a
-    /// [`WarningKind::UnreadableScene`]; an entry whose pictures cannot be read for its overlap is rejected and adds a
-    /// [`WarningKind::UnreadablePicture`].
+    /// [`WarningKind::UnreadableScene`]; an entry whose images cannot be read for its overlap is rejected and adds a
+    /// [`WarningKind::UnreadableImage`].
     pub fn build(&self, source: &dyn SceneSource, progress: &(dyn Fn() + Sync), warnings: &mut Warnings) -> BuiltIndex {
         let outcomes = in_parallel(source.keys(), warnings, |key, warnings| {
             let outcome = self.build_scene(key, source, warnings);
@@ -80,7 +80,7 @@ impl IndexBuilder {
         let mut built = BuiltIndex::default();
         for (key, Outcome { entries, refused, missing }) in source.keys().iter().zip(outcomes) {
             built.refused_entries += refused;
-            built.missing_pictures += missing;
+            built.missing_images += missing;
             let entries = match entries {
                 Ok(entries) => {
                     built.scenes += 1;
@@ -103,7 +103,7 @@ impl IndexBuilder {
             Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0 },
         };
         let frames = scene.frames.iter().enumerate();
-        let present = frames.filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_)));
+        let present = frames.filter(|(_, frame)| !matches!(frame.image, FrameImage::Missing(_)));
         let (frame_numbers, cameras): (Vec<usize>, Vec<Camera>) =
             present.map(|(number, frame)| (number, frame.camera)).unzip();
         let mut refused = 0;
@@ -126,7 +126,7 @@ struct Outcome {
     entries: Result<Vec<IndexEntry>, NoEntry>,
     /// Entries rejected for their overlap.
     refused: usize,
-    /// Frames whose pictures are missing.
+    /// Frames whose images are missing.
     missing: usize,
 }
 
@@ -167,7 +167,7 @@ impl OverlapRule {
                 }
                 Err(reason) => {
                     if let NoEntry::Unreadable(detail) = &reason {
-                        warnings.push(WarningKind::UnreadablePicture, scene.key.as_str(), detail.as_str());
+                        warnings.push(WarningKind::UnreadableImage, scene.key.as_str(), detail.as_str());
                     }
                     last_reason = Some(reason);
                 }
@@ -246,17 +246,17 @@ mod tests {
         assert_eq!(unbounded.index, all.index, "any overlap by default");
     }
 
-    /// Frames 1, 4 and 11 have no picture: the tenth frame with a picture is frame 12.
+    /// Frames 1, 4 and 11 have no image: the tenth frame with an image is frame 12.
     #[test]
-    fn never_samples_frames_with_missing_pictures() {
+    fn never_samples_frames_with_missing_images() {
         let missing = [1, 4, 11];
         let mut incomplete = scene("s", 14, 0);
         for at in missing {
-            incomplete.frames[at].picture = Picture::Missing(format!("{at}.png").into());
+            incomplete.frames[at].image = FrameImage::Missing(format!("{at}.png").into());
         }
         let source = MemorySource::new([incomplete, scene("whole", 14, 0)]);
         let built = builder(FARTHEST).build(&source, &|| (), &mut Warnings::new());
-        assert_eq!((built.scenes, built.missing_pictures), (2, 3));
+        assert_eq!((built.scenes, built.missing_images), (2, 3));
         let entry = |key: &str| built.index.scenes[key][0].clone();
         assert_eq!((entry("s").context, entry("whole").context), (vec![0, 12], vec![0, 9]));
         let targets = entry("s").target;
@@ -274,10 +274,10 @@ mod tests {
     }
 
     #[test]
-    fn entries_rejected_for_an_unreadable_picture_are_warned_of() {
+    fn entries_rejected_for_an_unreadable_image_are_warned_of() {
         let mut garbled = scene("garbled", 12, 0);
-        garbled.frames[1].picture = Picture::Missing("1.png".into());
-        garbled.frames[10].picture = Picture::Encoded(SharedBytes::new(b"no picture".to_vec()));
+        garbled.frames[1].image = FrameImage::Missing("1.png".into());
+        garbled.frames[10].image = FrameImage::Encoded(SharedBytes::new(b"no image".to_vec()));
         let source = MemorySource::new([garbled, scene("whole", 12, 0)]);
         let half: FeatureOverlap = |_, _| Ok(0.5);
         let rule = builder(&format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'feature-coverage' }}\n"));
@@ -286,7 +286,7 @@ mod tests {
         let measured = Overlap { value: 0.5, estimator: Some("feature-coverage".to_owned()) };
         assert_eq!(built.index.scenes["whole"][0].overlap, Some(measured));
         assert_eq!((built.nulls["unreadable"], built.refused_entries), (1, 1));
-        assert_eq!(warnings.count(WarningKind::UnreadablePicture), 1);
+        assert_eq!(warnings.count(WarningKind::UnreadableImage), 1);
         let named = warnings.kept().iter().any(|warning| warning.detail.starts_with("frame 10 of scene \"garbled\": "));
         assert!(named, "counted with the missing frame: {:?}", warnings.kept());
     }

@@ -18,10 +18,10 @@ pub enum ProtocolError {
     /// A scene cannot be loaded or decoded.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// A picture of a trial cannot be read, decoded or preprocessed; every request returns this same error.
+    /// An image of a trial cannot be read, decoded or preprocessed; every request returns this same error.
     #[error(transparent)]
-    Picture(Arc<Self>),
-    /// A decoded picture does not fit the preprocessing planned for it.
+    Image(Arc<Self>),
+    /// A decoded image does not fit the preprocessing planned for it.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Preprocess {
         /// Scene key.

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_files::Malformed;
-use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width: 64, height: 48 };
@@ -52,14 +52,14 @@ impl SceneSource for MemorySource {
     }
 }
 
-/// A scene of cameras in a row, half a unit apart; the picture of frame `n` has red = `n`, green = `shade`.
+/// A scene of cameras in a row, half a unit apart; the image of frame `n` has red = `n`, green = `shade`.
 pub(crate) fn scene(key: &str, frames: u8, shade: u8) -> Scene {
     let frames = (0..frames).map(|number| Frame {
         name: number.to_string(),
         timestamp_micros: None,
         camera: camera(f64::from(number) * 0.5),
         stated_size: None,
-        picture: Picture::Encoded(SharedBytes::new(png([number, shade, 7]))),
+        image: FrameImage::Encoded(SharedBytes::new(png([number, shade, 7]))),
     });
     Scene { key: key.to_owned(), url: None, frames: frames.collect() }
 }
@@ -71,7 +71,7 @@ pub(crate) fn camera(x: f64) -> Camera {
 
 pub(crate) fn png(colour: [u8; 3]) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
-    let picture = image::RgbImage::from_pixel(SIZE.width, SIZE.height, image::Rgb(colour));
-    picture.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+    let image = image::RgbImage::from_pixel(SIZE.width, SIZE.height, image::Rgb(colour));
+    image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
     bytes.into_inner()
 }

@@ -39,9 +39,9 @@ pub(crate) fn read_rows<const N: usize>(bytes: &[u8]) -> Vec<[f32; N]> {
     read_floats(bytes).as_chunks::<N>().0.to_vec()
 }
 
-/// Pictures of one size, as the array held them.
+/// Images of one size, as the array held them.
 #[derive(Clone, Debug)]
-pub(crate) struct Pictures {
+pub(crate) struct Images {
     pub(crate) count: usize,
     pub(crate) width: u32,
     pub(crate) height: u32,
@@ -56,7 +56,7 @@ enum Samples {
     Bytes(Vec<u8>),
 }
 
-impl Pictures {
+impl Images {
     /// Copies an array of type `f4` or `u1`, of shape count × height × width × 3.
     pub(crate) fn of(shape: &[usize], kind: &str, bytes: &[u8]) -> Result<Self, Failure> {
         let [count, height, width, 3] = *shape else {
@@ -67,7 +67,7 @@ impl Pictures {
         Ok(Self { count, width: side(width)?, height: side(height)?, samples })
     }
 
-    /// The picture at a position.
+    /// The image at a position.
     pub(crate) fn image(&self, at: usize) -> Result<Image, PixelError> {
         let Self { width, height, samples, .. } = self;
         let size = *width as usize * *height as usize * 3;
@@ -75,8 +75,8 @@ impl Pictures {
         match samples {
             Samples::Floats(all) => Image::new(*width, *height, all.get(own).unwrap_or_default().to_vec()),
             Samples::Bytes(all) => {
-                let picture = ImageU8::new(*width, *height, all.get(own).unwrap_or_default().to_vec())?;
-                Ok(Image::from_u8(&picture))
+                let image = ImageU8::new(*width, *height, all.get(own).unwrap_or_default().to_vec())?;
+                Ok(Image::from_u8(&image))
             }
         }
     }

@@ -183,7 +183,7 @@ fn of_protocol(error: &ProtocolError) -> Place {
         ProtocolError::Malformed(error) => of_malformed(error),
         ProtocolError::InFile { path, source } => Place { file: Some(path.clone()), ..of_protocol(source) },
         ProtocolError::Scene(error) => of_scene(error),
-        ProtocolError::Picture(error) => of_protocol(error),
+        ProtocolError::Image(error) => of_protocol(error),
         ProtocolError::UnknownPreset { .. } => Place::field("protocol"),
         _ => Place::default(),
     }

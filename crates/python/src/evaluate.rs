@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_eval::method::{Method, NearestView, Warp};
-use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, current_provenance, run_until};
+use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, current_provenance, run_until};
 use atsplat_eval::{MethodRecord, RunReport, Shard, Store};
 use atsplat_protocol::trial::Prefetch;
 use pyo3::prelude::*;
@@ -26,7 +26,7 @@ pub(crate) struct Settings {
     shard: Option<(u32, u32)>,
     metrics: Vec<String>,
     weights: Option<PathBuf>,
-    keep_pictures: String,
+    keep_images: String,
     setting: String,
     command: Vec<String>,
 }
@@ -63,14 +63,14 @@ fn run(
     step: &(dyn Fn() + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(String, Option<String>), Failure> {
-    let Settings { out, resume, limit, shard, metrics, weights, keep_pictures, setting: _, command } = settings;
+    let Settings { out, resume, limit, shard, metrics, weights, keep_images, setting: _, command } = settings;
     let suite = runner::suite(datasets, &metrics, weights.as_deref())?;
-    let pictures = match keep_pictures.as_str() {
-        "none" => KeepPictures::Nothing,
-        "worst" => KeepPictures::Worst,
-        "all" => KeepPictures::All,
+    let images = match keep_images.as_str() {
+        "none" => KeepImages::Nothing,
+        "worst" => KeepImages::Worst,
+        "all" => KeepImages::All,
         other => {
-            return Err(Failure::invalid("keep_pictures", format!("expected none, worst or all, found {other:?}")));
+            return Err(Failure::invalid("keep_images", format!("expected none, worst or all, found {other:?}")));
         }
     };
     let plan = Plan {
@@ -79,7 +79,7 @@ fn run(
         suite: &suite,
         selection: Selection { limit, shard: shard.map(|(number, of)| Shard { number, of }) },
         timing: None,
-        pictures,
+        images,
         prefetch: Prefetch { trials: 2 * rayon::current_num_threads(), ..Prefetch::default() },
     };
     let provenance =

@@ -12,7 +12,7 @@ use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::array::Pictures;
+use crate::array::Images;
 use crate::error::Failure;
 use crate::gaussians::Gaussians;
 use crate::method::Output;
@@ -151,7 +151,7 @@ fn output(py: Python<'_>, trial: Trial, callable: &Py<PyAny>) -> PyResult<Output
         return Ok(Output::Gaussians(Arc::clone(&gaussians.get().0)));
     }
     let (shape, kind, bytes): (Vec<usize>, String, Bound<'_, PyBytes>) = returned.extract()?;
-    Ok(Output::Pictures(Pictures::of(&shape, &kind, bytes.as_bytes())?))
+    Ok(Output::Images(Images::of(&shape, &kind, bytes.as_bytes())?))
 }
 
 /// `ValueError: what it says (file.py:12)`.

@@ -23,7 +23,7 @@ mod trial;
 
 use pyo3::prelude::*;
 
-/// The binary's: pictures come and go, and glibc would map and clear each anew.
+/// The binary's: images come and go, and glibc would map and clear each anew.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -7,14 +7,14 @@ use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Rendered, Spla
 use atsplat_protocol::trial::Trial;
 use atsplat_splat::Problem;
 
-use crate::array::Pictures;
+use crate::array::Images;
 use crate::exchange::Calls;
 
 /// What a method made of a trial.
 #[derive(Debug)]
 pub(crate) enum Output {
-    /// A picture of each target.
-    Pictures(Pictures),
+    /// An image of each target.
+    Images(Images),
     /// Gaussians in the trial's world.
     Gaussians(Arc<atsplat_splat::Gaussians>),
 }
@@ -69,7 +69,7 @@ impl Method for Precomputed {
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let output = match &self.output {
-            Output::Pictures(pictures) => Output::Pictures(pictures.clone()),
+            Output::Images(images) => Output::Images(images.clone()),
             Output::Gaussians(gaussians) => Output::Gaussians(Arc::clone(gaussians)),
         };
         prediction(&self.splatting, input, output)
@@ -82,9 +82,9 @@ fn prediction<'a>(
     output: Output,
 ) -> Result<Box<dyn Prediction + 'a>, MethodError> {
     match output {
-        Output::Pictures(pictures) => {
-            check(input.trial, &pictures)?;
-            Ok(Box::new(pictures))
+        Output::Images(images) => {
+            check(input.trial, &images)?;
+            Ok(Box::new(images))
         }
         Output::Gaussians(gaussians) => {
             check_numbers(&gaussians)?;
@@ -104,9 +104,9 @@ fn check_numbers(gaussians: &atsplat_splat::Gaussians) -> Result<(), MethodError
     Err(MethodError::Failed(format!("Gaussians: {}, of {}", nan.join("; "), found.total)))
 }
 
-/// One picture of each target, of its size.
-fn check(trial: &Trial, pictures: &Pictures) -> Result<(), MethodError> {
-    let Pictures { count, width, height, .. } = *pictures;
+/// One image of each target, of its size.
+fn check(trial: &Trial, images: &Images) -> Result<(), MethodError> {
+    let Images { count, width, height, .. } = *images;
     let sizes = |sizes: &mut dyn Iterator<Item = (u32, u32)>| {
         let mut all: Vec<String> = sizes.map(|(height, width)| format!("{height} × {width}")).collect();
         let count = all.len();
@@ -121,7 +121,7 @@ fn check(trial: &Trial, pictures: &Pictures) -> Result<(), MethodError> {
     Err(MethodError::Failed(format!("images: expected targets × height × width × 3 of {expected}, found {found}")))
 }
 
-impl Prediction for Pictures {
+impl Prediction for Images {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |at: &usize| {
             let image = self.image(*at).map_err(|error| error.to_string())?;

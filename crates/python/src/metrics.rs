@@ -1,4 +1,4 @@
-//! Metrics of pairs of pictures.
+//! Metrics of pairs of images.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use atsplat_pixels::Image;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::array::Pictures;
+use crate::array::Images;
 use crate::error::Failure;
 use crate::protocol::Data;
 use crate::threads::work;
@@ -56,7 +56,7 @@ impl Suite {
         self.0.definitions().iter().map(|metric| metric.id).collect()
     }
 
-    /// For each pair, one score for each metric: infinity where the pictures are identical and the metric has no bound.
+    /// For each pair, one score for each metric: infinity where the images are identical and the metric has no bound.
     fn score(
         &self,
         py: Python<'_>,
@@ -64,10 +64,10 @@ impl Suite {
         renders: (String, Bound<'_, PyBytes>),
         truths: (String, Bound<'_, PyBytes>),
     ) -> Result<Vec<Vec<f64>>, Failure> {
-        let renders = Pictures::of(&shape, &renders.0, renders.1.as_bytes())?;
-        let truths = Pictures::of(&shape, &truths.0, truths.1.as_bytes())?;
-        let image = |field, pictures: &Pictures, at| {
-            let image = pictures.image(at)?;
+        let renders = Images::of(&shape, &renders.0, renders.1.as_bytes())?;
+        let truths = Images::of(&shape, &truths.0, truths.1.as_bytes())?;
+        let image = |field, images: &Images, at| {
+            let image = images.image(at)?;
             check_range(&image).map_err(|problem| Failure::invalid(field, problem))?;
             Ok::<Image, Failure>(image)
         };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
 use atsplat_protocol::{IndexBuilder, Preset};
-use atsplat_scene::{PictureOptions, SceneSource, Warnings};
+use atsplat_scene::{ImageOptions, SceneSource, Warnings};
 use pyo3::prelude::*;
 
 use crate::error::Failure;
@@ -79,9 +79,9 @@ impl Protocol {
     ) -> Result<Data, Failure> {
         work(py, || {
             let mut warnings = Warnings::new();
-            let pictures = PictureOptions { images, frames, ..PictureOptions::default() };
-            let opened = atsplat_scene::open_with(&data, &pictures.open_options(), &mut warnings)?;
-            pictures.check(Some(opened.format))?;
+            let images = ImageOptions { images, frames, ..ImageOptions::default() };
+            let opened = atsplat_scene::open_with(&data, &images.open_options(), &mut warnings)?;
+            images.check(Some(opened.format))?;
             let source: Arc<dyn SceneSource> = Arc::new(opened);
             let opening = warnings.clone();
             let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;

@@ -1,16 +1,16 @@
-//! Trials: what a method may see, and the target pictures for scoring.
+//! Trials: what a method may see, and the target images for scoring.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_eval::runner::{Dataset, Selection, evaluate_trial};
 use atsplat_eval::{MethodRecord, TargetRow, TrialRow};
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::trial::{self, Prefetch, TargetPictures, TrialRecipe};
+use atsplat_protocol::trial::{self, Prefetch, TargetImages, TrialRecipe};
 use atsplat_protocol::{EvaluationIndex, ProtocolError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use crate::array::{Pictures, floats};
+use crate::array::{Images, floats};
 use crate::camera::{Numbers, numbers};
 use crate::error::Failure;
 use crate::gaussians::Gaussians;
@@ -58,16 +58,16 @@ impl Input {
         (planes.near, planes.far)
     }
 
-    /// The context pictures, V × H × W × 3 in [0, 1].
+    /// The context images, V × H × W × 3 in [0, 1].
     fn context_images<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let pictures = || self.trial.context().iter().map(|view| view.picture().map_err(Failure::from));
-        let pictures: Vec<Arc<ImageU8>> = work(py, || pictures().collect())?;
-        let size = pictures.first().map_or((0, 0), |picture| (picture.height() as usize, picture.width() as usize));
-        let same = |picture: &Arc<ImageU8>| (picture.height() as usize, picture.width() as usize) == size;
-        if !pictures.iter().all(same) {
-            return Err(Failure::invalid("context", "pictures of different sizes make no array").into());
+        let images = || self.trial.context().iter().map(|view| view.image().map_err(Failure::from));
+        let images: Vec<Arc<ImageU8>> = work(py, || images().collect())?;
+        let size = images.first().map_or((0, 0), |image| (image.height() as usize, image.width() as usize));
+        let same = |image: &Arc<ImageU8>| (image.height() as usize, image.width() as usize) == size;
+        if !images.iter().all(same) {
+            return Err(Failure::invalid("context", "images of different sizes make no array").into());
         }
-        array_of(py, &pictures, size)
+        array_of(py, &images, size)
     }
 
     /// The cameras of the context views and their frames.
@@ -85,22 +85,22 @@ impl Input {
     }
 }
 
-/// Pictures of one size as an array, in [0, 1].
+/// Images of one size as an array, in [0, 1].
 fn array_of<'py>(
     py: Python<'py>,
-    pictures: &[Arc<ImageU8>],
+    images: &[Arc<ImageU8>],
     (height, width): (usize, usize),
 ) -> PyResult<Bound<'py, PyAny>> {
-    let samples = pictures.iter().map(|picture| picture.samples());
-    floats(py, &[pictures.len(), height, width, 3], samples, |sample| f32::from(sample) / 255.0)
+    let samples = images.iter().map(|image| image.samples());
+    floats(py, &[images.len(), height, width, 3], samples, |sample| f32::from(sample) / 255.0)
 }
 
-/// A trial with its target pictures.
+/// A trial with its target images.
 #[pyclass(frozen, module = "atsplat._native")]
 pub(crate) struct Trial {
     dataset: Arc<Dataset>,
     input: trial::Trial,
-    targets: TargetPictures,
+    targets: TargetImages,
 }
 
 #[pymethods]
@@ -109,16 +109,16 @@ impl Trial {
         Input::new(self.input.clone())
     }
 
-    /// The target pictures, T × H × W × 3 in [0, 1].
+    /// The target images, T × H × W × 3 in [0, 1].
     fn target_images<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let all = || (0..self.targets.len()).filter_map(|at| self.targets.get(at));
-        let pictures: Vec<Arc<ImageU8>> =
+        let images: Vec<Arc<ImageU8>> =
             work(py, || all().collect::<Result<_, ProtocolError>>().map_err(Failure::from))?;
-        let size = pictures.first().map_or((0, 0), |picture| (picture.height() as usize, picture.width() as usize));
-        array_of(py, &pictures, size)
+        let size = images.first().map_or((0, 0), |image| (image.height() as usize, image.width() as usize));
+        array_of(py, &images, size)
     }
 
-    /// Scores pictures; the rows as JSON.
+    /// Scores images; the rows as JSON.
     fn score_images(
         &self,
         py: Python<'_>,
@@ -127,8 +127,8 @@ impl Trial {
         bytes: &Bound<'_, PyBytes>,
         suite: &Suite,
     ) -> Result<String, Failure> {
-        let pictures = Pictures::of(&shape, kind, bytes.as_bytes())?;
-        work(py, || self.score(Output::Pictures(pictures), suite))
+        let images = Images::of(&shape, kind, bytes.as_bytes())?;
+        work(py, || self.score(Output::Images(images), suite))
     }
 
     /// Renders and scores Gaussians in the trial's world; the rows as JSON.

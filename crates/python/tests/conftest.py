@@ -1,4 +1,4 @@
-"""Simulated rooms, and pictures that the binary rendered of them."""
+"""Simulated rooms, and images that the binary rendered of them."""
 
 import os
 import subprocess
@@ -38,10 +38,10 @@ def rooms(tmp_path_factory, binary):
 
 @pytest.fixture(scope="session")
 def warped(tmp_path_factory, rooms, binary):
-    """A store of the plane warp with its pictures as PNG."""
+    """A store of the plane warp with its images as PNG."""
     out = tmp_path_factory.mktemp("stores") / "warp"
     common = (PROTOCOL, "--data", rooms, "--index", INDEX, "--limit", SCENES)
-    binary("run", *common, "--method", "warp", "--keep-pictures", "all", "--out", out)
+    binary("run", *common, "--method", "warp", "--keep-images", "all", "--out", out)
     return out
 
 

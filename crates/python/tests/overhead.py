@@ -1,8 +1,8 @@
-"""What Python adds to the binary on 100 trials of ready pictures: ratios of processor time, in interleaved pairs.
+"""What Python adds to the binary on 100 trials of ready images: ratios of processor time, in interleaved pairs.
 
-python overhead.py BINARY [PAIRS], in an environment with atsplat and Pillow. The pictures are the same: the binary reads them as PNG files
+python overhead.py BINARY [PAIRS], in an environment with atsplat and Pillow. The images are the same: the binary reads them as PNG files
 (`renders:DIR`), Python in a method that has them as arrays, or with `png` as the third argument opens the same files with Pillow, which
-then decodes 300 pictures on its own account. The interpreter's start is part of its time.
+then decodes 300 images on its own account. The interpreter's start is part of its time.
 """
 
 import json
@@ -23,11 +23,11 @@ import sys
 import numpy as np
 import atsplat
 
-rooms, index, pictures, out, kind = sys.argv[1:]
+rooms, index, images, out, kind = sys.argv[1:]
 arrays = kind == "arrays"
 
 def ready(images, context, target, *, trial):
-    folder = f"{pictures}/{trial.scene}-{trial.entry}"
+    folder = f"{images}/{trial.scene}-{trial.entry}"
     if arrays:
         return np.load(folder + ".npy")
     from PIL import Image
@@ -54,16 +54,16 @@ def main(binary, pairs="5", kind="arrays"):
         entries = [{"context": [at % 15, 25 + at % 15], "target": [at % 15 + 3, 18, 21 + at % 3]} for at in range(ENTRIES)]
         index.write_text(json.dumps(dict.fromkeys(scenes, entries)))
         common = (PROTOCOL, "--data", rooms / "test", "--index", index)
-        seconds(binary, "run", *common, "--method", "warp", "--keep-pictures", "all", "--out", warped)
-        pictures = warped / "pictures" / PROTOCOL / "warp"
-        for trial in list(pictures.iterdir()):
+        seconds(binary, "run", *common, "--method", "warp", "--keep-images", "all", "--out", warped)
+        images = warped / "images" / PROTOCOL / "warp"
+        for trial in list(images.iterdir()):
             images = [np.asarray(Image.open(file)) for file in sorted(trial.glob("*.png"))]
             np.save(trial.with_name(trial.name + ".npy"), np.stack(images))
         ratios = []
         for pair in range(pairs):
             out = Path(folder) / f"pair-{pair}"
-            theirs = seconds(binary, "score", *common, "--renders", pictures, "--out", out / "binary")
-            ours = seconds(sys.executable, "-c", METHOD, rooms / "test", index, pictures, out / "python", kind)
+            theirs = seconds(binary, "score", *common, "--renders", images, "--out", out / "binary")
+            ours = seconds(sys.executable, "-c", METHOD, rooms / "test", index, images, out / "python", kind)
             ratios.append(ours / theirs)
             print(f"binary {theirs:.2f} s, Python {ours:.2f} s, ratio {ours / theirs:.3f}", flush=True)
         print(f"median ratio of {pairs} pairs on {SCENES * ENTRIES} trials: {statistics.median(ratios):.3f}")

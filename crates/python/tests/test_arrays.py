@@ -58,7 +58,7 @@ def test_ssim_has_conventions_and_lpips_says_what_it_needs(tmp_path, monkeypatch
         atsplat.lpips(render, truth, weights=tmp_path)
 
 
-def test_wrong_pictures_are_errors():
+def test_wrong_images_are_errors():
     render, truth = pair()
     for wrong, reason in [(render[:, :, :-1], "32 × 3 as|found"), (np.full_like(render, np.nan), "finite")]:
         with pytest.raises(atsplat.InvalidError, match=reason):
@@ -66,11 +66,11 @@ def test_wrong_pictures_are_errors():
 
 
 @pytest.mark.parametrize("score", [atsplat.psnr, atsplat.ssim])
-def test_pictures_in_another_range_are_errors(score):
+def test_images_in_another_range_are_errors(score):
     render, truth = pair()
-    for pictures, field in [((255 * render, truth), "render"), ((render, 2 * truth - 1), "truth")]:
+    for images, field in [((255 * render, truth), "render"), ((render, 2 * truth - 1), "truth")]:
         with pytest.raises(atsplat.InvalidError, match="expected samples in") as raised:
-            score(*pictures)
+            score(*images)
         assert raised.value.field == field
     assert score((255 * truth).astype(np.uint8), truth)[1] > score(render, truth)[1]
 

@@ -37,14 +37,14 @@ def test_a_python_method_has_the_binarys_numbers_to_the_bit(rooms, warped, binar
     assert scores(evaluated("warp", rooms, tmp_path / "warp"), "warp") == scores(atsplat.open_store(warped), "warp")
 
 
-def test_ready_pictures_have_the_binarys_tables(rooms, warped, binary, tmp_path):
-    """uint8 pictures from files: `atsplat score` and `evaluate` of a method that reads them."""
+def test_ready_images_have_the_binarys_tables(rooms, warped, binary, tmp_path):
+    """uint8 images from files: `atsplat score` and `evaluate` of a method that reads them."""
     Image = pytest.importorskip("PIL.Image")
-    pictures = warped / "pictures" / PROTOCOL / "warp"
-    binary("score", PROTOCOL, "--data", rooms, "--index", INDEX, "--renders", pictures, "--name", "mine", "--out", tmp_path / "rust")
+    images = warped / "images" / PROTOCOL / "warp"
+    binary("score", PROTOCOL, "--data", rooms, "--index", INDEX, "--renders", images, "--name", "mine", "--out", tmp_path / "rust")
 
     def mine(images, context, target, *, trial):
-        files = [pictures / f"{trial.scene}-{trial.entry}" / f"{frame:06}.png" for frame in target.frames]
+        files = [images / f"{trial.scene}-{trial.entry}" / f"{frame:06}.png" for frame in target.frames]
         return np.stack([np.asarray(Image.open(file)) for file in files])
 
     store = evaluated(mine, rooms, tmp_path / "python", title="mine")
@@ -242,7 +242,7 @@ def test_what_a_built_in_method_would_ignore_is_an_error(field, given):
 
 
 def test_settings_are_checked(rooms, tmp_path):
-    for options, field in [({"setting": "pixelsplats"}, "setting"), ({"name": "truth"}, "name"), ({"keep_pictures": "some"}, "keep_pictures")]:
+    for options, field in [({"setting": "pixelsplats"}, "setting"), ({"name": "truth"}, "name"), ({"keep_images": "some"}, "keep_images")]:
         with pytest.raises(atsplat.InvalidError) as raised:
             evaluated(nearest, rooms, tmp_path / "store", **options)
         assert raised.value.field == field

@@ -27,7 +27,7 @@ def test_what_ray_cannot_do_is_refused(rooms, data, tmp_path):
     refused = [
         ({"ray": {"worker": 2}}, "ray"),
         ({"ray": True, "shard": (1, 2)}, "shard"),
-        ({"ray": True, "keep_pictures": "all"}, "keep_pictures"),
+        ({"ray": True, "keep_images": "all"}, "keep_images"),
     ]
     for options, field in refused:
         with pytest.raises(atsplat.InvalidError) as raised:

@@ -1,4 +1,4 @@
-"""Trials: what a method sees, and scoring of pictures and Gaussians."""
+"""Trials: what a method sees, and scoring of images and Gaussians."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_scores_of_gaussians_are_those_of_their_rendering(trials):
     )
     scored = trial.score(gaussians)
     assert scored.status == "done" and 0 < scored.mean["psnr"] < 40
-    # Another order of the colours is another picture.
+    # Another order of the colours is another image.
     other = atsplat.Gaussians(
         gaussians.means, gaussians.quaternions, log_scales=gaussians.log_scales,
         opacity_logits=gaussians.opacity_logits, sh=gaussians.sh[:, :, ::-1],

@@ -46,9 +46,9 @@ pub enum ReportError {
     /// A plot cannot be drawn.
     #[error("drawing: {0}")]
     Plot(String),
-    /// A picture cannot be read or written.
+    /// An image cannot be read or written.
     #[error(transparent)]
-    Picture(#[from] PixelError),
+    Image(#[from] PixelError),
     /// A protocol in the store is invalid.
     #[error(transparent)]
     Protocol(#[from] ProtocolError),

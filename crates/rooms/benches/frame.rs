@@ -1,4 +1,4 @@
-//! A 256×256 frame with 4 samples a pixel on two threads: the picture with the effects that its scene calls for,
+//! A 256×256 frame with 4 samples a pixel on two threads: the image with the effects that its scene calls for,
 //! with all and without any, the geometry alone, and the building of a scene.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
@@ -24,8 +24,8 @@ fn frames(c: &mut Criterion) {
             let scenes: Vec<Simulation> =
                 requests(kind, &effects).into_iter().map(|r| Simulation::new(r).expect("a scene")).collect();
             let mut next = scenes.iter().cycle();
-            c.bench_function(&format!("{kind}, effects {name}: picture"), |b| {
-                b.iter(|| pool.install(|| black_box(next.next().expect("a scene").picture(30).expect("a picture"))));
+            c.bench_function(&format!("{kind}, effects {name}: image"), |b| {
+                b.iter(|| pool.install(|| black_box(next.next().expect("a scene").image(30).expect("an image"))));
             });
             if effects == EffectChoice::None {
                 c.bench_function(&format!("{kind}: geometry"), |b| {

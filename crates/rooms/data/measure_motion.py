@@ -4,7 +4,7 @@ Usage: python measure_motion.py FOLDER... > re10k_motion.json
 Each folder is searched for RE10K trajectory files: a first line, then rows of timestamp, fx fy cx cy, two
 slots, and a 3x4 world-to-camera matrix. Needs numpy.
 
-Per clip: the focal length over picture width, speed in scene units a second, turn rate in degrees a second,
+Per clip: the focal length over image width, speed in scene units a second, turn rate in degrees a second,
 straightness (distance between the ends over path length), the angle between travel and optical axis, and
 the mean baseline over 45, 90 and 135 frames of 1/30 s (null where the clip is shorter). Speeds are
 path length over time, so that files that keep every eighth frame count like whole ones.

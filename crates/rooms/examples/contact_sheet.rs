@@ -29,7 +29,7 @@ fn main() -> anyhow::Result<()> {
         print!("{}", simulation.costs(0)?);
         let last = simulation.shots().len() - 1;
         let mut tiles: Vec<Image> =
-            (0..VIEWS).map(|view| simulation.picture(view * last / (VIEWS - 1))).collect::<Result<_, _>>()?;
+            (0..VIEWS).map(|view| simulation.image(view * last / (VIEWS - 1))).collect::<Result<_, _>>()?;
         tiles.extend(shown(&simulation.geometry(last)?)?);
         for row in 0..side {
             for tile in &tiles {

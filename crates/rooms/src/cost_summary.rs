@@ -80,7 +80,7 @@ impl fmt::Display for CostSummary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{EffectCost, PictureDifference, Timing};
+    use crate::{EffectCost, ImageDifference, Timing};
 
     fn timing(secs: Option<f64>) -> Timing {
         Timing { secs, interval: [0.0, 1.0] }
@@ -94,7 +94,7 @@ mod tests {
             all: timing(Some(all)),
             speedup: all / frame,
             effects: effects.collect(),
-            difference: PictureDifference { largest, beyond: 0.001, mse: 0.0 },
+            difference: ImageDifference { largest, beyond: 0.001, mse: 0.0 },
         }
     }
 

@@ -43,13 +43,13 @@ pub struct FrameCosts {
     /// The effects that run.
     pub effects: Vec<EffectCost>,
     /// Against the frame with all effects.
-    pub difference: PictureDifference,
+    pub difference: ImageDifference,
 }
 
-/// How a picture differs from the one with all effects.
+/// How an image differs from the one with all effects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct PictureDifference {
+pub struct ImageDifference {
     /// Largest difference of a displayed value, as a share of white.
     pub largest: f32,
     /// Share of pixels of which a channel differs by more than 1/255.
@@ -58,8 +58,8 @@ pub struct PictureDifference {
     pub mse: f64,
 }
 
-impl PictureDifference {
-    /// Peak signal-to-noise ratio in dB; infinite for equal pictures.
+impl ImageDifference {
+    /// Peak signal-to-noise ratio in dB; infinite for equal images.
     pub fn psnr(&self) -> f64 {
         -10.0 * self.mse.log10()
     }
@@ -84,7 +84,7 @@ impl fmt::Display for FrameCosts {
         }
         writeln!(f, "    {:<20} {}", "the frame", self.frame)?;
         writeln!(f, "    {:<20} {}: {:.2} times as long", "with all effects", self.all, self.speedup)?;
-        let PictureDifference { largest, beyond, .. } = self.difference;
+        let ImageDifference { largest, beyond, .. } = self.difference;
         let (largest, beyond, psnr) = (largest * 255.0, beyond * 100.0, self.difference.psnr());
         writeln!(
             f,
@@ -111,7 +111,7 @@ impl Simulation {
     /// without one effect after another.
     ///
     /// # Errors
-    /// As [`Self::picture`].
+    /// As [`Self::image`].
     pub fn costs(&self, frame: usize) -> Result<FrameCosts, RoomsError> {
         let kinds: Vec<EffectKind> = self.called_effects().iter().map(|called| called.effect).collect();
         let others = |kind: EffectKind| kinds.iter().copied().filter(|other| *other != kind).collect();
@@ -142,15 +142,15 @@ impl Simulation {
     /// Compares a frame with the one that all effects give.
     ///
     /// # Errors
-    /// As [`Self::picture`].
-    pub fn difference_from_all(&self, frame: usize) -> Result<PictureDifference, RoomsError> {
+    /// As [`Self::image`].
+    pub fn difference_from_all(&self, frame: usize) -> Result<ImageDifference, RoomsError> {
         let effects = Effects::choose(&self.context(), &EffectChoice::All);
         let all = self.rendered(frame, &effects)?;
-        let own = self.picture(frame)?;
+        let own = self.image(frame)?;
         let changes = || own.samples().iter().zip(all.samples()).map(|(a, b)| (a - b).abs());
         let values: Vec<f32> = changes().collect();
         let beyond = values.chunks(3).filter(|pixel| pixel.iter().any(|change| *change > 1.0 / 255.0)).count();
-        Ok(PictureDifference {
+        Ok(ImageDifference {
             largest: changes().fold(0.0, |largest, change| if change > largest { change } else { largest }),
             beyond: 3.0 * beyond as f64 / values.len() as f64,
             mse: changes().map(|change| f64::from(change).powi(2)).sum::<f64>() / values.len() as f64,

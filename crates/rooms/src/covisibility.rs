@@ -4,20 +4,20 @@ use rayon::prelude::*;
 use crate::render::Rays;
 use crate::{RoomsError, Simulation};
 
-/// Shares of two pictures that show the same surfaces, by ray tracing.
+/// Shares of two images that show the same surfaces, by ray tracing.
 ///
-/// Of the pixels of one picture whose centre shows a surface, those count whose surface point lies inside the other picture
+/// Of the pixels of one image whose centre shows a surface, those count whose surface point lies inside the other image
 /// and is visible from there. No depth maps or depth tolerances are involved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covisibility {
-    /// Share of the first picture's surface pixels that are visible in the second, in [0, 1]; 0 if it shows only sky.
+    /// Share of the first image's surface pixels that are visible in the second, in [0, 1]; 0 if it shows only sky.
     pub first_in_second: f64,
-    /// Share of the second picture's surface pixels that are visible in the first.
+    /// Share of the second image's surface pixels that are visible in the first.
     pub second_in_first: f64,
 }
 
 impl Covisibility {
-    /// Overlap of the two pictures: the smaller of both shares.
+    /// Overlap of the two images: the smaller of both shares.
     pub fn overlap(&self) -> f64 {
         if self.second_in_first < self.first_in_second { self.second_in_first } else { self.first_in_second }
     }
@@ -48,7 +48,7 @@ impl Simulation {
                 let direction = pose.transform_vector(plane.extend(1.0)).normalize();
                 let Some(surface) = self.world.trace(pose.centre(), direction) else { continue };
                 surfaces += 1;
-                // A point that the lens cannot map or that lies behind the camera is not in the picture.
+                // A point that the lens cannot map or that lies behind the camera is not in the image.
                 let inside = other.project(surface.point).is_ok_and(|projected| projected.is_inside());
                 let to_eye: DVec3 = eye - surface.point;
                 let faces = surface.normal.dot(to_eye) > 0.0;

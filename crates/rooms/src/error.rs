@@ -29,7 +29,7 @@ pub enum RoomsError {
     /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// A picture cannot be encoded.
+    /// An image cannot be encoded.
     #[error(transparent)]
     Pixels(#[from] PixelError),
     /// A scene cannot be stored.

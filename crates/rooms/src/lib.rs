@@ -31,9 +31,9 @@ mod tiled_light;
 mod world;
 
 pub use cost_summary::{CostSummary, EffectMillis};
-pub use costs::{EffectCost, FrameCosts, PictureDifference, Timing};
+pub use costs::{EffectCost, FrameCosts, ImageDifference, Timing};
 pub use covisibility::Covisibility;
-pub use dataset::{Layout, ManifestScene, PictureEncoding, WriteOptions, encoded_scene, write_dataset};
+pub use dataset::{ImageEncoding, Layout, ManifestScene, WriteOptions, encoded_scene, write_dataset};
 pub use effects::{ActiveEffect, EffectChoice, EffectKind, TOLERANCE};
 pub use error::RoomsError;
 pub use path::{ClipMotion, Motion, Shot, has_times};

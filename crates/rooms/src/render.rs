@@ -236,7 +236,7 @@ impl Incidence {
     }
 }
 
-/// The picture of linear light: multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
+/// The image of linear light: multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
 pub(crate) fn developed(
     light: &[Vec3],
     effects: &Effects,

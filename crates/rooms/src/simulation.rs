@@ -14,7 +14,7 @@ use crate::world::World;
 use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
 /// Name and version of the generator. The version is raised with every change of a pixel, so that results computed from a
-/// simulated picture can be reused without rendering it again.
+/// simulated image can be reused without rendering it again.
 pub const GENERATOR: &str = "atsplat rooms 1";
 
 /// Route of the camera.
@@ -44,7 +44,7 @@ pub struct Request {
     pub seed: SceneSeed,
     /// Number of frames; ignored for a given route.
     pub frames: usize,
-    /// Size of each picture.
+    /// Size of each image.
     pub size: ImageSize,
     /// Rays per pixel, 1 to 256.
     pub samples: u32,
@@ -67,7 +67,7 @@ impl Request {
     }
 }
 
-/// A simulated scene with its camera path; pictures are rendered on request, in any order.
+/// A simulated scene with its camera path; images are rendered on request, in any order.
 #[derive(Debug)]
 pub struct Simulation {
     request: Request,
@@ -163,18 +163,18 @@ impl Simulation {
         Ok(Camera { distortion: self.effects.lens, ..self.shot(frame)?.camera })
     }
 
-    /// Renders a frame's picture, sRGB-encoded in [0, 1].
+    /// Renders a frame's image, sRGB-encoded in [0, 1].
     ///
     /// # Errors
-    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
-    pub fn picture(&self, frame: usize) -> Result<Image, RoomsError> {
+    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the image.
+    pub fn image(&self, frame: usize) -> Result<Image, RoomsError> {
         self.rendered(frame, &self.effects)
     }
 
     /// Computes the geometry behind each pixel's centre, without rendering.
     ///
     /// # Errors
-    /// As [`Self::picture`].
+    /// As [`Self::image`].
     pub fn geometry(&self, frame: usize) -> Result<Geometry, RoomsError> {
         render::geometry(&self.world, self.effects.lens, self.shot(frame)?, self.request.size)
     }

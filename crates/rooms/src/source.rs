@@ -5,22 +5,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_camera::ImageSize;
 use atsplat_pixels::{ImageU8, Rounding};
-use atsplat_scene::{Frame, GeneratedPicture, Picture, Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Frame, FrameImage, GeneratedImage, Scene, SceneError, SceneSource, Warnings};
 use indexmap::IndexMap;
 
 use crate::{GENERATOR, Request, RoomsError, Simulation};
 
-/// Size of the picture cache, in bytes.
+/// Size of the image cache, in bytes.
 const CACHE_BYTES: usize = 512 << 20;
 
 /// Simulated scenes as a dataset in memory.
 ///
-/// A scene is built when it is loaded, and each of its pictures is rendered when it is first decoded.
+/// A scene is built when it is loaded, and each of its images is rendered when it is first decoded.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedScenes {
     keys: Vec<String>,
     requests: IndexMap<String, Request>,
-    cache: Arc<PictureCache>,
+    cache: Arc<ImageCache>,
 }
 
 impl SimulatedScenes {
@@ -35,14 +35,14 @@ impl SimulatedScenes {
         if self.requests.insert(key.clone(), request).is_none() {
             self.keys.push(key);
         } else {
-            // Cached pictures may be of the replaced request.
+            // Cached images may be of the replaced request.
             self.cache = Arc::default();
         }
     }
 
     fn frame(&self, key: &str, simulation: &Arc<Simulation>, at: usize) -> Result<Frame, RoomsError> {
         let timestamp = simulation.shot(at)?.timestamp_micros;
-        let picture = SimulatedPicture {
+        let image = SimulatedImage {
             key: key.to_owned(),
             frame: at,
             simulation: Arc::clone(simulation),
@@ -53,7 +53,7 @@ impl SimulatedScenes {
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            picture: Picture::Generated(Arc::new(picture)),
+            image: FrameImage::Generated(Arc::new(image)),
         })
     }
 }
@@ -73,15 +73,15 @@ impl SceneSource for SimulatedScenes {
     }
 }
 
-/// A picture that is rendered on request and cached.
-struct SimulatedPicture {
+/// An image that is rendered on request and cached.
+struct SimulatedImage {
     key: String,
     frame: usize,
     simulation: Arc<Simulation>,
-    cache: Arc<PictureCache>,
+    cache: Arc<ImageCache>,
 }
 
-impl GeneratedPicture for SimulatedPicture {
+impl GeneratedImage for SimulatedImage {
     fn size(&self) -> ImageSize {
         self.simulation.request().size
     }
@@ -91,19 +91,19 @@ impl GeneratedPicture for SimulatedPicture {
     }
 
     fn make(&self) -> Result<ImageU8, SceneError> {
-        if let Some(picture) = self.cache.get(&self.key, self.frame) {
-            return Ok(picture);
+        if let Some(image) = self.cache.get(&self.key, self.frame) {
+            return Ok(image);
         }
-        let picture = self.simulation.picture(self.frame).map_err(making(&self.key))?;
-        let picture = picture.to_u8(Rounding::Nearest).map_err(|error| making(&self.key)(error.into()))?;
-        self.cache.put(&self.key, self.frame, &picture);
-        Ok(picture)
+        let image = self.simulation.image(self.frame).map_err(making(&self.key))?;
+        let image = image.to_u8(Rounding::Nearest).map_err(|error| making(&self.key)(error.into()))?;
+        self.cache.put(&self.key, self.frame, &image);
+        Ok(image)
     }
 }
 
-impl fmt::Debug for SimulatedPicture {
+impl fmt::Debug for SimulatedImage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "SimulatedPicture({} {})", self.key, self.frame)
+        write!(f, "SimulatedImage({} {})", self.key, self.frame)
     }
 }
 
@@ -111,37 +111,35 @@ fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
     move |error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) }
 }
 
-/// Rendered pictures, up to [`CACHE_BYTES`] bytes; later ones are rendered again each time.
+/// Rendered images, up to [`CACHE_BYTES`] bytes; later ones are rendered again each time.
 #[derive(Default)]
-struct PictureCache(Mutex<Pictures>);
+struct ImageCache(Mutex<Images>);
 
 #[derive(Default)]
-struct Pictures {
+struct Images {
     bytes: usize,
     /// By scene and frame.
     all: HashMap<(String, usize), ImageU8>,
 }
 
-impl PictureCache {
+impl ImageCache {
     fn get(&self, key: &str, frame: usize) -> Option<ImageU8> {
-        let pictures = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        pictures.all.get(&(key.to_owned(), frame)).cloned()
+        let images = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        images.all.get(&(key.to_owned(), frame)).cloned()
     }
 
-    fn put(&self, key: &str, frame: usize, picture: &ImageU8) {
-        let mut pictures = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let bytes = picture.samples().len();
-        if pictures.bytes + bytes <= CACHE_BYTES
-            && pictures.all.insert((key.to_owned(), frame), picture.clone()).is_none()
-        {
-            pictures.bytes += bytes;
+    fn put(&self, key: &str, frame: usize, image: &ImageU8) {
+        let mut images = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let bytes = image.samples().len();
+        if images.bytes + bytes <= CACHE_BYTES && images.all.insert((key.to_owned(), frame), image.clone()).is_none() {
+            images.bytes += bytes;
         }
     }
 }
 
-impl fmt::Debug for PictureCache {
+impl fmt::Debug for ImageCache {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("PictureCache")
+        f.write_str("ImageCache")
     }
 }
 
@@ -169,8 +167,8 @@ mod tests {
         assert_eq!(scene.frames.len(), 4);
         for (at, frame) in scene.frames.iter().enumerate() {
             assert_eq!(frame.camera, simulation.camera(at).unwrap());
-            let picture = scene.decode(at, &DecodeLimits::default()).unwrap();
-            assert_eq!(picture, simulation.picture(at).unwrap().to_u8(Rounding::Nearest).unwrap());
+            let image = scene.decode(at, &DecodeLimits::default()).unwrap();
+            assert_eq!(image, simulation.image(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         }
     }
 

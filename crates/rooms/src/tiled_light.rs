@@ -64,7 +64,7 @@ struct Hit {
 }
 
 impl TiledLight<'_> {
-    /// Linear light before exposure of the whole picture, row by row.
+    /// Linear light before exposure of the whole image, row by row.
     pub(crate) fn light(&self) -> Result<Vec<Vec3>, RoomsError> {
         let (width, height) = (self.frame.size.width, self.frame.size.height);
         let bands = (0..height.div_ceil(TILE)).into_par_iter().map(|band| {

@@ -8,7 +8,7 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics, P
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Rounding, exr};
 use atsplat_rooms::{
-    EffectChoice, Layout, PictureEncoding, Request, Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions,
+    EffectChoice, ImageEncoding, Layout, Request, Route, SceneKind, SceneSeed, Simulation, Split, WriteOptions,
     write_dataset,
 };
 use atsplat_scene::{SceneSource, Warnings, open};
@@ -25,7 +25,7 @@ fn requests() -> Vec<Request> {
 }
 
 fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
-    let options = WriteOptions { layout, coding: PictureEncoding::Png, depth: true };
+    let options = WriteOptions { layout, coding: ImageEncoding::Png, depth: true };
     let mut warnings = Warnings::default();
     let mut reported = Vec::new();
     let entries =
@@ -57,8 +57,8 @@ fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens
         if has_lens {
             assert_eq!(frame.camera.distortion, expected.distortion);
         }
-        let picture = scene.decode(at, &DecodeLimits::default()).unwrap();
-        assert_eq!(picture, simulation.picture(at).unwrap().to_u8(Rounding::Nearest).unwrap());
+        let image = scene.decode(at, &DecodeLimits::default()).unwrap();
+        assert_eq!(image, simulation.image(at).unwrap().to_u8(Rounding::Nearest).unwrap());
         let file = depth.join(simulation.key()).join(format!("{}.exr", frame.name));
         let channels = exr::read(&std::fs::read(file).unwrap(), &DecodeLimits::default()).unwrap();
         let truth = simulation.geometry(at).unwrap();
@@ -84,7 +84,7 @@ fn chunks_round_trip_and_are_not_mixed() {
     let depth = folder.path().join("depth");
     check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000", false);
     check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
-    let options = WriteOptions { layout: Layout::Chunks, coding: PictureEncoding::Jpeg(90), depth: false };
+    let options = WriteOptions { layout: Layout::Chunks, coding: ImageEncoding::Jpeg(90), depth: false };
     let again = write_dataset(folder.path(), requests(), &options, &mut Warnings::default(), |_, _| {});
     assert!(again.is_err(), "old chunks must not be mixed with new ones");
 }
@@ -121,18 +121,18 @@ fn routed() -> Request {
 #[test]
 fn each_frame_of_a_route_keeps_its_focal_length() {
     let folder = tempfile::tempdir().unwrap();
-    let options = WriteOptions { layout: Layout::Nerfstudio, coding: PictureEncoding::Png, depth: true };
+    let options = WriteOptions { layout: Layout::Nerfstudio, coding: ImageEncoding::Png, depth: true };
     write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {}).unwrap();
     let simulation = Simulation::new(routed()).unwrap();
     check(folder.path(), &folder.path().join("depth"), &simulation, &simulation.key(), true);
 }
 
-/// The second picture would replace the first.
+/// The second image would replace the first.
 #[test]
 fn a_time_twice_is_refused_where_files_are_named_after_it() {
     for (layout, depth) in [(Layout::Re10k, false), (Layout::Chunks, true)] {
         let folder = tempfile::tempdir().unwrap();
-        let options = WriteOptions { layout, coding: PictureEncoding::Png, depth };
+        let options = WriteOptions { layout, coding: ImageEncoding::Png, depth };
         let refused = write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {});
         let error = refused.unwrap_err().to_string();
         let [start, end] = ["trajectory: expected every time once", "found 0 µs again"];

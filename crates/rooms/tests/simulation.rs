@@ -5,7 +5,7 @@
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_rooms::{
-    EffectChoice, EffectKind, GENERATOR, Geometry, PictureDifference, Request, Route, SceneKind, SceneSeed, Simulation,
+    EffectChoice, EffectKind, GENERATOR, Geometry, ImageDifference, Request, Route, SceneKind, SceneSeed, Simulation,
     Split, TOLERANCE,
 };
 use glam::{DMat3, DVec3};
@@ -20,8 +20,8 @@ fn request(kind: SceneKind, number: u32) -> Request {
 fn digest(simulation: &Simulation, frames: &[usize]) -> [u8; 32] {
     let mut hash = Sha256::new();
     for &frame in frames {
-        let (picture, geometry) = (simulation.picture(frame).unwrap(), simulation.geometry(frame).unwrap());
-        picture.samples().iter().for_each(|sample| hash.update(sample.to_le_bytes()));
+        let (image, geometry) = (simulation.image(frame).unwrap(), simulation.geometry(frame).unwrap());
+        image.samples().iter().for_each(|sample| hash.update(sample.to_le_bytes()));
         geometry.depth.iter().for_each(|depth| hash.update(depth.to_le_bytes()));
         geometry.normals.iter().flatten().for_each(|n| hash.update(n.to_le_bytes()));
         geometry.instances.iter().for_each(|id| hash.update(id.to_le_bytes()));
@@ -44,7 +44,7 @@ fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
             let one = on(1);
             assert_eq!([on(2), on(5)], [one, one], "{kind} {:?}", request.effects);
             let other = Simulation::new(request.clone()).unwrap();
-            other.picture(7).unwrap();
+            other.image(7).unwrap();
             assert_eq!(digest(&other, &[0, 40]), one, "frames rendered before must not matter");
         }
     }
@@ -53,9 +53,9 @@ fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
 }
 
 /// Golden hashes: changing them changes every simulated dataset and requires raising [`GENERATOR`], by which results stores
-/// recognise rows computed from these pictures.
+/// recognise rows computed from these images.
 ///
-/// Hashes cover pictures in 8 bits, depth in millimetres and instances instead of floats: sines and powers come from the
+/// Hashes cover images in 8 bits, depth in millimetres and instances instead of floats: sines and powers come from the
 /// system's library, whose last bits differ between machines, and rounding almost always hides them.
 #[test]
 #[cfg(all(target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
@@ -65,8 +65,8 @@ fn golden_hashes_are_unchanged() {
         let simulation = Simulation::new(Request { effects: EffectChoice::All, ..request(kind, number) }).unwrap();
         let mut hash = Sha256::new();
         for frame in [0, 60] {
-            let (picture, geometry) = (simulation.picture(frame).unwrap(), simulation.geometry(frame).unwrap());
-            hash.update(picture.to_u8(atsplat_pixels::Rounding::Nearest).unwrap().samples());
+            let (image, geometry) = (simulation.image(frame).unwrap(), simulation.geometry(frame).unwrap());
+            hash.update(image.to_u8(atsplat_pixels::Rounding::Nearest).unwrap().samples());
             geometry.depth.iter().for_each(|depth| hash.update(format!("{:.0},", depth * 1e3)));
             geometry.instances.iter().for_each(|id| hash.update(id.to_le_bytes()));
         }
@@ -85,14 +85,14 @@ const GOLDEN: [&str; 3] = [
 ];
 
 fn mean_difference(a: &Simulation, b: &Simulation, frame: usize) -> f64 {
-    let (a, b) = (a.picture(frame).unwrap(), b.picture(frame).unwrap());
+    let (a, b) = (a.image(frame).unwrap(), b.image(frame).unwrap());
     let sum: f64 = a.samples().iter().zip(b.samples()).map(|(a, b)| f64::from((a - b).abs())).sum();
     sum / a.samples().len() as f64
 }
 
-/// Asserts that pictures with the effects that a scene calls for are close to those with all; returns how many effects
+/// Asserts that images with the effects that a scene calls for are close to those with all; returns how many effects
 /// were left out, and the largest difference.
-fn assert_close_to_all(kind: SceneKind, number: u32, size: ImageSize, frame: usize) -> (usize, PictureDifference) {
+fn assert_close_to_all(kind: SceneKind, number: u32, size: ImageSize, frame: usize) -> (usize, ImageDifference) {
     let simulation = Simulation::new(Request { size, ..request(kind, number) }).unwrap();
     let difference = simulation.difference_from_all(frame).unwrap();
     let close = difference.beyond <= 1e-3 && difference.psnr() >= 50.0;
@@ -123,8 +123,7 @@ fn eighty_scenes_are_close_to_all_effects() {
     let size = ImageSize { width: 256, height: 256 };
     for kind in [SceneKind::Rooms, SceneKind::Yards] {
         let found: Vec<_> = (0..40).map(|number| assert_close_to_all(kind, number, size, 60)).collect();
-        let most =
-            |read: fn(&PictureDifference) -> f64| found.iter().map(|(_, of)| read(of)).fold(0.0, f64::maximum_of);
+        let most = |read: fn(&ImageDifference) -> f64| found.iter().map(|(_, of)| read(of)).fold(0.0, f64::maximum_of);
         let (skipped, worst) = (found.iter().map(|(skipped, _)| skipped).sum::<usize>(), most(|of| of.mse));
         println!(
             "{kind}: {:.1} of 7 effects left out; in the worst scene {:.3} % of pixels above 1/255, PSNR {:.1} dB, at most {:.1} of 255",
@@ -137,7 +136,7 @@ fn eighty_scenes_are_close_to_all_effects() {
 }
 
 #[test]
-fn each_effect_that_is_called_for_changes_pictures() {
+fn each_effect_that_is_called_for_changes_images() {
     let mut seen = Vec::new();
     for number in 0..30 {
         let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
@@ -172,7 +171,7 @@ fn depth_maps_agree_with_traced_covisibility() {
             Tolerance::absolute(0.08).assert([found], [expected], "co-visibility by depth maps");
         }
         let itself = simulation.covisibility(10, 10).unwrap().overlap();
-        assert!(itself > 0.995, "a picture overlaps with itself: {itself}");
+        assert!(itself > 0.995, "an image overlaps with itself: {itself}");
         for (depth, (normal, instance)) in a.depth.iter().zip(a.normals.iter().zip(&a.instances)) {
             assert_eq!(depth.is_finite(), *instance > 0);
             let length = DVec3::from(normal.map(f64::from)).length();
@@ -191,7 +190,7 @@ fn by_depth_maps(a: &Geometry, from: &Camera, b: &Geometry, into: &Camera) -> f6
         let Ok(projected) = into.project(ray.at(f64::from(*depth))) else { continue };
         if projected.is_inside() {
             let pixel = projected.pixel(b.size).floor();
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the picture")]
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the image")]
             let there = b.depth[pixel.y as usize * b.size.width as usize + pixel.x as usize];
             let near = (projected.depth - f64::from(there)).abs() < 0.06 * projected.depth;
             seen += f64::from(u8::from(near));
@@ -266,5 +265,5 @@ fn rejects_invalid_requests() {
     assert!(refused(&|r| r.samples = 0).starts_with("samples"));
     assert!(refused(&|r| r.route = Route::Given(Vec::new())).starts_with("trajectory"));
     let simulation = Simulation::new(request(SceneKind::Rooms, 0)).unwrap();
-    assert!(simulation.picture(150).unwrap_err().to_string().contains("150 frames, so no frame 150"));
+    assert!(simulation.image(150).unwrap_err().to_string().contains("150 frames, so no frame 150"));
 }

@@ -1,7 +1,7 @@
 //! Reads a chunk of RE10K's size, compared with reading the same file's bytes.
 //!
-//! The chunk is written by [`ChunkWriter`]: 105 MB of incompressible pictures of 20 kB, 279 per scene. All cases sum
-//! every picture byte, so that nothing stays unread.
+//! The chunk is written by [`ChunkWriter`]: 105 MB of incompressible images of 20 kB, 279 per scene. All cases sum
+//! every image byte, so that nothing stays unread.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
@@ -12,12 +12,12 @@ use std::path::Path;
 
 use atsplat_numeric::SplitMix64;
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter};
-use atsplat_scene::{Picture, SharedBytes, Warnings};
+use atsplat_scene::{FrameImage, SharedBytes, Warnings};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
 const SCENES: usize = 19;
 const FRAMES: usize = 279;
-const PICTURE_BYTES: usize = 19_800;
+const IMAGE_BYTES: usize = 19_800;
 
 fn chunk(criterion: &mut Criterion) {
     let folder = tempfile::tempdir().expect("a temporary folder");
@@ -25,7 +25,7 @@ fn chunk(criterion: &mut Criterion) {
     let bytes = path.metadata().expect("the chunk").len();
     let mut group = criterion.benchmark_group("chunk");
     group.sample_size(20).throughput(Throughput::Bytes(bytes));
-    group.bench_function("scenes and every picture byte", |bencher| bencher.iter(|| sum_of_pictures(black_box(&path))));
+    group.bench_function("scenes and every image byte", |bencher| bencher.iter(|| sum_of_images(black_box(&path))));
     group.bench_function("plain read into one buffer", |bencher| {
         bencher.iter(|| sum(&std::fs::read(black_box(&path)).expect("the chunk")));
     });
@@ -40,7 +40,7 @@ fn write_chunk(folder: &Path) -> std::path::PathBuf {
     let mut writer = ChunkWriter::create(folder, u64::MAX).expect("an empty folder");
     let mut random = SplitMix64::new(1);
     for scene in 0..SCENES {
-        let images = (0..FRAMES).map(|_| SharedBytes::new(picture(&mut random))).collect();
+        let images = (0..FRAMES).map(|_| SharedBytes::new(image(&mut random))).collect();
         let camera = [0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.2, 0.0, 0.0, 1.0, 0.3];
         let scene = ChunkScene {
             key: format!("{scene:016x}"),
@@ -55,20 +55,20 @@ fn write_chunk(folder: &Path) -> std::path::PathBuf {
 }
 
 /// A JPEG's first bytes, then noise.
-fn picture(random: &mut SplitMix64) -> Vec<u8> {
+fn image(random: &mut SplitMix64) -> Vec<u8> {
     let mut bytes = b"\xff\xd8\xff\xe0".to_vec();
-    while bytes.len() < PICTURE_BYTES {
+    while bytes.len() < IMAGE_BYTES {
         bytes.extend_from_slice(&random.next_u64().to_le_bytes());
     }
     bytes
 }
 
-fn sum_of_pictures(path: &Path) -> u64 {
+fn sum_of_images(path: &Path) -> u64 {
     let chunk = Chunk::open(path, &mut Warnings::new()).expect("a chunk");
     let mut total = 0;
     for key in chunk.keys() {
         for frame in chunk.load(key).expect("a scene").frames {
-            if let Picture::Encoded(bytes) = frame.picture {
+            if let FrameImage::Encoded(bytes) = frame.image {
                 total += sum(&bytes);
             }
         }

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_scene::export::{ExportFormat, export};
 use atsplat_scene::inspect::{InspectOptions, inspect};
-use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, Warnings};
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -40,7 +40,7 @@ impl SceneSource for Trajectories {
                 timestamp_micros: Some(timestamp),
                 camera: Camera::pinhole(pose.inverse(), intrinsics),
                 stated_size: None,
-                picture: Picture::Absent,
+                image: FrameImage::Absent,
             })
         };
         let frames = (0..FRAMES).map(frame).collect::<Result<_, SceneError>>()?;

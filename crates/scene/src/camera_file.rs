@@ -282,8 +282,8 @@ fn cameras_of_dataset(
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // The image's own size, because it may be a downscaled copy; if it cannot be read or does not fit, the stated
         // size.
-        let of_picture = if frame.picture.is_available() { frame.size(key, number).ok() } else { None };
-        let size = of_picture.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_picture);
+        let of_image = if frame.image.is_available() { frame.size(key, number).ok() } else { None };
+        let size = of_image.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_image);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });
     Ok(cameras.collect())

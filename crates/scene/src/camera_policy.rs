@@ -4,10 +4,10 @@ use std::path::Path;
 use atsplat_camera::Distortion;
 use atsplat_numeric::Tolerance;
 
+use crate::image_mismatch::stretched_pixels;
 use crate::outlying::outlying_cameras;
-use crate::picture_mismatch::stretched_pixels;
 use crate::plausible::wrong_unit;
-use crate::{Frame, Picture, Scene, WarningKind, Warnings};
+use crate::{Frame, FrameImage, Scene, WarningKind, Warnings};
 
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
 const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
@@ -19,15 +19,15 @@ const FARTHEST_COORDINATE: f64 = 1e9;
 /// a sheared rotation, or one stretched along one axis and compressed along another, the determinant can be 1.
 const ROUNDED: Tolerance = Tolerance::absolute(1e-5);
 
-/// How far the principal point may be from the centre, in picture widths and heights.
+/// How far the principal point may be from the centre, in image widths and heights.
 const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 
 /// What [`Frame::timestamp_micros`] is in a format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Times {
-    /// A timestamp of its own, after which pictures may be named.
+    /// A timestamp of its own, after which images may be named.
     Given,
-    /// The number at the end of the picture's name, if there is one.
+    /// The number at the end of the image's name, if there is one.
     FromNames,
 }
 
@@ -37,7 +37,7 @@ pub(crate) enum Times {
 /// Unusable values (NaN, a zero focal length, a matrix that is not a rotation) never get here: no `Camera` can be
 /// constructed from them, and the parser reports the error.
 pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warnings) {
-    let repeated = report_repeated_pictures(scene, times, warnings);
+    let repeated = report_repeated_images(scene, times, warnings);
     report_timestamps(scene, times, &repeated, warnings);
     if let Some(detail) = outlying_cameras(scene, FARTHEST_COORDINATE) {
         warnings.push(WarningKind::OutlyingCamera, &scene.key, detail);
@@ -92,13 +92,13 @@ pub(crate) fn report_cameras(scene: &Scene, times: Times, warnings: &mut Warning
     });
 }
 
-/// The frames whose picture is an earlier frame's. Frames that share a given timestamp are left to [`report_timestamps`]:
-/// pictures named after it are the same too.
-fn report_repeated_pictures(scene: &Scene, times: Times, warnings: &mut Warnings) -> BTreeSet<usize> {
+/// The frames whose image is an earlier frame's. Frames that share a given timestamp are left to [`report_timestamps`]:
+/// images named after it are the same too.
+fn report_repeated_images(scene: &Scene, times: Times, warnings: &mut Warnings) -> BTreeSet<usize> {
     let mut first_with: BTreeMap<&Path, usize> = BTreeMap::new();
     let mut repeated = Vec::new();
     for (at, frame) in scene.frames.iter().enumerate() {
-        let (Picture::File(path) | Picture::Missing(path)) = &frame.picture else { continue };
+        let (FrameImage::File(path) | FrameImage::Missing(path)) = &frame.image else { continue };
         let earlier = *first_with.entry(path).or_insert(at);
         let is_timed =
             |earlier: &Frame| earlier.timestamp_micros.is_some_and(|time| frame.timestamp_micros == Some(time));
@@ -110,19 +110,19 @@ fn report_repeated_pictures(scene: &Scene, times: Times, warnings: &mut Warnings
     if let Some((earlier, at, path)) = repeated.first() {
         let (count, frames) = (repeated.len(), scene.frames.len());
         let detail = format!(
-            "{count} of {frames} frames repeat an earlier picture, first frame {at} that of frame {earlier}: {}",
+            "{count} of {frames} frames repeat an earlier image, first frame {at} that of frame {earlier}: {}",
             path.display()
         );
-        warnings.push(WarningKind::DuplicatePicture, &scene.key, detail);
+        warnings.push(WarningKind::DuplicateImage, &scene.key, detail);
     }
     repeated.into_iter().map(|(_, at, _)| at).collect()
 }
 
-/// Of frames whose picture is `repeated`, a number in its name says nothing more.
+/// Of frames whose image is `repeated`, a number in its name says nothing more.
 fn report_timestamps(scene: &Scene, times: Times, repeated: &BTreeSet<usize>, warnings: &mut Warnings) {
     let what = match times {
         Times::Given => "timestamps",
-        Times::FromNames => "numbers at the end of pictures' names",
+        Times::FromNames => "numbers at the end of images' names",
     };
     let frames = scene.frames.iter().enumerate();
     let counted = frames.filter(|(at, _)| times == Times::Given || !repeated.contains(at));

@@ -1,6 +1,6 @@
-//! Pictures that were cut short, for example by a copy that was interrupted: found by their structure, without decoding.
+//! Images that were cut short, for example by a copy that was interrupted: found by their structure, without decoding.
 
-use atsplat_pixels::PictureFormat;
+use atsplat_pixels::ImageFormat;
 
 /// The last chunk of a PNG, with its checksum.
 pub(crate) const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
@@ -8,15 +8,15 @@ pub(crate) const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
 /// The marker at the end of a JPEG.
 pub(crate) const JPEG_END: [u8; 2] = [0xff, 0xd9];
 
-/// What is wrong with a picture whose end is missing; `None` for a whole one, and for bytes of another format. Damage before
+/// What is wrong with an image whose end is missing; `None` for a whole one, and for bytes of another format. Damage before
 /// the end is not found.
 pub(crate) fn cut_short(bytes: &[u8]) -> Option<String> {
-    let format = PictureFormat::sniff(bytes)?;
+    let format = ImageFormat::sniff(bytes)?;
     let is_whole = match format {
-        PictureFormat::Png => png_has_end(bytes),
-        PictureFormat::Jpeg => jpeg_has_end(bytes),
-        PictureFormat::WebP => webp_has_end(bytes),
-        PictureFormat::Exr => true,
+        ImageFormat::Png => png_has_end(bytes),
+        ImageFormat::Jpeg => jpeg_has_end(bytes),
+        ImageFormat::WebP => webp_has_end(bytes),
+        ImageFormat::Exr => true,
     };
     (!is_whole).then(|| format!("cut short: a {format} of {} bytes without its end", bytes.len()))
 }
@@ -64,14 +64,14 @@ mod tests {
 
     use super::*;
 
-    fn picture() -> ImageU8 {
+    fn image() -> ImageU8 {
         let samples = (0..40 * 30 * 3).map(|at| u8::try_from(at * 7 % 251).unwrap()).collect();
         ImageU8::new(40, 30, samples).unwrap()
     }
 
     #[test]
-    fn every_shorter_copy_is_cut_short_and_no_whole_picture_is() {
-        let (png, jpeg) = (encode_png(&picture()).unwrap(), encode_jpeg(&picture(), 90).unwrap());
+    fn every_shorter_copy_is_cut_short_and_no_whole_image_is() {
+        let (png, jpeg) = (encode_png(&image()).unwrap(), encode_jpeg(&image(), 90).unwrap());
         let mut webp = b"RIFF\x18\0\0\0WEBPVP8 ".to_vec();
         webp.resize(0x18 + 8, 7);
         assert!(png.ends_with(&PNG_END) && jpeg.ends_with(&JPEG_END));
@@ -86,8 +86,8 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_preview_is_not_that_of_the_picture() {
-        let jpeg = encode_jpeg(&picture(), 90).unwrap();
+    fn the_end_of_a_preview_is_not_that_of_the_image() {
+        let jpeg = encode_jpeg(&image(), 90).unwrap();
         let preview = [0xff, 0xe1, 0, 6, 0xff, 0xd9, 0xff, 0xd9];
         let with_preview = [&jpeg[..2], &preview, &jpeg[2..]].concat();
         assert_eq!(cut_short(&with_preview), None);
@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn bytes_of_other_formats_are_not_judged() {
-        for bytes in [&b""[..], b"no picture", b"\x76\x2f\x31\x01", b"\xff\xd8\xff\xc0\0\x02no marker"] {
+        for bytes in [&b""[..], b"no image", b"\x76\x2f\x31\x01", b"\xff\xd8\xff\xc0\0\x02no marker"] {
             assert_eq!(cut_short(bytes), None, "{bytes:?}");
         }
     }

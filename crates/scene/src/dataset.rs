@@ -8,20 +8,20 @@ use crate::{Scene, SceneError, WarningKind, Warnings};
 
 /// A dataset whose scenes are loaded one at a time, by key.
 ///
-/// Scenes may be loaded from many threads at once. A loaded scene holds cameras and the places of its pictures; pictures
+/// Scenes may be loaded from many threads at once. A loaded scene holds cameras and the places of its images; images
 /// are read when they are decoded.
 pub trait SceneSource: Send + Sync {
     /// Scene keys in a reproducible order.
     fn keys(&self) -> &[String];
 
-    /// Reads one scene's cameras and locates its pictures.
+    /// Reads one scene's cameras and locates its images.
     ///
     /// # Errors
     /// [`SceneError::UnknownScene`] for a key that is not in [`SceneSource::keys`], other [`SceneError`]s if the scene's
     /// files are unusable. Problems that leave the scene usable go to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 
-    /// Files and folders that [`SceneSource::load`] reads for a scene, except the pictures of its frames; none if scenes
+    /// Files and folders that [`SceneSource::load`] reads for a scene, except the images of its frames; none if scenes
     /// are not read from files.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use atsplat_files::{FileError, Malformed};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
-use crate::PictureMismatch;
+use crate::ImageMismatch;
 use crate::torch::TorchError;
 
 /// Why a scene cannot be read. The message says where, what was expected and what was found; the path comes last.
@@ -26,12 +26,12 @@ pub enum SceneError {
         location: String,
         source: CameraError,
     },
-    /// A frame has no picture to decode.
-    #[error("frame {frame} of scene {scene:?} has no picture: {reason}")]
-    NoPicture {
+    /// A frame has no image to decode.
+    #[error("frame {frame} of scene {scene:?} has no image: {reason}")]
+    NoImage {
         scene: String,
         frame: usize,
-        /// Why: the trajectory has no pictures, or the file is missing.
+        /// Why: the trajectory has no images, or the file is missing.
         reason: String,
     },
     /// A frame cannot be stored in a chunk, whose frames have timestamps.
@@ -40,21 +40,21 @@ pub enum SceneError {
          the name {name:?}"
     )]
     NoTimestamp { scene: String, frame: usize, name: String },
-    /// A picture cannot be decoded or preprocessed.
+    /// An image cannot be decoded or preprocessed.
     #[error("frame {frame} of scene {scene:?}: {source} ({place})")]
     Pixels {
         scene: String,
         frame: usize,
         source: PixelError,
-        /// The picture's file, or what it is in.
+        /// The image's file, or what it is in.
         place: String,
     },
-    /// A picture in a chunk was damaged after it was written: its checksum differs.
+    /// An image in a chunk was damaged after it was written: its checksum differs.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Damaged { scene: String, frame: usize, source: TorchError },
-    /// A picture does not fit its camera's intrinsics.
+    /// An image does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
-    PictureMismatch { scene: String, frame: usize, source: PictureMismatch },
+    ImageMismatch { scene: String, frame: usize, source: ImageMismatch },
     /// A file is a Git LFS pointer: the content was not fetched.
     #[error(
         "{action}: found a Git LFS pointer instead of the file: run `git lfs pull` in its repository ({})", path.display()
@@ -73,7 +73,7 @@ pub enum SceneError {
     /// A path holds none of the supported formats.
     #[error("expected {expected}, found {found} ({})", path.display())]
     Unrecognized { expected: String, found: String, path: PathBuf },
-    /// A file refers to a picture outside its scene's folder.
+    /// A file refers to an image outside its scene's folder.
     #[error("{location}: expected a path inside the scene's folder, found {found:?} ({})", path.display())]
     OutsideScene {
         /// Frame or line inside the file.

@@ -2,7 +2,7 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
-use crate::{Picture, Scene};
+use crate::{FrameImage, Scene};
 
 /// Brings the contents of files to this disk before they are read, for datasets whose files are empty here until then.
 pub trait Fetch: fmt::Debug + Send + Sync {
@@ -14,13 +14,13 @@ pub trait Fetch: fmt::Debug + Send + Sync {
     fn fetch(&self, paths: &[PathBuf]) -> io::Result<()>;
 }
 
-/// The picture files of a scene.
-pub(crate) fn picture_files(scene: &Scene) -> Vec<PathBuf> {
-    let file = |picture: &Picture| match picture {
-        Picture::File(path) => Some(path.clone()),
+/// The image files of a scene.
+pub(crate) fn image_files(scene: &Scene) -> Vec<PathBuf> {
+    let file = |image: &FrameImage| match image {
+        FrameImage::File(path) => Some(path.clone()),
         _ => None,
     };
-    scene.frames.iter().filter_map(|frame| file(&frame.picture)).collect()
+    scene.frames.iter().filter_map(|frame| file(&frame.image)).collect()
 }
 
 #[cfg(test)]
@@ -34,7 +34,7 @@ mod tests {
 
     use super::*;
     use crate::torch::export_chunks;
-    use crate::{NerfstudioOptions, OpenOptions, PictureFolder, SceneSource as _, Warnings, open, open_with};
+    use crate::{ImageFolder, NerfstudioOptions, OpenOptions, SceneSource as _, Warnings, open, open_with};
 
     const ROWS: &str = "https://youtu.be/x\n1 0.9 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
     const POSE: &str = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
@@ -128,13 +128,13 @@ mod tests {
     }
 
     #[test]
-    fn captures_bring_the_pictures_of_the_chosen_size() {
+    fn captures_bring_the_images_of_the_chosen_size() {
         let png = png();
         let sized =
             format!(r#"{{"w":2,"h":2,"fl_x":2,"frames":[{{"file_path":"images/a.png","transform_matrix":{POSE}}}]}}"#);
         let unsized_ = sized.replace(r#""w":2,"h":2,"#, "");
         for transforms in [&sized, &unsized_] {
-            let of = |pictures| {
+            let of = |images| {
                 let files: [(&str, &[u8]); 5] = [
                     ("s/transforms.json", transforms.as_bytes()),
                     ("s/images/a.png", &png),
@@ -142,15 +142,15 @@ mod tests {
                     ("s/colmap.db", b"large"),
                     ("t/transforms.json", transforms.as_bytes()),
                 ];
-                let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
+                let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };
                 let [opening, loading] =
                     Elsewhere::new(&files).fetched("s", OpenOptions { nerfstudio, ..OpenOptions::default() });
                 assert!(opening.is_empty());
                 loading
             };
-            assert_eq!(of(PictureFolder::Listed), ["s/images/a.png", "s/transforms.json"]);
+            assert_eq!(of(ImageFolder::Listed), ["s/images/a.png", "s/transforms.json"]);
             if transforms == &sized {
-                assert_eq!(of(PictureFolder::Downscaled(8)), ["s/images_8/a.png", "s/transforms.json"]);
+                assert_eq!(of(ImageFolder::Downscaled(8)), ["s/images_8/a.png", "s/transforms.json"]);
             }
         }
         let colmap = Elsewhere::new(&[

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use crate::SceneError;
 
-/// Extensions of pictures, in order of preference if one stem has several.
-const PICTURE_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+/// Extensions of images, in order of preference if one stem has several.
+const IMAGE_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 
 /// Reads a regular file; a pipe or device could block or never end.
 pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, SceneError> {
@@ -75,14 +75,14 @@ pub(crate) fn last_name(path: &Path) -> String {
     name(path).or_else(|| name(&path.canonicalize().ok()?)).unwrap_or_else(|| "scene".to_owned())
 }
 
-/// The picture files of one folder, by stem.
+/// The image files of one folder, by stem.
 #[derive(Debug)]
-pub(crate) struct PictureListing {
+pub(crate) struct ImageListing {
     folder: PathBuf,
     names_by_stem: BTreeMap<String, Vec<String>>,
 }
 
-impl PictureListing {
+impl ImageListing {
     /// Lists `folder`; `None` if it is not a folder.
     pub(crate) fn read(folder: &Path) -> Result<Option<Self>, SceneError> {
         if !folder.is_dir() {
@@ -90,17 +90,17 @@ impl PictureListing {
         }
         let mut names_by_stem: BTreeMap<String, Vec<String>> = BTreeMap::new();
         for (name, is_folder) in list(folder)? {
-            if let (false, Some((stem, _))) = (is_folder, split_picture_name(&name)) {
+            if let (false, Some((stem, _))) = (is_folder, split_image_name(&name)) {
                 names_by_stem.entry(stem.to_owned()).or_default().push(name);
             }
         }
         for names in names_by_stem.values_mut() {
-            names.sort_by_key(|name| split_picture_name(name).map(|(_, preference)| preference));
+            names.sort_by_key(|name| split_image_name(name).map(|(_, preference)| preference));
         }
         Ok(Some(Self { folder: folder.to_owned(), names_by_stem }))
     }
 
-    /// The listing of a folder without pictures, which need not exist.
+    /// The listing of a folder without images, which need not exist.
     pub(crate) const fn empty(folder: PathBuf) -> Self {
         Self { folder, names_by_stem: BTreeMap::new() }
     }
@@ -110,23 +110,23 @@ impl PictureListing {
         &self.folder
     }
 
-    /// Stems of all pictures, sorted.
+    /// Stems of all images, sorted.
     pub(crate) fn stems(&self) -> impl Iterator<Item = &str> {
         self.names_by_stem.keys().map(String::as_str)
     }
 
-    /// The picture with the file name `name`.
+    /// The image with the file name `name`.
     pub(crate) fn by_name(&self, name: &str) -> Option<PathBuf> {
-        let (stem, _) = split_picture_name(name)?;
+        let (stem, _) = split_image_name(name)?;
         self.names_by_stem.get(stem)?.iter().find(|found| *found == name).map(|found| self.folder.join(found))
     }
 
-    /// The picture whose file name without extension is `stem`.
+    /// The image whose file name without extension is `stem`.
     pub(crate) fn by_stem(&self, stem: &str) -> Option<PathBuf> {
         self.names_by_stem.get(stem)?.first().map(|name| self.folder.join(name))
     }
 
-    /// The expected path of a missing picture: its extension is that of the folder's first picture.
+    /// The expected path of a missing image: its extension is that of the folder's first image.
     pub(crate) fn expected(&self, stem: &str) -> PathBuf {
         let first = self.names_by_stem.values().flatten().next();
         let extension = first.and_then(|name| name.rsplit_once('.')).map_or("jpg", |(_, extension)| extension);
@@ -134,10 +134,10 @@ impl PictureListing {
     }
 }
 
-/// Stem and rank of the extension; `None` if the name is not a picture's.
-pub(crate) fn split_picture_name(name: &str) -> Option<(&str, usize)> {
+/// Stem and rank of the extension; `None` if the name is not an image's.
+pub(crate) fn split_image_name(name: &str) -> Option<(&str, usize)> {
     let (stem, extension) = name.rsplit_once('.')?;
-    let rank = PICTURE_EXTENSIONS.iter().position(|known| known.eq_ignore_ascii_case(extension))?;
+    let rank = IMAGE_EXTENSIONS.iter().position(|known| known.eq_ignore_ascii_case(extension))?;
     (!stem.is_empty()).then_some((stem, rank))
 }
 
@@ -214,10 +214,10 @@ mod tests {
             fs::write(folder.path().join(name), b"").unwrap();
         }
         fs::create_dir(folder.path().join("3.png")).unwrap();
-        let listing = PictureListing::read(folder.path()).unwrap().unwrap();
+        let listing = ImageListing::read(folder.path()).unwrap().unwrap();
         assert_eq!(listing.by_stem("1"), Some(folder.path().join("1.JPG")));
         assert_eq!(listing.by_name("1.png"), Some(folder.path().join("1.png")));
-        assert_eq!(listing.by_stem("3"), None, "a folder is not a picture");
+        assert_eq!(listing.by_stem("3"), None, "a folder is not an image");
         assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
     }
 

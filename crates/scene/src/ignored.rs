@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::colmap::{model_in, part_of_model};
-use crate::files::{last_name, list, not_utf8, read_start, split_picture_name};
+use crate::files::{last_name, list, not_utf8, read_start, split_image_name};
 use crate::nerfstudio::{VARIANTS, transforms_in, without_factor};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
@@ -23,7 +23,7 @@ pub(crate) type Collections = BTreeMap<PathBuf, BTreeSet<String>>;
 enum LeftOut {
     /// A scene, by what describes it.
     Scene(&'static str),
-    /// Pictures, or a file with a name like `transforms.json`.
+    /// Images, or a file with a name like `transforms.json`.
     Part(String),
 }
 
@@ -44,7 +44,7 @@ pub(crate) fn report_ignored(
             let Some(key) = key.filter(|key| !own.contains(*key)) else { continue };
             let path = folder.join(name);
             let left = if *is_folder {
-                // Pictures next to a trajectory are reported with it, and chunks hold their own pictures.
+                // Images next to a trajectory are reported with it, and chunks hold their own images.
                 let is_of_trajectory = entries.binary_search(&(format!("{name}.txt"), false)).is_ok();
                 let may_be_part = format != Format::TorchChunks && !is_of_trajectory;
                 let part = || if may_be_part { part_in(&path, format).map(LeftOut::Part) } else { None };
@@ -102,7 +102,7 @@ fn is_trajectory(file: &Path) -> bool {
     read_start("opening a dataset", file, FIRST_ROWS).is_ok_and(|start| starts_like_a_trajectory(&start))
 }
 
-/// What a folder without cameras holds that a capture does. Captures have their pictures in `images/` or a scaled copy
+/// What a folder without cameras holds that a capture does. Captures have their images in `images/` or a scaled copy
 /// of it, clips of trajectories also directly in their folder.
 fn part_in(folder: &Path, format: Format) -> Option<String> {
     let of_model = (format == Format::Colmap).then(|| part_of_model(folder)).flatten().map(|(part, _)| part);
@@ -113,11 +113,11 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
             let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
             let misspelt = files.clone().find(|name| is_like_transforms(name)).map(str::to_owned);
             misspelt.or_else(|| {
-                let of_pictures = |(name, is_folder): &&(String, bool)| *is_folder && without_factor(name) == "images";
-                let mut folders = entries.iter().filter(of_pictures).map(|(name, _)| folder.join(name));
-                let is_clip = format == Format::Re10k && files.clone().any(is_picture);
-                let pictures = is_clip || folders.any(|folder| holds_pictures(&folder));
-                pictures.then(|| "pictures".to_owned())
+                let of_images = |(name, is_folder): &&(String, bool)| *is_folder && without_factor(name) == "images";
+                let mut folders = entries.iter().filter(of_images).map(|(name, _)| folder.join(name));
+                let is_clip = format == Format::Re10k && files.clone().any(is_image);
+                let images = is_clip || folders.any(|folder| holds_images(&folder));
+                images.then(|| "images".to_owned())
             })
         })
     };
@@ -135,10 +135,10 @@ fn is_like_transforms(name: &str) -> bool {
     name.starts_with("transform") && Path::new(&name).extension().is_some_and(|extension| extension == "json")
 }
 
-fn is_picture(name: &str) -> bool {
-    split_picture_name(name).is_some()
+fn is_image(name: &str) -> bool {
+    split_image_name(name).is_some()
 }
 
-fn holds_pictures(folder: &Path) -> bool {
-    list(folder).is_ok_and(|found| found.iter().any(|(name, is_folder)| !is_folder && is_picture(name)))
+fn holds_images(folder: &Path) -> bool {
+    list(folder).is_ok_and(|found| found.iter().any(|(name, is_folder)| !is_folder && is_image(name)))
 }

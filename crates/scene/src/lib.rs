@@ -1,5 +1,5 @@
 //! Dataset readers: RE10K trajectories, `.torch` chunks, `transforms.json` (nerfstudio, DL3DV, instant-ngp) and COLMAP
-//! models. Also the papers' joint preprocessing of pictures and intrinsics, dataset statistics and checks, and export to
+//! models. Also the papers' joint preprocessing of images and intrinsics, dataset statistics and checks, and export to
 //! Arrow, Parquet and CSV. Independent of models.
 
 pub mod camera_file;
@@ -17,6 +17,8 @@ mod files;
 mod frame_selection;
 pub mod geometry;
 mod ignored;
+mod image_mismatch;
+mod image_options;
 #[cfg(feature = "columns")]
 pub mod inspect;
 pub mod json;
@@ -24,8 +26,6 @@ pub mod nerfstudio;
 mod number;
 mod open;
 mod outlying;
-mod picture_mismatch;
-mod picture_options;
 mod plausible;
 pub mod poses;
 pub mod preprocess;
@@ -44,11 +44,11 @@ pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use fetch::Fetch;
 pub use frame_selection::{FrameSelection, InvalidSelection};
+pub use image_mismatch::ImageMismatch;
+pub use image_options::{ImageOptions, UnreadOption};
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
-pub use picture_mismatch::PictureMismatch;
-pub use picture_options::{PictureOptions, UnreadOption};
 pub use re10k::{Re10kOptions, Re10kScenes};
-pub use scene::{Frame, GeneratedPicture, Picture, PictureFolder, PictureHeader, Scene};
+pub use scene::{Frame, FrameImage, GeneratedImage, ImageFolder, ImageHeader, Scene};
 pub use scene_key::{AmbiguousScene, scene_key};
 pub use warnings::{Warning, WarningKind, Warnings};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use crate::colmap::{ColmapOptions, ColmapScenes, model_folders, part_of_model};
-use crate::fetch::picture_files;
+use crate::fetch::image_files;
 use crate::files::{list, read_file, read_start};
 use crate::ignored::{Collections, report_ignored};
 use crate::json;
@@ -116,7 +116,7 @@ impl SceneSource for Dataset {
         let fetch = |paths: &[PathBuf]| fetch(self.fetch.as_deref(), "fetching a scene", &self.path, paths);
         fetch(&self.source.files(key)?)?;
         let scene = self.source.load(key, warnings)?;
-        fetch(&picture_files(&scene))?;
+        fetch(&image_files(&scene))?;
         Ok(scene)
     }
 
@@ -145,7 +145,7 @@ pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, 
 ///
 /// The format is detected from content, not from the name: of a file by its first bytes, of a folder by the files that
 /// the format requires. If a folder holds several, the order is chunks, `transforms.json`, a COLMAP model,
-/// trajectories; scenes of the others, and pictures without cameras, are counted as [`WarningKind::IgnoredScene`]. No
+/// trajectories; scenes of the others, and images without cameras, are counted as [`WarningKind::IgnoredScene`]. No
 /// scene is read.
 ///
 /// [`WarningKind::IgnoredScene`]: crate::WarningKind::IgnoredScene

@@ -1,15 +1,15 @@
-//! Whether intrinsics are in the unit of their format: multiples of the picture's sides in RE10K and `.torch` chunks,
-//! pixels where a picture size is stated.
+//! Whether intrinsics are in the unit of their format: multiples of the image's sides in RE10K and `.torch` chunks,
+//! pixels where an image size is stated.
 
 use crate::Frame;
 
-/// Longest focal length in picture sides that a capture has: a field of view of 2.9°, 720 mm on full frame.
+/// Longest focal length in image sides that a capture has: a field of view of 2.9°, 720 mm on full frame.
 const LONGEST: f64 = 20.0;
 
-/// Shortest focal length in picture sides that a lens has: a field of view of 157°; a fisheye of 220° has 0.26.
+/// Shortest focal length in image sides that a lens has: a field of view of 157°; a fisheye of 220° has 0.26.
 const SHORTEST: f64 = 0.1;
 
-/// A picture smaller than this, in pixels, may have its centre within a pixel of the corner.
+/// An image smaller than this, in pixels, may have its centre within a pixel of the corner.
 const SMALL: u32 = 20;
 
 /// What the intrinsics of a frame seem to be, if they are not in the unit of their format.
@@ -20,7 +20,7 @@ pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
     let Some(size) = frame.stated_size else {
         return (k.fx > LONGEST || k.fy > LONGEST || is_far).then(|| {
             let found = format!("fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}", k.fx, k.fy, k.cx, k.cy);
-            format!("expected multiples of the picture's width and height, found {found}: pixels?")
+            format!("expected multiples of the image's width and height, found {found}: pixels?")
         });
     };
     let pixels = k.pixel_from_normalized(size);
@@ -36,7 +36,7 @@ pub(crate) fn wrong_unit(frame: &Frame) -> Option<String> {
         return None;
     };
     let found = format!("fx {:.3}, fy {:.3}, cx {:.3}, cy {:.3}", pixels.fx, pixels.fy, pixels.cx, pixels.cy);
-    Some(format!("expected pixels of a picture of {size}, found {found}: {suspicion}"))
+    Some(format!("expected pixels of an image of {size}, found {found}: {suspicion}"))
 }
 
 #[cfg(test)]
@@ -53,7 +53,7 @@ mod tests {
             timestamp_micros: None,
             camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics),
             stated_size: stated.map(|(width, height)| ImageSize { width, height }),
-            picture: crate::Picture::Absent,
+            image: crate::FrameImage::Absent,
         })
     }
 
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn small_pictures_and_long_lenses_are_plausible() {
+    fn small_images_and_long_lenses_are_plausible() {
         for (fine, size) in [
             ([2.0, 2.0, 1.0, 1.0], (2, 2)),
             ([4.0, 4.0, 2.0, 1.5], (4, 3)),

@@ -4,18 +4,18 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
-use atsplat_pixels::{DecodeLimits, ImageU8, Orientation, PictureFormat, PixelError};
+use atsplat_pixels::{DecodeLimits, ImageFormat, ImageU8, Orientation, PixelError};
 
 use crate::files::{read_file, read_start};
 use crate::{SceneError, SharedBytes};
 
-/// Bytes that contain the header of nearly every picture file.
+/// Bytes that contain the header of nearly every image file.
 const LIKELY_HEADER: u64 = 1 << 16;
 
-/// Where a frame's picture is. It is read and decoded on demand.
+/// Where a frame's image is. It is read and decoded on demand.
 #[derive(Clone, Debug)]
-pub enum Picture {
-    /// The source has no pictures.
+pub enum FrameImage {
+    /// The source has no images.
     Absent,
     /// A listed file that does not exist.
     Missing(PathBuf),
@@ -24,47 +24,47 @@ pub enum Picture {
     /// Encoded bytes inside a chunk, shared without a copy. They may be unread, and are verified when they are.
     Encoded(SharedBytes),
     /// Generated on demand, as in simulated scenes.
-    Generated(Arc<dyn GeneratedPicture>),
+    Generated(Arc<dyn GeneratedImage>),
 }
 
-impl Picture {
-    /// Whether there is a picture to decode.
+impl FrameImage {
+    /// Whether there is an image to decode.
     pub const fn is_available(&self) -> bool {
         matches!(self, Self::File(_) | Self::Encoded(_) | Self::Generated(_))
     }
 
-    /// The file, or what the picture is in, for messages.
+    /// The file, or what the image is in, for messages.
     pub(crate) fn place(&self) -> String {
         match self {
             Self::File(path) | Self::Missing(path) => path.display().to_string(),
             Self::Encoded(_) => "in a chunk".to_owned(),
             Self::Generated(_) => "generated".to_owned(),
-            Self::Absent => "no picture".to_owned(),
+            Self::Absent => "no image".to_owned(),
         }
     }
 }
 
-/// A picture that is generated on demand.
-pub trait GeneratedPicture: fmt::Debug + Send + Sync {
+/// An image that is generated on demand.
+pub trait GeneratedImage: fmt::Debug + Send + Sync {
     /// Its size, without generating it.
     fn size(&self) -> ImageSize;
 
-    /// Everything that the picture depends on, as text, so that equal texts mean equal pictures; without generating it.
+    /// Everything that the image depends on, as text, so that equal texts mean equal images; without generating it.
     fn fingerprint(&self) -> String;
 
-    /// Generates the picture, the same each time.
+    /// Generates the image, the same each time.
     ///
     /// # Errors
     /// [`SceneError::Generating`].
     fn make(&self) -> Result<ImageU8, SceneError>;
 }
 
-/// The header of an encoded picture.
+/// The header of an encoded image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PictureHeader {
+pub struct ImageHeader {
     /// Columns and rows as stored.
     pub size: ImageSize,
-    /// The EXIF orientation, if the picture is not upright. It is ignored when decoding, as everywhere in the field.
+    /// The EXIF orientation, if the image is not upright. It is ignored when decoding, as everywhere in the field.
     pub orientation: Option<Orientation>,
     /// Whether there is an alpha channel. It is dropped when decoding, as everywhere in the field.
     pub has_alpha: bool,
@@ -72,9 +72,9 @@ pub struct PictureHeader {
     pub has_16_bits: bool,
 }
 
-/// Which copy of a capture's pictures to use, if there are several sizes.
+/// Which copy of a capture's images to use, if there are several sizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum PictureFolder {
+pub enum ImageFolder {
     /// The folder in the metadata. If it does not exist, the largest existing copy of `…_2`, `…_4`, `…_8`, with a
     /// warning per frame.
     #[default]
@@ -84,10 +84,10 @@ pub enum PictureFolder {
     Downscaled(u32),
 }
 
-/// One posed picture of a scene.
+/// One posed image of a scene.
 ///
 /// Evaluation indices refer to a frame's position in [`Scene::frames`] (pixelSplat `src/dataset/dataset_re10k.py`): the
-/// order of lines in a trajectory or of `frames[]` in a `transforms.json`, including frames with missing pictures.
+/// order of lines in a trajectory or of `frames[]` in a `transforms.json`, including frames with missing images.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// The frame's name in the source: a timestamp or a file stem.
@@ -98,11 +98,11 @@ pub struct Frame {
     pub timestamp_micros: Option<i64>,
     /// Pose, intrinsics and lens.
     pub camera: Camera,
-    /// Picture size for which the metadata state the intrinsics. The picture may be a scaled copy, for example in
+    /// Image size for which the metadata state the intrinsics. The image may be a scaled copy, for example in
     /// `images_4`; one of another shape does not fit ([`Self::mismatch`]).
     pub stated_size: Option<ImageSize>,
-    /// Where the picture is.
-    pub picture: Picture,
+    /// Where the image is.
+    pub image: FrameImage,
 }
 
 /// A posed capture, identified by a key in its dataset.
@@ -117,24 +117,24 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Decodes the picture of the frame at `position`.
+    /// Decodes the image of the frame at `position`.
     ///
     /// # Errors
-    /// Those of [`Frame::decode`]; [`SceneError::NoPicture`] for a position past the last frame.
+    /// Those of [`Frame::decode`]; [`SceneError::NoImage`] for a position past the last frame.
     pub fn decode(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         self.frame(position)?.decode(&self.key, position, limits)
     }
 
-    /// [`Self::decode`] without the check that the picture fits its camera, for diagnostics.
+    /// [`Self::decode`] without the check that the image fits its camera, for diagnostics.
     ///
     /// # Errors
-    /// Those of [`Self::decode`] except [`SceneError::PictureMismatch`].
+    /// Those of [`Self::decode`] except [`SceneError::ImageMismatch`].
     pub fn decode_any_shape(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         self.frame(position)?.decode_any_shape(&self.key, position, limits)
     }
 
     fn frame(&self, position: usize) -> Result<&Frame, SceneError> {
-        let no_frame = || SceneError::NoPicture {
+        let no_frame = || SceneError::NoImage {
             scene: self.key.clone(),
             frame: position,
             reason: format!("the scene has {} frames", self.frames.len()),
@@ -144,29 +144,29 @@ impl Scene {
 }
 
 impl Frame {
-    /// Decodes the picture. `scene` and `position` identify the frame in messages.
+    /// Decodes the image. `scene` and `position` identify the frame in messages.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Damaged`],
-    /// [`SceneError::Pixels`] for bytes that are not a picture or exceed `limits`, and [`SceneError::PictureMismatch`] for a
-    /// picture that does not fit the frame's camera.
+    /// [`SceneError::NoImage`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Damaged`],
+    /// [`SceneError::Pixels`] for bytes that are not an image or exceed `limits`, and [`SceneError::ImageMismatch`] for an
+    /// image that does not fit the frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
-        let picture = self.decode_any_shape(scene, position, limits)?;
-        match self.mismatch(ImageSize { width: picture.width(), height: picture.height() }) {
+        let image = self.decode_any_shape(scene, position, limits)?;
+        match self.mismatch(ImageSize { width: image.width(), height: image.height() }) {
             Some(source) if source.is_fatal() => {
-                Err(SceneError::PictureMismatch { scene: scene.to_owned(), frame: position, source })
+                Err(SceneError::ImageMismatch { scene: scene.to_owned(), frame: position, source })
             }
-            _ => Ok(picture),
+            _ => Ok(image),
         }
     }
 
-    /// [`Self::decode`] without the check that the picture fits the frame's camera.
+    /// [`Self::decode`] without the check that the image fits the frame's camera.
     ///
     /// # Errors
-    /// Those of [`Self::decode`] except [`SceneError::PictureMismatch`].
+    /// Those of [`Self::decode`] except [`SceneError::ImageMismatch`].
     pub fn decode_any_shape(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
-        if let Picture::Generated(picture) = &self.picture {
-            return picture.make();
+        if let FrameImage::Generated(image) = &self.image {
+            return image.make();
         }
         self.decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
     }
@@ -174,7 +174,7 @@ impl Frame {
     /// Decodes the result of [`Self::bytes`].
     ///
     /// # Errors
-    /// [`SceneError::Pixels`] for bytes that are not a picture or exceed `limits`.
+    /// [`SceneError::Pixels`] for bytes that are not an image or exceed `limits`.
     pub fn decode_bytes(
         &self,
         bytes: &[u8],
@@ -185,70 +185,70 @@ impl Frame {
         atsplat_pixels::decode(bytes, limits).map_err(self.in_frame(scene, position))
     }
 
-    /// The encoded picture: read from its file, borrowed from its chunk, or generated and encoded as PNG.
+    /// The encoded image: read from its file, borrowed from its chunk, or generated and encoded as PNG.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Damaged`], [`SceneError::Generating`].
+    /// [`SceneError::NoImage`], [`SceneError::Io`], [`SceneError::Damaged`], [`SceneError::Generating`].
     pub fn bytes(&self, scene: &str, position: usize) -> Result<Cow<'_, [u8]>, SceneError> {
-        let no_picture = |reason: String| SceneError::NoPicture { scene: scene.to_owned(), frame: position, reason };
-        match &self.picture {
-            Picture::File(path) => Ok(Cow::Owned(read_file("reading a picture", path)?)),
-            Picture::Encoded(bytes) => {
+        let no_image = |reason: String| SceneError::NoImage { scene: scene.to_owned(), frame: position, reason };
+        match &self.image {
+            FrameImage::File(path) => Ok(Cow::Owned(read_file("reading an image", path)?)),
+            FrameImage::Encoded(bytes) => {
                 let damaged = |source| SceneError::Damaged { scene: scene.to_owned(), frame: position, source };
                 bytes.verify().map_err(damaged)?;
                 Ok(Cow::Borrowed(bytes))
             }
-            Picture::Generated(picture) => {
-                atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(self.in_frame(scene, position))
+            FrameImage::Generated(image) => {
+                atsplat_pixels::encode_png(&image.make()?).map(Cow::Owned).map_err(self.in_frame(scene, position))
             }
-            Picture::Absent => Err(no_picture("the source has no pictures".to_owned())),
-            Picture::Missing(path) => Err(no_picture(format!("the file is missing ({})", path.display()))),
+            FrameImage::Absent => Err(no_image("the source has no images".to_owned())),
+            FrameImage::Missing(path) => Err(no_image(format!("the file is missing ({})", path.display()))),
         }
     }
 
-    /// The picture's size, from its header.
+    /// The image's size, from its header.
     ///
     /// # Errors
-    /// Those of [`Self::decode`] except [`SceneError::PictureMismatch`].
+    /// Those of [`Self::decode`] except [`SceneError::ImageMismatch`].
     pub fn size(&self, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
         self.header(scene, position).map(|header| header.size)
     }
 
-    /// The picture's header.
+    /// The image's header.
     ///
     /// # Errors
     /// Those of [`Self::size`].
-    pub fn header(&self, scene: &str, position: usize) -> Result<PictureHeader, SceneError> {
-        match &self.picture {
-            Picture::File(path) => header_of_file(path, self.in_frame(scene, position)),
-            Picture::Generated(picture) => {
-                Ok(PictureHeader { size: picture.size(), orientation: None, has_alpha: false, has_16_bits: false })
+    pub fn header(&self, scene: &str, position: usize) -> Result<ImageHeader, SceneError> {
+        match &self.image {
+            FrameImage::File(path) => header_of_file(path, self.in_frame(scene, position)),
+            FrameImage::Generated(image) => {
+                Ok(ImageHeader { size: image.size(), orientation: None, has_alpha: false, has_16_bits: false })
             }
             _ => header_of(&self.bytes(scene, position)?).map_err(self.in_frame(scene, position)),
         }
     }
 
     fn in_frame(&self, scene: &str, position: usize) -> impl FnOnce(PixelError) -> SceneError {
-        in_frame(scene, position, &self.picture)
+        in_frame(scene, position, &self.image)
     }
 }
 
 /// [`SceneError::Pixels`] for `map_err`.
-pub(crate) fn in_frame(scene: &str, frame: usize, picture: &Picture) -> impl FnOnce(PixelError) -> SceneError {
+pub(crate) fn in_frame(scene: &str, frame: usize, image: &FrameImage) -> impl FnOnce(PixelError) -> SceneError {
     let scene = scene.to_owned();
-    move |source| SceneError::Pixels { scene, frame, source, place: picture.place() }
+    move |source| SceneError::Pixels { scene, frame, source, place: image.place() }
 }
 
-/// Size of the picture in a file, from its header.
+/// Size of the image in a file, from its header.
 pub(crate) fn size_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageSize, SceneError> {
     header_of_file(path, error).map(|header| header.size)
 }
 
-fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<PictureHeader, SceneError> {
-    let action = "reading a picture's header";
+fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageHeader, SceneError> {
+    let action = "reading an image's header";
     let start = read_start(action, path, LIKELY_HEADER)?;
     // WebP stores EXIF at the end.
-    let suffices = PictureFormat::sniff(&start) != Some(PictureFormat::WebP);
+    let suffices = ImageFormat::sniff(&start) != Some(ImageFormat::WebP);
     if suffices && let Ok(header) = header_of(&start) {
         return Ok(header);
     }
@@ -256,9 +256,9 @@ fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> 
     header_of(&read_file(action, path)?).map_err(error)
 }
 
-fn header_of(bytes: &[u8]) -> Result<PictureHeader, PixelError> {
+fn header_of(bytes: &[u8]) -> Result<ImageHeader, PixelError> {
     let (width, height) = atsplat_pixels::size_of(bytes)?;
-    Ok(PictureHeader {
+    Ok(ImageHeader {
         size: ImageSize { width, height },
         orientation: Orientation::of(bytes),
         has_alpha: atsplat_pixels::has_alpha(bytes),

@@ -9,7 +9,7 @@ use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics, WorldFromCam
 use glam::{DMat3, DVec3};
 use indexmap::IndexMap;
 
-use crate::{Frame, Picture, Scene, SceneError, SceneSource, Warnings};
+use crate::{Frame, FrameImage, Scene, SceneError, SceneSource, Warnings};
 
 pub(crate) struct TestSource {
     scenes: IndexMap<String, Scene>,
@@ -87,7 +87,7 @@ pub(crate) fn frame(position: usize, camera: Camera) -> Frame {
         timestamp_micros: Some(timestamp),
         camera,
         stated_size: None,
-        picture: Picture::Absent,
+        image: FrameImage::Absent,
     }
 }
 

@@ -11,16 +11,16 @@ use serde::Serialize;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum WarningKind {
-    /// A frame's picture file does not exist.
-    MissingPicture,
-    /// A frame's picture file is empty; found by an inspection, which looks at every file.
-    EmptyPicture,
-    /// A picture was found with another extension or in another folder than listed.
-    PictureElsewhere,
-    /// A picture among those of a trajectory that no row names: the row is lost, or the picture belongs elsewhere.
-    UnlistedPicture,
-    /// Two frames of a scene have the same picture.
-    DuplicatePicture,
+    /// A frame's image file does not exist.
+    MissingImage,
+    /// A frame's image file is empty; found by an inspection, which looks at every file.
+    EmptyImage,
+    /// An image was found with another extension or in another folder than listed.
+    ImageElsewhere,
+    /// An image among those of a trajectory that no row names: the row is lost, or the image belongs elsewhere.
+    UnlistedImage,
+    /// Two frames of a scene have the same image.
+    DuplicateImage,
     /// A frame's pose or intrinsics are unusable.
     BadCamera,
     /// A camera is implausibly far from the origin.
@@ -30,9 +30,9 @@ pub enum WarningKind {
     /// The determinant of the rotation matrix deviates from 1 by more than `numpy.allclose` allows, an entry of `R Rᵀ` from
     /// that of the identity by more than 1e-5, or the length of a quaternion from 1 by more than 1e-3.
     ImperfectRotation,
-    /// Two frames have the same timestamp, or two pictures the same number at the end of their names.
+    /// Two frames have the same timestamp, or two images the same number at the end of their names.
     DuplicateTimestamp,
-    /// Timestamps decrease, or the numbers at the end of pictures' names.
+    /// Timestamps decrease, or the numbers at the end of images' names.
     UnorderedTimestamps,
     /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
     ImplausibleIntrinsics,
@@ -44,13 +44,13 @@ pub enum WarningKind {
     OffCentrePrincipalPoint,
     /// The lens has distortion, which the protocol's renderer ignores.
     LensDistortion,
-    /// A picture's size differs from the one in the metadata or the protocol, or its pixels are not square.
+    /// An image's size differs from the one in the metadata or the protocol, or its pixels are not square.
     UnexpectedSize,
-    /// A picture's EXIF orientation is not upright; it is ignored, as in all loaders of the field.
-    TurnedPicture,
-    /// A picture has an alpha channel, which is dropped without compositing, as in all loaders of the field.
+    /// An image's EXIF orientation is not upright; it is ignored, as in all loaders of the field.
+    TurnedImage,
+    /// An image has an alpha channel, which is dropped without compositing, as in all loaders of the field.
     DroppedAlpha,
-    /// A picture has 16-bit samples, of which only the high byte is kept, as in all loaders of the field.
+    /// An image has 16-bit samples, of which only the high byte is kept, as in all loaders of the field.
     DroppedLowBytes,
     /// Two scenes of a dataset have the same key; the first is used, or the one that the index lists.
     DuplicateScene,
@@ -60,17 +60,17 @@ pub enum WarningKind {
     SceneNotFound,
     /// A field that the format of an index does not define: it is not in what is written.
     UnknownIndexField,
-    /// Next to the scenes: a scene in another format, pictures without cameras, or a further model of one capture. It
+    /// Next to the scenes: a scene in another format, images without cameras, or a further model of one capture. It
     /// is not read.
     IgnoredScene,
-    /// Numbered pictures fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number.
+    /// Numbered images fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number.
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,
     /// A scene that the index does not list, in a chunk of which it lists others.
     UnindexedScene,
-    /// A picture cannot be read: its header or, where it is decoded, its content; or it is cut short.
-    UnreadablePicture,
+    /// An image cannot be read: its header or, where it is decoded, its content; or it is cut short.
+    UnreadableImage,
 }
 
 /// One warning about a scene or file.
@@ -137,11 +137,11 @@ impl Warnings {
         }
     }
 
-    /// The warnings without those about pictures.
+    /// The warnings without those about images.
     #[must_use]
     pub fn about_cameras(mut self) -> Self {
-        self.counts.retain(|kind, _| !kind.is_about_pictures());
-        self.kept.retain(|warning| !warning.kind.is_about_pictures());
+        self.counts.retain(|kind, _| !kind.is_about_images());
+        self.kept.retain(|warning| !warning.kind.is_about_images());
         self
     }
 
@@ -180,21 +180,21 @@ impl Warnings {
 }
 
 impl WarningKind {
-    /// Whether the problem concerns pictures and not cameras.
-    pub const fn is_about_pictures(self) -> bool {
+    /// Whether the problem concerns images and not cameras.
+    pub const fn is_about_images(self) -> bool {
         matches!(
             self,
-            Self::MissingPicture
-                | Self::EmptyPicture
-                | Self::PictureElsewhere
-                | Self::UnlistedPicture
-                | Self::DuplicatePicture
+            Self::MissingImage
+                | Self::EmptyImage
+                | Self::ImageElsewhere
+                | Self::UnlistedImage
+                | Self::DuplicateImage
                 | Self::UnexpectedSize
-                | Self::TurnedPicture
+                | Self::TurnedImage
                 | Self::DroppedAlpha
                 | Self::DroppedLowBytes
                 | Self::AmbiguousNumbering
-                | Self::UnreadablePicture
+                | Self::UnreadableImage
         )
     }
 }
@@ -220,7 +220,7 @@ mod tests {
         let reading = |frames: &[u32], cameras: &[&str]| {
             let mut warnings = Warnings::new();
             for frame in frames {
-                warnings.push(WarningKind::MissingPicture, "s", format!("frame {frame}"));
+                warnings.push(WarningKind::MissingImage, "s", format!("frame {frame}"));
             }
             for detail in cameras {
                 warnings.push(WarningKind::BadCamera, "s", *detail);
@@ -231,16 +231,16 @@ mod tests {
         let mut all = reading(&many, &["x"]);
         all.join(&reading(&many, &["y", "z"]));
         all.join(&reading(&[7], &[]));
-        assert_eq!(all.counts().collect::<Vec<_>>(), [(WarningKind::MissingPicture, 30), (WarningKind::BadCamera, 2)]);
+        assert_eq!(all.counts().collect::<Vec<_>>(), [(WarningKind::MissingImage, 30), (WarningKind::BadCamera, 2)]);
         let details: Vec<&str> = all.kept().iter().skip(20).map(|warning| warning.detail.as_str()).collect();
-        assert_eq!(details, ["y", "z"], "after the twenty pictures that are kept");
+        assert_eq!(details, ["y", "z"], "after the twenty images that are kept");
     }
 
     #[test]
-    fn about_cameras_omits_warnings_about_pictures() {
+    fn about_cameras_omits_warnings_about_images() {
         let mut warnings = Warnings::new();
-        let about_pictures = [WarningKind::MissingPicture, WarningKind::TurnedPicture, WarningKind::DroppedLowBytes];
-        for kind in about_pictures.into_iter().chain([WarningKind::BadCamera]) {
+        let about_images = [WarningKind::MissingImage, WarningKind::TurnedImage, WarningKind::DroppedLowBytes];
+        for kind in about_images.into_iter().chain([WarningKind::BadCamera]) {
             warnings.push(kind, "s", "detail");
         }
         let left = warnings.about_cameras();

@@ -29,7 +29,7 @@ struct Case {
 }
 
 #[test]
-fn pictures_and_intrinsics_match_the_papers_code() {
+fn images_and_intrinsics_match_the_papers_code() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/preprocess_golden.json");
     let golden: Golden = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
     assert!(golden.cases.len() > 100, "the fixture holds only {} cases", golden.cases.len());
@@ -37,20 +37,20 @@ fn pictures_and_intrinsics_match_the_papers_code() {
         let what = format!("{} of seed {} through {:?}", case.source, case.seed, case.steps);
         let mut preprocessing = Preprocessing::of(case.steps.clone());
         let plan = preprocessing.plan(case.source).unwrap();
-        let picture = plan.apply(&noise(case.seed, case.source)).unwrap();
-        assert_eq!((picture.width(), picture.height()), (case.size.width, case.size.height), "{what}");
-        assert_eq!(Sha256Digest::of(picture.samples()), case.sha256, "{what}");
+        let image = plan.apply(&noise(case.seed, case.source)).unwrap();
+        assert_eq!((image.width(), image.height()), (case.size.width, case.size.height), "{what}");
+        assert_eq!(Sha256Digest::of(image.samples()), case.sha256, "{what}");
         assert_eq!(plan.intrinsics(&golden.intrinsics).unwrap(), case.frozen, "{what}");
 
         preprocessing.principal_point = PrincipalPointRule::Corrected;
         let corrected = preprocessing.plan(case.source).unwrap().intrinsics(&golden.intrinsics).unwrap();
         let numbers = |k: NormalizedIntrinsics| [k.fx, k.fy, k.cx, k.cy];
-        // A crop of the whole picture is omitted here and computed there: one rounding.
+        // A crop of the whole image is omitted here and computed there: one rounding.
         Tolerance { absolute: 1e-12, relative: 1e-12 }.assert(numbers(corrected), numbers(case.corrected), &what);
     }
 }
 
-/// The script's pictures: the top byte of `SplitMix64` for each sample.
+/// The script's images: the top byte of `SplitMix64` for each sample.
 fn noise(seed: u64, size: ImageSize) -> ImageU8 {
     let count = u64::from(size.width) * u64::from(size.height) * 3;
     let state = |index: u64| (index + (seed << 32)).wrapping_add(1).wrapping_mul(SPLIT_MIX_STEP);

@@ -1,7 +1,7 @@
 //! What `auto` saves of everything requested: renders both alternately, with one plan for the scene, as a sequence of
 //! views does.
 //!
-//! Arguments are files of Gaussians; without any, simulated scenes. `--size N` sets the picture's sides (256),
+//! Arguments are files of Gaussians; without any, simulated scenes. `--size N` sets the image's sides (256),
 //! `--rounds N` the number of pairs (40).
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]

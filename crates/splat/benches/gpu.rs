@@ -11,7 +11,7 @@ use std::time::Instant;
 use atsplat_camera::ImageSize;
 use atsplat_splat::files::{self, Encoding, Output};
 use atsplat_splat::gpu::{
-    AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, PictureFormat, PictureNumbers,
+    AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, ImageFormat, ImageNumbers,
 };
 use atsplat_splat::{ImageGradients, RenderOptions, Renderer, Stage};
 use scene::scene;
@@ -91,8 +91,8 @@ fn main() {
         });
         timed("forward on the device, 8 bits a colour", &mut |gpu| {
             let rendering = gpu.render_resident(&resident, &view, &options).expect("an image");
-            let format = PictureFormat { numbers: PictureNumbers::U8, alpha: false };
-            gpu.read_picture(&rendering, format).expect("an image");
+            let format = ImageFormat { numbers: ImageNumbers::U8, alpha: false };
+            gpu.read_image(&rendering, format).expect("an image");
         });
         timed("backward on the device", &mut |gpu| {
             let gradients = gpu.backward_resident(&resident, &view, &options, &resident_images).expect("gradients");

@@ -42,7 +42,7 @@ pub struct Census {
     /// Alpha below `min_alpha` everywhere.
     pub faint: u64,
     /// Outside the image, or outside the lens's field of view.
-    pub outside_picture: u64,
+    pub outside_image: u64,
 }
 
 /// Why a Gaussian is not drawn; see [`Census`].
@@ -51,7 +51,7 @@ pub(crate) enum Culled {
     Invalid,
     OutsideDepth,
     Faint,
-    OutsidePicture,
+    OutsideImage,
 }
 
 impl Census {
@@ -60,7 +60,7 @@ impl Census {
             Culled::Invalid => &mut self.invalid,
             Culled::OutsideDepth => &mut self.outside_depth,
             Culled::Faint => &mut self.faint,
-            Culled::OutsidePicture => &mut self.outside_picture,
+            Culled::OutsideImage => &mut self.outside_image,
         } += 1;
     }
 }
@@ -71,7 +71,7 @@ impl AddAssign for Census {
         self.invalid += other.invalid;
         self.outside_depth += other.outside_depth;
         self.faint += other.faint;
-        self.outside_picture += other.outside_picture;
+        self.outside_image += other.outside_image;
     }
 }
 
@@ -134,7 +134,7 @@ impl<T> Rendering<T> {
 
     /// A rendering without images yet.
     pub(crate) const fn blank(view: &View) -> Self {
-        let census = Census { drawn: 0, invalid: 0, outside_depth: 0, faint: 0, outside_picture: 0 };
+        let census = Census { drawn: 0, invalid: 0, outside_depth: 0, faint: 0, outside_image: 0 };
         Self {
             size: view.size,
             rgb: Vec::new(),

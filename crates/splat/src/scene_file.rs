@@ -167,15 +167,15 @@ pub struct CensusTable {
 
 impl fmt::Display for CensusTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { census: Census { drawn, invalid, outside_depth, faint, outside_picture }, gaussians } = *self;
-        let all = drawn + invalid + outside_depth + faint + outside_picture;
+        let Self { census: Census { drawn, invalid, outside_depth, faint, outside_image }, gaussians } = *self;
+        let all = drawn + invalid + outside_depth + faint + outside_image;
         if all == 0 {
             return Ok(());
         }
         writeln!(f, "\n{:>12}  Gaussians per frame", "")?;
         let rows = [
             (drawn, "drawn"),
-            (outside_picture, "outside the image"),
+            (outside_image, "outside the image"),
             (outside_depth, "before the near plane or behind the far plane"),
             (faint, "too faint everywhere"),
             (invalid, "with a value that cannot be rendered"),

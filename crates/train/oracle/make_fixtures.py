@@ -13,7 +13,7 @@ torch.set_default_dtype(torch.float64)
 FOLDER = Path(__file__).parent / "../tests/training/fixtures"
 
 
-def pictures(seed, views, height, width):
+def images(seed, views, height, width):
     """Renders that leave [0, 1] a little, and a truth with flat and busy parts."""
     generator = torch.Generator().manual_seed(seed)
     truth = torch.rand(views, height, width, 3, generator=generator)
@@ -45,7 +45,7 @@ def flat(tensor):
 def losses():
     cases = []
     for seed, (views, height, width) in enumerate([(1, 16, 16), (2, 9, 21), (1, 5, 4)]):
-        render, truth = pictures(seed, views, height, width)
+        render, truth = images(seed, views, height, width)
         render.requires_grad_()
         mse = ((render - truth) ** 2).mean()
         (mse_gradient,) = torch.autograd.grad(mse, render)

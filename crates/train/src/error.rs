@@ -55,7 +55,7 @@ pub enum TrainError {
     /// Error of a camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// Error of a picture.
+    /// Error of an image.
     #[error(transparent)]
     Pixels(#[from] PixelError),
     /// Error of a protocol or trial.

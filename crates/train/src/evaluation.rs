@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::TrainError;
 use crate::journal::EvaluationRecord;
 use crate::objective::target_views;
-use crate::samples::{PosedPictures, Sample, SampleId, Source, pixel_size};
+use crate::samples::{PosedImages, Sample, SampleId, Source, pixel_size};
 
 /// The fixed samples of an evaluation.
 #[derive(Debug)]
@@ -27,7 +27,7 @@ pub struct Evaluation {
 pub(crate) struct Scores {
     pub(crate) psnr: f64,
     ssim: f64,
-    /// If the pictures are equal: PSNR is then infinite, and capped above.
+    /// If the images are equal: PSNR is then infinite, and capped above.
     is_identical: bool,
 }
 
@@ -62,8 +62,8 @@ impl Evaluation {
         let scored = |sample: &Sample| {
             let renders = self.renders(network, sample)?;
             let pairs = renders.iter().zip(sample.nearest()).enumerate().map(|(target, (render, nearest))| {
-                let truth = picture(&sample.targets, target)?;
-                Ok([scores(render, &truth)?, scores(&picture(&sample.context, nearest)?, &truth)?])
+                let truth = image(&sample.targets, target)?;
+                Ok([scores(render, &truth)?, scores(&image(&sample.context, nearest)?, &truth)?])
             });
             pairs.collect::<Result<Vec<[Scores; 2]>, TrainError>>()
         };
@@ -108,10 +108,10 @@ impl Evaluation {
     }
 }
 
-/// One picture as an image.
-pub(crate) fn picture(posed: &PosedPictures, view: usize) -> Result<Image, TrainError> {
+/// One image as an image.
+pub(crate) fn image(posed: &PosedImages, view: usize) -> Result<Image, TrainError> {
     let size = pixel_size(posed.size);
-    Ok(Image::new(size.width, size.height, posed.picture(view).to_vec())?)
+    Ok(Image::new(size.width, size.height, posed.image(view).to_vec())?)
 }
 
 pub(crate) fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
@@ -129,7 +129,7 @@ mod tests {
 
     /// A difference of 0.1 everywhere has PSNR 20 dB. Two constants have no variance, so that SSIM is its luminance term.
     #[test]
-    fn scores_of_constant_pictures() {
+    fn scores_of_constant_images() {
         let constant = |value: f32| Image::new(16, 16, vec![value; 16 * 16 * 3]).unwrap();
         let found = scores(&constant(0.5), &constant(0.6)).unwrap();
         let ssim = (2.0 * 0.5 * 0.6 + 1e-4) / (0.25 + 0.36 + 1e-4);

@@ -27,8 +27,8 @@ pub struct SampleFault {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
-    /// A picture holds NaN or infinite values.
-    Picture(String),
+    /// An image holds NaN or infinite values.
+    Image(String),
     /// The data source, the network or the renderer failed.
     Refused(String),
     /// A term of the loss is NaN or infinite.
@@ -52,7 +52,7 @@ pub struct Diagnosis {
 impl fmt::Display for FaultKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Picture(which) => write!(f, "{which} is not finite"),
+            Self::Image(which) => write!(f, "{which} is not finite"),
             Self::Refused(why) => f.write_str(why),
             Self::Term(name) => write!(f, "the loss term {name} is not finite"),
             Self::Gradients(names) => write!(f, "gradients are not finite: {}", names.join(", ")),

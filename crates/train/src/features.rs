@@ -1,4 +1,4 @@
-//! Cache on disk of a frozen backbone's features: each picture goes through the backbone once, however often it is drawn.
+//! Cache on disk of a frozen backbone's features: each image goes through the backbone once, however often it is drawn.
 
 use atsplat_files::Sha256Digest;
 use std::path::{Path, PathBuf};
@@ -9,13 +9,13 @@ use atsplat_model::{ImageSize, ModelConfig};
 
 use crate::TrainError;
 use crate::config::WHAT;
-use crate::samples::PosedPictures;
+use crate::samples::PosedImages;
 
 const FEATURES: &str = "features";
 const DIGEST: &str = "tensors-sha256";
 
-/// A folder with one file per picture, named by everything that features depend on: the backbone with its weights, the precision
-/// of its products, and the picture with its size. An incomplete file is computed again. Several runs may share a folder.
+/// A folder with one file per image, named by everything that features depend on: the backbone with its weights, the precision
+/// of its products, and the image with its size. An incomplete file is computed again. Several runs may share a folder.
 #[derive(Debug)]
 pub struct FeatureCache {
     folder: PathBuf,
@@ -53,18 +53,18 @@ impl FeatureCache {
     /// [`Self::open`].
     ///
     /// # Errors
-    /// [`TrainError::Model`] if the network rejects the pictures or a file cannot be written.
-    pub fn views(&self, network: &Network, posed: &PosedPictures) -> Result<Views, TrainError> {
+    /// [`TrainError::Model`] if the network rejects the images or a file cannot be written.
+    pub fn views(&self, network: &Network, posed: &PosedImages) -> Result<Views, TrainError> {
         let mut features = Vec::new();
         for (view, &camera) in posed.cameras.iter().enumerate() {
-            let picture = posed.picture(view);
-            let path = self.folder.join(format!("{}.safetensors", key(posed.size, picture)));
+            let image = posed.image(view);
+            let path = self.folder.join(format!("{}.safetensors", key(posed.size, image)));
             let cached = read(&path);
-            tracing::debug!(file = %path.display(), is_cached = cached.is_some(), "features of a picture");
+            tracing::debug!(file = %path.display(), is_cached = cached.is_some(), "features of an image");
             features.extend(if let Some(cached) = cached {
                 cached
             } else {
-                let view = Views::new(posed.size, picture.to_vec(), vec![camera])?;
+                let view = Views::new(posed.size, image.to_vec(), vec![camera])?;
                 let computed = network.frozen_features(&view)?;
                 write(&path, &computed)?;
                 computed
@@ -89,8 +89,8 @@ fn read(path: &Path) -> Option<Vec<f32>> {
     stored.tensors.get(FEATURES).filter(|_| is_complete)?.to_f32().ok()
 }
 
-fn key(size: ImageSize, picture: &[f32]) -> String {
+fn key(size: ImageSize, image: &[f32]) -> String {
     let mut bytes = size.to_string().into_bytes();
-    bytes.extend(picture.iter().flat_map(|value| value.to_le_bytes()));
+    bytes.extend(image.iter().flat_map(|value| value.to_le_bytes()));
     Sha256Digest::of(&bytes).to_string()
 }

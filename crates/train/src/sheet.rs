@@ -4,7 +4,7 @@ use atsplat_model::network::Network;
 use atsplat_pixels::{Image, ImageU8, Rounding};
 
 use crate::TrainError;
-use crate::evaluation::{Evaluation, picture, scores};
+use crate::evaluation::{Evaluation, image, scores};
 
 /// A sample as a contact sheet shows it.
 #[derive(Clone, Debug)]
@@ -28,10 +28,10 @@ pub fn contact_sheet(
     targets: usize,
 ) -> Result<Vec<SheetRow>, TrainError> {
     let row = |sample: &crate::samples::Sample| {
-        let context = (0..sample.context.cameras.len()).map(|view| shown(&picture(&sample.context, view)?));
+        let context = (0..sample.context.cameras.len()).map(|view| shown(&image(&sample.context, view)?));
         let (mut pairs, mut psnr) = (Vec::new(), Vec::new());
         for (target, render) in evaluation.renders(network, sample)?.into_iter().enumerate() {
-            let truth = picture(&sample.targets, target)?;
+            let truth = image(&sample.targets, target)?;
             psnr.push(scores(&render, &truth)?.psnr);
             if target < targets {
                 pairs.push([shown(&render)?, shown(&truth)?]);

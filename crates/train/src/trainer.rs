@@ -102,7 +102,7 @@ impl Trainer {
     }
 
     /// [`Self::new`] with network, splatter, losses and optimiser on this processor; the evaluation's renders are the CPU's. On a
-    /// graphics adapter, groups of samples run one after the other, pictures and weights stay there, and steps are not those of the
+    /// graphics adapter, groups of samples run one after the other, images and weights stay there, and steps are not those of the
     /// CPU bit for bit.
     ///
     /// # Errors
@@ -405,7 +405,7 @@ fn opened(processor: Processor) -> Result<Device, TrainError> {
     }
 }
 
-/// On an adapter, losses are part of the graph: pictures do not leave it.
+/// On an adapter, losses are part of the graph: images do not leave it.
 fn objective_on(processor: Processor, config: &TrainConfig, template: &Network) -> Result<Objective, TrainError> {
     match processor {
         Processor::Cpu => Objective::new(config.losses.clone()),

@@ -107,7 +107,7 @@ assert exchanged(run(DATA, "again", url=proxy.url), DATA)[1] == 0
 shard = run(DATA, "shard", "--shard", "2/4", cache="other", url=proxy.url)
 assert exchanged(shard, DATA)[1] <= 1.05 * sum((SCRATCH / "chunks" / chunk_of[key]).stat().st_size for key in keys[2:4])
 
-# Folders of scenes: the pictures of a trial's scenes, and the trajectories that say what the folder holds.
+# Folders of scenes: the images of a trial's scenes, and the trajectories that say what the folder holds.
 frames = sum(path.stat().st_size for key in keys[:1] for path in (SCRATCH / "rooms/test" / key).iterdir())
 lists = sum(path.stat().st_size for path in (SCRATCH / "rooms/test").glob("*.txt"))
 one = ["--index", SCRATCH / "chunks/evaluation_index.json", "--shard", f"1/{SCENES}"]
@@ -115,7 +115,7 @@ read = exchanged(run("s3://lab/frames", "frames", *one, url=proxy.url), "s3://la
 assert read <= frames + lists, (read, frames, lists)
 run("rooms/test", "frames-here", *one)
 same_rows("frames-here", "frames")
-said("folders of scenes: equal rows, from the pictures of one scene")
+said("folders of scenes: equal rows, from the images of one scene")
 
 # A server that dies in the middle of the second chunk, and a run that resumes.
 dying = Proxy(server, dies_after=int(1.5 * needed / LIMIT))

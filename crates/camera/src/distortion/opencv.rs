@@ -4,7 +4,7 @@ use glam::{DMat2, DVec2};
 use crate::CameraError;
 use crate::polynomial::{evaluate, positive_up_to, solve_increasing};
 
-/// Beyond this radius (a ray 0.002 arc seconds from the picture plane) a polynomial is meaningless.
+/// Beyond this radius (a ray 0.002 arc seconds from the image plane) a polynomial is meaningless.
 const RADIUS_MAX: f64 = 1e8;
 const NEWTON_STEPS: usize = 60;
 const HALVINGS: i32 = 40;

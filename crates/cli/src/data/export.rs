@@ -51,7 +51,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         Report::Chunks { scenes, skipped, .. } => (scenes as u64, skipped),
     };
     ensure!(scenes > 0, "no scene of {} could be exported", args.dataset.data.display());
-    Ok(skipped == 0 && warnings.count(WarningKind::UnreadablePicture) == 0)
+    Ok(skipped == 0 && warnings.count(WarningKind::UnreadableImage) == 0)
 }
 
 fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {

@@ -32,7 +32,7 @@ pub(crate) struct Args {
     split: Split,
 
     /// Histograms of every measure, .svg or .png.
-    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    #[arg(long, value_name = "IMAGE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
     /// Print JSON, every clip with its numbers.

@@ -8,7 +8,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
-    CostSummary, EffectChoice, EffectMillis, FrameCosts, Layout, ManifestScene, PictureEncoding, Request, Route,
+    CostSummary, EffectChoice, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request, Route,
     SceneKind, SceneSeed, Simulation, Split, WriteOptions, has_times, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
@@ -72,7 +72,7 @@ pub(crate) struct Args {
 
     /// Image format: png, or jpeg with its quality, such as jpeg:90.
     #[arg(long, value_name = "CODING", default_value = "png")]
-    pictures: PictureEncoding,
+    images: ImageEncoding,
 
     /// Also write depth: `depth/<scene>/<frame>.exr`, channel Z, in scene units along the camera's z axis.
     #[arg(long)]
@@ -128,7 +128,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         progress.step();
     };
     let of_route = warnings.count(WarningKind::LensDistortion);
-    let options = WriteOptions { layout: args.layout, coding: args.pictures, depth: args.depth };
+    let options = WriteOptions { layout: args.layout, coding: args.images, depth: args.depth };
     write_dataset(&args.out, requests, &options, &mut warnings, record)?;
     drop(progress);
     if let Some(error) = failed {

@@ -62,7 +62,7 @@ mod with_opencv {
 
     impl fmt::Display for Report {
         fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-            writeln!(f, "{} pictures written, {} scenes or frames skipped", self.written, self.skipped)
+            writeln!(f, "{} images written, {} scenes or frames skipped", self.written, self.skipped)
         }
     }
 

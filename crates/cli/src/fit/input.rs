@@ -12,7 +12,7 @@ use atsplat_model::weights::ModelWeights;
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::embedded;
 use crate::output::warn;
 use crate::parse;
@@ -43,7 +43,7 @@ pub(super) struct InputArgs {
     key: Option<String>,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Scale photos to cover this size, and crop them to it; by default they keep their size, and with --refine they have
     /// the model's resolution.
@@ -85,7 +85,7 @@ fn depths(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// The photos with their pictures.
+/// The photos with their images.
 pub(super) struct Input {
     /// The scene that they are of.
     pub(super) scene: Scene,
@@ -99,7 +99,7 @@ pub(super) struct Input {
 impl InputArgs {
     /// Reads the photos; for a network they are prepared as for its reconstructions.
     pub(super) fn read(&self, network: Option<&NetworkSource>, warnings: &mut Warnings) -> anyhow::Result<Input> {
-        let mut scene: Scene = scene(&self.data, &self.pictures, self.key.as_deref(), warnings)?;
+        let mut scene: Scene = scene(&self.data, &self.images, self.key.as_deref(), warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
@@ -137,7 +137,7 @@ impl InputArgs {
             return Ok(None);
         }
         // The dataset was opened, and warned of, before.
-        Ok(self.pictures.open(&self.data, &mut Warnings::new())?.applied_transform(scene)?)
+        Ok(self.images.open(&self.data, &mut Warnings::new())?.applied_transform(scene)?)
     }
 
     /// The error with what sets the size, if photos do not have it.

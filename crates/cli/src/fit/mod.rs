@@ -113,7 +113,7 @@ struct OptimisationArgs {
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     max_gaussians: usize,
 
-    /// Limit on memory for parameters, pictures and renderer, in MiB.
+    /// Limit on memory for parameters, images and renderer, in MiB.
     #[arg(long, value_name = "MIB", default_value_t = 8192)]
     memory: u64,
 }

@@ -56,7 +56,7 @@ impl<'a> Log<'a> {
         Ok(())
     }
 
-    /// Writes the learning curve and a contact sheet: pictures above, renders below.
+    /// Writes the learning curve and a contact sheet: images above, renders below.
     pub(super) fn draw(&self, folder: &Path, fit: &mut Fit, training: &[TrainingView]) -> anyhow::Result<()> {
         let nearest = nearest_view_psnr(self.held_out, training);
         let history = fit.history();

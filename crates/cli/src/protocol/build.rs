@@ -6,7 +6,7 @@ use atsplat_protocol::{BuiltIndex, IndexBuilder, IndexLayout};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::parse;
 use crate::progress::Progress;
@@ -26,7 +26,7 @@ pub(crate) struct Args {
     sampler: String,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Print JSON.
     #[arg(long)]
@@ -41,7 +41,7 @@ struct Report<'a> {
     scenes: usize,
     entries: usize,
     refused_entries: usize,
-    missing_pictures: usize,
+    missing_images: usize,
     nulls: &'a std::collections::BTreeMap<&'static str, usize>,
 }
 
@@ -49,27 +49,27 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let builder = parse::rule(&args.sampler)?;
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
-    let dataset = args.pictures.open(&args.data, &mut warnings)?;
+    let dataset = args.images.open(&args.data, &mut warnings)?;
     let progress = Progress::new("scenes", dataset.keys().len());
     let built = builder.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
     if built.entries > 0 {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     }
-    let BuiltIndex { scenes, entries, nulls, refused_entries, missing_pictures, index: _ } = &built;
+    let BuiltIndex { scenes, entries, nulls, refused_entries, missing_images, index: _ } = &built;
     let report = Report {
         sampler: &args.sampler,
         rule: &builder,
         scenes: *scenes,
         entries: *entries,
         refused_entries: *refused_entries,
-        missing_pictures: *missing_pictures,
+        missing_images: *missing_images,
         nulls,
     };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     ensure!(*entries > 0, "no scene of {} has an entry: {} is not written", args.data.display(), args.out.display());
-    Ok(nulls.is_empty() && *missing_pictures == 0 && warnings.count(WarningKind::UnreadablePicture) == 0)
+    Ok(nulls.is_empty() && *missing_images == 0 && warnings.count(WarningKind::UnreadableImage) == 0)
 }
 
 impl fmt::Display for Report<'_> {
@@ -82,8 +82,8 @@ impl fmt::Display for Report<'_> {
         if self.refused_entries > 0 {
             writeln!(f, "{:>7}  entries rejected for their overlap", self.refused_entries)?;
         }
-        if self.missing_pictures > 0 {
-            writeln!(f, "{:>7}  frames skipped, their images are missing", self.missing_pictures)?;
+        if self.missing_images > 0 {
+            writeln!(f, "{:>7}  frames skipped, their images are missing", self.missing_images)?;
         }
         for (reason, count) in self.nulls {
             writeln!(f, "{count:>7}  scenes null: {reason}")?;

@@ -29,7 +29,7 @@ pub(crate) struct Args {
     seed: u64,
 
     /// Plot every estimate against the truth, .svg or .png.
-    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    #[arg(long, value_name = "IMAGE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
     /// Print JSON, every pair with its numbers.

@@ -6,7 +6,7 @@ use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::progress::Progress;
 
@@ -24,7 +24,7 @@ pub(crate) struct Args {
     data: Option<PathBuf>,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Number of frames before and after the window that become targets, 1 to 1000.
     #[arg(long, value_name = "FRAMES", default_value_t = Margin::TEN)]
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let out = PendingFile::open(&args.out)?;
     let lengths = match &args.data {
         Some(path) => {
-            let dataset = args.pictures.open(path, &mut warnings)?;
+            let dataset = args.images.open(path, &mut warnings)?;
             let progress = Progress::new("scenes", index.scene_count());
             scene_lengths(&index, &dataset, &|| progress.step(), &mut warnings)
         }

@@ -4,7 +4,7 @@ use anyhow::Context as _;
 use atsplat_protocol::{DatasetCheck, FullLint, IndexFile, LintOptions, Preset, PresetMatch, compare, lint_file};
 use atsplat_scene::Warnings;
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
 
@@ -22,7 +22,7 @@ pub(crate) struct Args {
     data: Option<PathBuf>,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Second index: check whether results on the two are comparable.
     #[arg(long, value_name = "INDEX")]
@@ -38,7 +38,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let preset = args.preset.as_deref().map(Preset::resolve).transpose()?;
     let mut warnings = Warnings::new();
     let dataset = match &args.data {
-        Some(path) => Some(args.pictures.open(path, &mut warnings)?),
+        Some(path) => Some(args.images.open(path, &mut warnings)?),
         None => None,
     };
     let mut options = LintOptions::default();

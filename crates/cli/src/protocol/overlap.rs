@@ -6,7 +6,7 @@ use atsplat_protocol::{BinRule, IndexFile, KnownIndex, OverlapBins};
 use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::parse;
 use crate::plot::PlotFile;
@@ -21,7 +21,7 @@ pub(crate) struct Args {
     data: Option<PathBuf>,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Definition of overlap: epipolar-ray (only cameras), feature-coverage (images, feature `opencv`) or
     /// depth-covisibility (depth maps, `--depth`).
@@ -44,7 +44,7 @@ pub(crate) struct Args {
     out: Option<PathBuf>,
 
     /// Histogram coloured by bin, .svg or .png.
-    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    #[arg(long, value_name = "IMAGE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
     /// Bins as NAME:UPPER,… after the lowest edge, e.g. `0.05,small:0.3,medium:0.55,large:0.8` (the default).
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut measured = None;
     if let Some(path) = &args.data {
         let estimator = &args.estimator;
-        let dataset = args.pictures.open(path, &mut warnings)?;
+        let dataset = args.images.open(path, &mut warnings)?;
         let found = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
         index.clone_from(&found.index);
         measured = Some(found);

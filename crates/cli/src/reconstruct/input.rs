@@ -12,7 +12,7 @@ use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{SkipReason, Skipped, TrialRecipe};
 use atsplat_scene::{FrameSelection, OneScene, Scene, SceneSource, Warnings, scene_key};
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::parse;
 
 #[derive(Debug, clap::Args)]
@@ -34,7 +34,7 @@ pub(super) struct InputArgs {
     key: Option<String>,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Crop, resize and normalise as in this protocol: a name of `atsplat protocol list`, or a path that ends in .toml.
     /// By default photos are scaled and cropped to the model's size with the principal point corrected for the crop, and
@@ -63,7 +63,7 @@ impl InputArgs {
 
     /// Finds the scene and prepares cameras; no image is decoded.
     pub(super) fn read(&self, config: &ModelConfig, warnings: &mut Warnings) -> anyhow::Result<Photos> {
-        let mut scene = scene(&self.data, &self.pictures, self.key.as_deref(), warnings)?;
+        let mut scene = scene(&self.data, &self.images, self.key.as_deref(), warnings)?;
         if self.no_distortion {
             scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = Distortion::None);
         }
@@ -118,18 +118,18 @@ pub(crate) fn is_of_size(error: &ReconstructError) -> bool {
 /// The scene of a dataset, or the output of `atsplat render`.
 pub(crate) fn scene(
     data: &Path,
-    pictures: &PictureArgs,
+    images: &ImageArgs,
     key: Option<&str>,
     warnings: &mut Warnings,
 ) -> anyhow::Result<Scene> {
     if let Some(scene) = rendered_scene(data)? {
-        pictures.check(None)?;
+        images.check(None)?;
         let (own, data) = (&scene.key, data.display());
         if let Some(key) = key {
             ensure!(key == own, "--key {key}: the output of `atsplat render` is one scene, {own} ({data})");
         }
         return Ok(scene);
     }
-    let dataset = pictures.open(data, warnings)?;
+    let dataset = images.open(data, warnings)?;
     Ok(dataset.load(scene_key(&dataset, key)?, warnings)?)
 }

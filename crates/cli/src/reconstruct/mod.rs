@@ -79,7 +79,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     // Input that does not fit the model is rejected before weights and images are read.
     budget::budget(&source.config, photos.trial().context().len(), source.sees(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
-    let views = clock.time("pictures", || photos.views())?;
+    let views = clock.time("images", || photos.views())?;
     let reconstruction = network.reconstruct(&views, args.network.call_seed()).context("reconstructing")?;
     clock.extend(reconstruction.seconds.stages());
 

@@ -148,15 +148,15 @@ mod tests {
         };
         let mut results = Results::default();
         results.provenance.warnings = vec![
-            warning("frames without a picture, which are not sampled", 15, "rule"),
+            warning("frames without an image, which are not sampled", 15, "rule"),
             warning("sampled entries rejected for their overlap", 3, "rule"),
-            warning("scenes that are not read, and not sampled: ignored-scene", 1, "b: holds pictures"),
+            warning("scenes that are not read, and not sampled: ignored-scene", 1, "b: holds images"),
             warning("scenes that are not read, and not sampled: unreadable-scene", 2, "c: cut off"),
             warning("scenes without an entry in the sampled index", 1, "d, …: 1 unreadable"),
         ];
         let expected = [
-            "run: p: 15 frames without a picture, which are not sampled: rule",
-            "run: p: 3 scenes that are not read, and not sampled: b: holds pictures",
+            "run: p: 15 frames without an image, which are not sampled: rule",
+            "run: p: 3 scenes that are not read, and not sampled: b: holds images",
             "run: p: 1 scenes without an entry in the sampled index: d, …: 1 unreadable",
         ];
         assert_eq!(of(&Source { label: "run", results: &results }), expected);

@@ -45,7 +45,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TEXT", default_value = "Results beside the paper")]
     title: String,
 
-    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with pictures of trials, the
+    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
     /// worst, typical and best first.
     #[arg(long, value_name = "MB", default_value_t = 8)]
     page_size: u16,
@@ -164,13 +164,13 @@ fn say_of_others(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
     }
 }
 
-/// Warns of a page that is larger than allowed even without pictures.
+/// Warns of a page that is larger than allowed even without images.
 pub(crate) fn warn_of_size(report: &Report, megabytes: u16) {
     let (found, allowed) = (report.page_bytes(), usize::from(megabytes) * 1_000_000);
     if found > allowed {
         let found = found as f64 / 1e6;
         warn(&format!(
-            "warning: the page has {found:.1} MB without any picture of a trial, more than --page-size {megabytes}"
+            "warning: the page has {found:.1} MB without any image of a trial, more than --page-size {megabytes}"
         ));
     }
 }

@@ -40,16 +40,16 @@ pub(super) fn report_parts(datasets: &[Dataset], trained: &TrainedNetwork) -> an
         match outcome {
             Ok((trial, truths)) => {
                 let (studied, scene) = study_trial(&network, (&trial, &truths), dataset.render_options(&trial), 0, 1)?;
-                let context = trial.context().iter().map(|view| Ok((view.frame, view.picture()?)));
+                let context = trial.context().iter().map(|view| Ok((view.frame, view.image()?)));
                 let context = context.collect::<anyhow::Result<Vec<_>>>()?;
-                let pictures = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
+                let images = studied.targets.first().map(|target| of_trial(&context, target)).transpose()?;
                 let film = film(dataset, trained, &trial).map_err(|error| {
                     not_run.push(NotRun { what: format!("film of {}", trial.scene()), why: format!("{error:#}") });
                 });
                 live.push(LiveTrial {
                     title: format!("{} of {}, {}", trial.scene(), dataset.name, trained.config.name),
                     scene,
-                    pictures: pictures.unwrap_or_default(),
+                    images: images.unwrap_or_default(),
                     film: film.ok(),
                 });
                 scenes.push(studied);
@@ -105,7 +105,7 @@ mod tests {
         assert!(report_parts(&[], &trained).is_err());
         assert_eq!(live.len(), 2);
         for trial in &live {
-            let titles: Vec<&str> = trial.pictures.iter().map(|picture| picture.title.as_str()).collect();
+            let titles: Vec<&str> = trial.images.iter().map(|image| image.title.as_str()).collect();
             assert_eq!(titles, ["context", "context", "target", "render", "error", "uncertainty", "depth"]);
             let film = trial.film.as_ref().unwrap();
             assert_eq!((film.columns.len(), film.frames.len()), (5, 16));

@@ -25,15 +25,15 @@ pub(super) fn film(dataset: &Dataset, trained: &TrainedNetwork, trial: &Trial) -
     let index = EvaluationIndex { scenes: [(trial.scene().to_owned(), vec![entry])].into_iter().collect() };
     let outcome = dataset.trials(&index).next().context("the scene is missing")?;
     let (along, truths) = outcome.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
-    let pictures = along.context().iter().map(atsplat_protocol::trial::ContextView::picture);
-    let pictures = pictures.collect::<Result<Vec<_>, _>>()?;
+    let images = along.context().iter().map(atsplat_protocol::trial::ContextView::image);
+    let images = images.collect::<Result<Vec<_>, _>>()?;
     let positions: Vec<usize> = (0..along.targets().len()).collect();
     let mut columns = vec!["ground truth".to_owned()];
-    let truth = |&at: &usize| Ok(vec![truths.get(at).context("a target without its picture")??.as_ref().clone()]);
+    let truth = |&at: &usize| Ok(vec![truths.get(at).context("a target without its image")??.as_ref().clone()]);
     let mut frames: Vec<Vec<ImageU8>> = positions.iter().map(truth).collect::<anyhow::Result<_>>()?;
     let methods: Vec<Arc<dyn Method>> = trained.methods()?.into_iter().chain([trained.without_expansion()?]).collect();
     for method in methods {
-        let input = TrialInput { preset: &dataset.preset, trial: &along, pictures: &pictures };
+        let input = TrialInput { preset: &dataset.preset, trial: &along, images: &images };
         let rendered = method.predict(input)?.render(&positions);
         columns.push(method.record().title);
         for (frame, rendered) in frames.iter_mut().zip(rendered) {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, bail};
 use atsplat_eval::discovery::{DiscoveredDatasets, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
-use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary};
+use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, Summary};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::trained::{TrainedGroup, TrainedNetworks};
 use atsplat_eval::weights_list::WeightsList;
@@ -59,7 +59,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
     out: PathBuf,
 
-    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with pictures of trials, the
+    /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
     /// worst, typical and best first.
     #[arg(long, value_name = "MB", default_value_t = 8)]
     page_size: u16,
@@ -237,12 +237,12 @@ impl Args {
             suite: &suite,
             selection: Selection { limit, shard: None },
             timing,
-            pictures: KeepPictures::Worst,
+            images: KeepImages::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
         let mut store = Store::resume(&self.out.join(name), plan.provenance(provenance())?)?;
         if self.verify {
-            store = store.reread_pictures()?;
+            store = store.reread_images()?;
         }
         let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
         let (results, summary) = runner::run(&plan, store, &|| progress.step())?;

@@ -211,7 +211,7 @@ impl GaussianArgs {
             ("--opacities-as-stored", self.opacities_as_stored),
         ];
         let given = self.given().or(parse::first_given(of_files));
-        given.map_or(Ok(()), |name| Err(format!("{name} is for --ply: pictures are compared as they are")))
+        given.map_or(Ok(()), |name| Err(format!("{name} is for --ply: images are compared as they are")))
     }
 
     /// The method of a folder of Gaussians.

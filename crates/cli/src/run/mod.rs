@@ -79,7 +79,7 @@ fn evaluate(
         suite: &suite,
         selection: settings.selection(),
         timing,
-        pictures: settings.keep_pictures,
+        images: settings.keep_images,
         prefetch: SettingArgs::prefetch(),
     };
     // A folder without any scene of the index is probably a typing error: `surveys` fails before the run starts.

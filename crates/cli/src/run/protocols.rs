@@ -9,7 +9,7 @@ use atsplat_eval::runner::{Dataset, IndexChoice, PlannedIndex};
 use atsplat_protocol::{DropReason, Preset};
 use atsplat_scene::{Fetch as _, SceneSource, Warnings};
 
-use crate::dataset_args::PictureArgs;
+use crate::dataset_args::ImageArgs;
 use crate::objects::{CacheArgs, RemoteData};
 use crate::parse;
 
@@ -24,7 +24,7 @@ pub(crate) struct ProtocolArgs {
     data: PathBuf,
 
     #[command(flatten)]
-    pictures: PictureArgs,
+    images: ImageArgs,
 
     /// Evaluation index (JSON), or a folder in which each protocol's published index is found by its hash. By default the
     /// file PRESET.json or `evaluation_index.json` in the dataset's folder.
@@ -51,7 +51,7 @@ impl ProtocolArgs {
 
     /// Where copies of objects are kept.
     pub(crate) const fn cache(&self) -> &CacheArgs {
-        &self.pictures.cache
+        &self.images.cache
     }
 
     /// Opens the data, which are those of [`Self::remote`], and finds each protocol's index.
@@ -64,7 +64,7 @@ impl ProtocolArgs {
             anyhow::bail!("--index: expected a file or folder of this machine, found {url}");
         }
         let data = remote.map_or(self.data.as_path(), |remote| remote.path());
-        let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open_at(&self.data, remote, warnings)?);
+        let source: Arc<dyn SceneSource> = Arc::new(self.images.open_at(&self.data, remote, warnings)?);
         let opening = warnings.clone();
         let rule =
             self.sampler.as_deref().map(|name| Ok::<_, anyhow::Error>((name, parse::rule(name)?))).transpose()?;
@@ -100,7 +100,7 @@ impl ProtocolArgs {
         if atsplat_objects::url(&self.data).is_some() {
             return None;
         }
-        let mut refused = results.provenance.skipped.iter().filter(|own| own.reason == DropReason::PictureSize.name());
+        let mut refused = results.provenance.skipped.iter().filter(|own| own.reason == DropReason::ImageSize.name());
         let (skipped, dataset) = refused.find_map(|skipped| {
             let dataset = datasets.iter().find(|dataset| dataset.name == skipped.preset)?;
             Some((skipped, dataset))
@@ -108,9 +108,9 @@ impl ProtocolArgs {
         let expected = dataset.preset.preprocessing.expected_size?;
         let has_size = |factor: &u32| {
             let mut unread = Warnings::new();
-            let copy = self.pictures.with_images(*factor).open(&self.data, &mut unread).ok()?;
+            let copy = self.images.with_images(*factor).open(&self.data, &mut unread).ok()?;
             let scene = copy.load(&skipped.scene, &mut unread).ok()?;
-            let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
+            let at = scene.frames.iter().position(|frame| frame.image.is_available())?;
             scene.frames.get(at)?.size(&scene.key, at).ok()
         };
         FACTORS.into_iter().find(|factor| has_size(factor) == Some(expected))

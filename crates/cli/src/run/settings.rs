@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use atsplat_eval::runner::{Dataset, KeepPictures, Selection, suite};
+use atsplat_eval::runner::{Dataset, KeepImages, Selection, suite};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::Suite;
@@ -36,7 +36,7 @@ pub(crate) struct SettingArgs {
 
     /// Images kept with the results: none, those of each method's worst, typical and best trials by PSNR (6, 2, 2), or all.
     #[arg(long, value_name = "WHICH", default_value = "none", value_parser = named(KEPT))]
-    pub(crate) keep_pictures: KeepPictures,
+    pub(crate) keep_images: KeepImages,
 
     /// Read every image again to detect changes since its results were made; otherwise images with the same size and
     /// modification time count as unchanged.
@@ -96,8 +96,8 @@ impl TimingArgs {
     }
 }
 
-const KEPT: [(&str, KeepPictures); 3] =
-    [("none", KeepPictures::Nothing), ("worst", KeepPictures::Worst), ("all", KeepPictures::All)];
+const KEPT: [(&str, KeepImages); 3] =
+    [("none", KeepImages::Nothing), ("worst", KeepImages::Worst), ("all", KeepImages::All)];
 
 impl SettingArgs {
     pub(crate) fn out(&self) -> &Path {
@@ -107,7 +107,7 @@ impl SettingArgs {
     /// Opens the store in the folder of [`Self::out`] or of its copy: resumed or new.
     pub(crate) fn store(&self, folder: &Path, provenance: Provenance) -> Result<Store, EvalError> {
         let store = Store::resume(folder, provenance)?;
-        if self.verify { store.reread_pictures() } else { Ok(store) }
+        if self.verify { store.reread_images() } else { Ok(store) }
     }
 
     pub(crate) fn selection(&self) -> Selection {

@@ -85,7 +85,7 @@ fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
         suite,
         selection: args.settings.selection(),
         timing: Some(args.repetitions.plan()),
-        pictures: args.settings.keep_pictures,
+        images: args.settings.keep_images,
         prefetch: SettingArgs::prefetch(),
     }
 }

@@ -22,9 +22,9 @@ pub(crate) fn write_noise(here: &Path, scenes: u8) {
             let x = -0.02 * f64::from(frame);
             writeln!(text, "{} 0.5 0.5 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0", frame * 33_367).unwrap();
             let byte = |at: u32| u8::try_from((at * (7 + frame) + at / 61 * (scene + 3)) % 251).unwrap();
-            let picture = ImageU8::new(32, 32, (0..32 * 32 * 3).map(byte).collect()).unwrap();
+            let image = ImageU8::new(32, 32, (0..32 * 32 * 3).map(byte).collect()).unwrap();
             let path = here.join("data").join(key).join(format!("{}.png", frame * 33_367));
-            std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
+            std::fs::write(path, encode_png(&image).unwrap()).unwrap();
         }
         std::fs::write(here.join("data").join(format!("{key}.txt")), text).unwrap();
     }

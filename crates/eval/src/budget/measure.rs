@@ -59,8 +59,8 @@ fn synthetic(count: usize, size: ImageSize) -> Result<Views, ModelError> {
     const RGB: usize = 3;
     const PERIOD: usize = 251;
     let samples = count.saturating_mul(size.height).saturating_mul(size.width).saturating_mul(RGB);
-    let pictures = (0..samples).map(|at| (at % PERIOD) as f32 / PERIOD as f32).collect();
-    Views::new(size, pictures, (0..count).map(camera_on_a_line).collect())
+    let images = (0..samples).map(|at| (at % PERIOD) as f32 / PERIOD as f32).collect();
+    Views::new(size, images, (0..count).map(camera_on_a_line).collect())
 }
 
 #[expect(clippy::expect_used, reason = "the identity rotation and intrinsics of 58 degrees are valid")]

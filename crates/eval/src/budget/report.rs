@@ -151,7 +151,7 @@ impl fmt::Display for BudgetReport {
         writeln!(
             f,
             "{:<7} {:<16} {:>9} {:>5}  {:>12}  {:>15}  {:>15}  {:<8}  {:>9}",
-            "dataset", "model", "pictures", "views", "tokens", "Gaussians", "published", "verdict", "memory"
+            "dataset", "model", "images", "views", "tokens", "Gaussians", "published", "verdict", "memory"
         )?;
         for row in &self.rows {
             row.fmt(f)?;
@@ -167,7 +167,7 @@ impl fmt::Display for BudgetReport {
             writeln!(
                 f,
                 "{:<16} {:>9} {:>5}  {:>12}  {:>9}  {:<9}  {:>8}  {:>9}  seconds of each stage",
-                "model", "pictures", "views", "tokens", "Gaussians", "formula", "seconds", "peak"
+                "model", "images", "views", "tokens", "Gaussians", "formula", "seconds", "peak"
             )?;
             for row in &self.rows {
                 row.write_run(f)?;

@@ -9,7 +9,7 @@ use atsplat_files::name_of;
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, Preset};
 use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{
-    Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings,
+    Format, ImageFolder, NerfstudioOptions, OpenOptions, Scene, SceneError, SceneSource, WarningKind, Warnings,
     open_with,
 };
 use serde::Serialize;
@@ -114,7 +114,7 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
     if let Some(dataset) = dataset {
         let (path, format) = (folder.to_owned(), dataset.format);
         let source: Arc<dyn SceneSource> = Arc::new(dataset);
-        if source.keys().iter().any(|key| first_picture(source.as_ref(), key).is_some()) {
+        if source.keys().iter().any(|key| first_image(source.as_ref(), key).is_some()) {
             let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
             // DL3DV's scenes lie one level deeper, in the folders of its subsets.
             let holds_scene = |path: &PathBuf| {
@@ -207,18 +207,18 @@ fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSo
     let Some(expected) = preset.preprocessing.expected_size else {
         return Some((Arc::clone(&dataset.source), preset.clone(), description));
     };
-    if picture_size(dataset.source.as_ref()) == Some(expected) {
+    if image_size(dataset.source.as_ref()) == Some(expected) {
         return Some((Arc::clone(&dataset.source), preset.clone(), description));
     }
     if let Some((source, preset)) = AlreadyCropped::of(&dataset.source, preset) {
-        return Some((Arc::new(source), preset, format!("{description}, pictures cropped beforehand")));
+        return Some((Arc::new(source), preset, format!("{description}, images cropped beforehand")));
     }
     DOWNSCALES.into_iter().find_map(|factor| {
-        let pictures = PictureFolder::Downscaled(factor);
-        let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
+        let images = ImageFolder::Downscaled(factor);
+        let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
         let source: Arc<dyn SceneSource> = Arc::new(open_with(&dataset.path, &options, &mut Warnings::new()).ok()?);
-        let fits = picture_size(source.as_ref()) == Some(expected);
+        let fits = image_size(source.as_ref()) == Some(expected);
         fits.then(|| (source, preset.clone(), format!("{description}, images_{factor}")))
     })
 }
@@ -270,16 +270,16 @@ fn is_empty(index: &EvaluationIndex) -> bool {
     index.entries().next().is_none()
 }
 
-fn picture_size(source: &dyn SceneSource) -> Option<ImageSize> {
+fn image_size(source: &dyn SceneSource) -> Option<ImageSize> {
     source.keys().iter().find_map(|key| {
-        let (scene, at) = first_picture(source, key)?;
+        let (scene, at) = first_image(source, key)?;
         scene.frames.get(at)?.size(key, at).ok()
     })
 }
 
-fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
+fn first_image(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
+    let at = scene.frames.iter().position(|frame| frame.image.is_available())?;
     Some((scene, at))
 }
 
@@ -289,17 +289,17 @@ mod tests {
 
     fn capture(folder: &Path) {
         std::fs::create_dir_all(folder).unwrap();
-        let picture = atsplat_pixels::ImageU8::new(2, 2, vec![9; 12]).unwrap();
-        std::fs::write(folder.join("0.png"), atsplat_pixels::encode_png(&picture).unwrap()).unwrap();
+        let image = atsplat_pixels::ImageU8::new(2, 2, vec![9; 12]).unwrap();
+        std::fs::write(folder.join("0.png"), atsplat_pixels::encode_png(&image).unwrap()).unwrap();
         let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
         let frame = format!(r#"{{"file_path":"0.png","transform_matrix":{pose}}}"#);
         let intrinsics = r#""w":2,"h":2,"fl_x":2,"fl_y":2,"cx":1,"cy":1"#;
         std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
     }
 
-    /// Of twelve frames in a row, the second has lost its picture: it is not sampled, and the others keep their numbers.
+    /// Of twelve frames in a row, the second has lost its image: it is not sampled, and the others keep their numbers.
     #[test]
-    fn frames_without_a_picture_are_counted_and_keep_their_places() {
+    fn frames_without_an_image_are_counted_and_keep_their_places() {
         let root = tempfile::tempdir().unwrap();
         let frame = |number: usize| {
             let pose = format!("[[1,0,0,{number}],[0,1,0,0],[0,0,1,0],[0,0,0,1]]");
@@ -320,7 +320,7 @@ mod tests {
         assert!(!entry.context.contains(&1) && !entry.target.contains(&1), "{entry:?}");
         let notices = &photos.index.notices;
         let counts: Vec<_> = notices.iter().map(|(kind, notice)| (kind.as_str(), notice.count)).collect();
-        assert_eq!(counts, [("frames without a picture, which are not sampled", 1)]);
+        assert_eq!(counts, [("frames without an image, which are not sampled", 1)]);
         let key = &photos.source.keys()[0];
         assert_eq!(photos.source.load(key, &mut Warnings::new()).unwrap().frames.len(), 12);
     }
@@ -339,7 +339,7 @@ mod tests {
         assert!(not_run.is_empty(), "{not_run:?}");
     }
 
-    /// Next to the captures lie a folder of pictures without cameras, which nothing reads, and a dataset of its own, which is read.
+    /// Next to the captures lie a folder of images without cameras, which nothing reads, and a dataset of its own, which is read.
     #[test]
     fn what_opening_a_dataset_leaves_out_is_passed_on_unless_it_is_found_by_itself() {
         let root = tempfile::tempdir().unwrap();

@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 use atsplat_files::{AtomicFile, Sha256Digest};
 use serde::{Deserialize, Serialize};
 
-use super::data::{pictures_of, pictures_of_targets};
+use super::data::{images_of, images_of_targets};
 use super::limits::limits;
 use super::probe::{Fingerprint, Inputs, Outputs, Pipeline, Recipe, run as run_probe};
-use super::{Acceptance, AcceptedNumber, DriftError, Limit, PictureDigest, compare, numbers};
+use super::{Acceptance, AcceptedNumber, DriftError, ImageDigest, Limit, compare, numbers};
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// The format version that is written.
 const FORMAT: u32 = 3;
-/// The first version that lists pictures; older ones only have those of their targets.
-const WITH_PICTURES: u32 = 3;
+/// The first version that lists images; older ones only have those of their targets.
+const WITH_IMAGES: u32 = 3;
 /// The first version with the numbers of earlier acceptances.
 const WITH_NUMBERS: u32 = 2;
 /// The oldest version that can be read.
@@ -32,8 +32,8 @@ pub struct Baseline {
     pub limits: Vec<Limit>,
     /// The probe's outputs; `None` if no probe was run.
     pub probe: Option<ProbeRecord>,
-    /// All pictures of the trials, ordered and without duplicates.
-    pub pictures: Vec<PictureDigest>,
+    /// All images of the trials, ordered and without duplicates.
+    pub images: Vec<ImageDigest>,
     /// Trials ordered by key.
     pub trials: Vec<BaselineTrial>,
     /// Targets ordered by key.
@@ -102,8 +102,8 @@ struct BaselineFile {
     probe: Option<ProbeRecord>,
     #[serde(default)]
     numbers: Vec<AcceptedNumber>,
-    #[serde(default)]
-    pictures: Vec<PictureDigest>,
+    #[serde(default, alias = "pictures")]
+    images: Vec<ImageDigest>,
     trials: Vec<BaselineTrial>,
     targets: Vec<BaselineTarget>,
 }
@@ -127,9 +127,9 @@ impl Baseline {
         let mut targets: Vec<BaselineTarget> = results.targets.iter().map(target).collect();
         trials.sort_by(|a, b| a.key.cmp(&b.key));
         targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
-        let (history, limits, pictures) = (vec![acceptance], limits(&runs), pictures_of(results));
+        let (history, limits, images) = (vec![acceptance], limits(&runs), images_of(results));
         let numbers = Vec::new();
-        Self { history, numbers, provenance, limits, probe: None, pictures, trials, targets }.with_numbers_of_rows()
+        Self { history, numbers, provenance, limits, probe: None, images, trials, targets }.with_numbers_of_rows()
     }
 
     /// Accepts another run: its baseline with this one's history continued.
@@ -172,7 +172,7 @@ impl Baseline {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: BaselineFile =
             serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "file", "a baseline", error))?;
-        let BaselineFile { format, history, provenance, limits, probe, numbers, pictures, trials, targets } = written;
+        let BaselineFile { format, history, provenance, limits, probe, numbers, images, trials, targets } = written;
         if !(OLDEST..=FORMAT).contains(&format) {
             let expected = format!("format {OLDEST} to {FORMAT}");
             return Err(DriftError::malformed(path, "field format", expected, format!("format {format}")));
@@ -187,8 +187,8 @@ impl Baseline {
             return Err(DriftError::malformed(path, "targets", once, found));
         }
         // Older formats have these values only in their rows.
-        let pictures = if format < WITH_PICTURES { pictures_of_targets(&targets) } else { pictures };
-        let read = Self { history, numbers, provenance, limits, probe, pictures, trials, targets };
+        let images = if format < WITH_IMAGES { images_of_targets(&targets) } else { images };
+        let read = Self { history, numbers, provenance, limits, probe, images, trials, targets };
         Ok(if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read })
     }
 
@@ -258,7 +258,7 @@ impl Baseline {
             limits: self.limits.clone(),
             probe: self.probe.clone(),
             numbers: Vec::new(),
-            pictures: Vec::new(),
+            images: Vec::new(),
             trials: Vec::new(),
             targets: Vec::new(),
         };
@@ -270,7 +270,7 @@ impl Baseline {
         text.truncate(end);
         let lists = [
             list("numbers", &self.numbers),
-            list("pictures", &self.pictures),
+            list("images", &self.images),
             list("trials", &self.trials),
             list("targets", &self.targets),
         ];

@@ -3,7 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Aggregation;
 
-use super::data::compare_pictures;
+use super::data::compare_images;
 use super::provenance::{differences, same_machine};
 use super::{
     Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
@@ -17,7 +17,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let same_machine = same_machine(&baseline.provenance, &results.provenance);
     let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
     let now = Rows::new(results.trials.iter().map(Into::into), results.targets.iter().map(Into::into));
-    let data = compare_pictures(results, baseline);
+    let data = compare_images(results, baseline);
     let (mut comparisons, mut findings) = (Vec::new(), protocol_findings(results, baseline));
     findings.extend(data_findings(&data));
     let groups: BTreeSet<&(String, String)> = then.0.keys().chain(now.0.keys()).collect();
@@ -50,10 +50,10 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     DriftReport { verdict, comparisons, findings, data, differences, attribution: None, not_attributed: None }
 }
 
-/// Changed pictures by preset.
+/// Changed images by preset.
 fn data_findings(data: &DataComparison) -> Vec<Finding> {
     let presets = data.changed.chunk_by(|a, b| a.preset == b.preset);
-    let finding = |changed: &[super::ChangedPicture]| {
+    let finding = |changed: &[super::ChangedImage]| {
         let first = changed.first()?;
         Some(Finding {
             preset: first.preset.clone(),

@@ -1,4 +1,4 @@
-//! Which pictures differ from the baseline's.
+//! Which images differ from the baseline's.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,10 +8,10 @@ use super::probe::StageVerdict;
 use super::{Baseline, BaselineTarget};
 use crate::{Results, TrialKey};
 
-/// A picture as used in trials, decoded and preprocessed.
+/// An image as used in trials, decoded and preprocessed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PictureDigest {
+pub struct ImageDigest {
     /// Name of the preset.
     pub preset: String,
     /// Key of the scene.
@@ -22,22 +22,22 @@ pub struct PictureDigest {
     pub sha256: String,
 }
 
-/// Comparison of the pictures of results and baseline.
+/// Comparison of the images of results and baseline.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DataComparison {
-    /// Pictures with a digest in both.
+    /// Images with a digest in both.
     pub compared: u64,
     /// Those that differ, ordered by preset, scene and frame.
-    pub changed: Vec<ChangedPicture>,
-    /// Pictures of common scenes with a digest in only one of them.
+    pub changed: Vec<ChangedImage>,
+    /// Images of common scenes with a digest in only one of them.
     pub unknown: u64,
 }
 
-/// A picture that differs from the baseline's.
+/// An image that differs from the baseline's.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct ChangedPicture {
+pub struct ChangedImage {
     /// Name of the preset.
     pub preset: String,
     /// Key of the scene.
@@ -45,20 +45,20 @@ pub struct ChangedPicture {
     /// Position of the frame in the scene.
     pub frame: u64,
     /// Its roles: both if a target is also a context frame.
-    pub roles: BTreeSet<PictureRole>,
+    pub roles: BTreeSet<ImageRole>,
 }
 
-/// Role of a picture in a trial.
+/// Role of an image in a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum PictureRole {
+pub enum ImageRole {
     /// Input of a method.
     Context,
     /// Ground truth of a render.
     Target,
 }
 
-impl PictureRole {
+impl ImageRole {
     /// The name in reports.
     pub const fn name(self) -> &'static str {
         match self {
@@ -79,11 +79,11 @@ impl DataComparison {
     }
 }
 
-/// Compares the pictures of common scenes.
+/// Compares the images of common scenes.
 #[expect(clippy::expect_used, reason = "digests and roles come from the same rows")]
-pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataComparison {
-    let then = by_id(&baseline.pictures);
-    let listed = pictures_of(results);
+pub(super) fn compare_images(results: &Results, baseline: &Baseline) -> DataComparison {
+    let then = by_id(&baseline.images);
+    let listed = images_of(results);
     let now = by_id(&listed);
     let roles = roles_of(results);
     let scenes = |keys: &mut dyn Iterator<Item = &TrialKey>| -> BTreeSet<(String, String)> {
@@ -91,11 +91,11 @@ pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataCo
     };
     let known = scenes(&mut baseline.trials.iter().map(|trial| &trial.key));
     let present = scenes(&mut results.trials.iter().map(|trial| &trial.key));
-    let shared = |(preset, scene, _): &&PictureId| {
+    let shared = |(preset, scene, _): &&ImageId| {
         let scene = (preset.clone(), scene.clone());
         known.contains(&scene) && present.contains(&scene)
     };
-    let ids: BTreeSet<&PictureId> = then.keys().chain(now.keys()).collect();
+    let ids: BTreeSet<&ImageId> = then.keys().chain(now.keys()).collect();
     let mut found = DataComparison::default();
     for id in ids.into_iter().filter(shared) {
         match (then.get(id), now.get(id)) {
@@ -103,8 +103,8 @@ pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataCo
                 found.compared += 1;
                 if then != now {
                     let (preset, scene, frame) = id.clone();
-                    let roles = roles.get(id).cloned().expect("every picture of the results has a role");
-                    found.changed.push(ChangedPicture { preset, scene, frame, roles });
+                    let roles = roles.get(id).cloned().expect("every image of the results has a role");
+                    found.changed.push(ChangedImage { preset, scene, frame, roles });
                 }
             }
             _ => found.unknown += 1,
@@ -113,8 +113,8 @@ pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataCo
     found
 }
 
-/// All pictures of a run, ordered and without duplicates.
-pub(super) fn pictures_of(results: &Results) -> Vec<PictureDigest> {
+/// All images of a run, ordered and without duplicates.
+pub(super) fn images_of(results: &Results) -> Vec<ImageDigest> {
     let context = results.trials.iter().flat_map(|trial| {
         let digest = |(frame, sha256): (&u64, &String)| digest(&trial.key, *frame, sha256);
         trial.context.iter().zip(&trial.context_hashes).map(digest)
@@ -123,38 +123,38 @@ pub(super) fn pictures_of(results: &Results) -> Vec<PictureDigest> {
     unique(context.chain(targets))
 }
 
-/// The pictures known to a baseline whose format does not list them: those of its targets.
-pub(super) fn pictures_of_targets(targets: &[BaselineTarget]) -> Vec<PictureDigest> {
+/// The images known to a baseline whose format does not list them: those of its targets.
+pub(super) fn images_of_targets(targets: &[BaselineTarget]) -> Vec<ImageDigest> {
     unique(targets.iter().filter_map(|row| Some(digest(&row.key, row.frame, row.truth_hash.as_ref()?))))
 }
 
-type PictureId = (String, String, u64);
+type ImageId = (String, String, u64);
 
-fn digest(key: &TrialKey, frame: u64, sha256: &str) -> PictureDigest {
-    PictureDigest { preset: key.preset.clone(), scene: key.scene.clone(), frame, sha256: sha256.to_owned() }
+fn digest(key: &TrialKey, frame: u64, sha256: &str) -> ImageDigest {
+    ImageDigest { preset: key.preset.clone(), scene: key.scene.clone(), frame, sha256: sha256.to_owned() }
 }
 
-fn unique(pictures: impl Iterator<Item = PictureDigest>) -> Vec<PictureDigest> {
-    pictures.collect::<BTreeSet<_>>().into_iter().collect()
+fn unique(images: impl Iterator<Item = ImageDigest>) -> Vec<ImageDigest> {
+    images.collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// Digests by preset, scene and frame. Several digests mean that methods saw different pictures, which counts as a change.
-fn by_id(pictures: &[PictureDigest]) -> BTreeMap<PictureId, BTreeSet<&str>> {
-    let mut ids: BTreeMap<PictureId, BTreeSet<&str>> = BTreeMap::new();
-    for PictureDigest { preset, scene, frame, sha256 } in pictures {
+/// Digests by preset, scene and frame. Several digests mean that methods saw different images, which counts as a change.
+fn by_id(images: &[ImageDigest]) -> BTreeMap<ImageId, BTreeSet<&str>> {
+    let mut ids: BTreeMap<ImageId, BTreeSet<&str>> = BTreeMap::new();
+    for ImageDigest { preset, scene, frame, sha256 } in images {
         ids.entry((preset.clone(), scene.clone(), *frame)).or_default().insert(sha256);
     }
     ids
 }
 
-fn roles_of(results: &Results) -> BTreeMap<PictureId, BTreeSet<PictureRole>> {
-    let mut roles: BTreeMap<PictureId, BTreeSet<PictureRole>> = BTreeMap::new();
+fn roles_of(results: &Results) -> BTreeMap<ImageId, BTreeSet<ImageRole>> {
+    let mut roles: BTreeMap<ImageId, BTreeSet<ImageRole>> = BTreeMap::new();
     let mut add = |key: &TrialKey, frame: u64, role| {
         roles.entry((key.preset.clone(), key.scene.clone(), frame)).or_default().insert(role);
     };
     for trial in &results.trials {
-        trial.context.iter().for_each(|frame| add(&trial.key, *frame, PictureRole::Context));
+        trial.context.iter().for_each(|frame| add(&trial.key, *frame, ImageRole::Context));
     }
-    results.targets.iter().for_each(|row| add(&row.key, row.frame, PictureRole::Target));
+    results.targets.iter().for_each(|row| add(&row.key, row.frame, ImageRole::Target));
     roles
 }

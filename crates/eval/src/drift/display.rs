@@ -4,9 +4,9 @@ use atsplat_files::shortened;
 
 use super::figures::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
-use super::{Basis, ChangedPicture, Comparison, DataComparison, DriftReport, Finding, Limit, PictureRole, Verdict};
+use super::{Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, Verdict};
 
-/// Number of changed pictures that are listed.
+/// Number of changed images that are listed.
 const MAX_LISTED: usize = 10;
 
 impl fmt::Display for Verdict {
@@ -91,8 +91,8 @@ impl DriftReport {
             return format!("The first stage that changed is the {}.", stage.name());
         }
         let data = match self.data.verdict() {
-            StageVerdict::Empty => "No picture of the dataset could be compared",
-            _ => "The dataset's pictures are the baseline's",
+            StageVerdict::Empty => "No image of the dataset could be compared",
+            _ => "The dataset's images are the baseline's",
         };
         let moved = self.comparisons.iter().any(|comparison| comparison.verdict == Verdict::Drifted);
         let empty = self.attribution.iter().flat_map(|attribution| &attribution.stages);
@@ -145,13 +145,13 @@ impl fmt::Display for Limit {
 }
 
 impl fmt::Display for DataComparison {
-    /// One line, and one for each of the first changed pictures.
+    /// One line, and one for each of the first changed images.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { compared, changed, unknown } = self;
         let differ = format!("{}/{compared}", changed.len());
-        writeln!(f, "{:<10} {:<10} {differ:>15} pictures differ", "data", self.verdict())?;
-        for picture in changed.iter().take(MAX_LISTED) {
-            writeln!(f, "    {}: {picture}", picture.preset)?;
+        writeln!(f, "{:<10} {:<10} {differ:>15} images differ", "data", self.verdict())?;
+        for image in changed.iter().take(MAX_LISTED) {
+            writeln!(f, "    {}: {image}", image.preset)?;
         }
         if let Some(more) = changed.len().checked_sub(MAX_LISTED).filter(|more| *more > 0) {
             writeln!(f, "    and {more} more")?;
@@ -160,15 +160,15 @@ impl fmt::Display for DataComparison {
             0 => Ok(()),
             unknown => writeln!(
                 f,
-                "    {unknown} pictures have a digest on one side only and are not monitored; accept the baseline again to monitor them"
+                "    {unknown} images have a digest on one side only and are not monitored; accept the baseline again to monitor them"
             ),
         }
     }
 }
 
-impl fmt::Display for ChangedPicture {
+impl fmt::Display for ChangedImage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let roles: Vec<&str> = self.roles.iter().copied().map(PictureRole::name).collect();
+        let roles: Vec<&str> = self.roles.iter().copied().map(ImageRole::name).collect();
         write!(f, "scene {}, frame {} ({})", self.scene, self.frame, roles.join(" and "))
     }
 }

@@ -4,7 +4,7 @@
 //! A [`Baseline`] is a JSON file with one row per line, so that its diff shows the changes. Rows of a deterministic method are
 //! compared bit by bit on the machine type that produced them and within a stated bound on another; all others by paired
 //! intervals against limits from repeated runs ([`Limit`]). Any significant change, for better or worse, is drift and has to be
-//! reviewed and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] lists changed pictures, and [`probe`] finds
+//! reviewed and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] lists changed images, and [`probe`] finds
 //! the changed stage. If nothing could be compared, the verdict is [`Verdict::Nothing`] rather than [`Verdict::Same`].
 
 mod acceptance;
@@ -27,7 +27,7 @@ mod tests;
 pub use acceptance::{AcceptanceReport, acceptable};
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use compare::compare;
-pub use data::{ChangedPicture, DataComparison, PictureDigest, PictureRole};
+pub use data::{ChangedImage, DataComparison, ImageDigest, ImageRole};
 pub use error::DriftError;
 pub use history::Acceptance;
 pub use limits::{Limit, least_limit, metric_bound};

@@ -28,7 +28,7 @@ pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftErro
         run.trials.iter().map(|trial| (&trial.key, trial.data_hash.as_deref())).collect();
     let is_other = |key: &TrialKey, data: Option<&str>| known.get(key).is_some_and(|known| *known != data);
     match repeat.trials.iter().find(|trial| is_other(&trial.key, trial.data_hash.as_deref())) {
-        Some(trial) => refused(format!("other pictures or cameras in {}", trial.key)),
+        Some(trial) => refused(format!("other images or cameras in {}", trial.key)),
         None => Ok(()),
     }
 }

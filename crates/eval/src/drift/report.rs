@@ -17,7 +17,7 @@ pub struct DriftReport {
     pub comparisons: Vec<Comparison>,
     /// Changes other than of scores.
     pub findings: Vec<Finding>,
-    /// The pictures that the numbers were computed from.
+    /// The images that the numbers were computed from.
     pub data: DataComparison,
     /// Settings that affect numbers and differ.
     pub differences: Vec<Difference>,
@@ -126,7 +126,7 @@ pub enum FindingKind {
     Trial,
     /// Targets with another status, such as failed instead of scored.
     Status,
-    /// Context or target pictures with other samples, from the data, decoding or resizing.
+    /// Context or target images with other samples, from the data, decoding or resizing.
     Data,
     /// Renders that are not bit-identical.
     Render,
@@ -147,7 +147,7 @@ impl FindingKind {
             Self::New => "targets are new",
             Self::Trial => "trials have changed",
             Self::Status => "targets have another status",
-            Self::Data => "pictures have changed",
+            Self::Data => "images have changed",
             Self::Render => "renders are not bit-identical",
             Self::Count => "trials have other numbers of tokens or Gaussians",
             Self::Score => "scores are no longer computed",
@@ -162,8 +162,8 @@ impl DriftReport {
         self.verdict == Verdict::Drifted
     }
 
-    /// The first stage that changed. Changed pictures are attributed to the data unless decoding or resizing changed on the
-    /// probe, since those stages can produce other pictures from the same files.
+    /// The first stage that changed. Changed images are attributed to the data unless decoding or resizing changed on the
+    /// probe, since those stages can produce other images from the same files.
     pub fn first_stage(&self) -> Option<Stage> {
         let probed = self.attribution.as_ref().and_then(Attribution::first);
         let explained = matches!(probed, Some(Stage::Decode | Stage::Resize));

@@ -20,14 +20,14 @@ pub struct Family {
     pub children: Vec<DVec3>,
 }
 
-/// A [`Family`] in a picture, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
+/// A [`Family`] in an image, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProjectedFamily {
     /// Same as [`Family::block`].
     pub block: usize,
-    /// Inside the picture.
+    /// Inside the image.
     pub parent: [f64; 2],
-    /// Those in front of the camera, inside the picture or not.
+    /// Those in front of the camera, inside the image or not.
     pub children: Vec<[f64; 2]>,
 }
 
@@ -60,7 +60,7 @@ fn mean_centre(gaussians: &Gaussians, token: usize, per_token: usize) -> Option<
     Some(sum / means.len() as f64)
 }
 
-/// Families whose parent projects into a picture, occluded or not.
+/// Families whose parent projects into an image, occluded or not.
 ///
 /// # Errors
 /// [`ExpansionError::Camera`] for an invalid camera.

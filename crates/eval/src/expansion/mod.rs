@@ -4,7 +4,7 @@
 //! - [`Stage`]: renders with expansion in more and more blocks (supplement, "Expansion at each decoder block");
 //! - [`Uncertainty`]: whether expanded regions are those with errors ("Predicted uncertainty and selected tokens").
 //!
-//! [`study`] analyses single scenes for pictures, [`survey()`] all trials of a dataset for an [`ExpansionReport`]; their results
+//! [`study`] analyses single scenes for images, [`survey()`] all trials of a dataset for an [`ExpansionReport`]; their results
 //! are not part of a results store.
 
 mod families;
@@ -68,7 +68,7 @@ pub enum ExpansionError {
     /// A render and its ground truth cannot be compared.
     #[error(transparent)]
     Metric(#[from] atsplat_metrics::MetricError),
-    /// A picture cannot be read.
+    /// An image cannot be read.
     #[error(transparent)]
     Protocol(#[from] atsplat_protocol::ProtocolError),
     /// An invalid camera.

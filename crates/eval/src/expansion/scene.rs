@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use atsplat_model::network::Network;
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::trial::{TargetPictures, Trial};
+use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 
 use super::{ExpansionError, ProjectedFamily, Subject, TargetStudy, seen_by, study};
@@ -13,10 +13,10 @@ use crate::live::LiveScene;
 pub struct ExpansionScene {
     /// The scene's key.
     pub label: String,
-    /// The frame whose picture families are drawn over.
+    /// The frame whose image families are drawn over.
     pub frame: usize,
-    /// Its picture.
-    pub picture: Arc<ImageU8>,
+    /// Its image.
+    pub image: Arc<ImageU8>,
     /// Families visible in it.
     pub families: Vec<ProjectedFamily>,
     /// Total number of families.
@@ -43,7 +43,7 @@ pub struct ExpansionTarget {
 /// Those of [`Subject::of`] and [`study`].
 pub fn study_trial(
     network: &Network,
-    (trial, truths): (&Trial, &TargetPictures),
+    (trial, truths): (&Trial, &TargetImages),
     options: RenderOptions,
     call_seed: u64,
     max_targets: usize,
@@ -63,7 +63,7 @@ pub fn study_trial(
     let scene = ExpansionScene {
         label: trial.scene().to_owned(),
         frame: first.frame,
-        picture: first.picture()?,
+        image: first.image()?,
         families: seen_by(&studied.families, &view)?,
         expanded: studied.families.len(),
         targets: targets.collect(),

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use atsplat_model::network::Views;
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::trial::{ContextView, TargetPictures, Trial};
+use atsplat_protocol::trial::{ContextView, TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 
 use super::ExpansionError;
@@ -27,22 +27,22 @@ pub struct Subject {
 pub struct Target {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// Camera in the context's world frame, and picture size.
+    /// Camera in the context's world frame, and image size.
     pub view: View,
     /// The ground truth.
     pub truth: Arc<ImageU8>,
 }
 
 impl Subject {
-    /// A trial with some of its targets, given by position; pictures are decoded here. Random token expansion draws the same
+    /// A trial with some of its targets, given by position; images are decoded here. Random token expansion draws the same
     /// tokens as in an evaluation with this `call_seed`.
     ///
     /// # Errors
-    /// [`ExpansionError::Protocol`] for a picture that cannot be read, [`ExpansionError::Model`] for a context without
-    /// pictures or with pictures of different sizes, [`ExpansionError::Invalid`] for a position that the trial does not have.
+    /// [`ExpansionError::Protocol`] for an image that cannot be read, [`ExpansionError::Model`] for a context without
+    /// images or with images of different sizes, [`ExpansionError::Invalid`] for a position that the trial does not have.
     pub fn of(
         trial: &Trial,
-        truths: &TargetPictures,
+        truths: &TargetImages,
         positions: &[usize],
         options: RenderOptions,
         call_seed: u64,
@@ -62,7 +62,7 @@ impl Subject {
 }
 
 pub(crate) fn views(trial: &Trial) -> Result<Views, ExpansionError> {
-    let decoded: Vec<Arc<ImageU8>> = trial.context().iter().map(ContextView::picture).collect::<Result<_, _>>()?;
+    let decoded: Vec<Arc<ImageU8>> = trial.context().iter().map(ContextView::image).collect::<Result<_, _>>()?;
     let cameras = trial.context().iter().map(|view| view.camera).collect();
     Ok(network_views(decoded.iter().map(AsRef::as_ref), cameras)?)
 }

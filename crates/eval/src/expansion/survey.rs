@@ -1,6 +1,6 @@
 use atsplat_model::network::{Network, Trace};
 use atsplat_numeric::median;
-use atsplat_protocol::trial::{TargetPictures, Trial};
+use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 use glam::DVec2;
 
@@ -51,7 +51,7 @@ pub struct Spread {
 /// Those of [`Subject::of`] and [`study`](super::study).
 pub fn survey(
     network: &Network,
-    (trial, truths): (&Trial, &TargetPictures),
+    (trial, truths): (&Trial, &TargetImages),
     options: RenderOptions,
     call_seed: u64,
 ) -> Result<TrialSurvey, ExpansionError> {

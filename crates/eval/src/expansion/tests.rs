@@ -8,7 +8,7 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
 use atsplat_numeric::{Extremes as _, Tolerance};
-use atsplat_protocol::trial::{Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{Prefetch, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{IndexFile, Preset};
 use atsplat_splat::{RenderOptions, View};
 use glam::{DMat3, DVec3};
@@ -17,7 +17,7 @@ use super::*;
 use crate::sources::simulated;
 
 /// A trial of a simulated room, 128×128 pixels.
-pub(crate) fn trial() -> (Trial, TargetPictures) {
+pub(crate) fn trial() -> (Trial, TargetImages) {
     let preset = Preset::named("rooms-2v-128").unwrap();
     let mut index = IndexFile::embedded("rooms-2v").unwrap().unwrap().index;
     index.scenes.truncate(1);

@@ -17,9 +17,9 @@ pub use start::{PointsOf, Start, StartError, StartGaussians};
 
 use crate::reconstruct::{Photos, photo_recipe};
 
-/// A posed picture as a training view; the picture has the size of the view.
-pub fn training_view(name: String, camera: Camera, size: ImageSize, picture: &ImageU8) -> TrainingView {
-    let rgb = Image::from_u8(picture).samples().as_chunks::<3>().0.to_vec();
+/// A posed image as a training view; the image has the size of the view.
+pub fn training_view(name: String, camera: Camera, size: ImageSize, image: &ImageU8) -> TrainingView {
+    let rgb = Image::from_u8(image).samples().as_chunks::<3>().0.to_vec();
     TrainingView { name, view: View { camera, size }, rgb }
 }
 
@@ -39,29 +39,29 @@ pub fn fit_recipe(size: Option<ImageSize>, network: Option<&ModelConfig>) -> Tri
 }
 
 impl Photos {
-    /// The context views with their pictures, to optimise for.
+    /// The context views with their images, to optimise for.
     ///
     /// # Errors
-    /// [`ProtocolError`] for a picture that cannot be read.
+    /// [`ProtocolError`] for an image that cannot be read.
     pub fn training_views(&self) -> Result<Vec<TrainingView>, ProtocolError> {
-        let view = |view: &ContextView| Ok(self.named((view.frame, view.camera, view.size, view.picture()?)));
+        let view = |view: &ContextView| Ok(self.named((view.frame, view.camera, view.size, view.image()?)));
         self.trial().context().iter().map(view).collect()
     }
 
-    /// The targets with their pictures, to compare renders with.
+    /// The targets with their images, to compare renders with.
     ///
     /// # Errors
-    /// [`ProtocolError`] for a picture that cannot be read.
-    #[expect(clippy::expect_used, reason = "each target has a picture")]
+    /// [`ProtocolError`] for an image that cannot be read.
+    #[expect(clippy::expect_used, reason = "each target has an image")]
     pub fn held_out_views(&self) -> Result<Vec<TrainingView>, ProtocolError> {
-        let picture = |at| self.ground_truth().get(at).expect("a picture for each target");
+        let image = |at| self.ground_truth().get(at).expect("an image for each target");
         let targets = self.trial().targets().iter().enumerate();
-        targets.map(|(at, view)| Ok(self.named((view.frame, view.camera, view.size, picture(at)?)))).collect()
+        targets.map(|(at, view)| Ok(self.named((view.frame, view.camera, view.size, image(at)?)))).collect()
     }
 
-    fn named(&self, (frame, camera, size, picture): (usize, Camera, ImageSize, Arc<ImageU8>)) -> TrainingView {
+    fn named(&self, (frame, camera, size, image): (usize, Camera, ImageSize, Arc<ImageU8>)) -> TrainingView {
         let name = self.name(frame).map_or_else(|| format!("frame {frame}"), str::to_owned);
-        training_view(name, camera, size, &picture)
+        training_view(name, camera, size, &image)
     }
 }
 

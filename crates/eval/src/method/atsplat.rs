@@ -16,7 +16,7 @@ pub const HIGH_RESOLUTION: usize = 400_000;
 #[derive(Debug)]
 pub struct AtSplat {
     network: Network,
-    /// Used instead of `network` for large pictures.
+    /// Used instead of `network` for large images.
     high_resolution: Option<Network>,
     splatting: Splatting,
     products: MatmulPrecision,
@@ -47,7 +47,7 @@ pub enum WeightsSource {
 
 impl WeightsSource {
     /// Adds a network with these weights to a method's record: its configuration, which weights they are, and the size at whose
-    /// scale it sees context pictures.
+    /// scale it sees context images.
     ///
     /// # Errors
     /// [`EvalError::Model`] for a configuration that cannot be hashed.
@@ -110,7 +110,7 @@ impl AtSplat {
         })
     }
 
-    /// Adds a network for pictures of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
+    /// Adds a network for images of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
     /// for high resolution.
     ///
     /// # Errors
@@ -171,7 +171,7 @@ impl AtSplat {
     fn reconstruct(&self, input: &TrialInput<'_>) -> Result<(Reconstruction, Vec<String>), MethodError> {
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let views =
-            network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
+            network_views(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
         let seed = trial_seed(self.call_seed, input.trial);
         let size = views.size();
         let network = self.network_for(size);
@@ -181,12 +181,12 @@ impl AtSplat {
         });
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
         let seen_at = reconstruction.seen_at;
-        let resized = (seen_at != size).then(|| format!("the network saw context pictures of {size} at {seen_at}"));
+        let resized = (seen_at != size).then(|| format!("the network saw context images of {size} at {seen_at}"));
         let other = other_poses(self.trained_poses.as_deref(), input, self.setting());
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }
 
-    /// Large pictures use the high-resolution configuration, whose coarse branch sees them at half size, provided that the
+    /// Large images use the high-resolution configuration, whose coarse branch sees them at half size, provided that the
     /// weights were trained at that half size.
     fn network_for(&self, size: ImageSize) -> &Network {
         let half = ImageSize::new(size.height / 2, size.width / 2);
@@ -278,11 +278,11 @@ pub(super) mod tests {
         entries.push(entries[0].clone());
         let source = Arc::new(simulated(preset, &index).unwrap().unwrap());
         let trials = Trials::new(source, &index, TrialRecipe::of(preset, "ATSplat"), Prefetch::NONE).take(3);
-        let with_pictures = |trial: Trial| {
-            let pictures = trial.context().iter().map(|view| view.picture().unwrap()).collect();
-            (trial, pictures)
+        let with_images = |trial: Trial| {
+            let images = trial.context().iter().map(|view| view.image().unwrap()).collect();
+            (trial, images)
         };
-        trials.map(|trial| with_pictures(trial.unwrap().0)).collect()
+        trials.map(|trial| with_images(trial.unwrap().0)).collect()
     }
 
     fn method(selection: Option<Selection>, call_seed: u64) -> AtSplat {
@@ -297,11 +297,11 @@ pub(super) mod tests {
     #[test]
     fn trials_under_another_pose_normalisation_get_a_note() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = &trials(&preset)[0];
+        let (trial, images) = &trials(&preset)[0];
         let own = preset.setting_for("ATSplat").pose_normalisation.name();
         let notes = |poses: Option<String>| {
             let method = method(None, 0).with_training(None, poses);
-            method.reconstruct(&TrialInput { preset: &preset, trial, pictures }).unwrap().1
+            method.reconstruct(&TrialInput { preset: &preset, trial, images }).unwrap().1
         };
         assert_eq!((notes(None), notes(Some(own.clone()))), (Vec::new(), Vec::new()));
         let expected = format!("trained with the pose normalisation baseline-one, evaluated with {own}");
@@ -314,8 +314,8 @@ pub(super) mod tests {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let trials = trials(&preset);
         let gaussians = |method: &AtSplat, at: usize| {
-            let (trial, pictures) = &trials[at];
-            method.reconstruct(&TrialInput { preset: &preset, trial, pictures }).unwrap().0.gaussians
+            let (trial, images) = &trials[at];
+            method.reconstruct(&TrialInput { preset: &preset, trial, images }).unwrap().0.gaussians
         };
         let selections = [Selection::FarthestPoint {}, Selection::Random { seed: 3 }];
         let shared = Arc::new(SharedEncoding::of(method(None, 0).network.config()));
@@ -338,8 +338,8 @@ pub(super) mod tests {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let trials = trials(&preset);
         let selected = |method: &AtSplat, at: usize| -> Vec<Vec<usize>> {
-            let (trial, pictures) = &trials[at];
-            let input = TrialInput { preset: &preset, trial, pictures };
+            let (trial, images) = &trials[at];
+            let input = TrialInput { preset: &preset, trial, images };
             method.reconstruct(&input).unwrap().0.blocks.into_iter().map(|block| block.selected).collect()
         };
         let random = method(Some(Selection::Random { seed: 3 }), 0);

@@ -67,7 +67,7 @@ impl ConstantsChoice {
 ///   exactly on it is culled, as in diff-gaussian-rasterization. There is no far cull.
 /// - An extent of 3 standard deviations is that rasterizer's, applied by tiles; any other extent draws everything that
 ///   reaches the smallest alpha.
-/// - An ignored principal point is the picture's centre.
+/// - An ignored principal point is the image's centre.
 /// - Spherical harmonics use 3DGS's axes: their order is a property of the Gaussians, not of the protocol.
 pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> RendererConstants {
     const THREE_SIGMAS: f64 = 3.0;

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The picture files of one scene, in all folders that may hold them. Each folder is listed once.
+/// The image files of one scene, in all folders that may hold them. Each folder is listed once.
 #[derive(Debug)]
 pub(super) struct FrameFiles {
     folders: Vec<Listed>,

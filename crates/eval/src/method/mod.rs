@@ -1,4 +1,4 @@
-//! Methods turn a trial's context views into pictures of its targets; one file per method.
+//! Methods turn a trial's context views into images of its targets; one file per method.
 
 mod atsplat;
 mod constants;
@@ -44,7 +44,7 @@ use crate::MethodRecord;
 
 /// A novel-view-synthesis method under evaluation.
 pub trait Method: Debug + Send + Sync {
-    /// The method's identity and every parameter that affects its pictures.
+    /// The method's identity and every parameter that affects its images.
     fn record(&self) -> MethodRecord;
 
     /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
@@ -89,23 +89,23 @@ pub trait Method: Debug + Send + Sync {
     /// Processes the context views; [`Prediction::render`] then renders targets.
     ///
     /// # Errors
-    /// [`MethodError`] if the method cannot produce pictures for this trial.
+    /// [`MethodError`] if the method cannot produce images for this trial.
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError>;
 }
 
 /// Which parts of a method are timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timed {
-    /// From context pictures to a renderable scene: [`Method::predict`].
+    /// From context images to a renderable scene: [`Method::predict`].
     pub encoding: bool,
-    /// From the scene to a picture: [`Prediction::render`].
+    /// From the scene to an image: [`Prediction::render`].
     pub rendering: bool,
 }
 
 impl Timed {
     /// For methods that do no work on the context before rendering.
     pub const RENDERING: Self = Self { encoding: false, rendering: true };
-    /// For methods that import finished pictures.
+    /// For methods that import finished images.
     pub const NOTHING: Self = Self { encoding: false, rendering: false };
 }
 
@@ -116,8 +116,8 @@ pub struct TrialInput<'a> {
     pub preset: &'a Preset,
     /// Cameras and sizes.
     pub trial: &'a Trial,
-    /// The context pictures, in the trial's order.
-    pub pictures: &'a [Arc<ImageU8>],
+    /// The context images, in the trial's order.
+    pub images: &'a [Arc<ImageU8>],
 }
 
 /// A scene predicted from context views, ready to be rendered.
@@ -156,9 +156,9 @@ pub struct Cost {
 /// A rendered target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
-    /// The picture.
+    /// The image.
     pub image: Image,
-    /// Gaussians that contributed to the picture.
+    /// Gaussians that contributed to the image.
     pub drawn: Option<u64>,
     /// Renderer effects that ran.
     pub effects: Vec<&'static str>,

@@ -6,7 +6,7 @@ use atsplat_protocol::trial::{ContextView, TargetView};
 use super::{Method, MethodError, Prediction, Rendered, Timed, TrialInput, render_each};
 use crate::MethodRecord;
 
-/// A lower baseline: copies the context picture whose camera is closest to the target's. Ties, to a relative 1e-9, go to
+/// A lower baseline: copies the context image whose camera is closest to the target's. Ties, to a relative 1e-9, go to
 /// the first in the trial's order.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NearestView;
@@ -44,12 +44,12 @@ impl Prediction for Copied<'_> {
     }
 }
 
-/// The context picture whose camera is closest to a target's.
+/// The context image whose camera is closest to a target's.
 pub(super) fn nearest<'a>(input: &TrialInput<'a>, target: &TargetView) -> Option<&'a Arc<ImageU8>> {
     let centre = target.camera.camera_from_world.inverse().centre();
     let distance = |view: &ContextView| view.camera.camera_from_world.inverse().centre().distance(centre);
     let distances: Vec<f64> = input.trial.context().iter().map(distance).collect();
     let least = distances.iter().copied().min_by(f64::total_cmp)?;
     let first = distances.iter().position(|distance| *distance <= least * (1.0 + ROUNDING))?;
-    input.pictures.get(first)
+    input.images.get(first)
 }

@@ -149,7 +149,7 @@ impl Optimised {
         cost.notes.extend(other_poses(self.trained_poses.as_deref(), input, self.setting()));
         let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let context =
-            network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
+            network_views(input.images.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
         let made = network.reconstruct(&context, config.seed).map_err(|error| method_error(&error))?;
         cost.initial_tokens = Some(made.budget.initial_tokens as u64);
         cost.final_tokens = Some(made.budget.final_tokens as u64);
@@ -170,9 +170,9 @@ impl Method for Optimised {
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        let context = input.trial.context().iter().zip(input.pictures);
+        let context = input.trial.context().iter().zip(input.images);
         let views: Vec<TrainingView> = context
-            .map(|(view, picture)| training_view(format!("frame {}", view.frame), view.camera, view.size, picture))
+            .map(|(view, image)| training_view(format!("frame {}", view.frame), view.camera, view.size, image))
             .collect();
         let extent = camera_extent(views.iter().map(|view| &view.view));
         if self.network.is_none() && (extent.is_nan() || extent <= 0.0) {
@@ -194,7 +194,7 @@ impl Method for Optimised {
         .map_err(failed)?;
         cost.stages.insert("optimisation".to_owned(), begin.elapsed().as_secs_f64());
         // The last pass over the context, so that overfitting shows next to the held-out PSNR.
-        let last = training.len().saturating_sub(input.pictures.len());
+        let last = training.len().saturating_sub(input.images.len());
         let last = training.get(last..).unwrap_or(&[]);
         cost.context_psnr = (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64);
         cost.notes.push(format!("optimisation: {} steps", fit.step_count()));
@@ -228,8 +228,8 @@ mod tests {
     #[test]
     fn optimises_the_context_of_a_trial_within_its_budget() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
-        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let scratch = |strategy, budget| Optimised::from_scratch(None, strategy, budget, 400, 0, Splatting::default());
         let rendered = |method: &Optimised| {
             let prediction = method.predict(input).unwrap();
@@ -257,12 +257,12 @@ mod tests {
     #[test]
     fn a_refinement_keeps_the_training_of_its_network() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
+        let (trial, images) = trials(&preset).swap_remove(0);
         let own = preset.setting_for("ATSplat").pose_normalisation.name();
         let training = Some(TrainingRecord { data: "yards".to_owned(), seed: None });
         let found = |poses: &str| {
             let method = refined(Splatting::default()).with_training(training.clone(), Some(poses.to_owned()));
-            let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+            let input = TrialInput { preset: &preset, trial: &trial, images: &images };
             let notes = method.predict(input).unwrap().cost().notes;
             assert_eq!(method.record().training, training);
             notes.into_iter().filter(|note| note.starts_with("trained with")).collect::<Vec<_>>()
@@ -275,21 +275,21 @@ mod tests {
     #[test]
     fn a_size_that_the_network_does_not_take_is_no_failure() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
-        let picture = Arc::new(ImageU8::new(100, 100, vec![9; 30_000]).unwrap());
-        let pictures = vec![picture; pictures.len()];
-        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let image = Arc::new(ImageU8::new(100, 100, vec![9; 30_000]).unwrap());
+        let images = vec![image; images.len()];
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let method = refined(Splatting::default());
         let why = method.predict(input).err().unwrap();
         assert!(matches!(&why, MethodError::NotApplicable(why) if why.contains("16 divides")), "{why}");
     }
 
-    /// Between the Gaussians of the start, pictures show the background.
+    /// Between the Gaussians of the start, images show the background.
     #[test]
     fn optimises_on_the_background_that_targets_are_rendered_on() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
-        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let on = |background: [f64; 3]| {
             let splatting = Splatting { background: Some(background), ..Splatting::default() };
             let method = Optimised::from_scratch(None, Strategy::Mcmc, Budget::Steps(2), 400, 0, splatting);
@@ -367,8 +367,8 @@ mod tests {
         let splatting = || Splatting { backend: backend.clone(), ..Splatting::default() };
         let submissions = || renderer.lock().unwrap().device_counts().unwrap().submissions;
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
-        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let scratch = [Strategy::Gaussians3d, Strategy::MipSplatting, Strategy::Mcmc]
             .map(|strategy| Optimised::from_scratch(None, strategy, Budget::Steps(2), 400, 0, splatting()));
         for method in scratch.into_iter().chain([refined(splatting())]) {

@@ -1,4 +1,4 @@
-//! The range of the samples in float pictures of other programs.
+//! The range of the samples in float images of other programs.
 
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::Image;
@@ -7,28 +7,28 @@ use atsplat_pixels::Image;
 const FAR: [f32; 2] = [-0.5, 2.0];
 /// One sample in this many may be far outside: a highlight of a renderer that does not clamp is legitimate.
 const ONE_IN: usize = 100;
-/// The largest sample of a picture in 0…255, with some overshoot.
+/// The largest sample of an image in 0…255, with some overshoot.
 const BYTES: f32 = 256.0;
-/// The largest size of a sample of a picture in −1…1, with some overshoot.
+/// The largest size of a sample of an image in −1…1, with some overshoot.
 const SIGNED: f32 = 1.25;
-/// The same of a picture in −0.5…0.5, in which more than one sample in this many is clearly negative.
+/// The same of an image in −0.5…0.5, in which more than one sample in this many is clearly negative.
 const CENTRED: f32 = 0.625;
 const NEGATIVE_ONE_IN: usize = 10;
 const NEGATIVE: f32 = -0.1;
 
-/// Rejects a picture in another range than [0, 1]. Samples that are NaN or infinite are left to the comparison.
+/// Rejects an image in another range than [0, 1]. Samples that are NaN or infinite are left to the comparison.
 ///
 /// # Errors
 /// The samples' range, and the range that they seem to be meant in.
-pub fn check_range(picture: &Image) -> Result<(), String> {
+pub fn check_range(image: &Image) -> Result<(), String> {
     let [least, most] = FAR;
-    let finite = || picture.samples().iter().copied().filter(|sample| sample.is_finite());
+    let finite = || image.samples().iter().copied().filter(|sample| sample.is_finite());
     let far = finite().filter(|sample| !(least..=most).contains(sample)).count();
     let negative = finite().filter(|sample| *sample < NEGATIVE).count();
     let smallest = finite().fold(f32::INFINITY, f32::minimum_of);
     let largest = finite().fold(f32::NEG_INFINITY, f32::maximum_of);
-    let is_centred = smallest >= -CENTRED && largest <= CENTRED && negative * NEGATIVE_ONE_IN > picture.samples().len();
-    if far * ONE_IN <= picture.samples().len() && !is_centred {
+    let is_centred = smallest >= -CENTRED && largest <= CENTRED && negative * NEGATIVE_ONE_IN > image.samples().len();
+    if far * ONE_IN <= image.samples().len() && !is_centred {
         return Ok(());
     }
     let seems = if is_centred {
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_in_another_range_is_rejected_with_a_guess() {
+    fn an_image_in_another_range_is_rejected_with_a_guess() {
         let refused = |sample: fn(f32) -> f32| check(|at| sample(ramp(at))).unwrap_err();
         assert_eq!(
             refused(|x| 255.0 * x),
@@ -80,7 +80,7 @@ mod tests {
         assert_eq!(check(ramp), Ok(()));
         assert_eq!(check(|at| 2.3 * ramp(at) - 0.3), Ok(()), "−0.3 to 2");
         assert_eq!(check(|at| 0.6 * ramp(at) - 0.1), Ok(()), "black, with noise");
-        assert_eq!(check(|at| ramp(at) - 0.3), Ok(()), "too bright for a centred picture");
+        assert_eq!(check(|at| ramp(at) - 0.3), Ok(()), "too bright for a centred image");
         let with = |count: usize, value: f32| check(move |at| if at < count { value } else { ramp(at) });
         assert_eq!(with(6, 40.0), Ok(()), "one sample in a hundred");
         assert!(with(7, 40.0).is_err() && with(7, -0.6).is_err());

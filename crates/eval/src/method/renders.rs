@@ -16,26 +16,26 @@ use super::{
 };
 use crate::{EvalError, MethodRecord};
 
-/// Pictures rendered by another program, found by scene and frame.
+/// Images rendered by another program, found by scene and frame.
 ///
 /// For frame 29 of a scene, with `<scene>` its key in the dataset, these layouts are known:
 ///
 /// | layout | written by |
 /// |---|---|
 /// | `<scene>/color/000029.png` | pixelSplat, MVSplat, DepthSplat, NoPoSplat: `test.save_image`, `src/model/model_wrapper.py` |
-/// | `<scene>/000029.png` | `atsplat run --keep-pictures all`, most others |
+/// | `<scene>/000029.png` | `atsplat run --keep-images all`, most others |
 /// | `<scene>/29.png` | programs that pad to fewer digits: one to five |
 ///
 /// A frame's number is its position in the scene, as in the evaluation index. `.exr` files hold floats (channels R, G, B)
 /// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
 /// display-referred and rejected if their header says otherwise, or if many of their samples are far outside [0, 1]. If an
 /// index has several entries for a scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the
-/// first may be `<scene>-0`. Folders that `--keep-pictures` names otherwise ([`crate::file_name()`]) are known too. A folder
-/// with the name of a scene of the index is that scene's alone, except in a store's own pictures, where all names end with the
+/// first may be `<scene>-0`. Folders that `--keep-images` names otherwise ([`crate::file_name()`]) are known too. A folder
+/// with the name of a scene of the index is that scene's alone, except in a store's own images, where all names end with the
 /// entry.
 ///
 /// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
-/// over a background or skipped. So are a file whose stored samples are not the picture (16 bits in a PNG, linear light, a
+/// over a background or skipped. So are a file whose stored samples are not the image (16 bits in a PNG, linear light, a
 /// rotation: [`decode_render`], [`exr::read_render`]), and a frame with two files, in whichever of the scene's folders:
 /// either may be the right one.
 #[derive(Clone, Debug)]
@@ -46,7 +46,7 @@ pub struct Renders {
 }
 
 impl Renders {
-    /// The pictures below a folder; `name` is the method's name in the rows, by default the folder's.
+    /// The images below a folder; `name` is the method's name in the rows, by default the folder's.
     ///
     /// # Errors
     /// [`EvalError::Io`] if the folder cannot be read.
@@ -80,7 +80,7 @@ fn folders(folder: &Path, name: &str, scene: &str, names: &SceneNames) -> Vec<Pa
     both.filter(|path| names.may_be_of(scene, path)).filter_map(|path| below(folder, &path)).collect()
 }
 
-/// How a scene's pictures are laid out below a folder.
+/// How a scene's images are laid out below a folder.
 fn layout(folder: &Path, requested: &RequestedScene<'_>, names: &SceneNames) -> Option<Layout> {
     names.of(requested.scene, 0).into_iter().find_map(|name| {
         let folders = folders(folder, &name, requested.scene, names);
@@ -147,14 +147,14 @@ impl Prediction for Imported<'_> {
     }
 }
 
-/// A picture file: 8-bit samples, or floats in [0, 1] with overshoots.
+/// An image file: 8-bit samples, or floats in [0, 1] with overshoots.
 pub(super) fn read(path: &Path) -> Result<Image, String> {
     let bytes = fs::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {
         return match exr::read_render(&bytes, &limits).map_err(|error| explained(&error))? {
             (_, exr::Values::Linear) => Err("expected display-referred values, found linear light".to_owned()),
-            (_, exr::Values::Depth) => Err("expected a picture, found depths".to_owned()),
+            (_, exr::Values::Depth) => Err("expected an image, found depths".to_owned()),
             (image, _) => check_range(&image).map(|()| image),
         };
     }
@@ -179,7 +179,7 @@ mod tests {
 
     /// Each would be compared as other samples than those that its writer meant.
     #[test]
-    fn rejects_files_that_are_not_the_picture_as_stored() {
+    fn rejects_files_that_are_not_the_image_as_stored() {
         const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../pixels/tests/fixtures");
         let folder = tempfile::tempdir().unwrap();
         let read_as = |file: &str, name: &str| {
@@ -188,16 +188,16 @@ mod tests {
             read(&path)
         };
         for (file, name, found) in [
-            ("pictures/colour2_16.png", "29.png", "16-bit samples"),
-            ("pictures/gamma_is_ignored.png", "29.png", "the exponent 1.000"),
-            ("pictures/rgb.jpg", "29.png", "a JPEG"),
+            ("images/colour2_16.png", "29.png", "16-bit samples"),
+            ("images/gamma_is_ignored.png", "29.png", "the exponent 1.000"),
+            ("images/rgb.jpg", "29.png", "a JPEG"),
             ("exr/shifted.exr", "29.exr", "5×4 at column 2, row 1 "),
             ("exr/two_parts.exr", "29.exr", "2: "),
         ] {
             let error = read_as(file, name).unwrap_err();
             assert!(error.contains(&format!(", found {found}")), "{file}: {error}");
         }
-        assert!(read_as("pictures/colour2_8.png", "29.png").is_ok());
+        assert!(read_as("images/colour2_8.png", "29.png").is_ok());
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::store::PROVENANCE;
 pub(super) struct SceneNames {
     /// All scenes of a run; empty if they are not known.
     keys: Arc<HashSet<String>>,
-    /// Whether the folder is a method's in the pictures of a store, which always appends the entry's number: there, `room-0` is
+    /// Whether the folder is a method's in the images of a store, which always appends the entry's number: there, `room-0` is
     /// the first entry of `room` and never the scene of that name.
     is_of_store: bool,
 }
@@ -31,7 +31,7 @@ impl SceneNames {
     }
 
     /// The accepted names of an index entry of a scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which
-    /// a store keeps its pictures.
+    /// a store keeps its images.
     pub(super) fn of(&self, scene: &str, entry: usize) -> Vec<String> {
         let (own, _) = self.own_and_taken(scene, entry);
         own
@@ -64,11 +64,11 @@ impl SceneNames {
     }
 }
 
-/// Whether a folder is `<store>/pictures/<preset>/<method>`.
+/// Whether a folder is `<store>/images/<preset>/<method>`.
 fn is_of_store(folder: &Path) -> bool {
     let folder = folder.canonicalize().unwrap_or_else(|_unreadable| folder.to_owned());
-    let is_pictures = |at: &Path| at.ends_with("pictures") && at.with_file_name(PROVENANCE).is_file();
-    folder.ancestors().nth(2).is_some_and(is_pictures)
+    let is_images = |at: &Path| at.ends_with("images") && at.with_file_name(PROVENANCE).is_file();
+    folder.ancestors().nth(2).is_some_and(is_images)
 }
 
 #[cfg(test)]
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn names_in_a_store_end_with_the_entry() {
         let root = tempfile::tempdir().unwrap();
-        let folder = root.path().join("pictures/preset/method");
+        let folder = root.path().join("images/preset/method");
         std::fs::create_dir_all(&folder).unwrap();
         let known = names(&["room", "room-0", "A"]);
         assert_eq!(known.below(&folder).of("room", 0), ["room"], "no store");

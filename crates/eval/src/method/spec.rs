@@ -31,7 +31,7 @@ pub enum MethodKind {
     NearestView,
     /// `warp`.
     Warp,
-    /// `renders:DIR`: pictures of any other method.
+    /// `renders:DIR`: images of any other method.
     Renders(PathBuf),
     /// `ply:DIR`: Gaussians of any other method.
     Ply(PathBuf),

@@ -325,8 +325,8 @@ mod tests {
     #[test]
     fn gaussians_that_are_not_drawn_are_noted_once() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
-        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let notes = |notes: &[&str], change: fn(&mut GaussianParts)| {
             let mut parts = GaussianParts {
                 means: vec![[0.0, 0.0, 2.0]; 3],
@@ -360,8 +360,8 @@ mod tests {
     #[test]
     fn a_3d_filter_is_noted_unless_a_mode_is_chosen() {
         let preset = Preset::named("rooms-2v-128").unwrap();
-        let (trial, pictures) = trials(&preset).swap_remove(0);
-        let input = TrialInput { preset: &preset, trial: &trial, pictures: &pictures };
+        let (trial, images) = trials(&preset).swap_remove(0);
+        let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let inverse = trial.targets()[0].camera.camera_from_world.inverse();
         let means = [-0.5, 0.0, 0.5].map(|x| inverse.transform_point(DVec3::new(x, 0.0, 3.0)).as_vec3().to_array());
         let found = |mode, filter_3d| {

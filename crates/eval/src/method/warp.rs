@@ -11,7 +11,7 @@ use crate::MethodRecord;
 /// A lower baseline: a plane sweep with a single plane that faces the target camera.
 ///
 /// The plane's depth is an estimate of the scene's mean depth. Of 48 depths in geometric steps of 1.12, starting at 0.6
-/// times the largest distance between context cameras, it is the one at which the context pictures agree best: smallest
+/// times the largest distance between context cameras, it is the one at which the context images agree best: smallest
 /// mean absolute deviation of colours over a grid of 24² pixels of the target, of which at least a quarter must be seen by
 /// two views. Without parallax between context views the depth is ten times the largest distance between any two cameras
 /// of the trial.
@@ -48,11 +48,11 @@ impl Method for Warp {
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
         let failed = |error: &dyn std::fmt::Display| MethodError::Failed(format!("a context camera: {error}"));
-        let mut sources = Vec::with_capacity(input.pictures.len());
-        for (view, picture) in input.trial.context().iter().zip(input.pictures) {
+        let mut sources = Vec::with_capacity(input.images.len());
+        for (view, image) in input.trial.context().iter().zip(input.images) {
             let projector = view.camera.projector().map_err(|error| failed(&error))?;
             let centre = view.camera.camera_from_world.inverse().centre();
-            sources.push(Source { projector, centre, picture: picture.as_ref() });
+            sources.push(Source { projector, centre, image: image.as_ref() });
         }
         Ok(Box::new(Warped { input, sources }))
     }
@@ -62,7 +62,7 @@ impl Method for Warp {
 struct Source<'a> {
     projector: Projector,
     centre: DVec3,
-    picture: &'a ImageU8,
+    image: &'a ImageU8,
 }
 
 struct Warped<'a> {
@@ -72,12 +72,12 @@ struct Warped<'a> {
 
 impl Prediction for Warped<'_> {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        render_each(self.input.trial, targets, |target| self.picture(target))
+        render_each(self.input.trial, targets, |target| self.image(target))
     }
 }
 
 impl Warped<'_> {
-    fn picture(&self, target: &TargetView) -> Result<Image, String> {
+    fn image(&self, target: &TargetView) -> Result<Image, String> {
         let ImageSize { width, height } = target.size;
         let eye = target.camera.projector().map_err(|error| error.to_string())?;
         let centre = target.camera.camera_from_world.inverse().centre();
@@ -114,7 +114,7 @@ impl Warped<'_> {
         (total > 0.0).then(|| sum / total)
     }
 
-    /// The depth at which context pictures agree best.
+    /// The depth at which context images agree best.
     fn depth(&self, eye: &Projector, centre: DVec3) -> f64 {
         let grid = ImageSize { width: GRID, height: GRID };
         let positions = (0..GRID).flat_map(|row| (0..GRID).map(move |column| pixel_centre(column, row, grid)));
@@ -140,7 +140,7 @@ impl Warped<'_> {
         )
     }
 
-    /// Mean absolute deviation of the context pictures on a plane; `None` if too few rays are seen by two views.
+    /// Mean absolute deviation of the context images on a plane; `None` if too few rays are seen by two views.
     fn deviation(&self, rays: &[Ray], depth: f64) -> Option<f64> {
         let (mut sum, mut seen) = (0.0, 0);
         for ray in rays {
@@ -158,28 +158,28 @@ impl Warped<'_> {
 }
 
 impl Source<'_> {
-    /// Colour of a world point; `None` if it projects outside the picture.
+    /// Colour of a world point; `None` if it projects outside the image.
     fn colour_at(&self, point: DVec3) -> Option<DVec3> {
         let projected = self.projector.project(point).ok()?;
-        projected.is_inside().then(|| sample(self.picture, projected.position))
+        projected.is_inside().then(|| sample(self.image, projected.position))
     }
 }
 
 /// Bilinear sample in [0, 1] at a position in units of width and height; borders are clamped.
-fn sample(picture: &ImageU8, position: DVec2) -> DVec3 {
-    let [x, right] = between(position.x, picture.width());
-    let [y, down] = between(position.y, picture.height());
+fn sample(image: &ImageU8, position: DVec2) -> DVec3 {
+    let [x, right] = between(position.x, image.width());
+    let [y, down] = between(position.y, image.height());
     let at = |column: f64, row: f64| {
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             clippy::expect_used,
-            reason = "coordinates are clamped to the picture"
+            reason = "coordinates are clamped to the image"
         )]
-        let pixel = picture.pixel(column as u32, row as u32).expect("clamped coordinates");
+        let pixel = image.pixel(column as u32, row as u32).expect("clamped coordinates");
         DVec3::from_array(pixel.map(|sample| f64::from(sample) / 255.0))
     };
-    let (last_column, last_row) = (f64::from(picture.width()) - 1.0, f64::from(picture.height()) - 1.0);
+    let (last_column, last_row) = (f64::from(image.width()) - 1.0, f64::from(image.height()) - 1.0);
     let (next_x, next_y) = ((x + 1.0).clamp(0.0, last_column), (y + 1.0).clamp(0.0, last_row));
     let above = at(x, y).lerp(at(next_x, y), right);
     let below = at(x, next_y).lerp(at(next_x, next_y), right);

@@ -4,7 +4,7 @@ use atsplat_camera::PrincipalPointRule;
 use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
 use atsplat_pixels::{DecodeLimits, ImageU8};
-use atsplat_protocol::trial::{ContextView, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{ContextView, Prefetch, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_scene::{OneScene, Scene, Warnings};
@@ -39,7 +39,7 @@ pub fn photo_recipe(size: ImageSize) -> TrialRecipe {
         near_far: NEAR_FAR,
         filters: Filters::default(),
         decode_limits: DecodeLimits::default(),
-        allow_absent_pictures: false,
+        allow_absent_images: false,
     }
 }
 
@@ -53,7 +53,7 @@ fn side(pixels: usize) -> u32 {
 #[expect(missing_debug_implementations, reason = "lazy images have none")]
 pub struct Photos {
     trial: Trial,
-    ground_truth: TargetPictures,
+    ground_truth: TargetImages,
     names: IndexMap<usize, String>,
 }
 
@@ -87,7 +87,7 @@ impl Photos {
     }
 
     /// Ground truth of the targets, which the network must not see.
-    pub const fn ground_truth(&self) -> &TargetPictures {
+    pub const fn ground_truth(&self) -> &TargetImages {
         &self.ground_truth
     }
 
@@ -109,7 +109,7 @@ impl Photos {
     /// # Errors
     /// [`ReconstructError::Protocol`] if an image cannot be read, [`ReconstructError::Model`] for images of several sizes.
     pub fn views(&self) -> Result<Views, ReconstructError> {
-        let images: Result<Vec<Arc<ImageU8>>, _> = self.trial.context().par_iter().map(ContextView::picture).collect();
+        let images: Result<Vec<Arc<ImageU8>>, _> = self.trial.context().par_iter().map(ContextView::image).collect();
         let cameras = self.trial.context().iter().map(|view| view.camera).collect();
         Ok(network_views(images?.iter().map(AsRef::as_ref), cameras)?)
     }

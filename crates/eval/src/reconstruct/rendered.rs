@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
-use atsplat_scene::{Frame, Picture, Scene, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, Warnings};
 
 use crate::images::frame_file_name;
 
@@ -18,13 +18,13 @@ pub fn rendered_scene(path: &Path) -> Result<Option<Scene>, CameraFileError> {
     let folder = file.parent().unwrap_or(Path::new("."));
     let cameras = camera_file::read(&file, None, LensOfPoses::default(), &mut Warnings::new())?;
     let frame = |FileCamera { number, name, camera, size, .. }: FileCamera| {
-        let picture = folder.join(frame_file_name(number, "png"));
+        let image = folder.join(frame_file_name(number, "png"));
         Frame {
             name,
             timestamp_micros: None,
             camera,
             stated_size: size,
-            picture: if picture.is_file() { Picture::File(picture) } else { Picture::Missing(picture) },
+            image: if image.is_file() { FrameImage::File(image) } else { FrameImage::Missing(image) },
         }
     };
     let frames = cameras.into_iter().map(frame).collect();

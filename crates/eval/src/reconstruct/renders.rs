@@ -42,7 +42,7 @@ pub fn write_renders(
     let mut renderer = CpuRenderer::default();
     let mut files = Vec::new();
     for view in trial.context() {
-        files.push(write(folder, "inputs", view.frame, &encode_png(view.picture()?.as_ref())?)?);
+        files.push(write(folder, "inputs", view.frame, &encode_png(view.image()?.as_ref())?)?);
     }
     let context = trial.context().iter().map(|view| ("context", view.frame, view.camera, view.size));
     let targets = trial.targets().iter().map(|view| ("targets", view.frame, view.camera, view.size));

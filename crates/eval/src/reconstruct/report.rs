@@ -138,7 +138,7 @@ impl fmt::Display for Report {
         let (count, degree, file) = (output.gaussians, output.sh_degree, output.file.display());
         writeln!(f, "{count} Gaussians of degree {degree} in {frame} into {file}")?;
         if let Some(renders) = renders {
-            writeln!(f, "{} pictures into {}", renders.files.len(), renders.folder.display())?;
+            writeln!(f, "{} images into {}", renders.files.len(), renders.folder.display())?;
         }
         if let Some(plots) = plots {
             writeln!(f, "{} plots into {}", plots.files.len(), plots.folder.display())?;

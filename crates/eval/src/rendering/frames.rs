@@ -130,18 +130,18 @@ fn write_batch(
     let write = |pending| {
         let outcome = write_frame(pending, files, size.is_some());
         on_frame();
-        let (frame, picture) = outcome?;
-        let picture = match (picture, size) {
-            (Some(picture), Some(size)) => Some(preview_frame(&picture, size)?),
+        let (frame, image) = outcome?;
+        let image = match (image, size) {
+            (Some(image), Some(size)) => Some(preview_frame(&image, size)?),
             _ => None,
         };
-        Ok((frame, picture))
+        Ok((frame, image))
     };
     let done: Vec<(Frame, Option<ImageU8>)> =
         pending.into_par_iter().map(write).collect::<Result<_, RenderingError>>()?;
     if let Some(preview) = preview {
-        for (_, picture) in &done {
-            preview.push(picture.as_ref())?;
+        for (_, image) in &done {
+            preview.push(image.as_ref())?;
         }
     }
     Ok(done.into_iter().map(|(frame, _)| frame).collect())
@@ -162,9 +162,9 @@ fn write_frame(
     if files.exr {
         write(files, shot, "exr", &rendered_exr(&rendering)?, &mut frame)?;
     }
-    let picture = if files.png || needs_bytes {
+    let image = if files.png || needs_bytes {
         match rendered_image(&rendering)?.to_u8(files.rounding) {
-            Ok(picture) => Some(picture),
+            Ok(image) => Some(image),
             Err(fault @ PixelError::NonFinite { .. }) => {
                 frame.fault = Some(format!("no 8-bit image: {fault}"));
                 None
@@ -174,11 +174,11 @@ fn write_frame(
     } else {
         None
     };
-    if let Some(picture) = picture.as_ref().filter(|_| files.png) {
-        write(files, shot, "png", &encode_png(picture)?, &mut frame)?;
+    if let Some(image) = image.as_ref().filter(|_| files.png) {
+        write(files, shot, "png", &encode_png(image)?, &mut frame)?;
     }
     frame.timing.write_secs = start.elapsed().as_secs_f64();
-    Ok((frame, picture))
+    Ok((frame, image))
 }
 
 fn write(

@@ -6,7 +6,7 @@ use super::{TrialKey, finite};
 use crate::EvalError;
 
 /// The entry in [`TargetRow::not_computed`] of a metric that is infinite because its inputs are equal: the PSNR of identical
-/// pictures, or of pictures that are identical after rounding to 8 bits.
+/// images, or of images that are identical after rounding to 8 bits.
 pub const IDENTICAL: &str = "identical";
 
 /// One target view under one method.
@@ -25,11 +25,11 @@ pub struct TargetRow {
     pub leaked: bool,
     /// Overlap of the context views, if the index has it; nominally in [0, 1].
     pub overlap: Option<f64>,
-    /// Width of the scored picture in pixels.
+    /// Width of the scored image in pixels.
     pub width: u32,
-    /// Height of the scored picture in pixels.
+    /// Height of the scored image in pixels.
     pub height: u32,
-    /// SHA-256 of the ground-truth picture's samples; `None` if it could not be read.
+    /// SHA-256 of the ground-truth image's samples; `None` if it could not be read.
     pub truth_hash: Option<String>,
     /// SHA-256 of the render's samples as little-endian f32; `None` without a render.
     pub render_hash: Option<String>,
@@ -39,7 +39,7 @@ pub struct TargetRow {
     pub detail: Option<String>,
     /// Samples of the render that are NaN or infinite.
     pub non_finite: u64,
-    /// Finite scores by the id of their [`atsplat_metrics::Definition`]. The PSNR of identical pictures is infinite and
+    /// Finite scores by the id of their [`atsplat_metrics::Definition`]. The PSNR of identical images is infinite and
     /// listed as [`IDENTICAL`] in [`Self::not_computed`] instead.
     pub scores: BTreeMap<String, f64>,
     /// Why a score is missing, by the same ids.

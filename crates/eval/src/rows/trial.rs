@@ -26,7 +26,7 @@ pub struct TrialRow {
     pub detail: Option<String>,
     /// Context frames.
     pub context: Vec<u64>,
-    /// SHA-256 of the samples of these frames' pictures, decoded and preprocessed, in the same order; empty if one could not
+    /// SHA-256 of the samples of these frames' images, decoded and preprocessed, in the same order; empty if one could not
     /// be read, and in stores of schema 1.
     #[serde(default)]
     pub context_hashes: Vec<String>,
@@ -34,9 +34,9 @@ pub struct TrialRow {
     pub targets: u32,
     /// Overlap of the context views, if the index has it.
     pub overlap: Option<f64>,
-    /// Width of the pictures in pixels.
+    /// Width of the images in pixels.
     pub width: u32,
-    /// Height of the pictures in pixels.
+    /// Height of the images in pixels.
     pub height: u32,
     /// Tokens before expansion; `None` for methods without tokens.
     pub initial_tokens: Option<u64>,
@@ -44,7 +44,7 @@ pub struct TrialRow {
     pub final_tokens: Option<u64>,
     /// All Gaussians; `None` for methods without Gaussians.
     pub gaussians: Option<u64>,
-    /// Gaussians that contributed to a picture, averaged over the targets.
+    /// Gaussians that contributed to an image, averaged over the targets.
     pub gaussians_drawn: Option<f64>,
     /// Mean PSNR in dB on the context views in the last pass of an optimisation over them; `None` for methods that are not
     /// optimised for each trial, and in rows of older versions.

@@ -25,8 +25,8 @@ pub enum IndexChoice<'a> {
 }
 
 impl Dataset {
-    /// A protocol on the scenes of `source`, which was opened from `data`. With `any_size`, pictures of any size are accepted,
-    /// and pictures of the size that the protocol crops to count as already cropped.
+    /// A protocol on the scenes of `source`, which was opened from `data`. With `any_size`, images of any size are accepted,
+    /// and images of the size that the protocol crops to count as already cropped.
     ///
     /// # Errors
     /// [`EvalError::NoIndex`] without an index next to the data, and the errors of [`PlannedIndex::read`].
@@ -42,7 +42,7 @@ impl Dataset {
         if any_size {
             if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
                 (source, preset) = (Arc::new(cropped), adapted);
-                description.push_str(", pictures cropped beforehand");
+                description.push_str(", images cropped beforehand");
             } else {
                 preset.preprocessing.expected_size = None;
             }

@@ -9,12 +9,12 @@ use std::sync::Arc;
 use atsplat_metrics::Suite;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
-use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
+use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 use rayon::prelude::*;
 use thiserror::Error;
 
+use super::images::{self, CONTEXT, ImageSink, TRUTH};
 use super::metric_ids;
-use super::pictures::{self, CONTEXT, PictureSink, TRUTH};
 use super::scored::{compare, hash_of_bytes, unscored_row};
 use super::suspicious::{self, SuspiciousRender};
 use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
@@ -28,11 +28,11 @@ const BATCH: usize = 4;
 pub(super) struct Evaluation<'a> {
     pub(super) preset: &'a Preset,
     pub(super) suite: &'a Suite,
-    /// Which pictures are stored.
-    pub(super) pictures: PictureSink<'a>,
+    /// Which images are stored.
+    pub(super) images: ImageSink<'a>,
 }
 
-/// A trial with its decoded pictures.
+/// A trial with its decoded images.
 pub(super) struct DecodedTrial {
     pub(super) trial: Trial,
     /// [`Trial::data_hash`] of the bytes that were decoded.
@@ -42,11 +42,11 @@ pub(super) struct DecodedTrial {
 }
 
 impl DecodedTrial {
-    pub(super) fn new(trial: Trial, targets: &TargetPictures, digests: &PictureDigests) -> Self {
-        let context = trial.context().iter().map(|view| view.picture().map_err(|error| error.to_string())).collect();
+    pub(super) fn new(trial: Trial, targets: &TargetImages, digests: &ImageDigests) -> Self {
+        let context = trial.context().iter().map(|view| view.image().map_err(|error| error.to_string())).collect();
         let truth = |position| match targets.get(position) {
-            Some(picture) => picture.map_err(|error| format!("the ground-truth picture: {error}")),
-            None => Err("no ground-truth picture".to_owned()),
+            Some(image) => image.map_err(|error| format!("the ground-truth image: {error}")),
+            None => Err("no ground-truth image".to_owned()),
         };
         let truths = (0..trial.targets().len()).map(truth).collect();
         let data_hash = trial.data_hash(targets, digests).to_string();
@@ -68,7 +68,7 @@ impl Evaluation<'_> {
             let truth_hash = decoded.truths.get(at).and_then(|truth| truth.as_ref().ok()).map(|t| hash_of_bytes(t));
             TargetRow { truth_hash, ..unscored_row(&key, trial, target, at) }
         });
-        if let Some(store) = self.pictures.all() {
+        if let Some(store) = self.images.all() {
             write_inputs(store, &key, decoded)?;
         }
         let mut result = TrialResult { input_hash, rows: unscored.collect(), ..TrialResult::default() };
@@ -95,10 +95,10 @@ impl Evaluation<'_> {
         method: &dyn Method,
     ) -> Result<(), Failure> {
         let context = decoded.context.as_ref();
-        let pictures = context.map_err(|detail| MethodError::Failed(format!("a context picture: {detail}")))?;
+        let images = context.map_err(|detail| MethodError::Failed(format!("a context image: {detail}")))?;
         let TrialKey { preset, method: name, scene, entry } = key;
-        tracing::debug!(preset, method = name, scene, entry, views = pictures.len(), "predicting");
-        let prediction = method.predict(TrialInput { preset: self.preset, trial: &decoded.trial, pictures })?;
+        tracing::debug!(preset, method = name, scene, entry, views = images.len(), "predicting");
+        let prediction = method.predict(TrialInput { preset: self.preset, trial: &decoded.trial, images })?;
         let prediction = prediction.as_ref();
         tracing::debug!(preset, method = name, scene, entry, targets = result.rows.len(), "rendering and scoring");
         result.cost = prediction.cost();
@@ -118,7 +118,7 @@ impl Evaluation<'_> {
             result.effects.extend(effects);
         }
         let [psnr, ..] = metric_ids(&self.preset.metrics);
-        if let Some(store) = self.pictures.worst(key, &result.rows, psnr) {
+        if let Some(store) = self.images.worst(key, &result.rows, psnr) {
             write_inputs(store, key, decoded)?;
             write_renders(store, &result.rows, prediction)?;
         }
@@ -162,8 +162,8 @@ impl Evaluation<'_> {
         }
         let scored = truth.as_ref().ok().filter(|_| row.status == TargetStatus::Scored);
         let suspicion = scored.and_then(|truth| SuspiciousRender::of(&image, drawn, truth));
-        if let Some(store) = self.pictures.all() {
-            pictures::write_render(store, &row, &image)?;
+        if let Some(store) = self.images.all() {
+            images::write_render(store, &row, &image)?;
         }
         Ok(ScoredTarget { row, drawn, effects, suspicion })
     }
@@ -192,17 +192,17 @@ fn render_all(prediction: &dyn Prediction, targets: &[usize]) -> Result<Vec<Resu
         return Ok(rendered);
     }
     let (expected, found) = (targets.len(), rendered.len());
-    Err(MethodError::Failed(format!("expected a picture for each of {expected} targets, the method returned {found}")))
+    Err(MethodError::Failed(format!("expected an image for each of {expected} targets, the method returned {found}")))
 }
 
-/// Stores ground-truth and context pictures, which all methods share.
+/// Stores ground-truth and context images, which all methods share.
 fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<(), EvalError> {
     let truths = decoded.trial.targets().iter().map(|target| target.frame).zip(&decoded.truths);
     let truths = truths.filter_map(|(frame, truth)| Some((TRUTH, frame, truth.as_ref().ok()?)));
     let context = decoded.trial.context().iter().zip(decoded.context.iter().flatten());
-    let context = context.map(|(view, picture)| (CONTEXT, view.frame, picture));
-    for (method, frame, picture) in truths.chain(context) {
-        pictures::write_picture(store, &key.of_method(method), frame as u64, picture)?;
+    let context = context.map(|(view, image)| (CONTEXT, view.frame, image));
+    for (method, frame, image) in truths.chain(context) {
+        images::write_image(store, &key.of_method(method), frame as u64, image)?;
     }
     Ok(())
 }
@@ -213,7 +213,7 @@ fn write_renders(store: &Path, rows: &[TargetRow], prediction: &dyn Prediction) 
     for batch in positions.chunks(BATCH) {
         for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
             if let (Some(row), Ok(rendered)) = (rows.get(*position), rendered) {
-                pictures::write_render(store, row, &rendered.image)?;
+                images::write_render(store, row, &rendered.image)?;
             }
         }
     }
@@ -276,7 +276,7 @@ impl TrialResult {
             status,
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
-            context_hashes: decoded.context.iter().flatten().map(|picture| hash_of_bytes(picture)).collect(),
+            context_hashes: decoded.context.iter().flatten().map(|image| hash_of_bytes(image)).collect(),
             targets: super::walk::to_u32(rows.len()),
             overlap: trial.entry().overlap.as_ref().map(|overlap| overlap.value),
             width,

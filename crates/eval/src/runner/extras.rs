@@ -1,4 +1,4 @@
-//! Pictures and times belong to the rows that they were made with: they are removed before a row is replaced, so that a run that
+//! Images and times belong to the rows that they were made with: they are removed before a row is replaced, so that a run that
 //! is killed leaves them out rather than beside another row.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -6,61 +6,56 @@ use std::sync::{Mutex, PoisonError};
 
 use atsplat_protocol::trial::Trial;
 
-use super::pictures::{self, CONTEXT, KeepPictures, TRUTH};
+use super::images::{self, CONTEXT, KeepImages, TRUTH};
 use super::walk::to_u32;
-use crate::store::OwnPicture;
+use crate::store::OwnImage;
 use crate::{EvalError, Store, TrialKey, TrialRow};
 
 /// What a store had beside its rows when a run began.
 #[derive(Debug)]
 pub(super) struct Extras<'a> {
     store: &'a Store,
-    /// The pictures of each result that are to be kept; empty unless the run keeps all pictures.
-    own: BTreeMap<TrialKey, Vec<OwnPicture>>,
+    /// The images of each result that are to be kept; empty unless the run keeps all images.
+    own: BTreeMap<TrialKey, Vec<OwnImage>>,
     /// Results whose times are in the store. The lock is held while the table of times is written.
     timed: Mutex<BTreeSet<TrialKey>>,
-    /// Trials whose pictures of other data were removed, each with an empty name of the method.
+    /// Trials whose images of other data were removed, each with an empty name of the method.
     renewed: Mutex<BTreeSet<TrialKey>>,
 }
 
 impl<'a> Extras<'a> {
-    pub(super) fn of(store: &'a Store, keep: KeepPictures) -> Result<Self, EvalError> {
-        let own = if keep == KeepPictures::All { store.own_pictures()? } else { BTreeMap::new() };
+    pub(super) fn of(store: &'a Store, keep: KeepImages) -> Result<Self, EvalError> {
+        let own = if keep == KeepImages::All { store.own_images()? } else { BTreeMap::new() };
         let timed = store.timings()?.into_iter().map(|row| row.key).collect();
         Ok(Self { store, own, timed: Mutex::new(timed), renewed: Mutex::default() })
     }
 
-    /// Whether the run keeps all pictures, and the store has a result without one of its pictures, or with another result's.
-    pub(super) fn lacks_pictures(&self, key: &TrialKey) -> bool {
-        let is_stored = |OwnPicture { key, frame, hash }: &OwnPicture| {
-            pictures::is_stored(self.store.folder(), key, *frame, hash.as_deref())
+    /// Whether the run keeps all images, and the store has a result without one of its images, or with another result's.
+    pub(super) fn lacks_images(&self, key: &TrialKey) -> bool {
+        let is_stored = |OwnImage { key, frame, hash }: &OwnImage| {
+            images::is_stored(self.store.folder(), key, *frame, hash.as_deref())
         };
         self.own.get(key).is_some_and(|own| !own.iter().all(is_stored))
     }
 
-    /// Removes the pictures of a trial's results that were computed from other data, and the pictures of that data.
-    pub(super) fn remove_outdated_pictures(
-        &self,
-        preset: &str,
-        trial: &Trial,
-        data_hash: &str,
-    ) -> Result<(), EvalError> {
+    /// Removes the images of a trial's results that were computed from other data, and the images of that data.
+    pub(super) fn remove_outdated_images(&self, preset: &str, trial: &Trial, data_hash: &str) -> Result<(), EvalError> {
         let (scene, entry) = (trial.scene().to_owned(), to_u32(trial.entry_number()));
-        self.remove_pictures_of(&TrialKey { preset: preset.to_owned(), method: String::new(), scene, entry }, data_hash)
+        self.remove_images_of(&TrialKey { preset: preset.to_owned(), method: String::new(), scene, entry }, data_hash)
     }
 
-    fn remove_pictures_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), EvalError> {
+    fn remove_images_of(&self, trial: &TrialKey, data_hash: &str) -> Result<(), EvalError> {
         let known = self.store.known();
         let outdated: Vec<&str> = known.outdated(trial, data_hash).collect();
-        // Once in a run: methods with other poses evaluate the trial after those that have replaced their pictures.
+        // Once in a run: methods with other poses evaluate the trial after those that have replaced their images.
         if outdated.is_empty() || !self.renewed.lock().unwrap_or_else(PoisonError::into_inner).insert(trial.clone()) {
             return Ok(());
         }
-        // If a run was killed after it had replaced some of the results, it had removed the pictures of the old data before.
+        // If a run was killed after it had replaced some of the results, it had removed the images of the old data before.
         let is_all = known.methods(&trial.preset, &trial.scene, trial.entry).count() == outdated.len();
         let of_data = [TRUTH, CONTEXT].into_iter().filter(|_| is_all);
         let mut names = outdated.iter().copied().chain(of_data);
-        names.try_for_each(|name| pictures::remove(self.store.folder(), &trial.of_method(name)))
+        names.try_for_each(|name| images::remove(self.store.folder(), &trial.of_method(name)))
     }
 
     /// Removes the times of the row that this one replaces, unless that was made from the same data and files.
@@ -80,7 +75,7 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use super::pictures::picture_path;
+    use super::images::image_path;
     use super::*;
     use crate::Provenance;
     use crate::sample_rows::{key, target, trial};
@@ -89,17 +84,17 @@ mod tests {
 
     fn write(store: &Store, scene: &str, names: &[&str]) {
         for name in names {
-            let path = picture_path(store.folder(), &key(name, scene, 0), 0);
+            let path = image_path(store.folder(), &key(name, scene, 0), 0);
             fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, "a picture").unwrap();
+            fs::write(path, "an image").unwrap();
         }
     }
 
     fn stored(store: &Store, scene: &str) -> [bool; 4] {
-        NAMES.map(|name| picture_path(store.folder(), &key(name, scene, 0), 0).exists())
+        NAMES.map(|name| image_path(store.folder(), &key(name, scene, 0), 0).exists())
     }
 
-    /// Scenes x and y under methods a and b, all with pictures; the result of a in x was computed from this data.
+    /// Scenes x and y under methods a and b, all with images; the result of a in x was computed from this data.
     fn store(folder: &Path, data_of_a: &str) -> Store {
         let store = Store::create(folder, Provenance::default()).unwrap();
         for scene in ["x", "y"] {
@@ -120,27 +115,27 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_other_data_are_removed_once() {
+    fn images_of_other_data_are_removed_once() {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path(), "data x 0");
-        let extras = Extras::of(&store, KeepPictures::Nothing).unwrap();
+        let extras = Extras::of(&store, KeepImages::Nothing).unwrap();
         let of_x = key("", "x", 0);
-        extras.remove_pictures_of(&of_x, "data x 0").unwrap();
+        extras.remove_images_of(&of_x, "data x 0").unwrap();
         assert_eq!(stored(&store, "x"), [true; 4], "the same data");
-        extras.remove_pictures_of(&of_x, "other").unwrap();
+        extras.remove_images_of(&of_x, "other").unwrap();
         assert_eq!((stored(&store, "x"), stored(&store, "y")), ([false; 4], [true; 4]));
         // a was evaluated again; b has other poses, and follows.
         write(&store, "x", &["a", TRUTH]);
-        extras.remove_pictures_of(&of_x, "other").unwrap();
+        extras.remove_images_of(&of_x, "other").unwrap();
         assert_eq!(stored(&store, "x"), [true, false, true, false]);
     }
 
     #[test]
-    fn pictures_of_new_data_stay_if_a_run_was_killed_between_two_methods() {
+    fn images_of_new_data_stay_if_a_run_was_killed_between_two_methods() {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path(), "other");
-        let extras = Extras::of(&store, KeepPictures::Nothing).unwrap();
-        extras.remove_pictures_of(&key("", "x", 0), "other").unwrap();
+        let extras = Extras::of(&store, KeepImages::Nothing).unwrap();
+        extras.remove_images_of(&key("", "x", 0), "other").unwrap();
         assert_eq!(stored(&store, "x"), [true, false, true, true]);
     }
 }

@@ -21,12 +21,12 @@ const MAX_DEPTH: usize = 4;
 pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
 
 const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
-const WITHOUT_PICTURE: &str = "frames without a picture, which are not sampled";
-const UNREADABLE_PICTURE: &str = "pictures that cannot be read, found in sampling";
+const WITHOUT_IMAGE: &str = "frames without an image, which are not sampled";
+const UNREADABLE_IMAGE: &str = "images that cannot be read, found in sampling";
 const NOT_READ: &str = "scenes that are not read, and not sampled";
 
 /// How the kinds of warnings about scenes and frames begin that are in the data, but not in the index sampled from them.
-pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_PICTURE, UNREADABLE_PICTURE, NOT_READ];
+pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_IMAGE, UNREADABLE_IMAGE, NOT_READ];
 
 /// An evaluation index and its origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,7 +127,7 @@ impl PlannedIndex {
     pub fn sampled(name: &str, rule: &IndexBuilder, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
         let mut found = Warnings::new();
         let built = rule.build(source, &|| (), &mut found);
-        let unreadable = found.count(WarningKind::UnreadablePicture);
+        let unreadable = found.count(WarningKind::UnreadableImage);
         warnings.merge(found);
         let mut description = format!("{SAMPLED_BY}{name}");
         if built.entries == 0 && !built.nulls.is_empty() {
@@ -173,7 +173,7 @@ fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
 }
 
 /// What a rule left out: scenes and frames that it could not use, and entries that it rejects by itself.
-fn notices_of_sampling(built: &BuiltIndex, unreadable_pictures: u64, rule: &str) -> BTreeMap<String, IndexNotice> {
+fn notices_of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str) -> BTreeMap<String, IndexNotice> {
     let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
     let nulls = first_null.map(|(key, _)| {
         let (count, example) = (built.nulls.values().sum::<usize>() as u64, format!("{key}, …: {}", reasons(built)));
@@ -181,8 +181,8 @@ fn notices_of_sampling(built: &BuiltIndex, unreadable_pictures: u64, rule: &str)
     });
     let others = [
         ("sampled entries rejected for their overlap", built.refused_entries as u64, Lacks::Nothing),
-        (WITHOUT_PICTURE, built.missing_pictures as u64, Lacks::Data),
-        (UNREADABLE_PICTURE, unreadable_pictures, Lacks::Data),
+        (WITHOUT_IMAGE, built.missing_images as u64, Lacks::Data),
+        (UNREADABLE_IMAGE, unreadable_images, Lacks::Data),
     ]
     .map(|(kind, count, lacks)| (kind, IndexNotice { count, example: rule.to_owned(), lacks }));
     let found = nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0);
@@ -229,12 +229,12 @@ mod tests {
     use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
     use atsplat_protocol::IndexEntry;
     use atsplat_protocol::extrapolation::Margin;
-    use atsplat_scene::{Frame, Picture, Scene, SceneError};
+    use atsplat_scene::{Frame, FrameImage, Scene, SceneError};
     use glam::{DMat3, DVec3};
 
     use super::*;
 
-    /// Scenes of cameras in a row, by their numbers of frames; the first frame of the first scene has lost its picture.
+    /// Scenes of cameras in a row, by their numbers of frames; the first frame of the first scene has lost its image.
     struct Lengths {
         keys: Vec<String>,
         frames: Vec<usize>,
@@ -263,7 +263,7 @@ mod tests {
                     timestamp_micros: None,
                     camera: Camera::pinhole(pose, intrinsics),
                     stated_size: None,
-                    picture: if is_lost { Picture::Missing("0.png".into()) } else { Picture::Absent },
+                    image: if is_lost { FrameImage::Missing("0.png".into()) } else { FrameImage::Absent },
                 }
             };
             Ok(Scene { key: key.to_owned(), url: None, frames: (0..self.frames[at]).map(frame).collect() })
@@ -281,15 +281,15 @@ mod tests {
         let source = Lengths::of(&[("a", 60), ("b", 5), ("c", 70), ("d", 3), ("e", 49)]);
         let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
         let mut opening = Warnings::new();
-        opening.push(WarningKind::IgnoredScene, "f", "holds pictures, but no cameras");
+        opening.push(WarningKind::IgnoredScene, "f", "holds images, but no cameras");
         opening.push(WarningKind::ImperfectRotation, "a", "frame 3");
         index.note_unread(&opening);
         let expected = [
-            ("frames without a picture, which are not sampled", 1, "dl3dv-6v", Lacks::Data),
+            ("frames without an image, which are not sampled", 1, "dl3dv-6v", Lacks::Data),
             (
                 "scenes that are not read, and not sampled: ignored-scene",
                 1,
-                "f: holds pictures, but no cameras",
+                "f: holds images, but no cameras",
                 Lacks::Data,
             ),
             ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", Lacks::Data),

@@ -28,7 +28,7 @@ impl<'a> Outdated<'a> {
         let key = self.key(trial.scene(), trial.entry_number());
         for method in self.store.known().outdated(&key, data_hash) {
             if !self.plan.methods.iter().any(|own| own.record().name == method) {
-                self.note(&key, method, "its pictures or cameras changed", RECOMPUTE);
+                self.note(&key, method, "its images or cameras changed", RECOMPUTE);
             }
         }
     }

@@ -9,7 +9,7 @@ use atsplat_scene::SceneSource;
 use serde::Serialize;
 
 use super::selection::Selected;
-use super::{CONTEXT, KeepPictures, PlannedIndex, Selection, TRUTH, metric_records};
+use super::{CONTEXT, KeepImages, PlannedIndex, Selection, TRUTH, metric_records};
 use crate::method::Method;
 use crate::timing::{Machine, TimingPlan};
 use crate::{EvalError, PresetRecord, Provenance};
@@ -42,8 +42,8 @@ pub struct Plan<'a> {
     pub selection: Selection,
     /// The timing pass after the evaluation, if any.
     pub timing: Option<TimingPlan>,
-    /// Which pictures are stored.
-    pub pictures: KeepPictures,
+    /// Which images are stored.
+    pub images: KeepImages,
     /// How far ahead trials are prepared.
     pub prefetch: Prefetch,
 }
@@ -66,7 +66,7 @@ pub struct Summary {
     pub undrawn: u64,
     /// Index entries without a trial.
     pub skipped: u64,
-    /// Scenes and frames of the data that are not in a sampled index: not read, without an entry, without a picture.
+    /// Scenes and frames of the data that are not in a sampled index: not read, without an entry, without an image.
     pub not_sampled: u64,
     /// Scenes of the indices that the datasets lack.
     #[serde(rename = "not-there")]
@@ -126,7 +126,7 @@ impl Plan<'_> {
         if let Some(reserved) =
             methods.iter().map(|method| method.name.trim()).find(|name| [TRUTH, CONTEXT].contains(name))
         {
-            let expected = "other names than truth and context, which pictures of a store have (NAME=METHOD names a method of \
+            let expected = "other names than truth and context, which images of a store have (NAME=METHOD names a method of \
                             run, --name that of score)";
             return Err(EvalError::Settings {
                 what: "methods",

@@ -2,13 +2,13 @@ use std::collections::BTreeSet;
 
 use super::extras::Extras;
 use super::findings::SceneWarnings;
+use super::images::ImageSink;
 use super::outdated::Outdated;
-use super::pictures::PictureSink;
 use super::plan::{Plan, Summary};
 use super::selection::Selected;
 use super::walk::{Walk, groups};
 use super::worst::{WorstSoFar, prune};
-use super::{Findings, KeepPictures};
+use super::{Findings, KeepImages};
 use crate::{EvalError, Results, SkippedEntry, Store, TargetStatus, timing};
 
 /// The kind of the warning about scenes of an index that the data lack.
@@ -42,8 +42,8 @@ pub fn run_until(
     let mut summary = Summary::default();
     let worst = WorstSoFar::default();
     let folder = store.folder().to_owned();
-    let pictures = PictureSink { keep: plan.pictures, store: &folder, worst: &worst };
-    let extras = Extras::of(&store, plan.pictures)?;
+    let images = ImageSink { keep: plan.images, store: &folder, worst: &worst };
+    let extras = Extras::of(&store, plan.images)?;
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, missing } = plan.selected(dataset);
@@ -65,7 +65,7 @@ pub fn run_until(
         findings.add_unlisted_settings(dataset, plan.methods);
         let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {
-            let walk = Walk { plan, dataset, methods, store: &store, extras: &extras, pictures, step, stop };
+            let walk = Walk { plan, dataset, methods, store: &store, extras: &extras, images, step, stop };
             walk.run(&index, &mut warnings, &mut findings, &mut summary)?;
         }
         findings.add_warnings(&dataset.name, &warnings.in_order_of(&index));
@@ -92,7 +92,7 @@ pub fn run_until(
     let non_finite = |status| status == TargetStatus::NonFinite;
     summary.non_finite = results.targets.iter().filter(|target| non_finite(target.status)).count() as u64;
     summary.undrawn = results.trials.iter().filter(|trial| trial.draws_nothing()).count() as u64;
-    if plan.pictures == KeepPictures::Worst {
+    if plan.images == KeepImages::Worst {
         for dataset in plan.datasets {
             prune(&folder, dataset, &results)?;
         }

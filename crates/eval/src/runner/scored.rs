@@ -34,7 +34,7 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
     let [expected, found] =
         [(truth.width(), truth.height()), (render.width(), render.height())].map(|(w, h)| format!("{w}×{h}"));
     if expected != found {
-        row.detail = Some(format!("expected a picture of {expected}, found {found}"));
+        row.detail = Some(format!("expected an image of {expected}, found {found}"));
         return;
     }
     let scored = suite.score(render, &Image::from_u8(truth));

@@ -1,13 +1,13 @@
 use std::path::Path;
 
 use atsplat_metrics::Suite;
-use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
+use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 
 use super::evaluate::{DecodedTrial, Evaluation};
-use super::pictures::PictureSink;
+use super::images::ImageSink;
 use super::walk::key_of;
 use super::worst::WorstSoFar;
-use super::{Dataset, KeepPictures};
+use super::{Dataset, KeepImages};
 use crate::method::Method;
 use crate::{EvalError, TargetRow, TrialRow};
 
@@ -19,14 +19,13 @@ pub fn evaluate_trial(
     dataset: &Dataset,
     suite: &Suite,
     trial: Trial,
-    targets: &TargetPictures,
+    targets: &TargetImages,
     method: &dyn Method,
 ) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
     let bound = method.for_scenes_of(&[&dataset.index.index]);
     let method = bound.as_deref().unwrap_or(method);
-    let (keep, store, worst) = (KeepPictures::Nothing, Path::new(""), WorstSoFar::default());
-    let evaluation =
-        Evaluation { preset: &dataset.preset, suite, pictures: PictureSink { keep, store, worst: &worst } };
+    let (keep, store, worst) = (KeepImages::Nothing, Path::new(""), WorstSoFar::default());
+    let evaluation = Evaluation { preset: &dataset.preset, suite, images: ImageSink { keep, store, worst: &worst } };
     let key = key_of(dataset, method, trial.scene(), trial.entry_number());
-    evaluation.rows(key, None, &DecodedTrial::new(trial, targets, &PictureDigests::default()), method)
+    evaluation.rows(key, None, &DecodedTrial::new(trial, targets, &ImageDigests::default()), method)
 }

@@ -2,9 +2,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use atsplat_files::Sha256Digest;
-use atsplat_protocol::trial::{
-    DecodeAhead, PictureDigests, Prefetch, Skipped, TargetPictures, Trial, TrialRecipe, Trials,
-};
+use atsplat_protocol::trial::{DecodeAhead, ImageDigests, Prefetch, Skipped, TargetImages, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset};
 use indexmap::IndexMap;
 use rayon::prelude::*;
@@ -13,8 +11,8 @@ use super::Findings;
 use super::evaluate::{DecodedTrial, Evaluation};
 use super::extras::Extras;
 use super::findings::SceneWarnings;
+use super::images::{self, ImageSink};
 use super::outdated::Outdated;
-use super::pictures::{self, PictureSink};
 use super::plan::{Dataset, Plan, Summary};
 use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
@@ -56,7 +54,7 @@ pub(super) fn to_u32(count: usize) -> u32 {
 }
 
 /// SHA-256 over an imported method's files for a trial; `None` for methods without files.
-fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> Option<String> {
+fn input_hash(method: &dyn Method, trial: &Trial, digests: &ImageDigests) -> Option<String> {
     let files = method.files(trial);
     let mut text = String::new();
     for file in &files {
@@ -66,7 +64,7 @@ fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> O
     (!files.is_empty()).then(|| Sha256Digest::of(text.as_bytes()).to_string())
 }
 
-fn scene_of(outcome: &Result<(Trial, TargetPictures), Skipped>) -> &str {
+fn scene_of(outcome: &Result<(Trial, TargetImages), Skipped>) -> &str {
     match outcome {
         Ok((trial, _)) => trial.scene(),
         Err(skipped) => &skipped.scene,
@@ -78,7 +76,7 @@ fn scene_of(outcome: &Result<(Trial, TargetPictures), Skipped>) -> &str {
 struct SceneState {
     trials: u64,
     skipped: u64,
-    /// Whether some method still has to evaluate one of its trials: then the scene is walked again with pictures.
+    /// Whether some method still has to evaluate one of its trials: then the scene is walked again with images.
     is_incomplete: bool,
 }
 
@@ -89,7 +87,7 @@ pub(super) struct Walk<'a> {
     pub(super) methods: Vec<Arc<dyn Method>>,
     pub(super) store: &'a Store,
     pub(super) extras: &'a Extras<'a>,
-    pub(super) pictures: PictureSink<'a>,
+    pub(super) images: ImageSink<'a>,
     pub(super) step: &'a (dyn Fn() + Sync),
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
@@ -160,7 +158,7 @@ impl Walk<'_> {
                     Err(_skipped) => self.methods.iter().for_each(|_| (self.step)()),
                 }
             }
-            let evaluate = |(trial, targets): (Trial, TargetPictures)| self.evaluate(trial, &targets);
+            let evaluate = |(trial, targets): (Trial, TargetImages)| self.evaluate(trial, &targets);
             let evaluated: Vec<(u64, u64)> = match work.len() {
                 0 | 1 => work.into_iter().map(evaluate).collect::<Result<_, _>>()?,
                 _ => work.into_par_iter().map(evaluate).collect::<Result<_, _>>()?,
@@ -197,7 +195,7 @@ impl Walk<'_> {
         Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch)
     }
 
-    /// Methods without an up-to-date result for this trial, data and input files, or without pictures that are to be kept, each
+    /// Methods without an up-to-date result for this trial, data and input files, or without images that are to be kept, each
     /// with the hash of its input files.
     fn missing(&self, trial: &Trial, data_hash: &str) -> Vec<(&Arc<dyn Method>, Option<String>)> {
         let hash = trial.hash().to_string();
@@ -205,7 +203,7 @@ impl Walk<'_> {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
             let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            (!is_known || self.extras.lacks_pictures(&key)).then_some(input_hash)
+            (!is_known || self.extras.lacks_images(&key)).then_some(input_hash)
         };
         self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
     }
@@ -217,16 +215,16 @@ impl Walk<'_> {
     }
 
     /// Evaluates a trial under each method without a result; returns how many were evaluated and how many had one.
-    fn evaluate(&self, trial: Trial, targets: &TargetPictures) -> Result<(u64, u64), EvalError> {
+    fn evaluate(&self, trial: Trial, targets: &TargetImages) -> Result<(u64, u64), EvalError> {
         let decoded = DecodedTrial::new(trial, targets, self.store.digests());
         self.store.digests().save()?;
         // The data may have changed since the first check.
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
         outdated.into_result()?;
-        self.extras.remove_outdated_pictures(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
+        self.extras.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
         let missing = self.missing(&decoded.trial, &decoded.data_hash);
-        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, pictures: self.pictures };
+        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
         let before = (self.methods.len() - missing.len()) as u64;
         (0..before).for_each(|_| (self.step)());
         let evaluated = missing.len() as u64;
@@ -234,13 +232,13 @@ impl Walk<'_> {
             self.check_stop()?;
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            pictures::remove(self.pictures.store, &key)?;
+            images::remove(self.images.store, &key)?;
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
             self.extras.remove_outdated_times(&row)?;
             self.store.append(&row, &targets)?;
-            pictures::publish(self.pictures.store, &row.key)?;
+            images::publish(self.images.store, &row.key)?;
             (self.step)();
         }
         Ok((evaluated, before))

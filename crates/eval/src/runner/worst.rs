@@ -5,12 +5,12 @@ use std::sync::{Mutex, PoisonError};
 
 use atsplat_numeric::{SplitMix64, median};
 
-use super::pictures::{self, CONTEXT, TRUTH};
+use super::images::{self, CONTEXT, TRUTH};
 use super::{Dataset, metric_ids};
 use crate::store::disk;
 use crate::{EvalError, Results, TargetRow, TrialKey};
 
-// Numbers of trials whose pictures are kept with `KeepPictures::Worst`: of the lowest and of the highest mean PSNR, and of those
+// Numbers of trials whose images are kept with `KeepImages::Worst`: of the lowest and of the highest mean PSNR, and of those
 // nearest to the median among a random sample.
 const WORST: usize = 6;
 const BEST: usize = 2;
@@ -19,8 +19,8 @@ const SAMPLE: usize = 8;
 
 /// The worst, the best and a random sample of the trials of each method under each preset so far.
 ///
-/// A trial that is among them at the end was among them when it was evaluated, whatever the order, so its pictures were stored; the
-/// others' pictures are removed by [`prune`].
+/// A trial that is among them at the end was among them when it was evaluated, whatever the order, so its images were stored; the
+/// others' images are removed by [`prune`].
 #[derive(Debug, Default)]
 #[expect(clippy::type_complexity, reason = "one map")]
 pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), [Vec<f64>; 3]>>);
@@ -51,7 +51,7 @@ fn draw(key: &TrialKey) -> f64 {
     (SplitMix64::for_scene(u64::from(key.entry), &key.scene).next_u64() >> 11) as f64
 }
 
-/// Removes pictures of trials that are kept for no method at the end of a run.
+/// Removes images of trials that are kept for no method at the end of a run.
 pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Result<(), EvalError> {
     let (preset, [psnr, ..]) = (dataset.name.as_str(), metric_ids(&dataset.preset.metrics));
     let methods: BTreeSet<&str> = results
@@ -61,20 +61,20 @@ pub(super) fn prune(store: &Path, dataset: &Dataset, results: &Results) -> Resul
         .map(|trial| trial.key.method.as_str())
         .collect();
     let kept: Vec<TrialKey> = methods.iter().flat_map(|method| kept(results, (preset, method), psnr)).collect();
-    let without = kept.iter().filter(|key| !pictures::folder(store, key).is_dir()).count();
+    let without = kept.iter().filter(|key| !images::folder(store, key).is_dir()).count();
     if without > 0 {
-        tracing::warn!(preset, without, "trials that earlier runs evaluated without pictures have none");
+        tracing::warn!(preset, without, "trials that earlier runs evaluated without images have none");
     }
     for name in methods.into_iter().chain([TRUTH, CONTEXT]) {
-        let folders = kept.iter().map(|key| pictures::folder(store, &key.of_method(name))).collect();
-        retain(&pictures::folder_of_method(store, preset, name), &folders)?;
+        let folders = kept.iter().map(|key| images::folder(store, &key.of_method(name))).collect();
+        retain(&images::folder_of_method(store, preset, name), &folders)?;
     }
     Ok(())
 }
 
 fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
     for path in disk::files(folder)?.into_iter().filter(|path| !kept.contains(path)) {
-        fs::remove_dir_all(&path).map_err(EvalError::io("removing pictures", &path))?;
+        fs::remove_dir_all(&path).map_err(EvalError::io("removing images", &path))?;
     }
     Ok(())
 }
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_that_are_not_kept_are_removed_or_it_is_an_error() {
+    fn images_that_are_not_kept_are_removed_or_it_is_an_error() {
         let root = tempfile::tempdir().unwrap();
         let folder = root.path().join("method");
         let [kept, other] = ["a-0", "b-0"].map(|name| folder.join(name));

@@ -5,8 +5,8 @@ use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 
-/// A dataset whose pictures have already been through a preset's preprocessing. Copies of RE10K are distributed as 256×256
-/// crops, either with the official cameras of the whole pictures, which are cropped here, or with cameras that are already
+/// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K are distributed as 256×256
+/// crops, either with the official cameras of the whole images, which are cropped here, or with cameras that are already
 /// cropped, which are left unchanged.
 #[derive(Clone)]
 pub struct AlreadyCropped {
@@ -15,8 +15,8 @@ pub struct AlreadyCropped {
 }
 
 impl AlreadyCropped {
-    /// The dataset with cameras that match its pictures, and the preset without its preprocessing. `None` if the pictures have
-    /// the expected size, or neither that nor the cropped size; one frame of the first scene with a picture decides.
+    /// The dataset with cameras that match its images, and the preset without its preprocessing. `None` if the images have
+    /// the expected size, or neither that nor the cropped size; one frame of the first scene with an image decides.
     pub fn of(source: &Arc<dyn SceneSource>, preset: &Preset) -> Option<(Self, Preset)> {
         let expected = preset.preprocessing.expected_size?;
         let plan = preset.preprocessing.plan(expected).ok()?;
@@ -37,7 +37,7 @@ impl AlreadyCropped {
 
 fn first_size(source: &dyn SceneSource, key: &str) -> Option<ImageSize> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let at = scene.frames.iter().position(|frame| frame.picture.is_available())?;
+    let at = scene.frames.iter().position(|frame| frame.image.is_available())?;
     scene.frames.get(at)?.size(key, at).ok()
 }
 
@@ -54,7 +54,7 @@ impl SceneSource for AlreadyCropped {
                     .plan
                     .camera(&frame.camera)
                     .map_err(|error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) })?;
-                // The stated size is that of the whole picture; the crop is checked by its pixels' shape.
+                // The stated size is that of the whole image; the crop is checked by its pixels' shape.
                 frame.stated_size = None;
             }
         }
@@ -87,7 +87,7 @@ mod tests {
 
         fn load(&self, key: &str, _: &mut Warnings) -> Result<Scene, SceneError> {
             let ImageSize { width, height } = self.1;
-            let picture = ImageU8::new(width, height, vec![9; (width * height * 3) as usize]).unwrap();
+            let image = ImageU8::new(width, height, vec![9; (width * height * 3) as usize]).unwrap();
             let [fx, fy] = self.2;
             let k = NormalizedIntrinsics::new(fx, fy, 0.5, 0.5).unwrap();
             let frame = Frame {
@@ -95,7 +95,7 @@ mod tests {
                 timestamp_micros: None,
                 camera: Camera::pinhole(CameraFromWorld::IDENTITY, k),
                 stated_size: None,
-                picture: atsplat_scene::Picture::Encoded(SharedBytes::new(encode_png(&picture).unwrap())),
+                image: atsplat_scene::FrameImage::Encoded(SharedBytes::new(encode_png(&image).unwrap())),
             };
             Ok(Scene { key: key.to_owned(), url: None, frames: vec![frame] })
         }
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_of_whole_pictures_are_cropped() {
+    fn cameras_of_whole_images_are_cropped() {
         let preset = Preset::named("re10k-2v-256").unwrap();
         let (cropped, adapted) = AlreadyCropped::of(&source(256, 256), &preset).unwrap();
         let scene = cropped.load("a", &mut Warnings::new()).unwrap();
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_other_sizes_are_ignored() {
+    fn images_of_other_sizes_are_ignored() {
         let preset = Preset::named("re10k-2v-256").unwrap();
         assert!(AlreadyCropped::of(&source(640, 360), &preset).is_none());
         assert!(AlreadyCropped::of(&source(128, 128), &preset).is_none());

@@ -7,7 +7,7 @@ use crate::EvalError;
 /// preset's dataset is not simulated.
 ///
 /// # Errors
-/// [`EvalError::Settings`] for a scene key without a seed, and for a preset without a picture size.
+/// [`EvalError::Settings`] for a scene key without a seed, and for a preset without an image size.
 pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<SimulatedScenes>, EvalError> {
     let kind = match preset.dataset.as_str() {
         "rooms" => SceneKind::Rooms,

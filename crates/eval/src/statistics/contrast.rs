@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::bootstrap::{MIN_SCENES, interval_of_mean};
 use super::scene_means::{clusters, mean_of_clusters};
-use super::selection::{Outcome, Picture, SelectedTarget};
+use super::selection::{ImageKey, Outcome, SelectedTarget};
 
 /// A weighted sum of several results for the same targets; with weights 1 and −1, their difference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -51,21 +51,21 @@ pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggr
 
 /// The weighted sums of the targets for which all results have a score, in the order of the first, and the number of targets for
 /// which only some have one. Targets are matched by scene, entry and frame, whatever their preset, because the same position can be
-/// another picture there.
+/// another image there.
 pub(super) fn weighted_sums<'a>(terms: &[(&[SelectedTarget<'a>], f64)]) -> (Vec<SelectedTarget<'a>>, u64) {
     let Some(((first, weight), others)) = terms.split_first() else { return (Vec::new(), 0) };
-    let by_picture = |selected| SelectedTarget::scored(selected).map(|(picture, _, score)| (picture, score)).collect();
-    let others: Vec<(BTreeMap<Picture<'_>, f64>, f64)> =
-        others.iter().map(|(selected, weight)| (by_picture(selected), *weight)).collect();
-    let mut unpaired: BTreeSet<Picture<'_>> = others.iter().flat_map(|(scores, _)| scores.keys().copied()).collect();
+    let by_image = |selected| SelectedTarget::scored(selected).map(|(image, _, score)| (image, score)).collect();
+    let others: Vec<(BTreeMap<ImageKey<'_>, f64>, f64)> =
+        others.iter().map(|(selected, weight)| (by_image(selected), *weight)).collect();
+    let mut unpaired: BTreeSet<ImageKey<'_>> = others.iter().flat_map(|(scores, _)| scores.keys().copied()).collect();
     let mut sums = Vec::new();
-    for (picture, target, score) in SelectedTarget::scored(first) {
-        let others = others.iter().map(|(scores, weight)| Some(weight * scores.get(&picture)?));
+    for (image, target, score) in SelectedTarget::scored(first) {
+        let others = others.iter().map(|(scores, weight)| Some(weight * scores.get(&image)?));
         if let Some(value) = std::iter::once(Some(weight * score)).chain(others).sum::<Option<f64>>() {
-            unpaired.remove(&picture);
+            unpaired.remove(&image);
             sums.push(SelectedTarget { outcome: Outcome::Score { value, identical: false }, ..*target });
         } else {
-            unpaired.insert(picture);
+            unpaired.insert(image);
         }
     }
     (sums, unpaired.len() as u64)

@@ -21,7 +21,7 @@ pub struct Cost {
     pub gaussians_min: Option<u64>,
     /// Largest number of Gaussians of a trial.
     pub gaussians_max: Option<u64>,
-    /// Mean number of Gaussians that contributed to a picture.
+    /// Mean number of Gaussians that contributed to an image.
     pub gaussians_drawn: Option<f64>,
     /// Mean number of tokens before expansion.
     pub initial_tokens: Option<f64>,

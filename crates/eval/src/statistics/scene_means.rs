@@ -13,7 +13,7 @@ pub struct SceneMean {
     /// Key of the scene.
     pub scene: String,
     /// The mean over targets; if the index has several entries for the scene, the mean of the entries' means, unless all
-    /// pictures count alike.
+    /// images count alike.
     pub mean: f64,
     /// Its weight in the protocol's mean: the number of its entries, or of its targets.
     pub weight: f64,
@@ -87,7 +87,7 @@ pub(super) fn clusters<'a>(selected: &[SelectedTarget<'a>], aggregation: Aggrega
         let Some(scene) = trial.first().map(|target| target.scene).filter(|_| targets > 0) else { continue };
         let (sum, weight) = match aggregation {
             Aggregation::SceneMeans => (sum / targets as f64, 1.0),
-            Aggregation::AllPictures => (sum, targets as f64),
+            Aggregation::AllImages => (sum, targets as f64),
         };
         match clusters.last_mut().filter(|last| last.scene == scene) {
             Some(last) => {

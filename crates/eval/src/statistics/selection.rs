@@ -19,9 +19,9 @@ pub(crate) struct SelectedTarget<'a> {
     pub(crate) outcome: Outcome<'a>,
 }
 
-/// A target's picture in any protocol: scene, entry and frame, and how many of the entry's targets up to this one have that
+/// A target's image in any protocol: scene, entry and frame, and how many of the entry's targets up to this one have that
 /// frame, because an index may repeat it.
-pub(crate) type Picture<'a> = (&'a str, u32, u64, u32);
+pub(crate) type ImageKey<'a> = (&'a str, u32, u64, u32);
 
 /// The score of a target, or why there is none.
 #[derive(Clone, Copy, Debug)]
@@ -59,8 +59,8 @@ impl<'a> SelectedTarget<'a> {
         }
     }
 
-    /// Those of `selected` that have a score, with their pictures, in the same order.
-    pub(crate) fn scored<'s>(selected: &'s [Self]) -> impl Iterator<Item = (Picture<'a>, &'s Self, f64)> {
+    /// Those of `selected` that have a score, with their images, in the same order.
+    pub(crate) fn scored<'s>(selected: &'s [Self]) -> impl Iterator<Item = (ImageKey<'a>, &'s Self, f64)> {
         let mut found: BTreeMap<(&str, u32, u64), u32> = BTreeMap::new();
         selected.iter().filter_map(move |target| {
             let Self { scene, entry, frame, .. } = *target;
@@ -117,7 +117,7 @@ fn outcome<'a>(row: &'a TargetRow, metric: &str, is_requested: bool, absent: &'a
     }
 }
 
-/// A target's finite score, with the PSNR of identical pictures capped; for rows without [`TargetRow::not_computed`].
+/// A target's finite score, with the PSNR of identical images capped; for rows without [`TargetRow::not_computed`].
 pub(crate) fn score_of(status: TargetStatus, score: Option<f64>, metric: &str) -> Option<f64> {
     match (status, score) {
         (TargetStatus::Failed | TargetStatus::NonFinite, _) => None,

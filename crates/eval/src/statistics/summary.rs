@@ -13,7 +13,7 @@ use crate::Results;
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Summary {
-    /// The protocol's mean, with or without identical pictures as [`MetricQuery::identical`] says; `None` without scores.
+    /// The protocol's mean, with or without identical images as [`MetricQuery::identical`] says; `None` without scores.
     pub mean: Option<f64>,
     /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than [`MIN_SCENES`].
     pub interval: Option<[f64; 2]>,

@@ -96,13 +96,13 @@ fn published_averages_follow_from_published_bins() {
 }
 
 #[test]
-fn scene_means_and_picture_means_differ() {
+fn scene_means_and_image_means_differ() {
     let uneven = psnr(&[("a", 0, vec![20.0]), ("b", 0, vec![30.0, 30.0, 30.0]), ("c", 0, vec![40.0, 20.0])]);
     let scenes = summary(&uneven, &query("m"), Aggregation::SceneMeans);
-    let pictures = summary(&uneven, &query("m"), Aggregation::AllPictures);
+    let images = summary(&uneven, &query("m"), Aggregation::AllImages);
     Tolerance::F64.assert(scenes.mean, [80.0 / 3.0], "scenes");
-    Tolerance::F64.assert(pictures.mean, [170.0 / 6.0], "pictures");
-    assert_eq!((scenes.scenes, scenes.targets, pictures.targets), (3, 6, 6));
+    Tolerance::F64.assert(images.mean, [170.0 / 6.0], "images");
+    assert_eq!((scenes.scenes, scenes.targets, images.targets), (3, 6, 6));
     // latentSplat's index: each entry of a scene has a vote, and the scene is still one cluster.
     let entries = psnr(&[("a", 0, vec![10.0]), ("a", 1, vec![20.0, 40.0]), ("b", 0, vec![30.0])]);
     Tolerance::F64.assert(summary(&entries, &query("m"), Aggregation::SceneMeans).mean, [70.0 / 3.0], "entries");
@@ -151,7 +151,7 @@ fn targets_of_unsupported_trials_are_told_apart_from_failed_ones() {
     assert_eq!((found.failed, found.not_applicable, found.targets), (3, 2, 1));
 }
 
-/// Pictures that are identical after rounding: the row has the reason instead of a number.
+/// Images that are identical after rounding: the row has the reason instead of a number.
 #[test]
 fn infinite_scores_of_one_metric_count_as_the_cap() {
     let mut store = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);

@@ -74,16 +74,16 @@ pub(super) fn check_consistent(results: &Results) -> Result<(), EvalError> {
         let Some(hash) = data_hash else { continue };
         let (first, known) = *data.entry((&key.preset, &key.scene, key.entry)).or_insert((key, hash));
         if known != hash {
-            return Err(mixed("pictures or cameras", first, key));
+            return Err(mixed("images or cameras", first, key));
         }
     }
-    // Rows of older schema versions only record the ground-truth pictures.
+    // Rows of older schema versions only record the ground-truth images.
     let mut truths: HashMap<(&str, &str, u32, u32), (&TrialKey, &str)> = HashMap::new();
     for row in &results.targets {
         let (key, Some(hash)) = (&row.key, &row.truth_hash) else { continue };
         let (first, known) = *truths.entry((&key.preset, &key.scene, key.entry, row.target)).or_insert((key, hash));
         if known != hash {
-            return Err(mixed("ground-truth pictures", first, key));
+            return Err(mixed("ground-truth images", first, key));
         }
     }
     Ok(())

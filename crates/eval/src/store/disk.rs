@@ -9,7 +9,7 @@ pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
     atsplat_files::write(path, bytes).map_err(EvalError::io("writing results", path))
 }
 
-/// Like [`write()`] without waiting for the disk: for pictures, which can be recreated after a power failure.
+/// Like [`write()`] without waiting for the disk: for images, which can be recreated after a power failure.
 pub(crate) fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
     atsplat_files::write_unsynced(path, bytes).map_err(EvalError::io("writing results", path))
 }

@@ -7,9 +7,9 @@ use super::{Store, timings};
 use crate::runner::{CONTEXT, TRUTH};
 use crate::{EvalError, TargetRow, TargetStatus, TrialKey, TrialRow};
 
-/// A picture that belongs to a result.
+/// An image that belongs to a result.
 #[derive(Debug)]
-pub(crate) struct OwnPicture {
+pub(crate) struct OwnImage {
     /// The result, or its trial's ground truth or context.
     pub(crate) key: TrialKey,
     pub(crate) frame: u64,
@@ -18,13 +18,13 @@ pub(crate) struct OwnPicture {
 }
 
 impl Store {
-    /// The pictures of each result: the renders that were compared, and what they were compared with and made from.
+    /// The images of each result: the renders that were compared, and what they were compared with and made from.
     ///
     /// # Errors
     /// Those of [`Self::open`].
-    pub(crate) fn own_pictures(&self) -> Result<BTreeMap<TrialKey, Vec<OwnPicture>>, EvalError> {
+    pub(crate) fn own_images(&self) -> Result<BTreeMap<TrialKey, Vec<OwnImage>>, EvalError> {
         let rows = Content::read(&self.folder)?.rows;
-        Ok(rows.into_iter().map(|(key, (trial, targets))| (key, own_pictures(&trial, &targets))).collect())
+        Ok(rows.into_iter().map(|(key, (trial, targets))| (key, own_images(&trial, &targets))).collect())
     }
 
     /// Removes the times of one result, on every machine. Not to be called by two threads at once.
@@ -38,18 +38,18 @@ impl Store {
     }
 }
 
-fn own_pictures(trial: &TrialRow, targets: &[TargetRow]) -> Vec<OwnPicture> {
+fn own_images(trial: &TrialRow, targets: &[TargetRow]) -> Vec<OwnImage> {
     let is_compared = |row: &&TargetRow| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical);
     let mut own = Vec::new();
     for TargetRow { key, frame, render_hash, truth_hash, .. } in targets.iter().filter(is_compared) {
-        own.push(OwnPicture { key: key.clone(), frame: *frame, hash: render_hash.clone() });
-        own.push(OwnPicture { key: key.of_method(TRUTH), frame: *frame, hash: truth_hash.clone() });
+        own.push(OwnImage { key: key.clone(), frame: *frame, hash: render_hash.clone() });
+        own.push(OwnImage { key: key.of_method(TRUTH), frame: *frame, hash: truth_hash.clone() });
     }
     if !own.is_empty() {
         let context = trial.context.iter().zip(&trial.context_hashes);
         let key = trial.key.of_method(CONTEXT);
         for (frame, hash) in context {
-            own.push(OwnPicture { key: key.clone(), frame: *frame, hash: Some(hash.clone()) });
+            own.push(OwnImage { key: key.clone(), frame: *frame, hash: Some(hash.clone()) });
         }
     }
     own

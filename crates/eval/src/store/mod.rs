@@ -6,8 +6,8 @@
 //! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
 //! | `timings.parquet` | the rows of timing passes, if there were any |
 //! | `parts/*.json` | trials that were finished since, one file each, written to a temporary file, synchronised and renamed |
-//! | `pictures/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
-//! | `digests.txt` | SHA-256 of the pictures that were read, by path, size and modification time |
+//! | `images/` | if requested: `<preset>/<method>/<scene>-<entry>/<frame>.png`, each with the hash in its row |
+//! | `digests.txt` | SHA-256 of the images that were read, by path, size and modification time |
 //! | `run.lock`, `run.json` | the lock of the writing process, and which process it is |
 //!
 //! A crash loses at most the trials in progress. [`Store::finish`] moves the parts into the tables. Schema versions are the
@@ -35,8 +35,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_files::FolderLock;
-use atsplat_protocol::trial::PictureDigests;
-pub(crate) use extras::OwnPicture;
+use atsplat_protocol::trial::ImageDigests;
+pub(crate) use extras::OwnImage;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
@@ -58,7 +58,7 @@ pub struct Store {
     known: KnownResults,
     /// Methods with at least one scored target.
     scored_methods: BTreeSet<String>,
-    digests: PictureDigests,
+    digests: ImageDigests,
     lock: FolderLock,
 }
 
@@ -94,7 +94,7 @@ impl Store {
         fs::create_dir_all(&parts).map_err(EvalError::io("creating a results store", &parts))?;
         let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
         let provenance = Provenance { schema_version, schema_hash, ..provenance };
-        let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
+        let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         let (known, scored_methods) = (KnownResults::default(), BTreeSet::new());
         let store = Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock };
         store.write_provenance()?;
@@ -121,7 +121,7 @@ impl Store {
         let scored = rows.values().filter(|(_, targets)| targets.iter().any(|target| !target.scores.is_empty()));
         let scored_methods = scored.map(|(trial, _)| trial.key.method.clone()).collect();
         let known = KnownResults::of(rows.into_values().map(|(trial, _)| trial));
-        let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
+        let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         Ok(Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock })
     }
 
@@ -217,17 +217,17 @@ impl Store {
         self.provenance.skipped = findings.skipped;
     }
 
-    /// Discards the digests known by size and modification time, so that every picture is read again.
+    /// Discards the digests known by size and modification time, so that every image is read again.
     ///
     /// # Errors
     /// [`EvalError::Protocol`] if the file of digests cannot be read.
-    pub fn reread_pictures(self) -> Result<Self, EvalError> {
-        let digests = PictureDigests::open(&self.folder.join(DIGESTS), true)?;
+    pub fn reread_images(self) -> Result<Self, EvalError> {
+        let digests = ImageDigests::open(&self.folder.join(DIGESTS), true)?;
         Ok(Self { digests, ..self })
     }
 
-    /// Digests of picture files.
-    pub(crate) const fn digests(&self) -> &PictureDigests {
+    /// Digests of image files.
+    pub(crate) const fn digests(&self) -> &ImageDigests {
         &self.digests
     }
 
@@ -280,7 +280,7 @@ impl Results {
     /// # Errors
     /// [`EvalError::NoStore`]; [`EvalError::TooNew`] and [`EvalError::SchemaHash`] for an unknown schema;
     /// [`EvalError::Malformed`] with file, column and row; [`EvalError::MixedData`] if methods were given different
-    /// pictures or cameras for one trial; [`EvalError::Io`].
+    /// images or cameras for one trial; [`EvalError::Io`].
     pub fn read(folder: &Path) -> Result<Self, EvalError> {
         let results = Content::read(folder)?.into_results();
         data::check_consistent(&results)?;

@@ -320,13 +320,13 @@ fn rejects_rows_of_different_data() {
     let (row, targets) = by("m", "new");
     store.append(&row, &targets).unwrap();
     assert_eq!(store.finish().unwrap().trials.len(), 2);
-    // Rows of older versions only record the ground-truth pictures.
+    // Rows of older versions only record the ground-truth images.
     let store = Store::open(folder.path()).unwrap();
     let (mut row, mut targets) = by("m", "new");
     row.data_hash = None;
     targets[0].truth_hash = Some("another truth".to_owned());
     store.append(&row, &targets).unwrap();
-    assert!(store.finish().unwrap_err().to_string().contains("different ground-truth pictures"));
+    assert!(store.finish().unwrap_err().to_string().contains("different ground-truth images"));
 }
 
 #[test]

@@ -123,7 +123,7 @@ impl Pass<'_> {
         };
         let own = if new.iter().all(is_cpu) { OwnTime::Pool } else { OwnTime::Process };
         let mut rows = Vec::new();
-        // Pictures are decoded first: decoding is part of neither the times nor the load.
+        // Images are decoded first: decoding is part of neither the times nor the load.
         trials.prepare(self.timing.trials as usize);
         let outside = |methods: &[&Arc<dyn Method>]| -> f64 {
             methods.iter().filter_map(|method| method.own_processor_secs()).sum()
@@ -184,7 +184,7 @@ impl Pass<'_> {
             let measured = if timed.encoding || timed.rendering {
                 self.pool.install(|| Samples::of(self.timing, &dataset.preset, prepared, method))
             } else {
-                Err("it imports finished pictures".to_owned())
+                Err("it imports finished images".to_owned())
             };
             // A trial that was interrupted was not rejected.
             self.check_stop()?;
@@ -261,8 +261,8 @@ impl TimingTrials {
             self.scenes.push_back(trials);
             // The evaluation has already recorded why a trial cannot be prepared.
             let Ok((trial, _)) = trial else { continue };
-            let pictures: Result<Vec<_>, _> = trial.context().iter().map(ContextView::picture).collect();
-            self.prepared.extend(pictures.ok().map(|pictures| PreparedTrial { trial, pictures }));
+            let images: Result<Vec<_>, _> = trial.context().iter().map(ContextView::image).collect();
+            self.prepared.extend(images.ok().map(|images| PreparedTrial { trial, images }));
         }
     }
 

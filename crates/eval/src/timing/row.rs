@@ -28,9 +28,9 @@ pub struct TimingRow {
     pub trials_there: u64,
     /// Warm-up repetitions, which do not count.
     pub warm_up: u32,
-    /// Seconds from context pictures to Gaussians, one per repetition; empty if the method encodes nothing.
+    /// Seconds from context images to Gaussians, one per repetition; empty if the method encodes nothing.
     pub encode: Vec<f64>,
-    /// Seconds per rendered picture, repetition by repetition; empty if the method imports finished pictures.
+    /// Seconds per rendered image, repetition by repetition; empty if the method imports finished images.
     pub render: Vec<f64>,
     /// Seconds of each encoding stage by name, one per repetition.
     pub stages: BTreeMap<String, Vec<f64>>,

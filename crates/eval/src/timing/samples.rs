@@ -11,8 +11,8 @@ use super::{TimingPlan, memory};
 use crate::method::{Method, Prediction, TrialInput};
 use crate::runner::spread;
 
-/// Pictures that each repetition renders.
-const PICTURES: usize = 3;
+/// Images that each repetition renders.
+const IMAGES: usize = 3;
 /// Short work is repeated for at least this long, so that the machine's load can be measured.
 const MIN_DURATION: Duration = Duration::from_millis(50);
 /// Maximum number of repetitions for that purpose.
@@ -22,11 +22,11 @@ const MAX_REPETITIONS: usize = 200;
 /// warm-ups.
 const COLD: f64 = 1.1;
 
-/// A trial with decoded context pictures.
+/// A trial with decoded context images.
 #[derive(Debug)]
 pub(super) struct PreparedTrial {
     pub(super) trial: Trial,
-    pub(super) pictures: Vec<Arc<ImageU8>>,
+    pub(super) images: Vec<Arc<ImageU8>>,
 }
 
 /// Measured times and memory.
@@ -51,14 +51,14 @@ impl Samples {
         prepared: &PreparedTrial,
         method: &dyn Method,
     ) -> Result<Self, String> {
-        let input = TrialInput { preset, trial: &prepared.trial, pictures: &prepared.pictures };
+        let input = TrialInput { preset, trial: &prepared.trial, images: &prepared.images };
         // A panic in the method costs its times only.
         let measured = catch_unwind(AssertUnwindSafe(|| Self::measured(plan, input, method)));
         measured.unwrap_or_else(|_panic| Err("the method panicked".to_owned()))
     }
 
     fn measured(plan: TimingPlan, input: TrialInput<'_>, method: &dyn Method) -> Result<Self, String> {
-        let targets = spread(input.trial.targets().len(), PICTURES);
+        let targets = spread(input.trial.targets().len(), IMAGES);
         let mut samples = Self::default();
         let is_peak_reset = memory::reset_peak();
         samples.held_bytes = memory::held_bytes();
@@ -114,7 +114,7 @@ impl Samples {
         }
     }
 
-    /// Runs the method once: from context pictures to a scene, then renders some targets. Returns the seconds of all of it.
+    /// Runs the method once: from context images to a scene, then renders some targets. Returns the seconds of all of it.
     fn repeat(&mut self, input: TrialInput<'_>, method: &dyn Method, targets: &[usize]) -> Result<f64, String> {
         let start = Instant::now();
         let prediction = method.predict(input).map_err(|error| error.to_string())?;
@@ -134,11 +134,11 @@ impl Samples {
 /// Seconds to render one target.
 fn render_secs(prediction: &dyn Prediction, target: usize) -> Result<f64, String> {
     let start = Instant::now();
-    let pictures = prediction.render(&[target]);
+    let images = prediction.render(&[target]);
     let secs = start.elapsed().as_secs_f64();
-    match pictures.into_iter().next() {
-        Some(picture) => picture.map(|_picture| secs),
-        None => Err(format!("no picture of target {target}")),
+    match images.into_iter().next() {
+        Some(image) => image.map(|_image| secs),
+        None => Err(format!("no image of target {target}")),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::rows::placement;
 use crate::{Results, TrialKey};
 
 /// Why a method has rendering times but no encoding times.
-pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
+pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from images";
 
 /// Times of one method under one protocol on one machine type.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -28,12 +28,12 @@ pub struct Times {
     pub repetitions: u64,
     /// Warm-up repetitions.
     pub warm_up: u32,
-    /// Seconds from context pictures to Gaussians.
+    /// Seconds from context images to Gaussians.
     pub encode: Option<Spread>,
-    /// Seconds per rendered picture.
+    /// Seconds per rendered image.
     pub render: Option<Spread>,
-    /// Seconds from context pictures to the first rendered picture: the sum of both, or the only one of them.
-    pub first_picture: Option<Spread>,
+    /// Seconds from context images to the first rendered image: the sum of both, or the only one of them.
+    pub first_image: Option<Spread>,
     /// Seconds of the encoding's stages by name.
     pub stages: BTreeMap<String, Spread>,
     /// Peak memory of the process in bytes.
@@ -114,7 +114,7 @@ pub(crate) fn times_on(
         warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
         encode,
         render,
-        first_picture: match (encode, render) {
+        first_image: match (encode, render) {
             (Some(encode), Some(render)) => Some(encode.plus(render)),
             (encode, render) => encode.or(render),
         },
@@ -136,7 +136,7 @@ pub fn machine_of<'a>(results: &'a Results, preset: &str) -> Option<&'a Machine>
     counts.into_iter().find(|(_, count)| *count == most).map(|(machine, _)| machine)
 }
 
-/// Whether a row's trial is still the one that was evaluated; other pictures make it another trial.
+/// Whether a row's trial is still the one that was evaluated; other images make it another trial.
 fn is_current(results: &Results, row: &TimingRow) -> bool {
     results.trials.iter().any(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
 }
@@ -236,12 +236,12 @@ mod tests {
             vec![on("slow", "x", 5, 9.0), on("fast", "x", 5, 2.0), on("fast", "y", 5, 4.0), on("fast", "x", 9, 1.0)];
         let found = times(&store, PRESET, "a").unwrap();
         assert_eq!((found.machine.processor.as_str(), found.trials, found.trials_there), ("fast", 2, 3));
-        let secs = [found.encode, found.render, found.first_picture].map(|spread| spread.unwrap().median);
+        let secs = [found.encode, found.render, found.first_image].map(|spread| spread.unwrap().median);
         Tolerance::F64.assert(secs, [2.5, 0.25, 2.75], "encoding, rendering and both: 1 s of x and 4 s of y");
         assert!(!found.busy);
         store.timings[3].load.others = Some(0.3);
         assert!(times(&store, PRESET, "a").unwrap().busy);
-        // The trial has other pictures now.
+        // The trial has other images now.
         store.timings[3].trial_hash = "another".to_owned();
         let earlier = times(&store, PRESET, "a").unwrap();
         assert_eq!((earlier.trials, earlier.encode.unwrap().samples, earlier.busy), (2, 2, false));

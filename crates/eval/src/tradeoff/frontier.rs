@@ -11,7 +11,7 @@ pub struct Sample {
     pub label: String,
     /// Mean score; `None` if nothing was scored.
     pub quality: Option<f64>,
-    /// Median seconds from pictures in memory to the first rendered picture, from a timing pass.
+    /// Median seconds from images in memory to the first rendered image, from a timing pass.
     pub secs: Option<f64>,
     /// Half-width of their 95 % interval ([`crate::timing::Spread::error`]).
     pub secs_error: f64,

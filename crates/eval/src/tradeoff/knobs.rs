@@ -28,7 +28,7 @@ pub struct Knobs {
     /// Number of context views: evenly spaced among those of the index, including both ends; at least 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub views: Option<usize>,
-    /// Height and width of pictures; replaces the last scaling step of the preprocessing or is appended to it.
+    /// Height and width of images; replaces the last scaling step of the preprocessing or is appended to it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
     /// A separate weights file, as needed for a larger K.

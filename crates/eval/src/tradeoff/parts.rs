@@ -29,7 +29,7 @@ pub struct SweepBase {
     pub training: Option<TrainingRecord>,
     /// Name of the pose normalisation of their training, if their file says so.
     pub trained_poses: Option<String>,
-    /// Picture size that the weights were trained at, to which the network resizes pictures; `None` uses pictures as
+    /// Image size that the weights were trained at, to which the network resizes images; `None` uses images as
     /// they are.
     pub trained_at: Option<ImageSize>,
     /// Seed of random token selection.
@@ -42,7 +42,7 @@ pub struct SweepBase {
     pub device: ComputeDevice,
 }
 
-/// Settings with the same pictures and views, which form one plan of the runner.
+/// Settings with the same images and views, which form one plan of the runner.
 #[derive(Debug)]
 pub struct Part {
     /// Protocols, with the part's resolution and number of views.
@@ -99,7 +99,7 @@ impl SweepBase {
         };
         let tensors = adapted(&config, tensors, &weights)?;
         let network = Network::new(&config, &self.device.network()?)?.with_weights(&tensors)?;
-        // Pictures in a resolution of the sweep are not resized for the network.
+        // Images in a resolution of the sweep are not resized for the network.
         let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
             Some(size) => network.trained_at(size),
             None => network,

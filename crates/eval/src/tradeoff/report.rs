@@ -127,7 +127,7 @@ fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
         f,
         "\n* on the frontier: better than the previous one by more than the interval of their difference, over the same scenes.\n\
          ? not distinguishable from it. Milliseconds are of the timing pass, medians of encoding and of rendering one view,\n\
-         added: until the first picture."
+         added: until the first image."
     )?;
     let counts: BTreeMap<&str, (u64, u64)> =
         tradeoffs.iter().map(|tradeoff| (tradeoff.preset.as_str(), (tradeoff.leaked, tradeoff.targets))).collect();

@@ -153,10 +153,10 @@ fn of_scored(
 }
 
 fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
-    let pictures = scored.iter().flat_map(|(_, selected)| SelectedTarget::scored(selected));
-    let pictures: BTreeSet<_> = pictures.map(|(picture, ..)| picture).collect();
-    let scenes: BTreeSet<&str> = pictures.iter().map(|(scene, ..)| *scene).collect();
-    let (of_scenes, of_targets) = (scenes.len() as u64, pictures.len() as u64);
+    let images = scored.iter().flat_map(|(_, selected)| SelectedTarget::scored(selected));
+    let images: BTreeSet<_> = images.map(|(image, ..)| image).collect();
+    let scenes: BTreeSet<&str> = images.iter().map(|(scene, ..)| *scene).collect();
+    let (of_scenes, of_targets) = (scenes.len() as u64, images.len() as u64);
     // A setting without a mean is left out of the frontiers with its own reason.
     let lacks_some = |sample: &&Sample| sample.quality.is_some() && sample.counts.targets < of_targets;
     let of_sample = |Sample { label, counts, .. }: &Sample| Incomplete {
@@ -171,7 +171,7 @@ fn incomplete(scored: &[(Sample, Vec<SelectedTarget<'_>>)]) -> Vec<Incomplete> {
 /// The methods that were run under a preset as samples with their targets, in the order of the provenance record.
 ///
 /// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
-/// first picture. If a method has only one of the two, that one counts. Times on other machines than `machine` are left out.
+/// first image. If a method has only one of the two, that one counts. Times on other machines than `machine` are left out.
 pub(super) fn scored<'a>(
     results: &'a Results,
     machine: Option<&Machine>,
@@ -201,8 +201,8 @@ pub(super) fn scored<'a>(
         };
         match times_on(machine, results, preset, method) {
             Ok(times) => {
-                sample.secs = times.first_picture.map(|spread| spread.median);
-                sample.secs_error = times.first_picture.map_or(0.0, |spread| spread.error);
+                sample.secs = times.first_image.map(|spread| spread.median);
+                sample.secs_error = times.first_image.map_or(0.0, |spread| spread.error);
                 sample.busy = times.busy;
                 sample.device = times.device;
             }

@@ -1,4 +1,4 @@
-//! Scenes of a painted wall, whose pictures are known in closed form, and runs on them.
+//! Scenes of a painted wall, whose images are known in closed form, and runs on them.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(dead_code, reason = "each test file uses a part")]
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_eval::method::{Method, NearestView, Rendered, Warp};
 use atsplat_eval::runner::{
-    Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, current_provenance, named_metrics, run,
+    Dataset, KeepImages, Plan, PlannedIndex, Selection, Summary, current_provenance, named_metrics, run,
 };
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TrialRow};
@@ -19,7 +19,7 @@ use atsplat_metrics::{Networks, Suite};
 use atsplat_pixels::{Image, ImageU8, encode_png};
 use atsplat_protocol::trial::Prefetch;
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
-use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width: 64, height: 64 };
@@ -30,13 +30,13 @@ pub(crate) const WALL: f64 = 4.0;
 pub(crate) struct Walls {
     pub(crate) keys: Vec<String>,
     pub(crate) frames: usize,
-    /// Scene and frame whose picture file is truncated.
+    /// Scene and frame whose image file is truncated.
     pub(crate) damaged: Option<(usize, usize)>,
-    /// Scene and frame whose picture is changed in brightness, and by how much.
+    /// Scene and frame whose image is changed in brightness, and by how much.
     pub(crate) brighter: Option<(usize, usize, i16)>,
-    /// Whether every seventh frame's picture is missing.
+    /// Whether every seventh frame's image is missing.
     pub(crate) gaps: bool,
-    /// Scenes and frames whose picture shows another scene.
+    /// Scenes and frames whose image shows another scene.
     pub(crate) replaced: Vec<(usize, usize)>,
     /// Whether loading a scene emits a warning.
     pub(crate) warns: bool,
@@ -66,7 +66,7 @@ fn colour(scene: usize, point: DVec3) -> [f64; 3] {
     [wave(2.5, 0.7), wave(-1.1, 2.3), wave(1.7, 1.9)]
 }
 
-pub(crate) fn picture(scene: usize, frame: usize) -> ImageU8 {
+pub(crate) fn image(scene: usize, frame: usize) -> ImageU8 {
     let projector = camera(frame).projector().unwrap();
     let mut samples = Vec::new();
     for ray in projector.pixel_rays(SIZE, atsplat_camera::DirectionScale::UnitDepth).unwrap() {
@@ -89,7 +89,7 @@ impl SceneSource for Walls {
         let scene = scene.ok_or_else(|| SceneError::UnknownScene { key: key.to_owned(), path: "walls".into() })?;
         let frame = |frame: usize| {
             let seen = if self.replaced.contains(&(scene, frame)) { scene + 100 } else { scene };
-            let mut shown = picture(seen, frame);
+            let mut shown = image(seen, frame);
             if let Some((.., by)) = self.brighter.filter(|(of, at, _)| (*of, *at) == (scene, frame)) {
                 let samples = shown.samples().iter();
                 let samples = samples.map(|sample| u8::try_from((i16::from(*sample) + by).clamp(0, 255)).unwrap());
@@ -105,9 +105,9 @@ impl SceneSource for Walls {
                 timestamp_micros: None,
                 camera: camera(frame),
                 stated_size: Some(SIZE),
-                picture: match frame % 7 {
-                    3 if self.gaps => Picture::Missing(format!("{frame}.png").into()),
-                    _ => Picture::Encoded(SharedBytes::new(png)),
+                image: match frame % 7 {
+                    3 if self.gaps => FrameImage::Missing(format!("{frame}.png").into()),
+                    _ => FrameImage::Encoded(SharedBytes::new(png)),
                 },
             }
         };
@@ -141,7 +141,7 @@ pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
     Dataset { name: "walls".to_owned(), preset: preset(), source, description: "walls".to_owned(), index }
 }
 
-/// A uniformly grey picture of the walls' size.
+/// A uniformly grey image of the walls' size.
 pub(crate) fn grey() -> Rendered {
     let samples = vec![0.5; (SIZE.width * SIZE.height * 3) as usize];
     Rendered { image: Image::new(SIZE.width, SIZE.height, samples).unwrap(), drawn: None, effects: Vec::new() }
@@ -161,14 +161,14 @@ pub(crate) fn rows(results: &Results) -> (&[TrialRow], &[TargetRow]) {
     (&results.trials, &results.targets)
 }
 
-/// Settings of a run; by default without timing pass and pictures, on PSNR.
+/// Settings of a run; by default without timing pass and images, on PSNR.
 pub(crate) struct Run {
     pub(crate) datasets: Vec<Dataset>,
     pub(crate) methods: Vec<Arc<dyn Method>>,
     pub(crate) suite: Suite,
     pub(crate) selection: Selection,
     pub(crate) timing: Option<TimingPlan>,
-    pub(crate) pictures: KeepPictures,
+    pub(crate) images: KeepImages,
 }
 
 impl Run {
@@ -179,14 +179,14 @@ impl Run {
             suite: suite(&["psnr"]),
             selection: Selection::default(),
             timing: None,
-            pictures: KeepPictures::Nothing,
+            images: KeepImages::Nothing,
         }
     }
 
     pub(crate) fn plan(&self) -> Plan<'_> {
-        let Self { datasets, methods, suite, selection, timing, pictures } = self;
-        let (selection, timing, pictures) = (*selection, *timing, *pictures);
-        Plan { datasets, methods, suite, selection, timing, pictures, prefetch: Prefetch::default() }
+        let Self { datasets, methods, suite, selection, timing, images } = self;
+        let (selection, timing, images) = (*selection, *timing, *images);
+        Plan { datasets, methods, suite, selection, timing, images, prefetch: Prefetch::default() }
     }
 
     /// Runs into a new or existing store, and checks the number of steps.

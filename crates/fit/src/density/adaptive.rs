@@ -26,7 +26,7 @@ const SHRINKING: f64 = 1.6;
 /// the code behind the published figures, it does not prune by the size on the screen.
 #[derive(Clone, Debug)]
 pub struct Adaptive {
-    /// Mean norm of the gradient, in units of half the picture's width and height, from which Gaussians are densified.
+    /// Mean norm of the gradient, in units of half the image's width and height, from which Gaussians are densified.
     threshold: f64,
     sums: Vec<f32>,
     counts: Vec<f32>,

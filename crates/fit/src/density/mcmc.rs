@@ -24,7 +24,7 @@ const BLOCK: usize = 1024;
 
 /// 3DGS as Markov chain Monte Carlo (Kheradmand et al. 2024; ubc-vision/3dgs-mcmc): dead Gaussians are relocated to live
 /// ones, drawn by opacity, and the number grows by a twentieth at a time up to the limit. Opacities and scales are
-/// corrected so that the picture hardly changes. Means receive noise in proportion to their covariance, unless they are
+/// corrected so that the image hardly changes. Means receive noise in proportion to their covariance, unless they are
 /// opaque; small opacities and scales are rewarded.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mcmc;
@@ -70,7 +70,7 @@ impl DensityControl for Mcmc {
     }
 }
 
-/// Opacity of each of `together` equal Gaussians that replace one, and the factor on its scales, so that the picture hardly
+/// Opacity of each of `together` equal Gaussians that replace one, and the factor on its scales, so that the image hardly
 /// changes: equation 9 of the paper (`diff-gaussian-rasterization/cuda_rasterizer/utils.cu`, `compute_relocation`).
 pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
     let together = together.clamp(1, MOST_TOGETHER);

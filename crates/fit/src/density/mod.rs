@@ -54,7 +54,7 @@ pub struct ViewGradients<'a> {
     pub drawn: &'a [u32],
     /// Gradient of the loss with respect to the projected means, in pixels; or sums of its absolute values over pixels.
     pub means_2d: &'a [[f32; 2]],
-    /// Width and height of the picture in pixels.
+    /// Width and height of the image in pixels.
     pub size: [f64; 2],
     /// Number of Gaussians.
     pub count: usize,

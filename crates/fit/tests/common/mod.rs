@@ -1,4 +1,4 @@
-//! A small scene whose pictures are rendered from known Gaussians.
+//! A small scene whose images are rendered from known Gaussians.
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_fit::start::in_frustums;
@@ -44,13 +44,13 @@ pub(crate) fn view(angle: f64, side: u32) -> View {
 /// Training views, and two that are held out.
 pub(crate) fn views() -> (Vec<TrainingView>, Vec<TrainingView>) {
     let mut renderer = CpuRenderer::default();
-    let picture = |number: u32| {
+    let image = |number: u32| {
         let view = view(f64::from(number) * 0.4, 40);
         let rgb = renderer.render(&truth(), &view, &RenderOptions::default()).unwrap().rgb;
         let rgb = rgb.into_iter().map(|rgb| rgb.map(|value| value.clamp(0.0, 1.0))).collect();
         TrainingView { name: format!("view {number}"), view, rgb }
     };
-    (0..16).map(picture).partition(|view| !["view 3", "view 9"].contains(&view.name.as_str()))
+    (0..16).map(image).partition(|view| !["view 3", "view 9"].contains(&view.name.as_str()))
 }
 
 pub(crate) fn config(strategy: Strategy, steps: u64) -> FitConfig {

@@ -9,7 +9,7 @@ use super::pooling;
 pub enum Network {
     /// LPIPS v0.1 on VGG16: `lpips.LPIPS(net="vgg")`, what papers on novel view synthesis report.
     LpipsVgg,
-    /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors recommend for comparing pictures.
+    /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors recommend for comparing images.
     LpipsAlex,
     /// ST-LPIPS `vST0.0` on `AlexNet`: `stlpips_pytorch.LPIPS(net="alex", variant="shift_tolerant")`.
     StLpipsAlex,
@@ -79,7 +79,7 @@ impl Network {
         std::array::from_fn(|tap| format!("lin{tap}.model.1.weight"))
     }
 
-    /// Smallest width and height of pictures on which every step is defined.
+    /// Smallest width and height of images on which every step is defined.
     ///
     /// # Panics
     /// Never: every network fits far below 512 pixels.
@@ -89,7 +89,7 @@ impl Network {
         (1..=512u32).find(|side| fits(&steps, *side as usize)).expect("a side of at most 512 pixels")
     }
 
-    /// All steps, from the scaled picture to the last features.
+    /// All steps, from the scaled image to the last features.
     pub fn steps(self) -> Vec<Step> {
         match self {
             Self::LpipsVgg => vgg(

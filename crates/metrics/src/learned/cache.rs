@@ -7,10 +7,10 @@ use sha2::{Digest, Sha256};
 use super::{Features, Perceptual};
 use crate::MetricError;
 
-/// Cache of ground-truth features, which are shared by all methods that are compared on a picture.
+/// Cache of ground-truth features, which are shared by all methods that are compared on an image.
 ///
-/// The key is a hash of the picture's samples and the network's file. The oldest entries are evicted first; VGG's features of a
-/// 256² picture take 32 MB, so the cache serves the methods of one trial rather than a whole dataset.
+/// The key is a hash of the image's samples and the network's file. The oldest entries are evicted first; VGG's features of a
+/// 256² image take 32 MB, so the cache serves the methods of one trial rather than a whole dataset.
 #[derive(Debug)]
 pub struct FeatureCache {
     max_bytes: usize,
@@ -31,20 +31,20 @@ impl FeatureCache {
         Self { max_bytes, entries: Mutex::default() }
     }
 
-    /// The picture's features, computed unless they are cached.
+    /// The image's features, computed unless they are cached.
     ///
     /// # Errors
     /// As [`Perceptual::features`].
-    pub fn features(&self, perceptual: &Perceptual, picture: &Image) -> Result<Arc<Features>, MetricError> {
-        let key = hash(perceptual, picture);
+    pub fn features(&self, perceptual: &Perceptual, image: &Image) -> Result<Arc<Features>, MetricError> {
+        let key = hash(perceptual, image);
         let find =
             |entries: &Entries| entries.queue.iter().find(|(k, _)| *k == key).map(|(_, found)| Arc::clone(found));
         if let Some(found) = find(&self.lock()) {
-            tracing::trace!(metric = perceptual.network().name(), "features of the true picture are cached");
+            tracing::trace!(metric = perceptual.network().name(), "features of the true image are cached");
             return Ok(found);
         }
         // Computed without holding the lock: at worst two threads compute the same features.
-        let features = Arc::new(perceptual.features(picture)?);
+        let features = Arc::new(perceptual.features(image)?);
         let mut entries = self.lock();
         if features.bytes() <= self.max_bytes && find(&entries).is_none() {
             entries.bytes += features.bytes();
@@ -62,13 +62,13 @@ impl FeatureCache {
     }
 }
 
-fn hash(perceptual: &Perceptual, picture: &Image) -> Key {
+fn hash(perceptual: &Perceptual, image: &Image) -> Key {
     let mut hash = Sha256::new();
     hash.update(perceptual.network().name());
     hash.update(&perceptual.hashes().network);
-    hash.update(picture.width().to_le_bytes());
-    hash.update(picture.height().to_le_bytes());
-    let bytes: Vec<u8> = picture.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
+    hash.update(image.width().to_le_bytes());
+    hash.update(image.height().to_le_bytes());
+    let bytes: Vec<u8> = image.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
     hash.update(&bytes);
     hash.finalize().into()
 }

@@ -2,7 +2,7 @@ use rayon::prelude::*;
 
 use super::matrix::{Activations, Rows, multiply_add};
 
-/// Approximate number of outputs per task; its number of rows depends on the picture's width only.
+/// Approximate number of outputs per task; its number of rows depends on the image's width only.
 const BAND_PIXELS: usize = 2048;
 
 /// A convolution with its kernel rearranged for [`Activations`].
@@ -47,8 +47,8 @@ impl Convolution {
     /// The convolution with bias, optionally followed by `ReLU`. The input must be large enough for the kernel.
     ///
     /// No patches are copied: a kernel row reads contiguous pixels, and the rows of the left matrix overlap. With stride 1, a
-    /// band of complete rows is one product per kernel row; the columns beyond the picture are computed and dropped.
-    #[expect(clippy::expect_used, reason = "pictures are at least as large as the network's smallest side")]
+    /// band of complete rows is one product per kernel row; the columns beyond the image are computed and dropped.
+    #[expect(clippy::expect_used, reason = "images are at least as large as the network's smallest side")]
     pub(super) fn apply(&self, input: &Activations, relu: bool) -> Activations {
         let padded = input.padded(self.padding);
         let side =

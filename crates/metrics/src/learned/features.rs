@@ -2,11 +2,11 @@ use rayon::prelude::*;
 
 use super::matrix::Activations;
 
-/// Features of a picture: five maps, normalised over the channels of each pixel.
+/// Features of an image: five maps, normalised over the channels of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features {
-    /// Width and height of the picture.
-    pub(super) picture: [u32; 2],
+    /// Width and height of the image.
+    pub(super) image: [u32; 2],
     pub(super) maps: Vec<Activations>,
 }
 
@@ -70,6 +70,6 @@ mod tests {
     fn a_sample_takes_four_bytes() {
         let map =
             |side: usize| Activations { height: side, width: side, channels: 5, values: vec![0.0; side * side * 5] };
-        assert_eq!(Features { picture: [3, 3], maps: vec![map(3), map(1)] }.bytes(), 4 * (45 + 5));
+        assert_eq!(Features { image: [3, 3], maps: vec![map(3), map(1)] }.bytes(), 4 * (45 + 5));
     }
 }

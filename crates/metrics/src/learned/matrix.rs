@@ -1,6 +1,6 @@
 //! Activations and the matrix product of convolutions.
 
-/// Activations of one picture, channels last.
+/// Activations of one image, channels last.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Activations {
     pub(super) height: usize,
@@ -40,7 +40,7 @@ pub(super) struct Rows<'a> {
 }
 
 /// `out += left · right` for `left` of `terms` columns and a row-major `right` of `terms` by `columns`; `out` is
-/// row-major without gaps. Single-threaded: callers split the rows in a way that depends on the pictures' size only.
+/// row-major without gaps. Single-threaded: callers split the rows in a way that depends on the images' size only.
 ///
 /// # Panics
 /// If the shapes exceed their slices.

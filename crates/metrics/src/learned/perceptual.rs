@@ -119,23 +119,23 @@ impl Perceptual {
         &self.hashes
     }
 
-    /// Features of a picture with values in [0, 1]; values outside are not clipped. Features of a ground truth can be reused
+    /// Features of an image with values in [0, 1]; values outside are not clipped. Features of a ground truth can be reused
     /// for all renders of it.
     ///
     /// # Errors
     /// [`MetricError::TooSmall`], [`MetricError::NonFinite`].
-    pub fn features(&self, picture: &Image) -> Result<Features, MetricError> {
-        let size = [picture.width(), picture.height()];
+    pub fn features(&self, image: &Image) -> Result<Features, MetricError> {
+        let size = [image.width(), image.height()];
         let smallest = self.network.smallest_side();
         if size.iter().any(|side| *side < smallest) {
             return Err(MetricError::TooSmall { measure: self.network.name(), smallest, size });
         }
-        let non_finite = NonFinite::count(picture.samples(), &[], size[0] as usize);
+        let non_finite = NonFinite::count(image.samples(), &[], size[0] as usize);
         if non_finite.total() > 0 {
             return Err(MetricError::NonFinite(non_finite));
         }
         let mut maps = Vec::new();
-        let mut at = scaled(picture);
+        let mut at = scaled(image);
         for layer in &self.layers {
             at = match layer {
                 Layer::Convolution(convolution, relu) => convolution.apply(&at, *relu),
@@ -151,16 +151,16 @@ impl Perceptual {
                 }
             };
         }
-        Ok(Features { picture: size, maps })
+        Ok(Features { image: size, maps })
     }
 
-    /// Distance of two pictures by their features: 0 for identical pictures, larger for less similar ones.
+    /// Distance of two images by their features: 0 for identical images, larger for less similar ones.
     ///
     /// # Errors
-    /// [`MetricError::SizeMismatch`]; [`MetricError::Overflow`] if a picture's features are not finite.
+    /// [`MetricError::SizeMismatch`]; [`MetricError::Overflow`] if an image's features are not finite.
     pub fn distance(&self, render: &Features, truth: &Features) -> Result<f64, MetricError> {
-        if truth.picture != render.picture {
-            let (expected, found) = (render.picture, truth.picture);
+        if truth.image != render.image {
+            let (expected, found) = (render.image, truth.image);
             return Err(MetricError::SizeMismatch { expected, found });
         }
         let maps = render.maps.iter().zip(&truth.maps).zip(&self.heads);
@@ -173,13 +173,13 @@ impl Perceptual {
 /// Shift and scale per channel, applied to `2 v − 1` (lpips `ScalingLayer`, `normalize=True`).
 pub const SCALING: [[f32; 3]; 2] = [[-0.030, -0.088, -0.188], [0.458, 0.448, 0.450]];
 
-fn scaled(picture: &Image) -> Activations {
+fn scaled(image: &Image) -> Activations {
     let [shift, scale] = SCALING;
-    let pixels = picture.samples().as_chunks::<3>().0.iter();
+    let pixels = image.samples().as_chunks::<3>().0.iter();
     let values = pixels.flat_map(|pixel| {
         std::array::from_fn::<f32, 3, _>(|channel| (2.0 * pixel[channel] - 1.0 - shift[channel]) / scale[channel])
     });
-    let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
+    let [width, height] = [image.width(), image.height()].map(|side| side as usize);
     Activations { height, width, channels: 3, values: values.collect() }
 }
 

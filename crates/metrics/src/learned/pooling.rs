@@ -32,7 +32,7 @@ pub(super) fn blurred_side(side: usize) -> Option<usize> {
 
 /// Anti-aliased downsampling of Zhang 2019 as used to train ST-LPIPS: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two
 /// reflected pixels as padding. The input must be large enough to reflect.
-#[expect(clippy::expect_used, reason = "pictures are at least as large as the network's smallest side")]
+#[expect(clippy::expect_used, reason = "images are at least as large as the network's smallest side")]
 pub(super) fn blurred(input: &Activations) -> Activations {
     let side = |side: usize| blurred_side(side).expect("a side that can be reflected");
     let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
@@ -51,7 +51,7 @@ pub(super) fn blurred(input: &Activations) -> Activations {
     output
 }
 
-/// The pixel at a position of the padded picture, reflected without repeating the edge.
+/// The pixel at a position of the padded image, reflected without repeating the edge.
 fn reflected(position: usize, side: usize) -> usize {
     let from_edge = position.abs_diff(REFLECTED);
     if from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }

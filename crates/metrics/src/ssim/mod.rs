@@ -47,15 +47,15 @@ impl Window {
     }
 }
 
-/// Treatment of windows that extend beyond the picture.
+/// Treatment of windows that extend beyond the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Border {
-    /// Only windows completely inside the picture count.
+    /// Only windows completely inside the image count.
     Inside,
-    /// Every pixel has a window; the picture is black outside.
+    /// Every pixel has a window; the image is black outside.
     Zeros,
-    /// Every pixel has a window; the picture is mirrored at its outermost pixels, which are not repeated.
+    /// Every pixel has a window; the image is mirrored at its outermost pixels, which are not repeated.
     Reflected,
 }
 
@@ -77,10 +77,10 @@ impl Ssim {
     /// `skimage.metrics.structural_similarity(data_range=1)`, a flat 7×7 window, which Long-LRM calls (`model/loss.py`).
     pub const SKIMAGE_UNIFORM: Self =
         Self { window: Window::Uniform7, border: Border::Inside, covariance: Covariance::Sample };
-    /// `ssim` of graphdeco-inria/gaussian-splatting (`utils/loss_utils.py`): zeros around the picture.
+    /// `ssim` of graphdeco-inria/gaussian-splatting (`utils/loss_utils.py`): zeros around the image.
     pub const INRIA: Self =
         Self { window: Window::Gaussian11, border: Border::Zeros, covariance: Covariance::Population };
-    /// pytorch-msssim, and Google's JAX code since mip-NeRF: windows inside the picture. Clamps of negative variances
+    /// pytorch-msssim, and Google's JAX code since mip-NeRF: windows inside the image. Clamps of negative variances
     /// act only on rounding errors.
     pub const VALID: Self =
         Self { window: Window::Gaussian11, border: Border::Inside, covariance: Covariance::Population };
@@ -106,7 +106,7 @@ impl Ssim {
     }
 }
 
-/// Mean structural similarity over windows and channels, in [−1, 1]; 1 for identical pictures.
+/// Mean structural similarity over windows and channels, in [−1, 1]; 1 for identical images.
 ///
 /// # Errors
 /// [`MetricError::TooSmall`].
@@ -118,7 +118,7 @@ pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, Me
 
 /// Structural similarity at every window's centre, averaged over channels; row-major, finite, in [−1, 1].
 ///
-/// The map covers all window centres and is smaller than the pictures for [`Border::Inside`].
+/// The map covers all window centres and is smaller than the images for [`Border::Inside`].
 ///
 /// # Errors
 /// [`MetricError::TooSmall`].

@@ -1,4 +1,4 @@
-//! Similarities row by row. Pictures stay interleaved: the neighbour to the right is three samples further.
+//! Similarities row by row. Images stay interleaved: the neighbour to the right is three samples further.
 
 #![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
 
@@ -16,18 +16,18 @@ const CHANNELS: usize = 3;
 
 /// Calls `finish` for every row of windows, with three similarities per window.
 pub(super) fn rows<T: Send>(
-    pictures: &[Cow<'_, [f32]>; 2],
+    images: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
     convention: Ssim,
     finish: impl Fn(&[f64]) -> T + Sync,
 ) -> Vec<T> {
-    rows_at(Arch::new(), pictures, size, convention, finish)
+    rows_at(Arch::new(), images, size, convention, finish)
 }
 
 /// [`rows`] with a given instruction set.
 pub(super) fn rows_at<T: Send>(
     arch: Arch,
-    pictures: &[Cow<'_, [f32]>; 2],
+    images: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
     convention: Ssim,
     finish: impl Fn(&[f64]) -> T + Sync,
@@ -43,7 +43,7 @@ pub(super) fn rows_at<T: Send>(
             Covariance::Population => 1.0,
         },
     };
-    let [x, y] = [&*pictures[0], &*pictures[1]];
+    let [x, y] = [&*images[0], &*images[1]];
     let shape = Shape { width, height, padding, radius, border: convention.border };
     let bands: Vec<usize> = (0..shape.rows()).step_by(BAND).collect();
     let results = bands.into_par_iter().map(|first| {
@@ -75,7 +75,7 @@ impl Shape {
         self.height + 2 * self.padding - 2 * self.radius
     }
 
-    /// Samples of a padded row of the pictures.
+    /// Samples of a padded row of the images.
     const fn padded(&self) -> usize {
         (self.width + 2 * self.padding) * CHANNELS
     }
@@ -100,7 +100,7 @@ impl<T, F: Fn(&[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, TAPS> {
         let Self { shape, taps, .. } = self;
         let padded = shape.padded();
         let windows = padded - 2 * shape.radius * CHANNELS;
-        // Ring buffer of the last rows' terms of each sum: row `r` of the padded picture is at `r` modulo the number of taps.
+        // Ring buffer of the last rows' terms of each sum: row `r` of the padded image is at `r` modulo the number of taps.
         let mut terms = vec![0.0; MOMENTS * TAPS * padded];
         let mut columns = vec![0.0; padded];
         let mut sums = vec![0.0; MOMENTS * windows];
@@ -131,7 +131,7 @@ impl<T, F: Fn(&[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, TAPS> {
 }
 
 impl<F, const TAPS: usize> Band<'_, F, TAPS> {
-    /// Computes the terms of a row of the padded picture.
+    /// Computes the terms of a row of the padded image.
     #[inline(always)]
     #[expect(clippy::expect_used, reason = "the buffer has a ring for each moment")]
     fn read<S: Simd>(&self, simd: S, row: usize, terms: &mut [f64]) {

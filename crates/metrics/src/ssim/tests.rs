@@ -5,7 +5,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::Image;
 use pulp::Arch;
 
-fn pictures() -> [Image; 2] {
+fn images() -> [Image; 2] {
     [0, 1].map(|seed| {
         let samples = crate::learned::uniform(seed, 33 * 41 * 3, 0.6).into_iter().map(|v| v + 0.5).collect();
         Image::new(33, 41, samples).unwrap()
@@ -14,7 +14,7 @@ fn pictures() -> [Image; 2] {
 
 #[test]
 fn scalar_and_simd_results_are_bit_identical() {
-    let [a, b] = pictures();
+    let [a, b] = images();
     let pair = Pair::new(&a, &b).unwrap();
     for convention in [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::TORCHMETRICS] {
         let of =

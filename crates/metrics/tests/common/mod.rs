@@ -1,4 +1,4 @@
-//! Seeded pictures and numbers, equal to those of `oracle/seeded.py`.
+//! Seeded images and numbers, equal to those of `oracle/seeded.py`.
 
 #![allow(dead_code, reason = "each test file uses a part")]
 #![expect(clippy::unwrap_used, reason = "a fixture that does not parse fails the test")]
@@ -13,24 +13,24 @@ pub(crate) fn fixture(name: &str) -> serde_json::Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// A case's picture, cropped to its box of left, top, width, height.
+/// A case's image, cropped to its box of left, top, width, height.
 pub(crate) fn truth(case: &serde_json::Value) -> Image {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pixels/tests/fixtures/pictures");
-    let bytes = std::fs::read(folder.join(case["picture"].as_str().unwrap())).unwrap();
-    let picture = Image::from_u8(&decode(&bytes, &DecodeLimits::default()).unwrap());
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pixels/tests/fixtures/images");
+    let bytes = std::fs::read(folder.join(case["image"].as_str().unwrap())).unwrap();
+    let image = Image::from_u8(&decode(&bytes, &DecodeLimits::default()).unwrap());
     match case["box"].as_array() {
         Some(sides) => {
             let sides: Vec<u32> = sides.iter().map(|side| u32::try_from(side.as_u64().unwrap()).unwrap()).collect();
-            crop(&picture, [sides[0], sides[1], sides[2], sides[3]])
+            crop(&image, [sides[0], sides[1], sides[2], sides[3]])
         }
-        None => picture,
+        None => image,
     }
 }
 
 /// Crops a rectangle of left, top, width, height.
-pub(crate) fn crop(picture: &Image, [left, top, width, height]: [u32; 4]) -> Image {
+pub(crate) fn crop(image: &Image, [left, top, width, height]: [u32; 4]) -> Image {
     let rows = (top..top + height).flat_map(|y| (left..left + width).map(move |x| (x, y)));
-    Image::new(width, height, rows.flat_map(|(x, y)| picture.pixel(x, y).unwrap()).collect()).unwrap()
+    Image::new(width, height, rows.flat_map(|(x, y)| image.pixel(x, y).unwrap()).collect()).unwrap()
 }
 
 /// `seeded.render`.
@@ -55,7 +55,7 @@ pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
     (0..count as u64).map(number).collect()
 }
 
-/// A picture of seeded samples in [0, 1].
+/// An image of seeded samples in [0, 1].
 pub(crate) fn seeded(width: u32, height: u32, seed: u64) -> Image {
     let samples = uniform(seed, (width * height * 3) as usize, 0.5).into_iter().map(|v| v + 0.5).collect();
     Image::new(width, height, samples).unwrap()

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum BackboneConfig {
-    /// A frozen DINOv2: last-layer patch tokens after the final norm. The picture is resized so that a coarse
+    /// A frozen DINOv2: last-layer patch tokens after the final norm. The image is resized so that a coarse
     /// patch becomes one 14×14 patch (antialiased bilinear), and normalised with ImageNet's mean and deviation.
     DinoV2 {
         /// Size of the published network.

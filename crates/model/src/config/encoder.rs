@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct CoarseConfig {
-    /// Side of a coarse patch in pixels of this branch's picture; 16 in the paper.
+    /// Side of a coarse patch in pixels of this branch's image; 16 in the paper.
     pub patch_size: usize,
-    /// Factor by which this branch's picture is downscaled; 2 at high resolution (paper, "High-Resolution").
+    /// Factor by which this branch's image is downscaled; 2 at high resolution (paper, "High-Resolution").
     pub image_downscale: usize,
     /// Global self-attention layers; 12 in the paper.
     pub layers: usize,
@@ -18,9 +18,9 @@ pub struct CoarseConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct FineConfig {
-    /// Side of a fine patch in pixels of this branch's picture; 8 in the paper.
+    /// Side of a fine patch in pixels of this branch's image; 8 in the paper.
     pub patch_size: usize,
-    /// Factor by which this branch's picture is downscaled; 1 in every setting here.
+    /// Factor by which this branch's image is downscaled; 1 in every setting here.
     pub image_downscale: usize,
     /// Per-view self-attention layers; 2 in the paper.
     pub layers: usize,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 
-/// Height and width of a picture in pixels; in TOML, `[height, width]`.
+/// Height and width of an image in pixels; in TOML, `[height, width]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(from = "[usize; 2]", into = "[usize; 2]")]
 pub struct ImageSize {
@@ -21,7 +21,7 @@ impl From<atsplat_camera::ImageSize> for ImageSize {
     }
 }
 
-/// A grid of patches of a picture.
+/// A grid of patches of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Grid {
     /// Number of rows.
@@ -60,7 +60,7 @@ impl ImageSize {
         Self { height: side(self.height), width: side(self.width) }
     }
 
-    /// The patch grid of this picture after downscaling by `downscale`.
+    /// The patch grid of this image after downscaling by `downscale`.
     pub(super) fn grid(self, patch: usize, downscale: usize, branch: &'static str) -> Result<Grid, ModelError> {
         let step = patch.saturating_mul(downscale);
         let divides = step > 0 && self.height > 0 && self.width > 0;

@@ -59,7 +59,7 @@ pub struct ModelConfig {
     pub inferred: Vec<String>,
     /// Number of context views for which the paper reports results. Any other number works too.
     pub views: usize,
-    /// Height and width in pixels for which the paper reports results; in a weights file, those of the training pictures.
+    /// Height and width in pixels for which the paper reports results; in a weights file, those of the training images.
     /// Any other size that the patches divide works too.
     pub resolution: ImageSize,
     /// All transformer layers except the backbone's.
@@ -175,23 +175,23 @@ impl ModelConfig {
         Ok(atsplat_files::hexadecimal(&Sha256::digest(&json)))
     }
 
-    /// The coarse branch's patch grid of a picture.
+    /// The coarse branch's patch grid of an image.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if patches do not divide the picture.
-    pub fn coarse_grid(&self, picture: ImageSize) -> Result<Grid, ModelError> {
-        picture.grid(self.coarse.patch_size, self.coarse.image_downscale, "coarse")
+    /// [`ModelError::Malformed`] if patches do not divide the image.
+    pub fn coarse_grid(&self, image: ImageSize) -> Result<Grid, ModelError> {
+        image.grid(self.coarse.patch_size, self.coarse.image_downscale, "coarse")
     }
 
-    /// The fine branch's patch grid of a picture.
+    /// The fine branch's patch grid of an image.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if patches do not divide the picture.
-    pub fn fine_grid(&self, picture: ImageSize) -> Result<Grid, ModelError> {
-        picture.grid(self.fine.patch_size, self.fine.image_downscale, "fine")
+    /// [`ModelError::Malformed`] if patches do not divide the image.
+    pub fn fine_grid(&self, image: ImageSize) -> Result<Grid, ModelError> {
+        image.grid(self.fine.patch_size, self.fine.image_downscale, "fine")
     }
 
-    /// The size to which pictures are resized for weights that were trained at another size: at the scale of the trained
+    /// The size to which images are resized for weights that were trained at another size: at the scale of the trained
     /// size, in whole coarse patches ([`ImageSize::at_scale_of`]).
     #[must_use]
     pub fn context_size(&self, given: ImageSize, trained_at: ImageSize) -> ImageSize {
@@ -221,7 +221,7 @@ impl ModelConfig {
         self.with_expansions("ratios", ratios.iter().copied().map(BlockExpansion::Ratio))
     }
 
-    /// The same network in the paper's setting for large pictures (supplement, "High-Resolution"): the coarse branch takes
+    /// The same network in the paper's setting for large images (supplement, "High-Resolution"): the coarse branch takes
     /// them at half their size, and the first block that expands a ratio expands four fifths. Weights stay the same.
     ///
     /// # Errors

@@ -148,11 +148,7 @@ fn contradictions_name_their_field() {
         ("head-dim = 64", "head-dim = 63", "field transformer.head-dim: expected a divisor of transformer.dim"),
         ("head-dim = 64", "head-dim = 0", "field transformer.head-dim: expected 1 to 768, found 0"),
         ("norm-eps = 1e-5", "norm-eps = nan", "field transformer.norm-eps: expected a positive number"),
-        (
-            "resolution = [256, 256]",
-            "resolution = [256, 250]",
-            "coarse branch, picture size: expected height and width",
-        ),
+        ("resolution = [256, 256]", "resolution = [256, 250]", "coarse branch, image size: expected height and width"),
         ("patch-size = 8", "patch-size = 3", "field fine: expected patches that divide the coarse branch's"),
         ("kind = \"patch-depth\"", "kind = \"direct-xyz\"", "field anchors.context: expected none"),
         ("near = 0.1", "near = 600.0", "field anchors.depth: expected near < far, found 600 and 500"),

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 use super::dinov2::Dino;
 use super::resize::resized;
-use super::tests::{fixtures, numbers, picture};
+use super::tests::{fixtures, image, numbers};
 use super::*;
 use crate::ImageSize;
 use crate::config::{BackboneConfig, DinoArchitecture, DinoSize, Grid};
@@ -39,12 +39,12 @@ fn compare(stored: &StoredTensors, (case, seed): (Case, u64), weights: &StoredTe
     let device = Device::flex();
     let dino =
         names::backbone_with_weights(Dino::new(DinoArchitecture::new(size, registers), &device), weights).unwrap();
-    let picture_size = ImageSize::new(14 * rows, 14 * columns);
+    let image_size = ImageSize::new(14 * rows, 14 * columns);
     let camera = Camera::pinhole(
         WorldFromCamera::new(DMat3::IDENTITY, DVec3::ZERO).unwrap().inverse(),
         NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
     );
-    let views = Views::new(picture_size, picture(seed, count, picture_size), vec![camera; count]).unwrap();
+    let views = Views::new(image_size, image(seed, count, image_size), vec![camera; count]).unwrap();
     let tokens = dino.forward(&views, Grid { rows, columns }, &device);
     let [_, _, dim] = tokens.dims();
     let all = numbers(tokens);
@@ -99,7 +99,7 @@ fn resizing_agrees_with_pytorch() {
     for (name, theirs) in &stored.tensors {
         let sizes: Vec<usize> = name.split(['x', '_']).filter_map(|part| part.parse().ok()).collect();
         let (from, to) = (ImageSize::new(sizes[0], sizes[1]), ImageSize::new(sizes[2], sizes[3]));
-        let ours = resized(&picture(9, 1, from), from, to, 3);
+        let ours = resized(&image(9, 1, from), from, to, 3);
         let step = if to.height * to.width * 3 > 10_000 { 16 } else { 1 };
         let kept = (0..to.height).step_by(step).flat_map(|row| {
             (0..to.width)

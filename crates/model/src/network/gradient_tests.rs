@@ -24,12 +24,12 @@ fn camera(x: f64) -> Camera {
 
 fn noise(name: &str, count: usize) -> Vec<f32> {
     let stream = Stream::named(5, name);
-    #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+    #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
     (0..count as u64).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
 }
 
 /// `nano` with Gaussians that are large enough to be visible and so faint that depth order hardly matters: where two change
-/// order the picture jumps, which affects differences but not derivatives.
+/// order the image jumps, which affects differences but not derivatives.
 fn config() -> ModelConfig {
     let text = ModelConfig::text_of("nano").unwrap();
     let text = text
@@ -38,16 +38,16 @@ fn config() -> ModelConfig {
     ModelConfig::from_toml(&text).unwrap()
 }
 
-/// Training losses of one scene: the error of the final and intermediate pictures, and of the predicted uncertainty.
+/// Training losses of one scene: the error of the final and intermediate images, and of the predicted uncertainty.
 struct Losses {
-    pictures: Tensor<1>,
+    images: Tensor<1>,
     uncertainty: Tensor<1>,
     selected: Vec<Vec<usize>>,
 }
 
 fn losses(network: &Network) -> Losses {
     let cameras = vec![camera(0.0), camera(0.5)];
-    let views = Views::new(SIZE, noise("pictures", 2 * 64 * 64 * 3), cameras).unwrap();
+    let views = Views::new(SIZE, noise("images", 2 * 64 * 64 * 3), cameras).unwrap();
     let forward = network.forward(&[views], 0).unwrap();
     let size = atsplat_camera::ImageSize { width: 32, height: 32 };
     let targets = [View { camera: camera(0.2), size }, View { camera: camera(0.4), size }];
@@ -65,7 +65,7 @@ fn losses(network: &Network) -> Losses {
 
     let error = |rgb: Tensor<4>| (rgb - truth.clone()).square();
     let last = forward.gaussians.render(0, &targets, &options, None).unwrap();
-    let mut pictures = error(last.rgb).mean();
+    let mut loss = error(last.rgb).mean();
     let mut uncertainty = Tensor::<1>::zeros([1], &device);
     let mut selected = Vec::new();
     for pair in forward.blocks.windows(2) {
@@ -75,10 +75,10 @@ fn losses(network: &Network) -> Losses {
         let images = network.gaussians(&before.tokens).render(0, &targets, &with_scalars, Some(scores)).unwrap();
         let map = error(images.rgb.clone()).mean_dim(3).squeeze_dim::<3>(3).detach();
         uncertainty = uncertainty + (images.scalar.unwrap() - map).abs().mean();
-        pictures = pictures + error(images.rgb).mean() * 0.5;
+        loss = loss + error(images.rgb).mean() * 0.5;
         selected.push(expanded.selected[0].clone());
     }
-    Losses { pictures, uncertainty, selected }
+    Losses { images: loss, uncertainty, selected }
 }
 
 fn network(config: &ModelConfig, weights: &StoredTensors, device: &Device) -> Network {
@@ -90,8 +90,8 @@ fn every_parameter_has_a_gradient_through_the_renderer() {
     let config = config();
     let weights = generated(&parameters(&config), 3);
     let network = network(&config, &weights, &Device::flex().autodiff());
-    let Losses { pictures, uncertainty, .. } = losses(&network);
-    let reached = network.gradients(&(pictures + uncertainty * 0.1).backward());
+    let Losses { images, uncertainty, .. } = losses(&network);
+    let reached = network.gradients(&(images + uncertainty * 0.1).backward());
     for parameter in parameters(&config) {
         let gradient = reached.get(&parameter.name).unwrap_or_else(|| panic!("{} has no gradient", parameter.name));
         assert_eq!(gradient.len(), parameter.elements(), "{}", parameter.name);
@@ -119,7 +119,7 @@ fn gradients_agree_with_central_differences() {
     let weights = generated(&parameters(&config), 3);
     let tracked = network(&config, &weights, &Device::flex().autodiff());
     let start = losses(&tracked);
-    let by_pictures = tracked.gradients(&start.pictures.backward());
+    let by_images = tracked.gradients(&start.images.backward());
     // A graph can be propagated only once, so the losses are computed again.
     let by_uncertainty = tracked.gradients(&losses(&tracked).uncertainty.backward());
     for name in [
@@ -137,7 +137,7 @@ fn gradients_agree_with_central_differences() {
         "head.norm.weight",
         "head.mlp.fc2.weight",
     ] {
-        check(&config, &weights, name, &by_pictures, &start.selected, |losses| losses.pictures);
+        check(&config, &weights, name, &by_images, &start.selected, |losses| losses.images);
     }
     for block in 1..4 {
         let name = format!("decoder.blocks.{block}.expansion.score.mlp.fc1.weight");
@@ -154,14 +154,14 @@ fn gradients_in_the_patch_frame_agree_with_central_differences() {
     let weights = generated(&parameters(&config), 3);
     let tracked = network(&config, &weights, &Device::flex().autodiff());
     let start = losses(&tracked);
-    let gradients = tracked.gradients(&start.pictures.backward());
+    let gradients = tracked.gradients(&start.images.backward());
     for name in [
         "coarse.plucker.weight",
         "decoder.blocks.2.expansion.children.weight",
         "head.norm.weight",
         "head.mlp.fc2.weight",
     ] {
-        check(&config, &weights, name, &gradients, &start.selected, |losses| losses.pictures);
+        check(&config, &weights, name, &gradients, &start.selected, |losses| losses.images);
     }
 }
 

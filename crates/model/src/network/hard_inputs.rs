@@ -5,7 +5,7 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{RenderOptions, View};
 use glam::{DMat3, DVec3};
 
-use super::tests::picture;
+use super::tests::image;
 use super::*;
 use crate::ImageSize;
 use crate::budget::budget;
@@ -27,15 +27,15 @@ fn camera(position: DVec3, angle: f64) -> Camera {
 }
 
 fn noise(views: usize, size: ImageSize) -> Vec<f32> {
-    picture(5, views, size)
+    image(5, views, size)
 }
 
-fn views(pictures: Vec<f32>, cameras: Vec<Camera>) -> Views {
-    Views::new(SIZE, pictures, cameras).unwrap()
+fn views(images: Vec<f32>, cameras: Vec<Camera>) -> Views {
+    Views::new(SIZE, images, cameras).unwrap()
 }
 
 #[test]
-fn hard_views_give_finite_gaussians_and_pictures() {
+fn hard_views_give_finite_gaussians_and_images() {
     let network = nano();
     let (left, right) = (camera(DVec3::ZERO, 0.0), camera(DVec3::new(0.4, 0.0, 0.0), -0.1));
     let pixels = SIZE.height * SIZE.width * 3;
@@ -43,8 +43,8 @@ fn hard_views_give_finite_gaussians_and_pictures() {
     let cases = [
         ("one view", views(noise(1, SIZE), vec![left])),
         ("identical views", views(noise(1, SIZE).repeat(2), vec![left, left])),
-        ("black pictures", views(vec![0.0; 2 * pixels], vec![left, right])),
-        ("white pictures", views(vec![1.0; 2 * pixels], vec![left, right])),
+        ("black images", views(vec![0.0; 2 * pixels], vec![left, right])),
+        ("white images", views(vec![1.0; 2 * pixels], vec![left, right])),
         ("opposed cameras", views(noise(2, SIZE), vec![left, camera(DVec3::Z, std::f64::consts::PI)])),
         ("zero baseline", views(noise(2, SIZE), vec![left, camera(DVec3::ZERO, 0.5)])),
         ("far apart", views(noise(2, SIZE), vec![left, camera(DVec3::new(1e4, 0.0, 0.0), 0.0)])),
@@ -96,11 +96,11 @@ fn input_that_is_not_finite_is_a_typed_error() {
     let network = nano();
     let left = camera(DVec3::ZERO, 0.0);
     for broken in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let mut pictures = noise(2, SIZE);
-        let at = pictures.len() - 1;
-        pictures[at] = broken;
-        let error = Views::new(SIZE, pictures, vec![left, left]).unwrap_err();
-        assert!(matches!(&error, ModelError::NonFinite { location, count: 1 } if location == "picture 1"), "{error}");
+        let mut images = noise(2, SIZE);
+        let at = images.len() - 1;
+        images[at] = broken;
+        let error = Views::new(SIZE, images, vec![left, left]).unwrap_err();
+        assert!(matches!(&error, ModelError::NonFinite { location, count: 1 } if location == "image 1"), "{error}");
     }
     assert!(WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(f64::NAN, 0.0, 0.0)).is_err());
     // Finite in f64 but not in f32; then finite in f32, but not after multiplications in the network.
@@ -128,7 +128,7 @@ fn weights_that_are_not_finite_give_no_gaussians() {
 }
 
 #[test]
-fn patches_that_do_not_divide_a_picture_are_named() {
+fn patches_that_do_not_divide_an_image_are_named() {
     let network = nano();
     let size = ImageSize::new(64, 90);
     let views = Views::new(size, noise(1, size), vec![camera(DVec3::ZERO, 0.0)]).unwrap();

@@ -64,7 +64,7 @@ pub struct Network {
     head: Head,
     #[module(skip)]
     config: ModelConfig,
-    /// Size of the pictures that its weights were trained on.
+    /// Size of the images that its weights were trained on.
     #[module(skip)]
     trained_at: Option<ImageSize>,
 }
@@ -153,27 +153,27 @@ impl Network {
         })
     }
 
-    /// Declares that the weights were trained on pictures of this size: [`Self::reconstruct`] and [`Self::trace`] then resize
-    /// context pictures to its scale first ([`Self::sees`]), because patches that show more or less of a scene than in
-    /// training are out of distribution. [`Self::forward`] takes pictures as they are.
+    /// Declares that the weights were trained on images of this size: [`Self::reconstruct`] and [`Self::trace`] then resize
+    /// context images to its scale first ([`Self::sees`]), because patches that show more or less of a scene than in
+    /// training are out of distribution. [`Self::forward`] takes images as they are.
     #[must_use]
     pub fn trained_at(self, size: ImageSize) -> Self {
         Self { trained_at: Some(size), ..self }
     }
 
-    /// The same network without resizing of context pictures.
+    /// The same network without resizing of context images.
     #[must_use]
     pub fn without_resizing(self) -> Self {
         Self { trained_at: None, ..self }
     }
 
-    /// The size to which context pictures of `given` size are resized ([`ModelConfig::context_size`]); the given size if the
+    /// The size to which context images of `given` size are resized ([`ModelConfig::context_size`]); the given size if the
     /// training size is unknown.
     pub fn sees(&self, given: ImageSize) -> ImageSize {
         self.trained_at.map_or(given, |trained| self.config.context_size(given, trained))
     }
 
-    /// Size of the pictures that the weights were trained on, if known.
+    /// Size of the images that the weights were trained on, if known.
     pub const fn trained_size(&self) -> Option<ImageSize> {
         self.trained_at
     }
@@ -212,7 +212,7 @@ impl Network {
     ///
     /// # Errors
     /// [`ModelError::Malformed`] if there is no scene, scenes differ in size or views, thresholds select different numbers of
-    /// tokens in one batch, or scores or anchors are NaN; [`ModelError::Indivisible`] if patches do not divide the pictures;
+    /// tokens in one batch, or scores or anchors are NaN; [`ModelError::Indivisible`] if patches do not divide the images;
     /// [`ModelError::NonFinite`] for rays that f32 cannot hold.
     pub fn forward(&self, scenes: &[Views], call_seed: u64) -> Result<Forward, ModelError> {
         self.decode(self.encode(scenes)?, call_seed)

@@ -94,7 +94,7 @@ mod tests {
         tensor.into_data_as::<f64>().as_slice::<f64>().unwrap().to_vec()
     }
 
-    /// One view of two patches of 32×32 in a picture of 32×64; the camera looks along the world's x, and its right is the
+    /// One view of two patches of 32×32 in an image of 32×64; the camera looks along the world's x, and its right is the
     /// world's −z. The first footprint is 3 · 32 / (0.75 · 64) = 2.
     fn frames(device: &Device) -> PatchFrames {
         frames_at(&Tensor::<1>::from_floats([3.0, 6.0], device).reshape([1, 2, 1]), device)

@@ -54,7 +54,7 @@ impl Processor {
         }
     }
 
-    /// Why pictures are not rendered there after [`Self::open`]: the error of the adapter or of the self-test. `None` if they
+    /// Why images are not rendered there after [`Self::open`]: the error of the adapter or of the self-test. `None` if they
     /// are.
     pub fn refusal(self) -> Option<String> {
         match self {

@@ -20,7 +20,7 @@ pub struct Reconstruction {
     pub depths: Option<Vec<f32>>,
     /// Expansion of each block of the decoder.
     pub blocks: Vec<BlockOutcome>,
-    /// Size of the pictures given to the network, after resizing ([`Network::sees`]).
+    /// Size of the images given to the network, after resizing ([`Network::sees`]).
     pub seen_at: ImageSize,
     /// Numbers of tokens and Gaussians.
     pub budget: Budget,
@@ -66,7 +66,7 @@ pub struct EncodedScene {
 }
 
 impl Network {
-    /// Reconstructs one scene. Pictures are resized to the scale of the training pictures, if that is known
+    /// Reconstructs one scene. Images are resized to the scale of the training images, if that is known
     /// ([`Network::sees`]). `call_seed` seeds random selection.
     ///
     /// # Errors
@@ -117,7 +117,7 @@ impl Network {
         Ok(scores)
     }
 
-    /// Views resized to the scale of the training pictures.
+    /// Views resized to the scale of the training images.
     pub(super) fn resized_input<'a>(&self, views: &'a Views) -> Cow<'a, Views> {
         let size = self.sees(views.size());
         if size == views.size() { Cow::Borrowed(views) } else { Cow::Owned(views.resized(size)) }

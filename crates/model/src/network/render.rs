@@ -51,7 +51,7 @@ impl GaussianTensors {
         self.scenes(scene..scene + 1).render_all(&[views.to_vec()], options, scalars)
     }
 
-    /// Renders every scene to the same number of views, all of one size, as [`Self::render`] does; pictures of the first scene come first.
+    /// Renders every scene to the same number of views, all of one size, as [`Self::render`] does; images of the first scene come first.
     /// On a graphics adapter, every kernel runs once for all of them if they fit its memory. `scalars` are `[scenes, Gaussians]`.
     ///
     /// # Errors
@@ -80,7 +80,7 @@ impl GaussianTensors {
             return Err(ModelError::malformed("rendering", "scalars", expected, format!("{given:?}")));
         }
         let scalars = scalars.unwrap_or_else(|| Tensor::zeros([scenes, count], &self.means.device()));
-        let pictures = views.len();
+        let image_count = views.len();
         let request = Arc::new(Request::new(views, scenes, options.clone(), self.sh_degree));
         let images = Dispatch::splat(
             self.means.clone().into_dispatch(),
@@ -98,7 +98,7 @@ impl GaussianTensors {
         let mut next = 3;
         let mut image = || {
             next += 1;
-            images.clone().slice_dim(3, next - 1..next).reshape([pictures, height, width])
+            images.clone().slice_dim(3, next - 1..next).reshape([image_count, height, width])
         };
         let alpha = image();
         let depth = options.channels.depth.then(&mut image);

@@ -8,17 +8,17 @@ struct Taps {
     weights: Vec<f32>,
 }
 
-/// Antialiased bilinear resizing of a row-major picture of `channels` interleaved values, as PyTorch's
+/// Antialiased bilinear resizing of a row-major image of `channels` interleaved values, as PyTorch's
 /// `interpolate(mode="bilinear", antialias=True, align_corners=False)`: a triangle filter as wide as the scale, cut off at
 /// the border and normalised.
-pub(super) fn resized(picture: &[f32], from: ImageSize, to: ImageSize, channels: usize) -> Vec<f32> {
+pub(super) fn resized(image: &[f32], from: ImageSize, to: ImageSize, channels: usize) -> Vec<f32> {
     if from == to {
-        return picture.to_vec();
+        return image.to_vec();
     }
     let (rows, columns) = (taps(from.height, to.height), taps(from.width, to.width));
     let mut wide = vec![0.0; to.width * from.height * channels];
     let row_of = |width: usize| (width * channels).max(1);
-    wide.par_chunks_mut(row_of(to.width)).zip(picture.par_chunks(row_of(from.width))).for_each(|(out, row)| {
+    wide.par_chunks_mut(row_of(to.width)).zip(image.par_chunks(row_of(from.width))).for_each(|(out, row)| {
         for (pixel, taps) in out.chunks_exact_mut(channels).zip(&columns) {
             accumulate(pixel, taps, row, channels);
         }
@@ -59,7 +59,7 @@ fn taps(from: usize, to: usize) -> Vec<Taps> {
             };
             let weights: Vec<f64> = (bounds[0]..bounds[1]).map(weight).collect();
             let sum: f64 = weights.iter().sum();
-            #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+            #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
             let weights = weights.iter().map(|weight| (weight / sum) as f32).collect();
             Taps { first: bounds[0], weights }
         })

@@ -22,11 +22,11 @@ pub(super) fn fixtures(folder: &str) -> Vec<PathBuf> {
     paths
 }
 
-/// `hashed.picture`.
-pub(super) fn picture(seed: u64, views: usize, size: ImageSize) -> Vec<f32> {
+/// `hashed.image`.
+pub(super) fn image(seed: u64, views: usize, size: ImageSize) -> Vec<f32> {
     let stream = Stream::named(seed, "picture");
     let count = (views * size.height * size.width * 3) as u64;
-    #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+    #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
     (0..count).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
 }
 
@@ -57,7 +57,7 @@ impl Fixture {
         });
         let cameras: Vec<Camera> = cameras.collect();
         let size = self.config.resolution;
-        Views::new(size, picture(self.seed, cameras.len(), size), cameras).unwrap()
+        Views::new(size, image(self.seed, cameras.len(), size), cameras).unwrap()
     }
 
     pub(super) fn network(&self, device: &Device) -> Network {
@@ -173,7 +173,7 @@ fn a_scene_does_not_depend_on_its_batch_or_on_threads() {
     let network = fixture.network(&device);
     let views = fixture.views();
     let mut other = views.clone();
-    other.pictures.reverse();
+    other.images.reverse();
     let alone = network.forward(std::slice::from_ref(&views), 0).unwrap();
     let together = network.forward(&[other, views.clone()], 0).unwrap();
     assert_eq!(together.gaussians.scene(1).unwrap(), alone.gaussians.scene(0).unwrap());
@@ -182,13 +182,13 @@ fn a_scene_does_not_depend_on_its_batch_or_on_threads() {
     assert_eq!(single.gaussians.scene(0).unwrap(), alone.gaussians.scene(0).unwrap());
 }
 
-/// A network whose branches both downscale by 2 has the same patches and rays on a picture twice as large.
+/// A network whose branches both downscale by 2 has the same patches and rays on an image twice as large.
 #[test]
-fn pictures_are_resized_to_the_scale_of_the_training_pictures() {
+fn images_are_resized_to_the_scale_of_the_training_images() {
     let device = Device::flex();
     let fixture = base();
     let large = ImageSize::new(64, 96);
-    let views = Views::new(large, picture(9, 2, large), fixture.views().cameras).unwrap();
+    let views = Views::new(large, image(9, 2, large), fixture.views().cameras).unwrap();
     let trained = fixture.network(&device).trained_at(fixture.config.resolution);
     let mut halved = fixture.config.clone();
     (halved.coarse.image_downscale, halved.fine.image_downscale, halved.resolution) = (2, 2, large);
@@ -240,8 +240,8 @@ fn rejects_input_that_does_not_fit() {
     assert!(refused(&[views.clone(), small]).contains("2 views of 32x48 in each"));
     assert!(refused(&[views.resized(ImageSize::new(30, 48))]).contains("16 divides"));
     assert!(Views::new(views.size(), vec![0.0; 5], views.cameras.clone()).is_err());
-    let mut broken = views.pictures.clone();
+    let mut broken = views.images.clone();
     broken[7] = f32::NAN;
     let error = Views::new(views.size(), broken, views.cameras.clone()).unwrap_err().to_string();
-    assert!(error.contains("picture 0") && error.contains("NaN"), "{error}");
+    assert!(error.contains("image 0") && error.contains("NaN"), "{error}");
 }

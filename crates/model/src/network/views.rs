@@ -11,35 +11,35 @@ const WHAT: &str = "model input";
 const RGB: usize = 3;
 const PLUCKER: usize = 6;
 
-/// The posed context pictures of one scene.
+/// The posed context images of one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Views {
     size: ImageSize,
     /// View by view, row by row, red, green, blue in 0…1.
-    pub(super) pictures: Vec<f32>,
+    pub(super) images: Vec<f32>,
     pub(super) cameras: Vec<Camera>,
-    /// Features of a frozen backbone for the pictures.
+    /// Features of a frozen backbone for the images.
     features: Option<Vec<f32>>,
 }
 
 impl Views {
-    /// Pictures of one size with cameras whose poses are normalised as in training.
+    /// Images of one size with cameras whose poses are normalised as in training.
     ///
-    /// `pictures` are view by view, row by row, red, green, blue, display-referred in 0…1.
+    /// `images` are view by view, row by row, red, green, blue, display-referred in 0…1.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] if there is no view or lengths do not agree, [`ModelError::NonFinite`] if a value of a
-    /// picture is NaN or infinite.
-    pub fn new(size: ImageSize, pictures: Vec<f32>, cameras: Vec<Camera>) -> Result<Self, ModelError> {
+    /// [`ModelError::Malformed`] if there is no view or lengths do not agree, [`ModelError::NonFinite`] if a value of an
+    /// image is NaN or infinite.
+    pub fn new(size: ImageSize, images: Vec<f32>, cameras: Vec<Camera>) -> Result<Self, ModelError> {
         let expected = cameras.len() * size.height * size.width * RGB;
-        if cameras.is_empty() || pictures.len() != expected {
+        if cameras.is_empty() || images.len() != expected {
             let expected = format!("{expected} values for {} views of {size}, and at least one view", cameras.len());
-            return Err(ModelError::malformed(WHAT, "pictures", expected, pictures.len()));
+            return Err(ModelError::malformed(WHAT, "images", expected, images.len()));
         }
-        for (view, picture) in pictures.chunks_exact((size.height * size.width * RGB).max(1)).enumerate() {
-            all_finite(picture, || format!("picture {view}"))?;
+        for (view, image) in images.chunks_exact((size.height * size.width * RGB).max(1)).enumerate() {
+            all_finite(image, || format!("image {view}"))?;
         }
-        Ok(Self { size, pictures, cameras, features: None })
+        Ok(Self { size, images, cameras, features: None })
     }
 
     /// The same views with cached `features` of [`Network::frozen_features`](super::Network::frozen_features), view after
@@ -69,7 +69,7 @@ impl Views {
         self.cameras.is_empty()
     }
 
-    /// Size of every picture.
+    /// Size of every image.
     pub const fn size(&self) -> ImageSize {
         self.size
     }
@@ -82,13 +82,13 @@ impl Views {
 
     /// The same views at another size.
     pub(super) fn resized(&self, size: ImageSize) -> Self {
-        let pictures = self.each().flat_map(|picture| resized(picture, self.size, size, RGB)).collect();
-        Self { size, pictures, cameras: self.cameras.clone(), features: None }
+        let images = self.each().flat_map(|image| resized(image, self.size, size, RGB)).collect();
+        Self { size, images, cameras: self.cameras.clone(), features: None }
     }
 
     /// Colours of every patch as `2 rgb − 1`: `[views, patches, patch² · 3]`, a patch row by row.
     pub(super) fn colours(&self, patch: usize, device: &Device) -> Tensor<3> {
-        let maps: Vec<f32> = self.pictures.iter().map(|value| 2.0 * value - 1.0).collect();
+        let maps: Vec<f32> = self.images.iter().map(|value| 2.0 * value - 1.0).collect();
         self.patches(&maps, patch, RGB, device)
     }
 
@@ -101,7 +101,7 @@ impl Views {
     /// Colours as `2 rgb − 1`, then moment and direction, of every pixel of every patch: `[views, patches, patch² · 9]`.
     pub(super) fn colours_and_plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
         let plucker = self.plucker_maps()?;
-        let pixels = self.pictures.chunks_exact(RGB).zip(plucker.chunks_exact(PLUCKER));
+        let pixels = self.images.chunks_exact(RGB).zip(plucker.chunks_exact(PLUCKER));
         let maps: Vec<f32> = pixels
             .flat_map(|(rgb, ray)| rgb.iter().map(|value| 2.0 * value - 1.0).chain(ray.iter().copied()))
             .collect();
@@ -116,7 +116,7 @@ impl Views {
                 rgb.iter().zip(mean).zip(deviation).map(|((value, mean), deviation)| (value - mean) / deviation);
             channels.collect::<Vec<f32>>()
         };
-        let maps: Vec<f32> = self.pictures.chunks_exact(RGB).flat_map(pixel).collect();
+        let maps: Vec<f32> = self.images.chunks_exact(RGB).flat_map(pixel).collect();
         let patches = self.patches(&maps, patch, RGB, device);
         let [views, count, _] = patches.dims();
         let by_channel = patches.reshape([views * count, patch * patch, RGB]).swap_dims(1, 2);
@@ -151,7 +151,7 @@ impl Views {
     }
 
     fn each(&self) -> impl Iterator<Item = &[f32]> {
-        self.pictures.chunks_exact((self.size.height * self.size.width * RGB).max(1))
+        self.images.chunks_exact((self.size.height * self.size.width * RGB).max(1))
     }
 }
 
@@ -165,7 +165,7 @@ fn all_finite(values: &[f32], location: impl FnOnce() -> String) -> Result<(), M
 fn camera_size(size: ImageSize) -> Result<atsplat_camera::ImageSize, ModelError> {
     match (u32::try_from(size.width), u32::try_from(size.height)) {
         (Ok(width), Ok(height)) => Ok(atsplat_camera::ImageSize { width, height }),
-        _ => Err(ModelError::malformed(WHAT, "picture size", "at most 4294967295 pixels a side", size)),
+        _ => Err(ModelError::malformed(WHAT, "image size", "at most 4294967295 pixels a side", size)),
     }
 }
 

@@ -21,8 +21,8 @@ const GAPS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PairChoice {
-    /// From this many frames, evenly spread over those with a picture, the widest gap of 64, 32, …, 1 such frames that
-    /// still matches. The choice depends on pictures only, because poses may be wrong.
+    /// From this many frames, evenly spread over those with an image, the widest gap of 64, 32, …, 1 such frames that
+    /// still matches. The choice depends on images only, because poses may be wrong.
     Spread(usize),
     /// These positions in [`Scene::frames`].
     Listed(Vec<(usize, usize)>),
@@ -37,15 +37,15 @@ pub struct GeometryCheckOptions {
     pub matching: MatchOptions,
     /// A pair is skipped if it has fewer matches after the inlier filter.
     pub min_matches: usize,
-    /// A pair is skipped if the filter keeps less than this fraction of its matches, in [0, 1]: the pictures then hardly
+    /// A pair is skipped if the filter keeps less than this fraction of its matches, in [0, 1]: the images then hardly
     /// show the same place.
     pub min_inlier_fraction: f64,
-    /// A spread pair is skipped if less than this fraction of the features are matched, in [0, 1], counted in the picture
+    /// A spread pair is skipped if less than this fraction of the features are matched, in [0, 1], counted in the image
     /// with fewer features. A repeated pattern (wallpaper, tiles) matches itself one period away, all inliers of one
     /// fundamental matrix, but only tens of features among thousands.
     pub min_feature_fraction: f64,
     /// A spread pair is skipped if the median motion of its points is below this fraction of the diagonal: every
-    /// interpretation explains pictures that hardly differ.
+    /// interpretation explains images that hardly differ.
     pub min_motion: f64,
 }
 
@@ -71,7 +71,7 @@ pub struct PairCheck {
     pub tentative: usize,
     /// Tentative matches that agree with one fundamental matrix.
     pub matches: usize,
-    /// Median motion of the matched points between the pictures, in pixels.
+    /// Median motion of the matched points between the images, in pixels.
     pub motion_px: f64,
     /// Median symmetric epipolar distance under the declared cameras; `None` if their centres coincide.
     pub declared_px: Option<f64>,
@@ -86,7 +86,7 @@ pub struct SkippedPair {
     pub reason: String,
 }
 
-/// How well a scene's cameras explain its pictures, as declared and under common mistakes.
+/// How well a scene's cameras explain its images, as declared and under common mistakes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GeometryCheck {
     /// Scene key.
@@ -116,18 +116,18 @@ impl GeometryCheck {
 /// alone, once on raw points and, if a lens is declared, once on undistorted ones: an inlier of either stays. So no
 /// interpretation affects the matches that it is measured on.
 ///
-/// `picture_of` decodes the frame at a position. The picture may be scaled, but not cropped, because intrinsics are
+/// `image_of` decodes the frame at a position. The image may be scaled, but not cropped, because intrinsics are
 /// normalised. A frame that cannot be decoded is reported in `warnings` and its pairs are skipped.
 ///
 /// # Errors
 /// [`OpenCvError::Call`].
 pub fn check_geometry(
     scene: &Scene,
-    mut picture_of: impl FnMut(usize) -> Result<ImageU8, SceneError>,
+    mut image_of: impl FnMut(usize) -> Result<ImageU8, SceneError>,
     options: &GeometryCheckOptions,
     warnings: &mut Warnings,
 ) -> Result<GeometryCheck, OpenCvError> {
-    let mut matcher = Matcher { scene, picture_of: &mut picture_of, options, warnings, described: BTreeMap::new() };
+    let mut matcher = Matcher { scene, image_of: &mut image_of, options, warnings, described: BTreeMap::new() };
     let (mut measured, mut skipped) = (Vec::new(), Vec::new());
     match &options.pairs {
         PairChoice::Listed(pairs) => {
@@ -139,7 +139,7 @@ pub fn check_geometry(
             }
         }
         PairChoice::Spread(anchors) => {
-            let candidates = frames_with_pictures(scene);
+            let candidates = frames_with_images(scene);
             for anchor in spread(candidates.len(), *anchors) {
                 match matcher.widest(&candidates, anchor)? {
                     Ok(pair) => measured.push(pair),
@@ -155,8 +155,8 @@ pub fn check_geometry(
     Ok(GeometryCheck { scene: scene.key.clone(), pairs, skipped, scores, verdict })
 }
 
-fn frames_with_pictures(scene: &Scene) -> Vec<usize> {
-    (0..).zip(&scene.frames).filter(|(_, frame)| frame.picture.is_available()).map(|(position, _)| position).collect()
+fn frames_with_images(scene: &Scene) -> Vec<usize> {
+    (0..).zip(&scene.frames).filter(|(_, frame)| frame.image.is_available()).map(|(position, _)| position).collect()
 }
 
 /// `count` positions evenly spread over `length`, without repetition.
@@ -168,7 +168,7 @@ fn spread(length: usize, count: usize) -> Vec<usize> {
 /// Decodes each frame and computes its features once.
 struct Matcher<'a> {
     scene: &'a Scene,
-    picture_of: &'a mut dyn FnMut(usize) -> Result<ImageU8, SceneError>,
+    image_of: &'a mut dyn FnMut(usize) -> Result<ImageU8, SceneError>,
     options: &'a GeometryCheckOptions,
     warnings: &'a mut Warnings,
     described: BTreeMap<usize, Described>,
@@ -185,7 +185,7 @@ impl Matcher<'_> {
         let Some(first) = candidates.get(anchor).copied() else {
             return Ok(Err(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() }));
         };
-        let mut reason = "no other frame has a picture".to_owned();
+        let mut reason = "no other frame has an image".to_owned();
         for gap in GAPS {
             let forwards = candidates.get(anchor + gap).map(|other| (first, *other));
             let backwards = || anchor.checked_sub(gap).and_then(|other| candidates.get(other)).map(|o| (*o, first));
@@ -204,7 +204,7 @@ impl Matcher<'_> {
         self.describe(frames.1)?;
         let (Some((first, first_features)), Some((second, second_features))) = (self.of(frames.0), self.of(frames.1))
         else {
-            return Ok(Err("a picture is missing".to_owned()));
+            return Ok(Err("an image is missing".to_owned()));
         };
         let tentative = match_mutual(first_features, second_features, self.options.matching.ratio)?;
         let matches = agreeing(&tentative, first, second, self.options.matching.inlier_px)?;
@@ -230,7 +230,7 @@ impl Matcher<'_> {
     fn informative(&self, measured: Measured) -> Result<Measured, String> {
         let (check, pair) = &measured;
         let (Some((_, first)), Some((_, second))) = (self.of(check.frames.0), self.of(check.frames.1)) else {
-            return Err("a picture is missing".to_owned());
+            return Err("an image is missing".to_owned());
         };
         let fewer = first.points().len().min(second.points().len());
         let fraction = check.matches as f64 / fewer as f64;
@@ -251,14 +251,14 @@ impl Matcher<'_> {
         if self.described.contains_key(&position) {
             return Ok(());
         }
-        let described = match (self.scene.frames.get(position), (self.picture_of)(position)) {
-            (Some(frame), Ok(picture)) => {
-                let size = ImageSize { width: picture.width(), height: picture.height() };
-                Some((View { camera: frame.camera, size }, detect(&picture, &self.options.matching)?))
+        let described = match (self.scene.frames.get(position), (self.image_of)(position)) {
+            (Some(frame), Ok(image)) => {
+                let size = ImageSize { width: image.width(), height: image.height() };
+                Some((View { camera: frame.camera, size }, detect(&image, &self.options.matching)?))
             }
             (_, Err(error)) => {
                 let detail = format!("frame {position}: {error}");
-                self.warnings.push(WarningKind::MissingPicture, self.scene.key.clone(), detail);
+                self.warnings.push(WarningKind::MissingImage, self.scene.key.clone(), detail);
                 None
             }
             (None, Ok(_)) => None,

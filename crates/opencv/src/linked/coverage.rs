@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Features, MatchOptions, OpenCvError, detect, match_mutual};
 
-/// Overlap by matched features: both pictures are divided into a grid; of one view's cells with SIFT features, the
+/// Overlap by matched features: both images are divided into a grid; of one view's cells with SIFT features, the
 /// fraction that contains a feature matched to the other view; the smaller of both directions.
 ///
 /// A match counts if it is mutual, passes the ratio test, and agrees with the given cameras: within
@@ -22,16 +22,16 @@ use super::{Features, MatchOptions, OpenCvError, detect, match_mutual};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct FeatureCoverage {
-    /// Cells along each side of the picture; at least 1.
+    /// Cells along each side of the image; at least 1.
     pub cells: u32,
-    /// Largest distance of a match from its epipolar line, as a fraction of the picture's diagonal.
+    /// Largest distance of a match from its epipolar line, as a fraction of the image's diagonal.
     pub limit: f64,
     /// How features are found and matched.
     pub matching: MatchOptions,
 }
 
 impl Default for FeatureCoverage {
-    /// 8×8 cells: a 256×256 picture has some hundred features, a few in every cell. 0.5 % of its diagonal is
+    /// 8×8 cells: a 256×256 image has some hundred features, a few in every cell. 0.5 % of its diagonal is
     /// 1.8 pixels.
     fn default() -> Self {
         Self { cells: 8, limit: 0.005, matching: MatchOptions::default() }
@@ -67,11 +67,11 @@ impl FeatureCoverage {
         Ok(self.coverage(a, b)?.overlap())
     }
 
-    /// The coverage in both directions. Pictures may be scaled to any size, but not cropped, relative to what the
+    /// The coverage in both directions. Images may be scaled to any size, but not cropped, relative to what the
     /// intrinsics describe.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] if a picture has no features, the grid has no cells, or OpenCV fails.
+    /// [`ProtocolError::Overlap`] if an image has no features, the grid has no cells, or OpenCV fails.
     pub fn coverage(&self, a: (&Camera, &ImageU8), b: (&Camera, &ImageU8)) -> Result<Coverage, ProtocolError> {
         if self.cells == 0 {
             return Err(unusable("the grid has no cells"));
@@ -118,12 +118,12 @@ struct ViewFeatures {
 }
 
 impl ViewFeatures {
-    fn new((camera, picture): (&Camera, &ImageU8), grid: &FeatureCoverage) -> Result<Self, ProtocolError> {
-        let size = ImageSize { width: picture.width(), height: picture.height() };
-        let features = detect(picture, &grid.matching).map_err(failed)?;
+    fn new((camera, image): (&Camera, &ImageU8), grid: &FeatureCoverage) -> Result<Self, ProtocolError> {
+        let size = ImageSize { width: image.width(), height: image.height() };
+        let features = detect(image, &grid.matching).map_err(failed)?;
         let cells: BTreeSet<_> = features.points().iter().filter_map(|point| grid.cell(size, *point)).collect();
         if cells.is_empty() {
-            return Err(unusable("a picture has no features"));
+            return Err(unusable("an image has no features"));
         }
         Ok(Self { view: View { camera: *camera, size }, features, cells })
     }
@@ -182,14 +182,14 @@ fn unusable(reason: &str) -> ProtocolError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linked::test_pictures::{level, noise};
+    use crate::linked::test_images::{level, noise};
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
     use atsplat_numeric::Tolerance;
     use glam::{DMat3, DVec3};
 
     const SIZE: u32 = 256;
 
-    /// A plane at z = 1, painted with soft noise, seen by a camera shifted by (`x`, `y`) of the picture's width.
+    /// A plane at z = 1, painted with soft noise, seen by a camera shifted by (`x`, `y`) of the image's width.
     fn view(x: f64, y: f64) -> (Camera, ImageU8) {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, -y, 0.0)).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_covers_itself_completely() {
+    fn an_image_covers_itself_completely() {
         let here = view(0.0, 0.0);
         let coverage = FeatureCoverage::default().coverage((&here.0, &here.1), (&here.0, &here.1)).unwrap();
         Tolerance::EXACT.assert([coverage.first_in_second, coverage.second_in_first], [1.0, 1.0], "itself");
@@ -245,10 +245,10 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_contradict_the_pictures_verify_nothing() {
+    fn cameras_that_contradict_the_images_verify_nothing() {
         let (here, mut there) = (view(0.0, 0.0), view(0.25, 0.0));
         assert!(overlap(&here, &there) > 0.5);
-        // The pictures moved sideways, the cameras upwards.
+        // The images moved sideways, the cameras upwards.
         there.0 = view(0.0, 0.25).0;
         assert!(overlap(&here, &there) < 0.1, "{}", overlap(&here, &there));
         // The cameras moved the opposite way: correct epipolar lines, wrong side.
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn blank_pictures_and_empty_grids_are_errors() {
+    fn blank_images_and_empty_grids_are_errors() {
         let here = view(0.0, 0.0);
         let blank = ImageU8::new(64, 64, vec![90; 64 * 64 * 3]).unwrap();
         let outcome = FeatureCoverage::default().overlap((&here.0, &here.1), (&here.0, &blank));

@@ -16,21 +16,21 @@ pub enum OpenCvError {
         /// OpenCV's error.
         source: ::opencv::Error,
     },
-    /// Pictures of a camera cannot be undistorted: its lens or intrinsics are invalid.
+    /// Images of a camera cannot be undistorted: its lens or intrinsics are invalid.
     #[error("lens: {source}")]
     Lens {
         /// What is invalid.
         source: CameraError,
     },
-    /// A picture does not have the size that an undistortion map was computed for.
-    #[error("picture size: expected {expected}, found {found}")]
-    PictureSize {
+    /// An image does not have the size that an undistortion map was computed for.
+    #[error("image size: expected {expected}, found {found}")]
+    ImageSize {
         /// The map's size.
         expected: ImageSize,
-        /// The picture's size.
+        /// The image's size.
         found: ImageSize,
     },
-    /// A picture cannot be encoded.
+    /// An image cannot be encoded.
     #[error(transparent)]
     Pixels(#[from] atsplat_pixels::PixelError),
     /// A video, or the name of its scene, is malformed.

@@ -11,11 +11,11 @@ use ::opencv::features2d::{BFMatcher, SIFT};
 use ::opencv::imgproc::{COLOR_RGB2GRAY, cvt_color_def};
 use ::opencv::prelude::*;
 
-use super::{OpenCvError, called, mat_from_picture};
+use super::{OpenCvError, called, mat_from_image};
 
 /// Offset from OpenCV's key point coordinates to pixels with centres at + 0.5.
 ///
-/// OpenCV's origin is the centre of the first pixel, which is + 0.5 here; and its SIFT upscales the picture by two
+/// OpenCV's origin is the centre of the first pixel, which is + 0.5 here; and its SIFT upscales the image by two
 /// without correcting the resulting shift of a quarter pixel (OpenCV 4.8 fixed it behind `enable_precise_upscale`, off
 /// by default).
 const PIXEL_FROM_KEYPOINT: f64 = 0.5 - 0.25;
@@ -28,7 +28,7 @@ const MAX_ITERATIONS: i32 = 10_000;
 /// How features are found and matched.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MatchOptions {
-    /// Number of a picture's strongest features to use.
+    /// Number of an image's strongest features to use.
     pub max_features: usize,
     /// Ratio test: a match's descriptor distance is below this fraction of the second best's, in (0, 1] (Lowe 2004 §7.1
     /// uses 0.8).
@@ -43,7 +43,7 @@ impl Default for MatchOptions {
     }
 }
 
-/// SIFT features of one picture (Lowe 2004, as OpenCV computes them).
+/// SIFT features of one image (Lowe 2004, as OpenCV computes them).
 #[derive(Debug)]
 pub struct Features {
     points: Vec<DVec2>,
@@ -57,21 +57,21 @@ impl Features {
     }
 }
 
-/// Finds the strongest SIFT features of a picture.
+/// Finds the strongest SIFT features of an image.
 ///
 /// # Errors
 /// [`OpenCvError::Call`].
-pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, OpenCvError> {
+pub fn detect(image: &ImageU8, options: &MatchOptions) -> Result<Features, OpenCvError> {
     let mut sift = called("creating SIFT", SIFT::create_def())?;
-    if picture.samples().is_empty() {
+    if image.samples().is_empty() {
         return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
     }
     let mut grey = Mat::default();
-    called("converting a picture to grey", cvt_color_def(&mat_from_picture(picture)?, &mut grey, COLOR_RGB2GRAY))?;
+    called("converting an image to grey", cvt_color_def(&mat_from_image(image)?, &mut grey, COLOR_RGB2GRAY))?;
     let mut keypoints = Vector::<KeyPoint>::new();
     called("detecting features", sift.detect(&grey, &mut keypoints, &no_array()))?;
     if keypoints.is_empty() {
-        // For tiny pictures OpenCV's `compute` fails without key points.
+        // For tiny images OpenCV's `compute` fails without key points.
         return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
     }
     let mut strongest: Vec<KeyPoint> = keypoints.to_vec();
@@ -89,7 +89,7 @@ pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, Ope
 }
 
 /// Pairs of features that are each other's best match and pass the ratio test in both directions, in the order of the
-/// first picture's features.
+/// first image's features.
 ///
 /// # Errors
 /// [`OpenCvError::Call`].
@@ -158,12 +158,12 @@ mod tests {
     use glam::{DMat3, DQuat, DVec3, EulerRot};
 
     use super::*;
-    use crate::linked::test_pictures::{blobs, shifted_noise};
+    use crate::linked::test_images::{blobs, shifted_noise};
 
     #[test]
     fn features_are_at_the_centres_of_blobs() {
-        let (picture, centres) = blobs(320, 240);
-        let features = detect(&picture, &MatchOptions::default()).unwrap();
+        let (image, centres) = blobs(320, 240);
+        let features = detect(&image, &MatchOptions::default()).unwrap();
         let offsets: Vec<DVec2> = centres
             .iter()
             .filter_map(|centre| {
@@ -181,7 +181,7 @@ mod tests {
     #[test]
     fn a_shift_is_matched_with_subpixel_accuracy() {
         let (first, second) = (shifted_noise(300, 200, 0, 0), shifted_noise(300, 200, 7, 4));
-        let features = |picture| detect(picture, &MatchOptions::default()).unwrap();
+        let features = |image| detect(image, &MatchOptions::default()).unwrap();
         let matches = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
         assert!(matches.len() > 50, "{} matches", matches.len());
         let errors = matches.iter().map(|m| (m.first - m.second - DVec2::new(7.0, 4.0)).length());
@@ -193,7 +193,7 @@ mod tests {
     fn matching_is_deterministic_and_symmetric() {
         let (first, second) = (shifted_noise(200, 150, 0, 0), shifted_noise(200, 150, 5, -3));
         let options = MatchOptions::default();
-        let features = |picture| detect(picture, &options).unwrap();
+        let features = |image| detect(image, &options).unwrap();
         let forth = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
         assert_eq!(forth, match_mutual(&features(&first), &features(&second), 0.8).unwrap());
         let back = match_mutual(&features(&second), &features(&first), 0.8).unwrap();
@@ -239,13 +239,13 @@ mod tests {
     }
 
     #[test]
-    fn flat_and_tiny_pictures_have_no_matches() {
+    fn flat_and_tiny_images_have_no_matches() {
         let flat = ImageU8::new(64, 64, vec![128; 64 * 64 * 3]).unwrap();
         let dot = ImageU8::new(1, 1, vec![0; 3]).unwrap();
         let none = ImageU8::new(0, 0, vec![]).unwrap();
-        let features = |picture| detect(picture, &MatchOptions::default()).unwrap();
-        for picture in [&flat, &dot, &none] {
-            assert_eq!(match_mutual(&features(picture), &features(&flat), 0.8).unwrap(), vec![]);
+        let features = |image| detect(image, &MatchOptions::default()).unwrap();
+        for image in [&flat, &dot, &none] {
+            assert_eq!(match_mutual(&features(image), &features(&flat), 0.8).unwrap(), vec![]);
         }
     }
 }

@@ -3,7 +3,7 @@ mod coverage;
 mod error;
 mod matching;
 #[cfg(test)]
-pub(crate) mod test_pictures;
+pub(crate) mod test_images;
 mod undistort;
 mod undistort_scene;
 mod video;
@@ -27,9 +27,9 @@ fn called<T>(action: &'static str, result: ::opencv::Result<T>) -> Result<T, Ope
 }
 
 /// An 8-bit `Mat` with the three channels R, G, B.
-fn mat_from_picture(picture: &ImageU8) -> Result<Mat, OpenCvError> {
-    let rows = i32::try_from(picture.height()).unwrap_or(i32::MAX);
-    let flat = called("wrapping a picture", Mat::from_bytes::<Vec3b>(picture.samples()))?;
-    let shaped = called("wrapping a picture", flat.reshape(3, rows))?;
-    called("copying a picture", shaped.try_clone())
+fn mat_from_image(image: &ImageU8) -> Result<Mat, OpenCvError> {
+    let rows = i32::try_from(image.height()).unwrap_or(i32::MAX);
+    let flat = called("wrapping an image", Mat::from_bytes::<Vec3b>(image.samples()))?;
+    let shaped = called("wrapping an image", flat.reshape(3, rows))?;
+    called("copying an image", shaped.try_clone())
 }

@@ -8,12 +8,12 @@ use ::opencv::core::{BORDER_CONSTANT, Mat, Matx33d, Scalar, Size, Vec2f, Vector}
 use ::opencv::imgproc::{INTER_LINEAR, remap};
 use ::opencv::prelude::*;
 
-use super::{OpenCvError, called, mat_from_picture};
+use super::{OpenCvError, called, mat_from_image};
 
-/// Outside of any picture: the map's value for rays outside the domain of the lens model.
+/// Outside of any image: the map's value for rays outside the domain of the lens model.
 const NOWHERE: f32 = -1e6;
 
-/// The pinhole camera of the undistorted picture.
+/// The pinhole camera of the undistorted image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UndistortMode {
@@ -28,20 +28,20 @@ pub enum UndistortMode {
     LongLrm,
 }
 
-/// Undistorts pictures of one size from one camera; the map is computed once.
+/// Undistorts images of one size from one camera; the map is computed once.
 ///
 /// Rays outside the domain of the lens model (beyond its fold) are black, where OpenCV's own map mirrors parts of the
-/// picture into the border. Sampling is bilinear, as in `cv2.undistort`.
+/// image into the border. Sampling is bilinear, as in `cv2.undistort`.
 #[derive(Debug)]
 pub struct Undistorter {
     size: ImageSize,
     intrinsics: NormalizedIntrinsics,
-    /// `None` for a pinhole, whose pictures are unchanged.
+    /// `None` for a pinhole, whose images are unchanged.
     map: Option<Mat>,
 }
 
 impl Undistorter {
-    /// An undistorter of pictures of `size` from `camera`.
+    /// An undistorter of images of `size` from `camera`.
     ///
     /// # Errors
     /// [`OpenCvError::Lens`] for invalid coefficients or intrinsics, [`OpenCvError::Call`].
@@ -61,30 +61,30 @@ impl Undistorter {
         Ok(Self { size, intrinsics, map: Some(map) })
     }
 
-    /// Intrinsics of the undistorted pictures, which have the same size and no distortion.
+    /// Intrinsics of the undistorted images, which have the same size and no distortion.
     pub const fn intrinsics(&self) -> NormalizedIntrinsics {
         self.intrinsics
     }
 
-    /// The picture as taken by a pinhole camera with [`Self::intrinsics`].
+    /// The image as taken by a pinhole camera with [`Self::intrinsics`].
     ///
     /// # Errors
-    /// [`OpenCvError::PictureSize`] for a picture of another size, [`OpenCvError::Call`].
-    pub fn undistort(&self, picture: &ImageU8) -> Result<ImageU8, OpenCvError> {
-        let found = ImageSize { width: picture.width(), height: picture.height() };
+    /// [`OpenCvError::ImageSize`] for an image of another size, [`OpenCvError::Call`].
+    pub fn undistort(&self, image: &ImageU8) -> Result<ImageU8, OpenCvError> {
+        let found = ImageSize { width: image.width(), height: image.height() };
         if found != self.size {
-            return Err(OpenCvError::PictureSize { expected: self.size, found });
+            return Err(OpenCvError::ImageSize { expected: self.size, found });
         }
-        let Some(map) = &self.map else { return Ok(picture.clone()) };
-        let undistorted = sampled(&mat_from_picture(picture)?, map)?;
-        let samples = called("reading a picture", undistorted.data_bytes())?.to_vec();
-        #[expect(clippy::expect_used, reason = "the map has the picture's size")]
+        let Some(map) = &self.map else { return Ok(image.clone()) };
+        let undistorted = sampled(&mat_from_image(image)?, map)?;
+        let samples = called("reading an image", undistorted.data_bytes())?.to_vec();
+        #[expect(clippy::expect_used, reason = "the map has the image's size")]
         let undistorted = ImageU8::new(found.width, found.height, samples).expect("as many samples as the input");
         Ok(undistorted)
     }
 }
 
-/// For each pixel of the undistorted picture, the position of the same ray in the distorted one, as (column, row) from
+/// For each pixel of the undistorted image, the position of the same ray in the distorted one, as (column, row) from
 /// the centre of the first pixel. `first_pixel` is the coordinate of that centre under K: 0.5, or 0 if K is passed to
 /// OpenCV unchanged.
 fn source_map(
@@ -112,10 +112,10 @@ fn source_map(
     called("laying out a map", shaped.try_clone())
 }
 
-fn sampled(picture: &Mat, map: &Mat) -> Result<Mat, OpenCvError> {
+fn sampled(image: &Mat, map: &Mat) -> Result<Mat, OpenCvError> {
     let mut output = Mat::default();
     let black = Scalar::all(0.0);
-    called("undistorting", remap(picture, &mut output, map, &Mat::default(), INTER_LINEAR, BORDER_CONSTANT, black))?;
+    called("undistorting", remap(image, &mut output, map, &Mat::default(), INTER_LINEAR, BORDER_CONSTANT, black))?;
     Ok(output)
 }
 
@@ -165,7 +165,7 @@ fn matrix_of(k: &PixelIntrinsics) -> Matx33d {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linked::test_pictures::{level, shifted_noise};
+    use crate::linked::test_images::{level, shifted_noise};
     use ::opencv::calib3d::undistort;
     use atsplat_camera::CameraFromWorld;
 
@@ -226,7 +226,7 @@ mod tests {
     fn long_lrm_mode_matches_opencv_undistort() {
         let Distortion::OpenCv { k1, k2, k3, p1, p2 } = BARREL else { unreachable!() };
         let camera = camera(BARREL);
-        let picture = shifted_noise(SIZE.width, SIZE.height, 0, 0);
+        let image = shifted_noise(SIZE.width, SIZE.height, 0, 0);
         let ours = Undistorter::new(&camera, SIZE, UndistortMode::LongLrm).unwrap();
         assert_ne!(ours.intrinsics(), camera.intrinsics);
 
@@ -235,9 +235,9 @@ mod tests {
             (matrix(camera.intrinsics.pixel_from_normalized(SIZE)), ours.intrinsics().pixel_from_normalized(SIZE));
         let mut theirs = Mat::default();
         let coefficients = Vector::from_slice(&[k1, k2, p1, p2, k3]);
-        undistort(&mat_from_picture(&picture).unwrap(), &mut theirs, &old, &coefficients, &matrix(new)).unwrap();
+        undistort(&mat_from_image(&image).unwrap(), &mut theirs, &old, &coefficients, &matrix(new)).unwrap();
         let theirs = ImageU8::new(SIZE.width, SIZE.height, theirs.data_bytes().unwrap().to_vec()).unwrap();
-        let difference = largest_difference(&ours.undistort(&picture).unwrap(), &theirs, 0);
+        let difference = largest_difference(&ours.undistort(&image).unwrap(), &theirs, 0);
         assert!(
             difference <= 2,
             "{difference} levels: both round positions to 1/32 pixel, from maps of different precision"
@@ -250,8 +250,8 @@ mod tests {
         let white = ImageU8::new(SIZE.width, SIZE.height, vec![255; 320 * 240 * 3]).unwrap();
         let black_share = |mode| {
             let undistorter = Undistorter::new(&camera(pincushion), SIZE, mode).unwrap();
-            let picture = undistorter.undistort(&white).unwrap();
-            picture.samples().iter().filter(|sample| **sample < u8::MAX).count() as f64 / f64::from(320 * 240 * 3)
+            let image = undistorter.undistort(&white).unwrap();
+            image.samples().iter().filter(|sample| **sample < u8::MAX).count() as f64 / f64::from(320 * 240 * 3)
         };
         let [keep, fit] = [UndistortMode::KeepK, UndistortMode::LongLrm].map(black_share);
         assert!(keep > 0.02 && fit < 0.01, "{keep} {fit}");
@@ -263,19 +263,19 @@ mod tests {
         wide.intrinsics = NormalizedIntrinsics::new(0.3, 0.4, 0.5, 0.5).unwrap();
         let straight = Undistorter::new(&wide, SIZE, UndistortMode::KeepK).unwrap();
         let white = ImageU8::new(SIZE.width, SIZE.height, vec![255; 320 * 240 * 3]).unwrap();
-        let picture = straight.undistort(&white).unwrap();
-        assert_eq!(picture.pixel(0, 0), Some([0; 3]), "the corner's ray is beyond the fold");
-        assert_eq!(picture.pixel(160, 120), Some([255; 3]));
+        let image = straight.undistort(&white).unwrap();
+        assert_eq!(image.pixel(0, 0), Some([0; 3]), "the corner's ray is beyond the fold");
+        assert_eq!(image.pixel(160, 120), Some([255; 3]));
     }
 
     #[test]
     fn a_pinhole_is_unchanged_and_other_sizes_are_errors() {
         let straight = Undistorter::new(&camera(Distortion::None), SIZE, UndistortMode::LongLrm).unwrap();
-        let picture = shifted_noise(SIZE.width, SIZE.height, 3, 3);
-        assert_eq!(straight.undistort(&picture).unwrap(), picture);
+        let image = shifted_noise(SIZE.width, SIZE.height, 3, 3);
+        assert_eq!(straight.undistort(&image).unwrap(), image);
         assert_eq!(straight.intrinsics(), camera(Distortion::None).intrinsics);
         let other = shifted_noise(32, 24, 0, 0);
-        assert!(matches!(straight.undistort(&other), Err(OpenCvError::PictureSize { .. })));
+        assert!(matches!(straight.undistort(&other), Err(OpenCvError::ImageSize { .. })));
         let nan = camera(Distortion::Fisheye { k: [f64::NAN; 4] });
         assert!(matches!(Undistorter::new(&nan, SIZE, UndistortMode::KeepK), Err(OpenCvError::Lens { .. })));
     }

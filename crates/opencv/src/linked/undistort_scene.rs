@@ -12,14 +12,14 @@ use super::{OpenCvError, UndistortMode, Undistorter};
 /// Frames of an undistorted scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UndistortedFrames {
-    /// Pictures written.
+    /// Images written.
     pub written: u64,
-    /// Frames without a readable picture. They keep their place in the list, with a picture that is missing.
+    /// Frames without a readable image. They keep their place in the list, with an image that is missing.
     pub skipped: u64,
 }
 
-/// Writes a scene's undistorted pictures as `<folder>/images/<frame>.png`, and their pinhole cameras as
-/// `<folder>/transforms.json`. `progress` is called for each frame; pictures that cannot be read are in `warnings`. Their frames stay
+/// Writes a scene's undistorted images as `<folder>/images/<frame>.png`, and their pinhole cameras as
+/// `<folder>/transforms.json`. `progress` is called for each frame; images that cannot be read are in `warnings`. Their frames stay
 /// in the list, because indices of protocols are positions in it.
 ///
 /// # Errors
@@ -32,17 +32,17 @@ pub fn undistort_scene(
     progress: &dyn Fn(),
 ) -> Result<UndistortedFrames, OpenCvError> {
     let images = folder.join("images");
-    std::fs::create_dir_all(&images).map_err(OpenCvError::io("creating a folder for pictures", &images))?;
+    std::fs::create_dir_all(&images).map_err(OpenCvError::io("creating a folder for images", &images))?;
     let list = folder.join("transforms.json");
     let list_file = AtomicFile::create(&list).map_err(OpenCvError::io("writing cameras", &list))?;
     let mut undistorter: Option<(Camera, ImageSize, Undistorter)> = None;
     let (mut frames, mut names, mut count) = (Vec::new(), BTreeSet::new(), UndistortedFrames::default());
     for (position, frame) in scene.frames.iter().enumerate() {
         progress();
-        let picture = readable_picture(scene, position, frame, warnings);
-        let size = picture.as_ref().map(|picture| ImageSize { width: picture.width(), height: picture.height() });
+        let image = readable_image(scene, position, frame, warnings);
+        let size = image.as_ref().map(|image| ImageSize { width: image.width(), height: image.height() });
         let Some(size) = size.or_else(|| stated_or_common_size(scene, frame)) else {
-            // No picture of the scene has a size: the list has no frames at all, which readers refuse.
+            // No image of the scene has a size: the list has no frames at all, which readers refuse.
             count.skipped += 1;
             continue;
         };
@@ -57,14 +57,13 @@ pub fn undistort_scene(
             None => (frame.camera, size, Undistorter::new(&frame.camera, size, mode)?),
         };
         let mut name = format!("{}.png", unique_name(frame, position, &mut names));
-        if let Some(picture) = picture {
+        if let Some(image) = image {
             name = format!("images/{name}");
-            let (path, straight) = (folder.join(&name), current.2.undistort(&picture)?);
-            atsplat_files::write(&path, &encode_png(&straight)?)
-                .map_err(OpenCvError::io("writing a picture", &path))?;
+            let (path, straight) = (folder.join(&name), current.2.undistort(&image)?);
+            atsplat_files::write(&path, &encode_png(&straight)?).map_err(OpenCvError::io("writing an image", &path))?;
             count.written += 1;
         } else {
-            // Never written, so that no picture of an earlier run stands in.
+            // Never written, so that no image of an earlier run stands in.
             name = format!("missing/{name}");
             count.skipped += 1;
         }
@@ -77,16 +76,16 @@ pub fn undistort_scene(
     Ok(count)
 }
 
-/// The frame's picture; one that is there and cannot be read is counted.
-fn readable_picture(scene: &Scene, position: usize, frame: &Frame, warnings: &mut Warnings) -> Option<ImageU8> {
-    if !frame.picture.is_available() {
+/// The frame's image; one that is there and cannot be read is counted.
+fn readable_image(scene: &Scene, position: usize, frame: &Frame, warnings: &mut Warnings) -> Option<ImageU8> {
+    if !frame.image.is_available() {
         return None;
     }
-    let picture = frame.decode(&scene.key, position, &DecodeLimits::default());
-    picture.map_err(|error| warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string())).ok()
+    let image = frame.decode(&scene.key, position, &DecodeLimits::default());
+    image.map_err(|error| warnings.push(WarningKind::UnreadableImage, &scene.key, error.to_string())).ok()
 }
 
-/// The size for which the intrinsics of a frame without a picture are written: the stated one, or that of the scene's first picture.
+/// The size for which the intrinsics of a frame without an image are written: the stated one, or that of the scene's first image.
 fn stated_or_common_size(scene: &Scene, frame: &Frame) -> Option<ImageSize> {
     let mut sizes = scene.frames.iter().enumerate().map(|(at, other)| other.size(&scene.key, at));
     frame.stated_size.or_else(|| sizes.find_map(Result::ok))
@@ -118,32 +117,32 @@ fn frame_json(frame: &Frame, name: &str, size: ImageSize, undistorter: &Undistor
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{CameraFromWorld, Distortion, NormalizedIntrinsics};
-    use atsplat_scene::{Picture, SceneSource as _, SharedBytes};
+    use atsplat_scene::{FrameImage, SceneSource as _, SharedBytes};
     use glam::{DMat3, DVec3};
 
     use super::*;
-    use crate::linked::test_pictures::shifted_noise;
+    use crate::linked::test_images::shifted_noise;
 
-    fn frame(at: usize, picture: Picture) -> Frame {
+    fn frame(at: usize, image: FrameImage) -> Frame {
         let camera_from_world = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-(at as f64), 0.0, 0.0)).unwrap();
         let intrinsics = NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap();
         let distortion = Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
         let camera = Camera { camera_from_world, intrinsics, distortion };
-        Frame { name: format!("f_{at}"), timestamp_micros: None, camera, stated_size: None, picture }
+        Frame { name: format!("f_{at}"), timestamp_micros: None, camera, stated_size: None, image }
     }
 
-    /// The size of the first frame, which is stated nowhere, is that of the pictures.
+    /// The size of the first frame, which is stated nowhere, is that of the images.
     #[test]
-    fn frames_without_a_readable_picture_keep_their_position() {
+    fn frames_without_a_readable_image_keep_their_position() {
         let folder = tempfile::tempdir().unwrap();
         let whole = || encode_png(&shifted_noise(32, 24, 0, 0)).unwrap();
-        let pictures = [
-            Picture::Missing("f_0.png".into()),
-            Picture::Encoded(SharedBytes::new(whole())),
-            Picture::Encoded(SharedBytes::new(b"no picture".to_vec())),
-            Picture::Encoded(SharedBytes::new(whole())),
+        let images = [
+            FrameImage::Missing("f_0.png".into()),
+            FrameImage::Encoded(SharedBytes::new(whole())),
+            FrameImage::Encoded(SharedBytes::new(b"no image".to_vec())),
+            FrameImage::Encoded(SharedBytes::new(whole())),
         ];
-        let frames = pictures.into_iter().enumerate().map(|(at, picture)| frame(at, picture)).collect();
+        let frames = images.into_iter().enumerate().map(|(at, image)| frame(at, image)).collect();
         let scene = Scene { key: "scene".to_owned(), url: None, frames };
         // As an earlier run left it, when it could still be read.
         std::fs::create_dir(folder.path().join("images")).unwrap();
@@ -151,14 +150,14 @@ mod tests {
         let mut warnings = Warnings::new();
         let count = undistort_scene(&scene, UndistortMode::KeepK, folder.path(), &mut warnings, &|| ()).unwrap();
         assert_eq!(count, UndistortedFrames { written: 2, skipped: 2 });
-        assert_eq!((warnings.total(), warnings.count(WarningKind::UnreadablePicture)), (1, 1), "{:?}", warnings.kept());
+        assert_eq!((warnings.total(), warnings.count(WarningKind::UnreadableImage)), (1, 1), "{:?}", warnings.kept());
 
         let mut found = Warnings::new();
         let dataset = atsplat_scene::open(folder.path(), &mut found).unwrap();
         let read = dataset.load(&dataset.keys()[0], &mut found).unwrap();
-        let has_image: Vec<bool> = read.frames.iter().map(|frame| frame.picture.is_available()).collect();
+        let has_image: Vec<bool> = read.frames.iter().map(|frame| frame.image.is_available()).collect();
         assert_eq!(has_image, [false, true, false, true]);
-        assert_eq!((found.total(), found.count(WarningKind::MissingPicture)), (2, 2), "{:?}", found.kept());
+        assert_eq!((found.total(), found.count(WarningKind::MissingImage)), (2, 2), "{:?}", found.kept());
         for (read, own) in read.frames.iter().zip(&scene.frames) {
             assert_eq!((&read.name, read.camera.distortion), (&own.name, Distortion::None));
             let centres = [read, own].map(|frame| frame.camera.camera_from_world.inverse().centre());

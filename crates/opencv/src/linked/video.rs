@@ -90,7 +90,7 @@ pub struct ExtractionOptions {
 /// Frames are selected by presentation time from the start of the video stream, not by number, because the frame rate
 /// may vary. A timestamp gets the nearest frame, the earlier of two equally near ones, or none if that is more than half
 /// the median frame interval away. Seeking is inexact in some containers, so the video is decoded from its start to the
-/// last timestamp, once for the times and once for the pictures. Each file is written completely, then renamed into
+/// last timestamp, once for the times and once for the images. Each file is written completely, then renamed into
 /// place. `progress` is called with the number of timestamps done.
 ///
 /// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
@@ -145,10 +145,10 @@ pub fn extract_frames(
             }
             reached += 1;
         }
-        let picture = stream.picture()?;
+        let image = stream.image()?;
         for index in &indices {
             let Some(frame) = frames.get_mut(*index) else { continue };
-            let path = write(&picture, &folder, frame.timestamp_micros, options.format)?;
+            let path = write(&image, &folder, frame.timestamp_micros, options.format)?;
             frame.outcome = ExtractionOutcome::Written { path };
         }
         decided += indices.len();
@@ -158,13 +158,13 @@ pub fn extract_frames(
     Ok(ExtractedFrames { interval_micros: schedule.interval_micros, frames })
 }
 
-fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
+fn write(image: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, OpenCvError> {
     let (extension, parameters) = match format {
         FrameFormat::Jpeg(quality) => (".jpg", Vector::from_slice(&[IMWRITE_JPEG_QUALITY, i32::from(quality)])),
         FrameFormat::Png => (".png", Vector::new()),
     };
     let mut bytes = Vector::<u8>::new();
-    called("encoding a frame", imencode(extension, picture, &mut bytes, &parameters))?;
+    called("encoding a frame", imencode(extension, image, &mut bytes, &parameters))?;
     let path = folder.join(format!("{timestamp}{extension}"));
     atsplat_files::write_unsynced(&path, bytes.as_slice()).map_err(OpenCvError::io("writing a frame", &path))?;
     Ok(path)
@@ -266,14 +266,14 @@ impl Stream {
         Ok(1e3 * called("reading a presentation time", self.capture.get(CAP_PROP_POS_MSEC))?)
     }
 
-    /// The picture of the current frame.
-    fn picture(&mut self) -> Result<Mat, OpenCvError> {
-        let mut picture = Mat::default();
-        let retrieved = called("retrieving a frame", self.capture.retrieve_def(&mut picture))?;
-        if retrieved && !picture.empty() {
-            return Ok(picture);
+    /// The image of the current frame.
+    fn image(&mut self) -> Result<Mat, OpenCvError> {
+        let mut image = Mat::default();
+        let retrieved = called("retrieving a frame", self.capture.retrieve_def(&mut image))?;
+        if retrieved && !image.empty() {
+            return Ok(image);
         }
-        Err(malformed(&self.path, "frame", "a decodable picture", "none"))
+        Err(malformed(&self.path, "frame", "a decodable image", "none"))
     }
 }
 
@@ -321,9 +321,9 @@ mod tests {
     /// The frame number that `make_videos.sh` drew: bit n is the brightness of the nth stripe of 8 columns.
     fn number_in(frame: &ExtractedFrame) -> Option<u32> {
         let ExtractionOutcome::Written { path } = &frame.outcome else { return None };
-        let picture = atsplat_pixels::decode(&std::fs::read(path).unwrap(), &atsplat_pixels::DecodeLimits::default());
-        let picture = picture.unwrap();
-        Some((0..8).map(|bit| u32::from(picture.pixel(8 * bit + 4, 24).unwrap()[1] > 127) << bit).sum())
+        let image = atsplat_pixels::decode(&std::fs::read(path).unwrap(), &atsplat_pixels::DecodeLimits::default());
+        let image = image.unwrap();
+        Some((0..8).map(|bit| u32::from(image.pixel(8 * bit + 4, 24).unwrap()[1] > 127) << bit).sum())
     }
 
     #[test]

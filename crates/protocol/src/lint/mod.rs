@@ -31,7 +31,7 @@ impl Default for LintOptions<'_> {
     }
 }
 
-/// Lints an index. With a dataset, the cameras of every scene and the headers of the pictures that the index uses are
+/// Lints an index. With a dataset, the cameras of every scene and the headers of the images that the index uses are
 /// read in parallel, and their irregularities are pushed to `warnings`.
 pub fn lint(index: &EvaluationIndex, options: &LintOptions<'_>, warnings: &mut Warnings) -> LintReport {
     let mut report = report::of(index, &options.bins);

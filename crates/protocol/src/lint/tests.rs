@@ -5,7 +5,7 @@ use std::sync::Arc;
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_files::Malformed;
 use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
-use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
@@ -93,7 +93,7 @@ impl SceneSource for Dataset {
                 NormalizedIntrinsics::new(fx, 0.9, 0.5, 0.5).unwrap(),
             ),
             stated_size: Some(ImageSize { width: 640, height: 360 }),
-            picture: Picture::Absent,
+            image: FrameImage::Absent,
         };
         Ok(Scene { key: key.to_owned(), url: None, frames: (0..10).map(frame).collect() })
     }
@@ -106,7 +106,7 @@ fn dataset_report(threads: usize) -> (LintReport, Warnings) {
     let keys = ["broken", "extra", "good", "left-out", "short", "wide"].map(str::to_owned).to_vec();
     let source = Dataset { keys };
     let preset = Preset::named("re10k-2v-256").unwrap();
-    let recipe = TrialRecipe { allow_absent_pictures: true, ..TrialRecipe::of(&preset, "") };
+    let recipe = TrialRecipe { allow_absent_images: true, ..TrialRecipe::of(&preset, "") };
     let dataset = DatasetCheck { source: &source, recipe };
     let options = LintOptions { dataset: Some(dataset), ..LintOptions::default() };
     let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
@@ -142,13 +142,13 @@ fn the_report_does_not_depend_on_the_number_of_threads() {
     assert_eq!(one.1.kept(), four.1.kept());
 }
 
-/// With missing, absent, unreadable, too small and transparent pictures, the lint counts the trials that [`Trials`]
+/// With missing, absent, unreadable, too small and transparent images, the lint counts the trials that [`Trials`]
 /// yields, and gives the same warnings.
 #[test]
 fn lint_and_trials_agree() {
-    let broken = |key: &str, picture: Picture| {
+    let broken = |key: &str, image: FrameImage| {
         let mut scene = scene(key, 9, 0);
-        scene.frames[4].picture = picture;
+        scene.frames[4].image = image;
         scene
     };
     let mut transparent = Vec::new();
@@ -157,10 +157,10 @@ fn lint_and_trials_agree() {
     let scenes = || {
         [
             scene("fine", 9, 0),
-            broken("transparent", Picture::Encoded(SharedBytes::new(transparent.clone()))),
-            broken("missing", Picture::Missing("4.png".into())),
-            broken("absent", Picture::Absent),
-            broken("garbled", Picture::Encoded(SharedBytes::new(b"no picture".to_vec()))),
+            broken("transparent", FrameImage::Encoded(SharedBytes::new(transparent.clone()))),
+            broken("missing", FrameImage::Missing("4.png".into())),
+            broken("absent", FrameImage::Absent),
+            broken("garbled", FrameImage::Encoded(SharedBytes::new(b"no image".to_vec()))),
         ]
     };
     let entry = |target: usize| IndexEntry { context: vec![2, 6], target: vec![target], overlap: None };
@@ -182,7 +182,7 @@ fn lint_and_trials_agree() {
         let skipped = trials.report().counts().into_iter().map(|(reason, count)| (reason, count as u64));
         assert_eq!((facts.usable, facts.dropped), (trials.report().trials as u64, skipped.collect()));
         assert_eq!(facts.usable, usable, "crop of {crop}");
-        assert_eq!(warnings.count(WarningKind::DroppedAlpha), 1, "one entry uses the picture");
+        assert_eq!(warnings.count(WarningKind::DroppedAlpha), 1, "one entry uses the image");
         assert_eq!(warnings.total(), trials.warnings().total());
     }
 }

@@ -118,7 +118,7 @@ pub(crate) fn context_overlap(
         .iter()
         .map(|frame| scene.frames.get(*frame).ok_or_else(|| out_of_range(*frame)))
         .collect::<Result<Vec<_>, _>>()?;
-    let pictures = if estimator.needs_pictures() {
+    let images = if estimator.needs_images() {
         let decode = |frame: &usize| scene.decode(*frame, &DecodeLimits::default()).map(Some);
         context.iter().map(decode).collect::<Result<_, _>>().map_err(|error| unreadable(&error))?
     } else {
@@ -131,17 +131,17 @@ pub(crate) fn context_overlap(
         }
         None => vec![None; frames.len()],
     };
-    let views = frames.iter().zip(&pictures).zip(&depths).map(|((frame, picture), depth)| {
+    let views = frames.iter().zip(&images).zip(&depths).map(|((frame, image), depth)| {
         let depth = depth.as_ref().map(LoadedDepth::map).transpose()?;
-        Ok(OverlapView { camera: &frame.camera, picture: picture.as_ref(), depth })
+        Ok(OverlapView { camera: &frame.camera, image: image.as_ref(), depth })
     });
     let views: Result<Vec<OverlapView<'_>>, ProtocolError> = views.collect();
-    let needs_cameras_alone = frames.len() > 1 && !estimator.needs_pictures() && !estimator.needs_depth();
+    let needs_cameras_alone = frames.len() > 1 && !estimator.needs_images() && !estimator.needs_depth();
     let reason: fn(String) -> NoEntry = if needs_cameras_alone { NoEntry::Geometry } else { NoEntry::OverlapUndefined };
     views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| reason(error.to_string()))
 }
 
-/// The depth map of the frame at `position` of a scene. It has to fit the camera as a picture has to: with a crop of the
+/// The depth map of the frame at `position` of a scene. It has to fit the camera as an image has to: with a crop of the
 /// frame, the camera's intrinsics would lift pixels to other points.
 fn depth_of(folder: &DepthFolder, scene: &str, position: usize, frame: &Frame) -> Result<LoadedDepth, NoEntry> {
     let loaded = folder.load(scene, &frame.name).map_err(|error| NoEntry::Unreadable(error.to_string()))?;
@@ -252,7 +252,7 @@ mod tests {
         assert_eq!([reason(&[0, 1]), reason(&[0])], ["geometry", "overlap-undefined"]);
     }
 
-    /// A wall at z = 4, seen by RE10K cameras of 640×360 that are a fifth of a picture apart: of a centre crop, four
+    /// A wall at z = 4, seen by RE10K cameras of 640×360 that are a fifth of an image apart: of a centre crop, four
     /// fifths would be seen too. Not every source states the size of its frames.
     #[test]
     fn depth_maps_that_do_not_fit_the_camera_are_refused() {
@@ -288,7 +288,7 @@ mod tests {
     #[test]
     fn the_overlap_of_a_chain_is_that_of_its_weakest_link() {
         let cameras = [0.0, 2.0, 9.0].map(crate::test_source::camera);
-        let views = cameras.each_ref().map(|camera| OverlapView { camera, picture: None, depth: None });
+        let views = cameras.each_ref().map(|camera| OverlapView { camera, image: None, depth: None });
         let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());
         let links = [estimator.estimate(&views[0], &views[1]), estimator.estimate(&views[1], &views[2])];
         let [first, second] = links.map(Result::unwrap);

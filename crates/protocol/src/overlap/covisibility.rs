@@ -32,7 +32,7 @@ impl<'a> DepthMap<'a> {
 }
 
 /// Overlap by depth: of one view's pixels with known depth, the fraction whose surface point projects into the
-/// other view's picture onto a pixel of the same depth; the smaller of both directions.
+/// other view's image onto a pixel of the same depth; the smaller of both directions.
 ///
 /// The other view's depth is read at the pixel that the point falls into, not interpolated: across the edge of a
 /// surface, interpolated depths belong to no surface. A point that falls onto a pixel of unknown depth counts as
@@ -106,7 +106,7 @@ fn unusable(reason: String) -> ProtocolError {
 fn pixel_of(point: DVec3, k: &atsplat_camera::PixelIntrinsics, size: ImageSize) -> Option<(usize, usize)> {
     let (x, y) = (k.fx * point.x / point.z + k.cx, k.fy * point.y / point.z + k.cy);
     let inside = point.z > 0.0 && x >= 0.0 && y >= 0.0 && x < f64::from(size.width) && y < f64::from(size.height);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the picture")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the image")]
     inside.then_some((x as usize, y as usize))
 }
 
@@ -146,7 +146,7 @@ mod tests {
         pixel_rays(camera).map(|(o, d)| cast(o, d).map_or(0.0, |t| t as f32)).collect()
     }
 
-    /// The exact fraction, without depth maps: the surface point is inside the other picture, and nothing
+    /// The exact fraction, without depth maps: the surface point is inside the other image, and nothing
     /// occludes it from the other camera.
     fn exact_fraction(from: &Camera, into: &Camera) -> f64 {
         let eye = into.camera_from_world.inverse().centre();
@@ -163,7 +163,7 @@ mod tests {
         seen / known
     }
 
-    /// A wall at z = 4 seen by cameras a fifth of a picture apart: 80 px · 0.8 / 4 = 16 columns are lost.
+    /// A wall at z = 4 seen by cameras a fifth of an image apart: 80 px · 0.8 / 4 = 16 columns are lost.
     #[test]
     fn agrees_with_a_hand_computed_wall() {
         let (a, b) = (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::IDENTITY, DVec3::new(0.8, 0.0, 0.0)));
@@ -180,7 +180,7 @@ mod tests {
             looking(DMat3::IDENTITY, DVec3::new(0.7, 0.1, 0.0)),
             looking(DMat3::from_rotation_y(-0.2), DVec3::new(-0.5, 0.0, 0.4)),
         ];
-        // Pixels on the outline of the square or of the picture may fall on either side.
+        // Pixels on the outline of the square or of the image may fall on either side.
         let outline = Tolerance::absolute(0.02);
         for (a, b) in [(0, 1), (1, 0), (0, 2), (2, 1)] {
             let (a, b) = (&cameras[a], &cameras[b]);

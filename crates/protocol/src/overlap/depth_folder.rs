@@ -8,7 +8,7 @@ use super::DepthMap;
 use crate::ProtocolError;
 
 /// A folder of depth maps, `<scene key>/<frame name>.exr`: the channel `Z`, or the only channel, in scene units along
-/// the camera's z axis. A map may have any scale, but not another shape than the frame's picture.
+/// the camera's z axis. A map may have any scale, but not another shape than the frame's image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DepthFolder {
     root: PathBuf,
@@ -100,7 +100,7 @@ mod tests {
         assert!(loaded.map().is_ok() && depths.load("s", "deep/1.png").is_ok());
         let two = depths.load("s", "2").unwrap_err().to_string();
         assert!(two.contains('Z') && two.contains("2.exr"), "{two}");
-        std::fs::write(folder.path().join("s/3.exr"), b"no picture").unwrap();
+        std::fs::write(folder.path().join("s/3.exr"), b"no image").unwrap();
         assert!(depths.load("s", "3").unwrap_err().to_string().contains("3.exr"));
         assert!(depths.load("s", "4").unwrap_err().to_string().starts_with("reading a depth map"));
     }

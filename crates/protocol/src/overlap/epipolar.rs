@@ -14,7 +14,7 @@ const GRAZING: f64 = 1e-8;
 
 /// pixelSplat's overlap of two views (`src/evaluation/evaluation_index_generator.py`,
 /// `src/geometry/epipolar_lines.py`): of the rays through the pixel centres of one view, from its centre to
-/// infinity, the fraction whose projection touches the other view's picture; the smaller of both
+/// infinity, the fraction whose projection touches the other view's image; the smaller of both
 /// directions. Pure geometry: lens distortion and occlusion are ignored.
 ///
 /// No ray is sampled or visited one by one. The directions that intersect the other view's frustum form a convex cone
@@ -23,8 +23,8 @@ const GRAZING: f64 = 1e-8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpipolarRays {
-    /// Columns and rows of rays, spread over the whole picture. The default is the published generator's: one ray per
-    /// pixel of its 320×180 pictures (`config/dataset/re10k.yaml`).
+    /// Columns and rows of rays, spread over the whole image. The default is the published generator's: one ray per
+    /// pixel of its 320×180 images (`config/dataset/re10k.yaml`).
     #[serde(default = "published_grid")]
     pub grid: ImageSize,
 }
@@ -49,7 +49,7 @@ impl EpipolarRays {
         Ok(if of_b < of_a { of_b } else { of_a })
     }
 
-    /// Fraction of `from`'s rays that project into `into`'s picture, in [0, 1].
+    /// Fraction of `from`'s rays that project into `into`'s image, in [0, 1].
     ///
     /// In camera coordinates of `into`, its frustum is the cone over the four corner rays `e₀ … e₃`. A ray of `from`
     /// with direction `d` starts at `o`; it intersects the frustum, possibly at infinity, iff `o + t·d = Σ λₖ eₖ` for
@@ -97,7 +97,7 @@ enum Cone {
     Sides(Vec<DVec3>),
 }
 
-/// The cone over the corner rays of the picture and `−origin`.
+/// The cone over the corner rays of the image and `−origin`.
 ///
 /// The sides of the frustum that have `−origin` on their inner side are kept. The others are replaced by two new sides,
 /// through `−origin` and the two edges where both kinds meet.
@@ -248,7 +248,7 @@ mod tests {
         Tolerance::EXACT.assert([GRID.fraction(&backwards, &a).unwrap()], [0.0], "back to back");
     }
 
-    /// By hand: after a translation along the image's x axis, rays of the right camera intersect the left picture unless
+    /// By hand: after a translation along the image's x axis, rays of the right camera intersect the left image unless
     /// their slope exceeds that of its edge; none does, because both cameras have the same edges.
     #[test]
     fn sideways_motion_keeps_every_epipolar_line_visible() {
@@ -260,7 +260,7 @@ mod tests {
     }
 
     /// Written by `tests/fixtures/make_oracles.py`, an independent NumPy implementation in float64 that
-    /// intersects each ray with the picture's frame, as the paper's code does.
+    /// intersects each ray with the image's frame, as the paper's code does.
     #[test]
     fn agrees_with_the_numpy_oracle() {
         let oracle: serde_json::Value =
@@ -287,7 +287,7 @@ mod tests {
     }
 
     /// By hand: two cameras of equal pose share the directions of the narrower one. All of its rays are in the wider
-    /// picture; of the wider one's, as many as fit into the narrower one. The overlap is the smaller fraction.
+    /// image; of the wider one's, as many as fit into the narrower one. The overlap is the smaller fraction.
     #[test]
     fn the_overlap_is_the_smaller_direction() {
         let wide = looking(DMat3::IDENTITY, DVec3::ZERO);
@@ -329,7 +329,7 @@ mod tests {
             Tolerance::EXACT.assert([GRID.overlap(&a, &b).unwrap()], [GRID.overlap(&b, &a).unwrap()], "overlap");
         }
 
-        /// A similarity of the world keeps the pictures: at most one or two rays on an edge may flip.
+        /// A similarity of the world keeps the images: at most one or two rays on an edge may flip.
         #[test]
         fn is_invariant_under_similarities_of_the_world(a in any_camera(), b in any_camera(), yaw in -3.0..3.0f64, scale in 0.1..10.0f64) {
             let motion = WorldFromCamera::new(DMat3::from_rotation_y(yaw), DVec3::new(1.0, -2.0, 0.5)).unwrap();

@@ -32,7 +32,7 @@ use crate::ProtocolError;
 pub enum OverlapEstimator {
     /// Rays of one view whose epipolar line crosses the other view (pixelSplat). Needs cameras only.
     EpipolarRay(EpipolarRays),
-    /// Part of a view with features matched to the other view. Needs pictures, and OpenCV to match them.
+    /// Part of a view with features matched to the other view. Needs images, and OpenCV to match them.
     FeatureCoverage {
         /// How it is measured: see [`Self::with_features`].
         #[serde(skip)]
@@ -42,7 +42,7 @@ pub enum OverlapEstimator {
     DepthCovisibility(DepthCovisibility),
 }
 
-/// Measures the overlap of two pictures with their cameras by matched features; symmetric in its arguments.
+/// Measures the overlap of two images with their cameras by matched features; symmetric in its arguments.
 pub type FeatureOverlap = fn((&Camera, &ImageU8), (&Camera, &ImageU8)) -> Result<f64, ProtocolError>;
 
 /// The data of a view that an estimator may need.
@@ -50,8 +50,8 @@ pub type FeatureOverlap = fn((&Camera, &ImageU8), (&Camera, &ImageU8)) -> Result
 pub struct OverlapView<'a> {
     /// The view's camera.
     pub camera: &'a Camera,
-    /// Its picture, for [`OverlapEstimator::FeatureCoverage`].
-    pub picture: Option<&'a ImageU8>,
+    /// Its image, for [`OverlapEstimator::FeatureCoverage`].
+    pub image: Option<&'a ImageU8>,
     /// Its depth, for [`OverlapEstimator::DepthCovisibility`].
     pub depth: Option<DepthMap<'a>>,
 }
@@ -77,7 +77,7 @@ impl OverlapEstimator {
     pub const fn definition(&self) -> &'static str {
         match self {
             Self::EpipolarRay(_) => {
-                "smaller of the two fractions of one view's pixel-centre rays, from its centre to infinity, that project into the other view's picture (pixelSplat's index generator)"
+                "smaller of the two fractions of one view's pixel-centre rays, from its centre to infinity, that project into the other view's image (pixelSplat's index generator)"
             }
             Self::FeatureCoverage { .. } => {
                 "smaller of the two fractions of one view's grid cells that hold a feature matched into the other view and verified by epipolar geometry"
@@ -88,8 +88,8 @@ impl OverlapEstimator {
         }
     }
 
-    /// Whether [`OverlapView::picture`] is used.
-    pub const fn needs_pictures(&self) -> bool {
+    /// Whether [`OverlapView::image`] is used.
+    pub const fn needs_images(&self) -> bool {
         matches!(self, Self::FeatureCoverage { .. })
     }
 
@@ -113,9 +113,9 @@ impl OverlapEstimator {
             Self::FeatureCoverage { measure: None } => {
                 Err(missing("this build was compiled without the cargo feature `opencv`"))
             }
-            Self::FeatureCoverage { measure: Some(measure) } => match (a.picture, b.picture) {
-                (Some(picture_a), Some(picture_b)) => measure((a.camera, picture_a), (b.camera, picture_b)),
-                _ => Err(missing("a view has no picture")),
+            Self::FeatureCoverage { measure: Some(measure) } => match (a.image, b.image) {
+                (Some(image_a), Some(image_b)) => measure((a.camera, image_a), (b.camera, image_b)),
+                _ => Err(missing("a view has no image")),
             },
         }
     }
@@ -140,19 +140,14 @@ mod tests {
 
     #[test]
     fn each_estimator_says_what_it_measures_and_needs() {
-        for (estimator, measured, pictures, depth) in [
+        for (estimator, measured, images, depth) in [
             (OverlapEstimator::EpipolarRay(EpipolarRays::default()), "rays", false, false),
             (OverlapEstimator::FeatureCoverage { measure: None }, "feature", true, false),
             (OverlapEstimator::DepthCovisibility(DepthCovisibility::default()), "depth", false, true),
         ] {
             assert_eq!(serde_json::to_value(estimator).unwrap()["estimator"], estimator.name());
             assert!(estimator.definition().contains(measured), "{}: {}", estimator.name(), estimator.definition());
-            assert_eq!(
-                (estimator.needs_pictures(), estimator.needs_depth()),
-                (pictures, depth),
-                "{}",
-                estimator.name()
-            );
+            assert_eq!((estimator.needs_images(), estimator.needs_depth()), (images, depth), "{}", estimator.name());
         }
     }
 }

@@ -1,11 +1,11 @@
 use atsplat_camera::{ImageSize, WorldFromCamera};
 use atsplat_numeric::Tolerance;
-use atsplat_scene::{Frame, Picture, Scene};
+use atsplat_scene::{Frame, FrameImage, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::IndexEntry;
 
-/// Which scenes the published loaders silently drop. The exact picture size that they require is
+/// Which scenes the published loaders silently drop. The exact image size that they require is
 /// [`atsplat_scene::preprocess::Preprocessing::expected_size`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -44,10 +44,10 @@ pub enum DropReason {
     FrameOutOfRange,
     /// A frame's field of view exceeds the limit.
     FieldOfView,
-    /// The file of a picture that the entry needs is missing.
-    PictureMissing,
-    /// A picture does not have the size that the protocol requires.
-    PictureSize,
+    /// The file of an image that the entry needs is missing.
+    ImageMissing,
+    /// An image does not have the size that the protocol requires.
+    ImageSize,
     /// A rotation's determinant is not 1.
     Determinant,
     /// A camera centre has a coordinate above the limit.
@@ -73,8 +73,8 @@ impl DropReason {
             Self::Unreadable => "unreadable",
             Self::FrameOutOfRange => "frame-out-of-range",
             Self::FieldOfView => "field-of-view",
-            Self::PictureMissing => "picture-missing",
-            Self::PictureSize => "picture-size",
+            Self::ImageMissing => "image-missing",
+            Self::ImageSize => "image-size",
             Self::Determinant => "determinant",
             Self::Translation => "translation",
             Self::Baseline => "baseline",
@@ -86,14 +86,14 @@ impl Filters {
     /// Why the published loaders would drop `entry` of `scene`, with their checks in their order; `None` if they would
     /// use it.
     ///
-    /// `picture_size` returns the size of a frame's picture, from its file or its metadata; a frame of unknown size
-    /// passes. For a scene without any pictures (a bare trajectory), only the cameras are checked.
+    /// `image_size` returns the size of a frame's image, from its file or its metadata; a frame of unknown size
+    /// passes. For a scene without any images (a bare trajectory), only the cameras are checked.
     pub fn drop_reason(
         &self,
         scene: &Scene,
         entry: &IndexEntry,
         expected_size: Option<ImageSize>,
-        picture_size: &dyn Fn(&Frame) -> Option<ImageSize>,
+        image_size: &dyn Fn(&Frame) -> Option<ImageSize>,
     ) -> Option<Dropped> {
         let drop = |reason, detail| Some(Dropped { reason, detail });
         let mut used = Vec::with_capacity(entry.context.len() + entry.target.len());
@@ -114,13 +114,13 @@ impl Filters {
             );
         }
         for (at, frame, _) in &used {
-            if let Picture::Missing(path) = &frame.picture {
-                return drop(DropReason::PictureMissing, format!("frame {at} ({})", path.display()));
+            if let FrameImage::Missing(path) = &frame.image {
+                return drop(DropReason::ImageMissing, format!("frame {at} ({})", path.display()));
             }
-            if let (Some(expected), Some(found)) = (expected_size, picture_size(frame))
+            if let (Some(expected), Some(found)) = (expected_size, image_size(frame))
                 && expected != found
             {
-                return drop(DropReason::PictureSize, format!("frame {at} is {found}, expected {expected}"));
+                return drop(DropReason::ImageSize, format!("frame {at} is {found}, expected {expected}"));
             }
         }
         for (at, _, pose) in &used {
@@ -171,7 +171,7 @@ mod tests {
             timestamp_micros: None,
             camera: Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap()),
             stated_size: Some(SIZE),
-            picture: Picture::Absent,
+            image: FrameImage::Absent,
         }
     }
 
@@ -206,12 +206,12 @@ mod tests {
         assert_eq!(first_wider_than(&wide, widest), None, "a field of view at the limit is within it");
         assert_eq!(first_wider_than(&wide, widest.next_down()), Some((1, widest)));
         let mut absent = scene();
-        absent.frames[1].picture = Picture::Missing("1.png".into());
-        assert_eq!(reason(&absent, 1), Some(DropReason::PictureMissing));
-        assert_eq!(reason(&absent, 0), None, "the entry does not use the missing picture");
+        absent.frames[1].image = FrameImage::Missing("1.png".into());
+        assert_eq!(reason(&absent, 1), Some(DropReason::ImageMissing));
+        assert_eq!(reason(&absent, 0), None, "the entry does not use the missing image");
         let mut small = scene();
         small.frames[2].stated_size = Some(ImageSize { width: 320, height: 180 });
-        assert_eq!(reason(&small, 1), Some(DropReason::PictureSize));
+        assert_eq!(reason(&small, 1), Some(DropReason::ImageSize));
         let mut skewed = scene();
         skewed.frames[1].camera.camera_from_world =
             CameraFromWorld::new(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.000_02)), DVec3::ZERO).unwrap();

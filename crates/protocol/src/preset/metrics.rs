@@ -1,15 +1,15 @@
 use serde::{Deserialize, Serialize};
 
-/// How the scores of single pictures are aggregated into the protocol's number.
+/// How the scores of single images are aggregated into the protocol's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aggregation {
     /// The mean over a scene's targets, then the mean over scenes (MVSplat, DepthSplat, iLRM
     /// `src/model/model_wrapper.py`, `test_step` and `on_test_end`).
     SceneMeans,
-    /// The mean over all pictures of all scenes (`MVSplat360` on DL3DV). Equals the former only if all scenes have the
+    /// The mean over all images of all scenes (`MVSplat360` on DL3DV). Equals the former only if all scenes have the
     /// same number of targets.
-    AllPictures,
+    AllImages,
 }
 
 /// Which definitions of PSNR, SSIM and LPIPS a protocol uses.
@@ -32,7 +32,7 @@ pub struct MetricConvention {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PsnrConvention {
-    /// Both pictures clipped to [0, 1], one mean squared error over all channels and pixels
+    /// Both images clipped to [0, 1], one mean squared error over all channels and pixels
     /// (pixelSplat `src/evaluation/metrics.py:11-19`).
     Clipped,
 }
@@ -42,7 +42,7 @@ pub enum PsnrConvention {
 #[serde(rename_all = "kebab-case")]
 pub enum SsimConvention {
     /// scikit-image with an 11×11 Gaussian of σ 1.5, sample covariance, data range 1; the mean over the
-    /// picture without a border of 5 pixels, then over channels (pixelSplat `src/evaluation/metrics.py`).
+    /// image without a border of 5 pixels, then over channels (pixelSplat `src/evaluation/metrics.py`).
     SkimageGaussian,
     /// scikit-image's uniform 7×7 window on clamped renders (Long-LRM `model/loss.py:66-82`); not comparable.
     SkimageUniform,

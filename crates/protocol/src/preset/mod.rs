@@ -1,6 +1,6 @@
 //! Presets: a published protocol as one TOML file in `eval/presets/`.
 //!
-//! A preset states which index, picture preprocessing and conventions make a number comparable with a published one,
+//! A preset states which index, image preprocessing and conventions make a number comparable with a published one,
 //! where each fact was read, and what had to be inferred because no source states it.
 
 mod builtin;
@@ -51,7 +51,7 @@ pub struct Preset {
     pub sources: Vec<String>,
     /// Which evaluation index.
     pub index: IndexRule,
-    /// How pictures and intrinsics are preprocessed.
+    /// How images and intrinsics are preprocessed.
     pub preprocessing: Preprocessing,
     /// Pose normalisation for methods that are not listed in `methods`: that of ATSplat, which follows iLRM.
     pub pose_normalisation: PoseNormalisation,
@@ -66,7 +66,7 @@ pub struct Preset {
     /// How overlaps are binned, for protocols that report bins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap_bins: Option<OverlapBins>,
-    /// How scores of pictures are aggregated into one number.
+    /// How scores of images are aggregated into one number.
     pub aggregation: Aggregation,
     /// Which definitions of PSNR, SSIM and LPIPS are used.
     pub metrics: MetricConvention,

@@ -18,7 +18,7 @@ use thiserror::Error;
 use crate::IndexEntry;
 use crate::preset::{DropReason, Dropped};
 
-/// What a sampler sees of a scene: cameras in frame order, no pictures.
+/// What a sampler sees of a scene: cameras in frame order, no images.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneViews<'a> {
     /// The scene's key, from which its random stream derives.
@@ -132,7 +132,7 @@ pub enum NoEntry {
     /// The dataset does not contain the scene.
     #[error("{0}")]
     SceneMissing(String),
-    /// The scene, or a picture or depth map of it, cannot be read.
+    /// The scene, or an image or depth map of it, cannot be read.
     #[error("{0}")]
     Unreadable(String),
 }

@@ -1,8 +1,8 @@
-//! SHA-256 digests of picture bytes, cached for files by path, size and modification time.
+//! SHA-256 digests of image bytes, cached for files by path, size and modification time.
 //!
-//! The cache file has one line per picture: SHA-256 of the absolute path, size in bytes, nanoseconds since 1970, SHA-256
+//! The cache file has one line per image: SHA-256 of the absolute path, size in bytes, nanoseconds since 1970, SHA-256
 //! of the content. Lines are only appended; of two lines that differ only in the last field, the later one counts. A line
-//! truncated by a crash is ignored and its picture read again. A wrong line can only make equal data look changed.
+//! truncated by a crash is ignored and its image read again. A wrong line can only make equal data look changed.
 
 use std::collections::HashMap;
 use std::fs::{self, OpenOptions};
@@ -12,7 +12,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use atsplat_files::{FileError, Sha256Digest};
-use atsplat_scene::{Picture, Scene};
+use atsplat_scene::{FrameImage, Scene};
 
 use crate::ProtocolError;
 
@@ -20,9 +20,9 @@ use crate::ProtocolError;
 /// have a resolution of two seconds.
 const SETTLED: Duration = Duration::from_secs(3);
 
-/// A cache of the digests of pictures.
+/// A cache of the digests of images.
 #[derive(Debug, Default)]
-pub struct PictureDigests {
+pub struct ImageDigests {
     cache: Mutex<Cache>,
     file: Option<PathBuf>,
 }
@@ -53,8 +53,8 @@ pub(super) struct ReadDigest {
 /// The version of a file that is about to be read.
 pub(super) struct PendingDigest(Option<FileVersion>);
 
-impl PictureDigests {
-    /// Loads a cache file; the cache is empty if there is none. With `reread`, its lines are ignored and every picture is
+impl ImageDigests {
+    /// Loads a cache file; the cache is empty if there is none. With `reread`, its lines are ignored and every image is
     /// read again.
     ///
     /// # Errors
@@ -63,7 +63,7 @@ impl PictureDigests {
         let text = match fs::read(file) {
             Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
-            Err(source) => return Err(FileError::during("reading hashes of pictures", file)(source)),
+            Err(source) => return Err(FileError::during("reading hashes of images", file)(source)),
         };
         let known = text.lines().filter(|_| !reread).filter_map(parse_line).collect();
         Ok(Self { cache: Mutex::new(Cache { known, unsaved: String::new() }), file: Some(file.to_owned()) })
@@ -78,7 +78,7 @@ impl PictureDigests {
         let Some(file) = self.file.as_ref().filter(|_| !cache.unsaved.is_empty()) else { return Ok(()) };
         let opened = OpenOptions::new().create(true).append(true).open(file);
         let written = opened.and_then(|mut file| file.write_all(cache.unsaved.as_bytes()));
-        written.map_err(FileError::during::<ProtocolError>("writing hashes of pictures", file))?;
+        written.map_err(FileError::during::<ProtocolError>("writing hashes of images", file))?;
         cache.unsaved.clear();
         Ok(())
     }
@@ -89,14 +89,14 @@ impl PictureDigests {
         self.known(&pending).or_else(|| Some(self.add(pending.finish(&fs::read(path).ok()?))))
     }
 
-    /// The digest of a frame's picture; `None` if it cannot be read. A generated picture is not read: its digest is that
+    /// The digest of a frame's image; `None` if it cannot be read. A generated image is not read: its digest is that
     /// of its fingerprint.
     pub(super) fn of(&self, scene: &Scene, position: usize) -> Option<Sha256Digest> {
         let frame = scene.frames.get(position)?;
-        if let Picture::Generated(made) = &frame.picture {
+        if let FrameImage::Generated(made) = &frame.image {
             return Some(Sha256Digest::of(made.fingerprint().as_bytes()));
         }
-        let pending = PendingDigest::of(&frame.picture);
+        let pending = PendingDigest::of(&frame.image);
         self.known(&pending).or_else(|| Some(self.add(pending.finish(&frame.bytes(&scene.key, position).ok()?))))
     }
 
@@ -123,10 +123,10 @@ impl PictureDigests {
 }
 
 impl PendingDigest {
-    /// To be called before the picture is read.
-    pub(super) fn of(picture: &Picture) -> Self {
-        match picture {
-            Picture::File(path) => Self(FileVersion::of(path)),
+    /// To be called before the image is read.
+    pub(super) fn of(image: &FrameImage) -> Self {
+        match image {
+            FrameImage::File(path) => Self(FileVersion::of(path)),
             _ => Self(None),
         }
     }
@@ -164,19 +164,19 @@ mod tests {
     use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics, PoseNormalisation};
     use atsplat_pixels::{DecodeLimits, ImageU8};
     use atsplat_scene::preprocess::Preprocessing;
-    use atsplat_scene::{GeneratedPicture, SceneError, SharedBytes};
+    use atsplat_scene::{GeneratedImage, SceneError, SharedBytes};
 
     use super::*;
     use crate::preset::{Filters, NearFar};
     use crate::test_source::{MemorySource, SIZE, camera, png, scene};
-    use crate::trial::{Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+    use crate::trial::{Prefetch, TargetImages, Trial, TrialRecipe, Trials};
     use crate::{EvaluationIndex, IndexEntry};
 
-    /// A generated picture with only a fingerprint.
+    /// A generated image with only a fingerprint.
     #[derive(Debug)]
     struct FingerprintOnly(&'static str);
 
-    impl GeneratedPicture for FingerprintOnly {
+    impl GeneratedImage for FingerprintOnly {
         fn size(&self) -> ImageSize {
             SIZE
         }
@@ -186,7 +186,7 @@ mod tests {
         }
 
         fn make(&self) -> Result<ImageU8, SceneError> {
-            panic!("hashing must not generate the picture")
+            panic!("hashing must not generate the image")
         }
     }
 
@@ -197,17 +197,17 @@ mod tests {
             near_far: NearFar { near: 0.5, far: 100.0 },
             filters: Filters::default(),
             decode_limits: DecodeLimits::default(),
-            allow_absent_pictures: true,
+            allow_absent_images: true,
         }
     }
 
-    fn trial(scene: Scene, context: &[usize], target: &[usize], recipe: TrialRecipe) -> (Trial, TargetPictures) {
+    fn trial(scene: Scene, context: &[usize], target: &[usize], recipe: TrialRecipe) -> (Trial, TargetImages) {
         let entry = IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: None };
         let index = EvaluationIndex { scenes: [(scene.key.clone(), vec![entry])].into_iter().collect() };
         Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, Prefetch::NONE).next().unwrap().unwrap()
     }
 
-    fn data_hash(scene: Scene, digests: &PictureDigests) -> Sha256Digest {
+    fn data_hash(scene: Scene, digests: &ImageDigests) -> Sha256Digest {
         let (trial, targets) = trial(scene, &[0, 2], &[1], recipe());
         trial.data_hash(&targets, digests)
     }
@@ -230,25 +230,25 @@ mod tests {
                 NormalizedIntrinsics::new(0.8, 1.0, 0.5, 0.5).unwrap(),
             );
         }
-        one.frames[0].picture = Picture::Generated(Arc::new(FingerprintOnly("left")));
-        one.frames[2].picture = Picture::Generated(Arc::new(FingerprintOnly("right")));
-        one.frames[1].picture = Picture::Absent;
+        one.frames[0].image = FrameImage::Generated(Arc::new(FingerprintOnly("left")));
+        one.frames[2].image = FrameImage::Generated(Arc::new(FingerprintOnly("right")));
+        one.frames[1].image = FrameImage::Absent;
         one.frames[1].camera.distortion = Distortion::OpenCv { k1: 0.01, k2: -0.02, k3: 0.03, p1: 0.001, p2: -0.002 };
         one.frames[2].camera.distortion = Distortion::Fisheye { k: [0.1, 0.2, -0.3, 0.4] };
         let oracle: serde_json::Value =
             serde_json::from_str(include_str!("../../tests/fixtures/trial_hash_oracle.json")).unwrap();
-        let found = data_hash(one, &PictureDigests::default());
+        let found = data_hash(one, &ImageDigests::default());
         assert_eq!(found.to_string(), oracle["data_hash"].as_str().unwrap());
     }
 
     #[test]
-    fn the_data_hash_depends_on_exactly_the_pictures_and_cameras_of_the_trial() {
+    fn the_data_hash_depends_on_exactly_the_images_and_cameras_of_the_trial() {
         let base = || scene("s", 4, 5);
-        let none = PictureDigests::default();
+        let none = ImageDigests::default();
         let reference = data_hash(base(), &none);
         let repainted = |frame: usize| {
             let mut changed = base();
-            changed.frames[frame].picture = Picture::Encoded(SharedBytes::new(png([9, 9, 9])));
+            changed.frames[frame].image = FrameImage::Encoded(SharedBytes::new(png([9, 9, 9])));
             data_hash(changed, &none)
         };
         let moved = |frame: usize| {
@@ -257,88 +257,88 @@ mod tests {
             data_hash(changed, &none)
         };
         for frame in [0, 1, 2] {
-            assert_ne!(repainted(frame), reference, "picture {frame}");
+            assert_ne!(repainted(frame), reference, "image {frame}");
             assert_ne!(moved(frame), reference, "camera {frame}");
         }
         assert_eq!((repainted(3), moved(3)), (reference, reference), "frame 3 is not read");
         let mut swapped = base();
-        let [left, right] = [0, 2].map(|frame: usize| swapped.frames[frame].picture.clone());
-        (swapped.frames[0].picture, swapped.frames[2].picture) = (right, left);
+        let [left, right] = [0, 2].map(|frame: usize| swapped.frames[frame].image.clone());
+        (swapped.frames[0].image, swapped.frames[2].image) = (right, left);
         assert_ne!(data_hash(swapped, &none), reference, "the order matters");
         let mut renamed = base();
         renamed.key.push('2');
         let normalised = TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), ..recipe() };
         let (trial, targets) = trial(renamed, &[0, 2], &[1], normalised);
         assert_eq!(trial.data_hash(&targets, &none), reference, "the same data for every method");
-        assert!(trial.context()[0].picture().is_ok() && targets.get(0).unwrap().is_ok());
+        assert!(trial.context()[0].image().is_ok() && targets.get(0).unwrap().is_ok());
         assert_eq!(trial.data_hash(&targets, &none), reference, "decoded or not");
     }
 
     #[test]
     fn files_are_identified_by_size_and_time_unless_reread() {
         let folder = tempfile::tempdir().unwrap();
-        let [picture, cache] = ["0.png", "digests.txt"].map(|name| folder.path().join(name));
+        let [image, cache] = ["0.png", "digests.txt"].map(|name| folder.path().join(name));
         let dataset = || {
             let mut on_disk = scene("s", 3, 5);
-            on_disk.frames[1].picture = Picture::File(picture.clone());
+            on_disk.frames[1].image = FrameImage::File(image.clone());
             on_disk
         };
         let hash = |reread: bool| {
-            let digests = PictureDigests::open(&cache, reread).unwrap();
+            let digests = ImageDigests::open(&cache, reread).unwrap();
             let found = data_hash(dataset(), &digests);
             digests.save().unwrap();
             found
         };
-        write(&picture, &png([1, 2, 3]));
+        write(&image, &png([1, 2, 3]));
         let first = hash(false);
         assert_eq!(fs::read_to_string(&cache).unwrap().lines().count(), 1);
         assert_eq!(hash(false), first);
         assert_eq!(fs::read_to_string(&cache).unwrap().lines().count(), 1, "no new digest");
         // A different size is noticed.
-        write(&picture, &[png([1, 2, 3]), b"tail".to_vec()].concat());
+        write(&image, &[png([1, 2, 3]), b"tail".to_vec()].concat());
         assert_ne!(hash(false), first);
         // The same size and time: noticed when rereading, and by every later run.
-        write(&picture, &png([1, 2, 4]));
+        write(&image, &png([1, 2, 4]));
         assert_eq!(png([1, 2, 3]).len(), png([1, 2, 4]).len());
         assert_eq!(hash(false), first, "mistaken for the same file");
         let reread = hash(true);
         assert_ne!(reread, first);
         assert_eq!(hash(false), reread, "the last line counts");
-        // A truncated line only costs reading the picture again.
+        // A truncated line only costs reading the image again.
         let text = fs::read_to_string(&cache).unwrap();
         fs::write(&cache, &text[..text.len() - 9]).unwrap();
         assert_eq!(hash(true), reread);
-        fs::remove_file(&picture).unwrap();
-        assert_eq!(PictureDigests::open(&cache, false).unwrap().of(&dataset(), 1), None);
+        fs::remove_file(&image).unwrap();
+        assert_eq!(ImageDigests::open(&cache, false).unwrap().of(&dataset(), 1), None);
     }
 
     #[test]
     fn a_recently_modified_file_is_not_cached() {
         let folder = tempfile::tempdir().unwrap();
-        let picture = folder.path().join("0.png");
-        fs::write(&picture, png([1, 2, 3])).unwrap();
-        let digests = PictureDigests::default();
-        let first = digests.of_file(&picture).unwrap();
-        fs::write(&picture, png([1, 2, 4])).unwrap();
-        assert_ne!(digests.of_file(&picture).unwrap(), first);
+        let image = folder.path().join("0.png");
+        fs::write(&image, png([1, 2, 3])).unwrap();
+        let digests = ImageDigests::default();
+        let first = digests.of_file(&image).unwrap();
+        fs::write(&image, png([1, 2, 4])).unwrap();
+        assert_ne!(digests.of_file(&image).unwrap(), first);
     }
 
     /// The decoded bytes count, even if the file has changed since.
     #[test]
-    fn a_decoded_picture_is_hashed_as_the_bytes_that_were_decoded() {
+    fn a_decoded_image_is_hashed_as_the_bytes_that_were_decoded() {
         let folder = tempfile::tempdir().unwrap();
-        let picture = folder.path().join("0.png");
-        write(&picture, &png([1, 2, 3]));
+        let image = folder.path().join("0.png");
+        write(&image, &png([1, 2, 3]));
         let mut on_disk = scene("s", 3, 5);
-        on_disk.frames[1].picture = Picture::File(picture.clone());
-        let digests = PictureDigests::default();
+        on_disk.frames[1].image = FrameImage::File(image.clone());
+        let digests = ImageDigests::default();
         let (trial, targets) = trial(on_disk.clone(), &[0, 2], &[1], recipe());
         let colour = targets.get(0).unwrap().unwrap().pixel(0, 0);
-        write(&picture, &[png([9, 9, 9]), b"tail".to_vec()].concat());
+        write(&image, &[png([9, 9, 9]), b"tail".to_vec()].concat());
         let decoded = trial.data_hash(&targets, &digests);
         assert_eq!(colour, Some([1, 2, 3]));
         assert_ne!(decoded, data_hash(on_disk.clone(), &digests), "the file as it is now");
-        write(&picture, &png([1, 2, 3]));
-        assert_eq!(decoded, data_hash(on_disk, &PictureDigests::default()), "the file as it was");
+        write(&image, &png([1, 2, 3]));
+        assert_eq!(decoded, data_hash(on_disk, &ImageDigests::default()), "the file as it was");
     }
 }

@@ -21,11 +21,11 @@
 //! | domain | `atsplat data 1`, as text |
 //! | counts | of context, of target, u64 little-endian |
 //! | cameras and lenses *of the source* | as above, all of them |
-//! | pictures | context, then target in index order, each as the byte 1 and the SHA-256 of its encoded bytes, or of the fingerprint of a generated picture; the byte 0 if it cannot be read |
+//! | images | context, then target in index order, each as the byte 1 and the SHA-256 of its encoded bytes, or of the fingerprint of a generated image; the byte 0 if it cannot be read |
 //!
 //! Text is hashed as its length in bytes (u64 little-endian), then UTF-8. Cameras are f32 because `.torch` chunks
 //! store no more: a trajectory file and a chunk of the same scene have equal hashes. Intrinsics depend on the crop of the
-//! pictures, so differently cropped copies of a scene share only the hash of their poses. Negative zero is hashed as
+//! images, so differently cropped copies of a scene share only the hash of their poses. Negative zero is hashed as
 //! zero. The first version of the trial's hash, `atsplat trial 1`, did not include the lenses.
 
 use atsplat_camera::{Camera, Distortion};
@@ -70,7 +70,7 @@ pub(super) fn of_poses(entry: &IndexEntry, cameras: &[Camera]) -> Sha256Digest {
     Sha256Digest::finish(hasher)
 }
 
-/// The hasher of a trial's data after its cameras; the pictures follow. `cameras` are those of the source, context then
+/// The hasher of a trial's data after its cameras; the images follow. `cameras` are those of the source, context then
 /// target.
 pub(super) fn of_data(entry: &IndexEntry, cameras: &[Camera]) -> Sha256 {
     let mut hasher = Sha256::new();
@@ -79,8 +79,8 @@ pub(super) fn of_data(entry: &IndexEntry, cameras: &[Camera]) -> Sha256 {
     hasher
 }
 
-/// Adds a picture to the hash of a trial's data.
-pub(super) fn picture(hasher: &mut Sha256, digest: Option<Sha256Digest>) {
+/// Adds an image to the hash of a trial's data.
+pub(super) fn image(hasher: &mut Sha256, digest: Option<Sha256Digest>) {
     match digest {
         Some(digest) => {
             hasher.update([1]);

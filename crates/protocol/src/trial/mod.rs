@@ -1,13 +1,13 @@
 //! Trials: everything a method may see of a scene, and the views it has to render.
 //!
 //! [`Trials`] iterates over an index on a dataset. Each item has two parts: a [`Trial`] for the method, with context
-//! pictures and target *cameras*, and [`TargetPictures`] for scoring. The target pictures cannot be reached from the
+//! images and target *cameras*, and [`TargetImages`] for scoring. The target images cannot be reached from the
 //! trial.
 
 mod digests;
 mod hash;
+mod images;
 mod lazy;
-mod pictures;
 mod prefetch;
 mod prepare;
 mod recipe;
@@ -19,8 +19,8 @@ use atsplat_files::Sha256Digest;
 use atsplat_scene::preprocess::Preprocessing;
 use sha2::Sha256;
 
-pub use digests::PictureDigests;
-pub use pictures::{ContextView, TargetPictures};
+pub use digests::ImageDigests;
+pub use images::{ContextView, TargetImages};
 pub use prefetch::{DecodeAhead, Prefetch};
 pub use prepare::check;
 pub use recipe::TrialRecipe;
@@ -31,7 +31,7 @@ use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
 use crate::preset::NearFar;
 
-/// The input of a method: context views with pictures, target views without.
+/// The input of a method: context views with images, target views without.
 #[derive(Clone, Debug)]
 pub struct Trial {
     scene: String,
@@ -44,7 +44,7 @@ pub struct Trial {
     near_far: NearFar,
     hash: Sha256Digest,
     pose_hash: Sha256Digest,
-    /// The hasher of the data after the cameras; the pictures follow.
+    /// The hasher of the data after the cameras; the images follow.
     data: Sha256,
 }
 
@@ -53,9 +53,9 @@ pub struct Trial {
 pub struct TargetView {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// Camera in the normalised world, with the intrinsics of the preprocessed picture.
+    /// Camera in the normalised world, with the intrinsics of the preprocessed image.
     pub camera: Camera,
-    /// Size of the preprocessed picture, which is the size to render.
+    /// Size of the preprocessed image, which is the size to render.
     pub size: ImageSize,
     /// Whether it is also a context frame, and its distance from the window.
     pub label: FrameLabel,
@@ -100,7 +100,7 @@ impl Trial {
         &self.targets
     }
 
-    /// How pictures and intrinsics were preprocessed.
+    /// How images and intrinsics were preprocessed.
     pub const fn preprocessing(&self) -> &Preprocessing {
         &self.preprocessing
     }
@@ -117,25 +117,25 @@ impl Trial {
 
     /// Identity of the trial: scene key, frames, source cameras with their lenses, preprocessing, normalisation,
     /// near and far. The byte layout is documented in `trial/hash.rs`. Trials of equal hash give a method the same
-    /// input, provided that the pictures under one scene key are the same, which [`Self::data_hash`] verifies.
+    /// input, provided that the images under one scene key are the same, which [`Self::data_hash`] verifies.
     pub const fn hash(&self) -> Sha256Digest {
         self.hash
     }
 
-    /// Identity of the source poses alone, context then target, independent of the scene's key, the crop of its pictures,
+    /// Identity of the source poses alone, context then target, independent of the scene's key, the crop of its images,
     /// preprocessing and normalisation.
     pub const fn pose_hash(&self) -> Sha256Digest {
         self.pose_hash
     }
 
-    /// Identity of the data that the trial reads: the bytes of every context and target picture, and the source cameras
-    /// with their lenses. It is the same for every method and normalisation. Decoded pictures count as the bytes that
+    /// Identity of the data that the trial reads: the bytes of every context and target image, and the source cameras
+    /// with their lenses. It is the same for every method and normalisation. Decoded images count as the bytes that
     /// were decoded, others as the digests cached or computed by `digests`. The byte layout is documented in
     /// `trial/hash.rs`.
-    pub fn data_hash(&self, targets: &TargetPictures, digests: &PictureDigests) -> Sha256Digest {
+    pub fn data_hash(&self, targets: &TargetImages, digests: &ImageDigests) -> Sha256Digest {
         let mut hasher = self.data.clone();
-        let pictures = self.context.iter().map(|view| &view.picture).chain(&targets.pictures);
-        pictures.for_each(|lazy| hash::picture(&mut hasher, lazy.digest(digests)));
+        let images = self.context.iter().map(|view| &view.image).chain(&targets.images);
+        images.for_each(|lazy| hash::image(&mut hasher, lazy.digest(digests)));
         Sha256Digest::finish(hasher)
     }
 }

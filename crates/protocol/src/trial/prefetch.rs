@@ -8,22 +8,22 @@ use std::thread;
 pub struct Prefetch {
     /// Maximum number of trials in preparation or ready, on rayon's threads. 0 prepares each trial on demand.
     pub trials: usize,
-    /// Which pictures are decoded ahead.
+    /// Which images are decoded ahead.
     pub decode: DecodeAhead,
-    /// Maximum bytes of preprocessed pictures that were decoded ahead and are still alive, in the iterator *or* in
-    /// trials taken from it. A trial that does not fit is returned undecoded and decodes on demand. Source pictures
+    /// Maximum bytes of preprocessed images that were decoded ahead and are still alive, in the iterator *or* in
+    /// trials taken from it. A trial that does not fit is returned undecoded and decodes on demand. Source images
     /// being decoded, one per thread, are not counted.
     pub max_bytes: u64,
 }
 
-/// Which pictures are decoded ahead.
+/// Which images are decoded ahead.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DecodeAhead {
     /// None: cameras only.
     Nothing,
-    /// Context pictures.
+    /// Context images.
     Context,
-    /// Context and target pictures.
+    /// Context and target images.
     #[default]
     All,
 }

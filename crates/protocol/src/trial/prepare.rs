@@ -3,18 +3,18 @@ use std::sync::Arc;
 
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera, normalise};
 use atsplat_scene::preprocess::{Plan, PreprocessError, Preprocessing};
-use atsplat_scene::{Frame, Picture, Scene, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, Warnings};
 
-use super::pictures::LazyPicture;
+use super::images::LazyImage;
 use super::{
-    AppliedNormalisation, ContextView, Refusal, SkipReason, TargetPictures, TargetView, Trial, TrialRecipe, hash,
+    AppliedNormalisation, ContextView, Refusal, SkipReason, TargetImages, TargetView, Trial, TrialRecipe, hash,
 };
 use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
 use crate::preset::{DropReason, Dropped, NearFar};
 
-/// Checks whether an entry of a scene gives a trial, without decoding a picture, and pushes the irregularities of the
-/// pictures' headers to `warnings`; [`super::Trials`] agrees in both.
+/// Checks whether an entry of a scene gives a trial, without decoding an image, and pushes the irregularities of the
+/// images' headers to `warnings`; [`super::Trials`] agrees in both.
 ///
 /// # Errors
 /// [`Refusal`] with the reason why it does not.
@@ -27,22 +27,22 @@ pub fn check(
     prepare(scene, 0, entry, recipe, warnings).map(drop)
 }
 
-/// Prepares the trial of one index entry; no picture is decoded.
+/// Prepares the trial of one index entry; no image is decoded.
 pub(super) fn prepare(
     scene: &Arc<Scene>,
     entry_number: usize,
     entry: &IndexEntry,
     recipe: &TrialRecipe,
     warnings: &mut Warnings,
-) -> Result<(Trial, TargetPictures), Refusal> {
+) -> Result<(Trial, TargetImages), Refusal> {
     let views = Views::of(scene, entry, recipe, warnings)?;
-    let mut pictures: BTreeMap<usize, Arc<LazyPicture>> = BTreeMap::new();
+    let mut images: BTreeMap<usize, Arc<LazyImage>> = BTreeMap::new();
     for view in views.context.iter().chain(&views.targets) {
-        let lazy = || LazyPicture::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
-        pictures.entry(view.position).or_insert_with(|| Arc::new(lazy()));
+        let lazy = || LazyImage::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
+        images.entry(view.position).or_insert_with(|| Arc::new(lazy()));
     }
     #[expect(clippy::expect_used, reason = "the map was filled from the same views")]
-    let picture = |view: &View<'_>| Arc::clone(pictures.get(&view.position).expect("a picture for every view"));
+    let image = |view: &View<'_>| Arc::clone(images.get(&view.position).expect("an image for every view"));
     let poses = |views: &[View<'_>]| -> Vec<WorldFromCamera> {
         views.iter().map(|view| view.frame.camera.camera_from_world.inverse()).collect()
     };
@@ -52,7 +52,7 @@ pub(super) fn prepare(
         frame: view.position,
         camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
         size: view.plan.output(),
-        picture: picture(view),
+        image: image(view),
         reservation: None,
     });
     let targets = views.targets.iter().zip(&normalised.targets).map(|(view, pose)| TargetView {
@@ -83,8 +83,8 @@ pub(super) fn prepare(
         pose_hash: hash::of_poses(entry, &sources),
         data: hash::of_data(entry, &sources),
     };
-    let pictures = views.targets.iter().map(picture).collect();
-    Ok((trial, TargetPictures { trial: hash, pictures, reservation: None }))
+    let images = views.targets.iter().map(image).collect();
+    Ok((trial, TargetImages { trial: hash, images, reservation: None }))
 }
 
 fn normalisation_reason(error: &CameraError) -> SkipReason {
@@ -94,7 +94,7 @@ fn normalisation_reason(error: &CameraError) -> SkipReason {
     }
 }
 
-/// A frame with the preprocessing plan of its picture, and its camera after preprocessing, before normalisation.
+/// A frame with the preprocessing plan of its image, and its camera after preprocessing, before normalisation.
 struct View<'a> {
     position: usize,
     frame: &'a Frame,
@@ -115,7 +115,7 @@ impl<'a> Views<'a> {
         warnings: &mut Warnings,
     ) -> Result<Self, Refusal> {
         let expected_size = recipe.preprocessing.expected_size;
-        let sizes = picture_sizes(scene, entry, expected_size, warnings);
+        let sizes = image_sizes(scene, entry, expected_size, warnings);
         let known_size = |frame: &Frame| {
             let (_, size) = sizes.values().find(|(known, _)| std::ptr::eq(*known, frame))?;
             size.as_ref().ok().copied()
@@ -129,20 +129,20 @@ impl<'a> Views<'a> {
                 let detail = format!("frame {position} of {}", scene.frames.len());
                 Dropped { reason: DropReason::FrameOutOfRange, detail }
             })?;
-            if matches!(frame.picture, Picture::Absent) && !recipe.allow_absent_pictures {
-                let detail = format!("frame {position}: the trajectory has no pictures");
-                return Err(Dropped { reason: DropReason::PictureMissing, detail }.into());
+            if matches!(frame.image, FrameImage::Absent) && !recipe.allow_absent_images {
+                let detail = format!("frame {position}: the trajectory has no images");
+                return Err(Dropped { reason: DropReason::ImageMissing, detail }.into());
             }
-            let size = size.clone().map_err(|detail| Refusal { reason: SkipReason::PictureUnreadable, detail })?;
+            let size = size.clone().map_err(|detail| Refusal { reason: SkipReason::ImageUnreadable, detail })?;
             let unfit = |error: PreprocessError| Refusal {
                 reason: SkipReason::Preprocessing,
                 detail: format!("frame {position}: {error}"),
             };
             if let Some(mismatch) =
-                frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.picture.is_available())
+                frame.mismatch(size).filter(|mismatch| mismatch.is_fatal() && frame.image.is_available())
             {
                 let detail = format!("frame {position}: {mismatch}");
-                return Err(Refusal { reason: SkipReason::PictureMisfit, detail });
+                return Err(Refusal { reason: SkipReason::ImageMisfit, detail });
             }
             let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;
             let camera = plan.camera(&frame.camera).map_err(unfit)?;
@@ -154,26 +154,26 @@ impl<'a> Views<'a> {
     }
 }
 
-/// The frames of the entry that the scene has, with the size of their picture or why it is unknown.
-type PictureSizes<'a> = BTreeMap<usize, (&'a Frame, Result<ImageSize, String>)>;
+/// The frames of the entry that the scene has, with the size of their image or why it is unknown.
+type ImageSizes<'a> = BTreeMap<usize, (&'a Frame, Result<ImageSize, String>)>;
 
-/// Reads picture sizes from the files' headers; those of absent pictures are as stated by the frame or expected by the
+/// Reads image sizes from the files' headers; those of absent images are as stated by the frame or expected by the
 /// protocol. Other irregularities of a header are counted as warnings.
-fn picture_sizes<'a>(
+fn image_sizes<'a>(
     scene: &'a Scene,
     entry: &IndexEntry,
     expected: Option<ImageSize>,
     warnings: &mut Warnings,
-) -> PictureSizes<'a> {
-    let mut sizes = PictureSizes::new();
+) -> ImageSizes<'a> {
+    let mut sizes = ImageSizes::new();
     for position in entry.context.iter().chain(&entry.target) {
         let Some(frame) = scene.frames.get(*position) else { continue };
         sizes.entry(*position).or_insert_with(|| {
-            let size = match frame.picture {
-                Picture::Absent => frame
+            let size = match frame.image {
+                FrameImage::Absent => frame
                     .stated_size
                     .or(expected)
-                    .ok_or_else(|| format!("frame {position}: the size of its absent picture is not stated")),
+                    .ok_or_else(|| format!("frame {position}: the size of its absent image is not stated")),
                 _ => match frame.header(&scene.key, *position) {
                     Ok(header) => {
                         frame.report(&scene.key, *position, &header, warnings);
@@ -188,7 +188,7 @@ fn picture_sizes<'a>(
     sizes
 }
 
-/// The plan for pictures of this size; pictures of equal size share one.
+/// The plan for images of this size; images of equal size share one.
 fn plan_for(
     plans: &mut BTreeMap<ImageSize, Arc<Plan>>,
     preprocessing: &Preprocessing,

@@ -4,10 +4,10 @@ use atsplat_scene::preprocess::Preprocessing;
 
 use crate::preset::{Filters, NearFar, Preset};
 
-/// How index entries become trials: the parts of a preset that affect cameras and pictures.
+/// How index entries become trials: the parts of a preset that affect cameras and images.
 #[derive(Clone, Debug)]
 pub struct TrialRecipe {
-    /// How pictures and intrinsics are preprocessed.
+    /// How images and intrinsics are preprocessed.
     pub preprocessing: Preprocessing,
     /// How poses are normalised.
     pub pose_normalisation: PoseNormalisation,
@@ -15,11 +15,11 @@ pub struct TrialRecipe {
     pub near_far: NearFar,
     /// Which scenes the published loaders drop.
     pub filters: Filters,
-    /// Limits for decoding picture files.
+    /// Limits for decoding image files.
     pub decode_limits: DecodeLimits,
-    /// Whether an entry without pictures (a bare trajectory) gives a trial: its cameras are valid, its pictures are
+    /// Whether an entry without images (a bare trajectory) gives a trial: its cameras are valid, its images are
     /// errors. Off by default.
-    pub allow_absent_pictures: bool,
+    pub allow_absent_images: bool,
 }
 
 impl TrialRecipe {
@@ -33,7 +33,7 @@ impl TrialRecipe {
             near_far: setting.near_far,
             filters: preset.filters.clone(),
             decode_limits: DecodeLimits::default(),
-            allow_absent_pictures: false,
+            allow_absent_images: false,
         }
     }
 }

@@ -13,11 +13,11 @@ pub enum SkipReason {
     NullEntry,
     /// A reason for which the published loaders drop it too.
     Dropped(DropReason),
-    /// A picture's header cannot be read.
-    PictureUnreadable,
-    /// A picture does not match its camera's intrinsics.
-    PictureMisfit,
-    /// A preprocessing step does not fit the picture.
+    /// An image's header cannot be read.
+    ImageUnreadable,
+    /// An image does not match its camera's intrinsics.
+    ImageMisfit,
+    /// A preprocessing step does not fit the image.
     Preprocessing,
     /// The pose normalisation is not defined for these cameras.
     PoseNormalisation,
@@ -29,8 +29,8 @@ impl SkipReason {
         match self {
             Self::NullEntry => "null-entry",
             Self::Dropped(reason) => reason.name(),
-            Self::PictureUnreadable => "picture-unreadable",
-            Self::PictureMisfit => "picture-misfit",
+            Self::ImageUnreadable => "image-unreadable",
+            Self::ImageMisfit => "image-misfit",
             Self::Preprocessing => "preprocessing",
             Self::PoseNormalisation => "pose-normalisation",
         }

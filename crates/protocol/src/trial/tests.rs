@@ -5,7 +5,7 @@ use atsplat_camera::{Distortion, MeanCameraScale, NormalizedIntrinsics, PoseNorm
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
-use atsplat_scene::{Picture, Scene, SharedBytes, WarningKind};
+use atsplat_scene::{FrameImage, Scene, SharedBytes, WarningKind};
 
 use super::*;
 use crate::preset::{DropReason, Filters};
@@ -19,7 +19,7 @@ fn recipe() -> TrialRecipe {
         near_far: NearFar { near: 0.5, far: 100.0 },
         filters: Filters::default(),
         decode_limits: DecodeLimits::default(),
-        allow_absent_pictures: false,
+        allow_absent_images: false,
     }
 }
 
@@ -31,15 +31,15 @@ fn index(scenes: &[(&str, Vec<IndexEntry>)]) -> EvaluationIndex {
     EvaluationIndex { scenes: scenes.iter().map(|(key, entries)| ((*key).to_owned(), entries.clone())).collect() }
 }
 
-fn only_trial(scene: Scene, entry: IndexEntry, recipe: TrialRecipe) -> Result<(Trial, TargetPictures), Skipped> {
+fn only_trial(scene: Scene, entry: IndexEntry, recipe: TrialRecipe) -> Result<(Trial, TargetImages), Skipped> {
     let index = index(&[(scene.key.clone().as_str(), vec![entry])]);
     let lazily = Prefetch { trials: 0, ..Prefetch::default() };
     Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, lazily).next().unwrap()
 }
 
 #[test]
-fn a_trial_holds_normalised_cameras_and_preprocessed_pictures() {
-    let (trial, pictures) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[0, 2, 8]), recipe()).unwrap();
+fn a_trial_holds_normalised_cameras_and_preprocessed_images() {
+    let (trial, images) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[0, 2, 8]), recipe()).unwrap();
     assert_eq!(trial.context().iter().map(|view| view.frame).collect::<Vec<_>>(), [2, 6]);
     let centres = trial.context().iter().map(|view| view.camera.camera_from_world.inverse().centre().x.abs());
     let largest = centres.fold(0.0, |a: f64, b| if b > a { b } else { a });
@@ -48,11 +48,11 @@ fn a_trial_holds_normalised_cameras_and_preprocessed_pictures() {
     let labels: Vec<_> = trial.targets().iter().map(|view| (view.label.signed_distance, view.label.leaked)).collect();
     assert_eq!(labels, [(-2, false), (0, true), (2, false)]);
     assert_eq!(trial.context()[0].camera, trial.targets()[1].camera, "one frame, one camera");
-    let given = trial.context()[1].picture().unwrap();
+    let given = trial.context()[1].image().unwrap();
     assert_eq!(((given.width(), given.height()), given.pixel(3, 3)), ((32, 32), Some([6, 5, 7])));
-    assert_eq!(pictures.get(2).unwrap().unwrap().pixel(0, 0), Some([8, 5, 7]));
-    assert!(Arc::ptr_eq(&trial.context()[0].picture().unwrap(), &pictures.get(1).unwrap().unwrap()), "decoded once");
-    assert_eq!((pictures.len(), pictures.trial(), pictures.get(3).is_none()), (3, trial.hash(), true));
+    assert_eq!(images.get(2).unwrap().unwrap().pixel(0, 0), Some([8, 5, 7]));
+    assert!(Arc::ptr_eq(&trial.context()[0].image().unwrap(), &images.get(1).unwrap().unwrap()), "decoded once");
+    assert_eq!((images.len(), images.trial(), images.get(3).is_none()), (3, trial.hash(), true));
 }
 
 #[test]
@@ -96,9 +96,9 @@ fn entries_are_skipped_by_reason_without_affecting_others() {
     };
     let source = MemorySource::new([
         scene("fine", 9, 0),
-        with("absent", &|scene| scene.frames[4].picture = Picture::Absent),
-        with("missing", &|scene| scene.frames[4].picture = Picture::Missing("4.png".into())),
-        with("garbled", &|scene| scene.frames[4].picture = Picture::Encoded(SharedBytes::new(b"no picture".to_vec()))),
+        with("absent", &|scene| scene.frames[4].image = FrameImage::Absent),
+        with("missing", &|scene| scene.frames[4].image = FrameImage::Missing("4.png".into())),
+        with("garbled", &|scene| scene.frames[4].image = FrameImage::Encoded(SharedBytes::new(b"no image".to_vec()))),
         with("wide", &|scene| {
             scene.frames[8].camera.intrinsics = NormalizedIntrinsics::new(0.1, 0.1, 0.5, 0.5).unwrap();
         }),
@@ -114,8 +114,8 @@ fn entries_are_skipped_by_reason_without_affecting_others() {
     let outcomes: Vec<Option<SkipReason>> = trials.by_ref().map(|trial| trial.err().map(|s| s.reason)).collect();
     let expected = [
         DropReason::SceneMissing,
-        DropReason::PictureMissing,
-        DropReason::PictureMissing,
+        DropReason::ImageMissing,
+        DropReason::ImageMissing,
         DropReason::FieldOfView,
         DropReason::Translation,
         DropReason::Baseline,
@@ -123,12 +123,12 @@ fn entries_are_skipped_by_reason_without_affecting_others() {
     ]
     .map(SkipReason::Dropped);
     assert_eq!(outcomes[..3], expected[..3].iter().copied().map(Some).collect::<Vec<_>>());
-    assert_eq!(outcomes[3], Some(SkipReason::PictureUnreadable));
+    assert_eq!(outcomes[3], Some(SkipReason::ImageUnreadable));
     assert_eq!(outcomes[4..8], expected[3..].iter().copied().map(Some).collect::<Vec<_>>());
     assert_eq!(outcomes[8], None);
     let report = trials.report();
     assert_eq!((report.trials, report.skipped.len()), (1, 9), "the null scene is counted too");
-    assert_eq!(report.counts()[&SkipReason::Dropped(DropReason::PictureMissing)], 2);
+    assert_eq!(report.counts()[&SkipReason::Dropped(DropReason::ImageMissing)], 2);
     assert_eq!(report.counts()[&SkipReason::NullEntry], 1);
     assert_eq!(trials.warnings().count(WarningKind::SceneNotFound), 1);
     assert_eq!(trials.warnings().count(WarningKind::LensDistortion), 8, "once for each scene that was loaded");
@@ -142,7 +142,7 @@ fn mismatched_sizes_steps_and_cameras_are_skipped() {
         let recipe = TrialRecipe { preprocessing, ..recipe() };
         only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), recipe).unwrap_err().reason
     };
-    assert_eq!(reason(expecting), SkipReason::Dropped(DropReason::PictureSize));
+    assert_eq!(reason(expecting), SkipReason::Dropped(DropReason::ImageSize));
     assert_eq!(reason(Preprocessing::of([Step::from(CentreCrop::new(100, 100))])), SkipReason::Preprocessing);
     let coincident = TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), ..recipe() };
     let skipped = only_trial(scene("s", 9, 5), entry(&[2, 2], &[4]), coincident).unwrap_err();
@@ -151,15 +151,15 @@ fn mismatched_sizes_steps_and_cameras_are_skipped() {
     assert_eq!(skipped.reason, SkipReason::PoseNormalisation);
 }
 
-/// The test's cameras are for pictures of 64×48; crops of another shape are rejected with scene, frame and both sizes.
+/// The test's cameras are for images of 64×48; crops of another shape are rejected with scene, frame and both sizes.
 #[test]
-fn rejects_pictures_that_do_not_fit_their_intrinsics() {
+fn rejects_images_that_do_not_fit_their_intrinsics() {
     let any_size = TrialRecipe { preprocessing: Preprocessing::default(), ..recipe() };
     let with = |width: u32, height: u32, stated: Option<ImageSize>| {
         let mut changed = scene("s", 9, 5);
         changed.frames.iter_mut().for_each(|frame| frame.stated_size = Some(SIZE));
-        let picture = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
-        changed.frames[6].picture = Picture::Encoded(SharedBytes::new(atsplat_pixels::encode_png(&picture).unwrap()));
+        let image = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
+        changed.frames[6].image = FrameImage::Encoded(SharedBytes::new(atsplat_pixels::encode_png(&image).unwrap()));
         changed.frames[6].stated_size = stated;
         let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
         let mut trials =
@@ -176,7 +176,7 @@ fn rejects_pictures_that_do_not_fit_their_intrinsics() {
     ] {
         let (outcome, counted) = with(width, height, stated);
         let skipped = outcome.unwrap_err();
-        assert_eq!((skipped.reason, skipped.scene.as_str(), counted), (SkipReason::PictureMisfit, "s", 1));
+        assert_eq!((skipped.reason, skipped.scene.as_str(), counted), (SkipReason::ImageMisfit, "s", 1));
         let detail = &skipped.detail;
         assert!(detail.contains("frame 6") && detail.contains(&format!("{width}×{height}")), "{detail}");
         assert!(detail.contains(fitting), "{detail}");
@@ -185,20 +185,20 @@ fn rejects_pictures_that_do_not_fit_their_intrinsics() {
 }
 
 #[test]
-fn warns_about_pictures_with_an_exif_rotation() {
+fn warns_about_images_with_an_exif_rotation() {
     let exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
-    let picture = atsplat_pixels::ImageU8::new(64, 48, vec![7; 64 * 48 * 3]).unwrap();
-    let mut jpeg = atsplat_pixels::encode_jpeg(&picture, 90).unwrap();
+    let image = atsplat_pixels::ImageU8::new(64, 48, vec![7; 64 * 48 * 3]).unwrap();
+    let mut jpeg = atsplat_pixels::encode_jpeg(&image, 90).unwrap();
     let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
     jpeg.splice(2..2, [&[0xff, 0xe1], &length[..], exif].concat());
     let mut rotated = scene("s", 9, 5);
-    rotated.frames[6].picture = Picture::Encoded(SharedBytes::new(jpeg));
+    rotated.frames[6].image = FrameImage::Encoded(SharedBytes::new(jpeg));
     let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
     let mut trials = Trials::new(Arc::new(MemorySource::new([rotated])), &index, recipe(), Prefetch::default());
     let (trial, _) = trials.next().unwrap().unwrap();
-    assert_eq!(trial.context()[1].picture().unwrap().width(), 32, "as stored");
-    assert_eq!(trials.warnings().count(WarningKind::TurnedPicture), 1);
-    let warning = trials.warnings().kept().iter().find(|warning| warning.kind == WarningKind::TurnedPicture).unwrap();
+    assert_eq!(trial.context()[1].image().unwrap().width(), 32, "as stored");
+    assert_eq!(trials.warnings().count(WarningKind::TurnedImage), 1);
+    let warning = trials.warnings().kept().iter().find(|warning| warning.kind == WarningKind::TurnedImage).unwrap();
     assert!(
         warning.to_string().contains("s: frame 6: EXIF says that it is to be turned by 90° clockwise"),
         "{warning}"
@@ -217,53 +217,53 @@ fn warns_about_an_alpha_channel_and_low_bytes_that_are_dropped() {
         let mut png = Vec::new();
         PngEncoder::new(&mut png).write_image(&pixel.repeat(64 * 48), 64, 48, colour).unwrap();
         let mut with_more = scene("s", 9, 5);
-        with_more.frames[6].picture = Picture::Encoded(SharedBytes::new(png));
+        with_more.frames[6].image = FrameImage::Encoded(SharedBytes::new(png));
         let mut trials = Trials::new(Arc::new(MemorySource::new([with_more])), &index, recipe(), Prefetch::default());
         let (trial, _) = trials.next().unwrap().unwrap();
-        assert_eq!(trial.context()[1].picture().unwrap().samples()[..3], [9, 8, 7], "{kind}");
+        assert_eq!(trial.context()[1].image().unwrap().samples()[..3], [9, 8, 7], "{kind}");
         assert_eq!(trials.warnings().count(kind), 1, "{kind}: the other frames have none");
         let kept = trials.warnings().kept().iter().find(|warning| warning.kind == kind).unwrap();
         assert!(kept.to_string().starts_with(expected), "{kept}");
     }
 }
 
-/// A picture truncated after its header: the trial is valid, and requesting the picture gives the same error every time.
+/// An image truncated after its header: the trial is valid, and requesting the image gives the same error every time.
 #[test]
-fn a_damaged_picture_is_an_error_when_requested() {
+fn a_damaged_image_is_an_error_when_requested() {
     let mut damaged = scene("s", 9, 5);
     let mut bytes = png([1, 2, 3]);
     bytes.truncate(50);
-    damaged.frames[4].picture = Picture::Encoded(SharedBytes::new(bytes));
+    damaged.frames[4].image = FrameImage::Encoded(SharedBytes::new(bytes));
     for trials in [0, 3] {
         let index = index(&[("s", vec![entry(&[2, 6], &[4, 5])])]);
         let source = Arc::new(MemorySource::new([damaged.clone()]));
         let prefetch = Prefetch { trials, ..Prefetch::default() };
-        let (_, pictures) = Trials::new(source, &index, recipe(), prefetch).next().unwrap().unwrap();
-        let error = pictures.get(0).unwrap().unwrap_err();
-        assert!(matches!(error, ProtocolError::Picture(_)), "{error}");
-        assert_eq!(error.to_string(), pictures.get(0).unwrap().unwrap_err().to_string());
+        let (_, images) = Trials::new(source, &index, recipe(), prefetch).next().unwrap().unwrap();
+        let error = images.get(0).unwrap().unwrap_err();
+        assert!(matches!(error, ProtocolError::Image(_)), "{error}");
+        assert_eq!(error.to_string(), images.get(0).unwrap().unwrap_err().to_string());
         assert!(error.to_string().contains("frame 4"), "{error}");
-        assert!(pictures.get(1).unwrap().is_ok());
+        assert!(images.get(1).unwrap().is_ok());
     }
 }
 
 #[test]
 fn a_bare_trajectory_gives_trials_only_if_allowed() {
     let mut bare = scene("s", 9, 5);
-    bare.frames.iter_mut().for_each(|frame| frame.picture = Picture::Absent);
+    bare.frames.iter_mut().for_each(|frame| frame.image = FrameImage::Absent);
     let allowing = TrialRecipe {
         preprocessing: Preprocessing { expected_size: Some(SIZE), ..recipe().preprocessing },
-        allow_absent_pictures: true,
+        allow_absent_images: true,
         ..recipe()
     };
-    let (trial, pictures) = only_trial(bare.clone(), entry(&[2, 6], &[4]), allowing.clone()).unwrap();
-    assert!(trial.context()[0].picture().is_err() && pictures.get(0).unwrap().is_err());
-    let (with_pictures, _) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), allowing).unwrap();
-    assert_eq!(trial.hash(), with_pictures.hash());
+    let (trial, images) = only_trial(bare.clone(), entry(&[2, 6], &[4]), allowing.clone()).unwrap();
+    assert!(trial.context()[0].image().is_err() && images.get(0).unwrap().is_err());
+    let (with_images, _) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), allowing).unwrap();
+    assert_eq!(trial.hash(), with_images.hash());
 }
 
 #[test]
-fn hashes_distinguish_trials_and_ignore_pictures_and_overlap() {
+fn hashes_distinguish_trials_and_ignore_images_and_overlap() {
     let base = || (scene("s", 9, 5), entry(&[2, 6], &[4]), recipe());
     let hashes = |(scene, entry, recipe): (Scene, IndexEntry, TrialRecipe)| {
         let (trial, _) = only_trial(scene, entry, recipe).unwrap();
@@ -271,7 +271,7 @@ fn hashes_distinguish_trials_and_ignore_pictures_and_overlap() {
     };
     let reference = hashes(base());
     let mut same = base();
-    same.0.frames[4].picture = Picture::Encoded(SharedBytes::new(png([9, 9, 9])));
+    same.0.frames[4].image = FrameImage::Encoded(SharedBytes::new(png([9, 9, 9])));
     same.0.frames[0].camera = camera(77.0);
     same.1.overlap = Some(0.5.into());
     assert_eq!(hashes(same), reference, "pixels, other frames and overlap are ignored");
@@ -379,10 +379,10 @@ fn observed(threads: usize, prefetch: Prefetch) -> (Vec<String>, SkipReport, u64
     pool.install(|| {
         let mut trials = Trials::new(Arc::new(MemorySource::new(scenes)), &index, recipe(), prefetch);
         let seen = trials.by_ref().map(|outcome| match outcome {
-            Ok((trial, pictures)) => {
-                let colours: Vec<_> = (0..pictures.len())
-                    .map(|position| pictures.get(position).unwrap().unwrap().pixel(1, 1).unwrap())
-                    .chain(trial.context().iter().map(|view| view.picture().unwrap().pixel(1, 1).unwrap()))
+            Ok((trial, images)) => {
+                let colours: Vec<_> = (0..images.len())
+                    .map(|position| images.get(position).unwrap().unwrap().pixel(1, 1).unwrap())
+                    .chain(trial.context().iter().map(|view| view.image().unwrap().pixel(1, 1).unwrap()))
                     .collect();
                 format!("{} {} {} {colours:?}", trial.scene(), trial.entry_number(), trial.hash())
             }
@@ -397,7 +397,7 @@ fn observed(threads: usize, prefetch: Prefetch) -> (Vec<String>, SkipReport, u64
 fn order_and_content_do_not_depend_on_threads_and_bounds() {
     let (reference, report, peak) = observed(1, Prefetch { trials: 0, ..Prefetch::default() });
     assert_eq!((reference.len(), report.trials, report.skipped.len()), (24, 20, 8));
-    assert!(peak > 0, "a trial prepared on demand decodes all its pictures at once");
+    assert!(peak > 0, "a trial prepared on demand decodes all its images at once");
     for threads in [1, 2, 5] {
         for trials in [1, 3, 64] {
             for decode in [DecodeAhead::Nothing, DecodeAhead::Context, DecodeAhead::All] {
@@ -439,17 +439,17 @@ fn loads_no_more_scenes_ahead_than_the_bound() {
     assert_eq!((taken, source.loads.load(Ordering::SeqCst)), (24, 24));
 }
 
-/// The budget is never exceeded, whether the iterator or its consumer holds the pictures.
+/// The budget is never exceeded, whether the iterator or its consumer holds the images.
 #[test]
 fn kept_trials_count_against_the_budget() {
     let (scenes, index) = many_scenes();
-    let one_picture = 32 * 32 * 3;
-    let prefetch = Prefetch { trials: 4, decode: DecodeAhead::All, max_bytes: one_picture * 9 };
+    let one_image = 32 * 32 * 3;
+    let prefetch = Prefetch { trials: 4, decode: DecodeAhead::All, max_bytes: one_image * 9 };
     let mut trials = Trials::new(Arc::new(MemorySource::new(scenes)), &index, recipe(), prefetch);
     let kept: Vec<_> = trials.by_ref().collect();
     assert_eq!(kept.len(), 24);
     let peak = trials.peak_bytes();
-    assert!(peak <= one_picture * 9 && peak >= one_picture * 3, "{peak}");
+    assert!(peak <= one_image * 9 && peak >= one_image * 3, "{peak}");
 }
 
 /// With several threads, entries prepared at the same time may each load their scene; one of the loads is kept.

@@ -3,19 +3,19 @@ use std::sync::Arc;
 
 use atsplat_scene::{Scene, SceneSource, Warnings};
 
+use super::images::LazyImage;
 use super::lazy::LazyValue;
-use super::pictures::LazyPicture;
 use super::prefetch::{Budget, DecodeAhead, OrderedJobs, Prefetch};
 use super::prepare::prepare;
-use super::{Refusal, SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
+use super::{Refusal, SkipReason, SkipReport, Skipped, TargetImages, Trial, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry};
 
-/// Iterates over an evaluation index on a dataset: for each entry, in index order, a trial and its target pictures, or
+/// Iterates over an evaluation index on a dataset: for each entry, in index order, a trial and its target images, or
 /// why there is none.
 ///
-/// Scenes are loaded, and pictures decoded, ahead of the caller on rayon's threads within the bounds of
+/// Scenes are loaded, and images decoded, ahead of the caller on rayon's threads within the bounds of
 /// [`Prefetch`]; the items are the same for any bounds and any number of threads. `null` scenes are counted in the
-/// report and yield nothing. A damaged picture does not prevent its trial: only requesting that picture is an error, the
+/// report and yield nothing. A damaged image does not prevent its trial: only requesting that image is an error, the
 /// same every time.
 pub struct Trials {
     source: Arc<dyn SceneSource>,
@@ -42,7 +42,7 @@ struct SharedScene {
 }
 
 struct PreparedEntry {
-    trial: Result<(Trial, TargetPictures), Skipped>,
+    trial: Result<(Trial, TargetImages), Skipped>,
     warnings: Warnings,
 }
 
@@ -91,7 +91,7 @@ impl Trials {
         std::mem::take(&mut self.warnings)
     }
 
-    /// The largest number of bytes of pictures decoded ahead that were alive at once; at most [`Prefetch::max_bytes`].
+    /// The largest number of bytes of images decoded ahead that were alive at once; at most [`Prefetch::max_bytes`].
     pub fn peak_bytes(&self) -> u64 {
         self.budget.peak()
     }
@@ -109,7 +109,7 @@ impl Trials {
 }
 
 impl Iterator for Trials {
-    type Item = Result<(Trial, TargetPictures), Skipped>;
+    type Item = Result<(Trial, TargetImages), Skipped>;
 
     fn next(&mut self) -> Option<Self::Item> {
         self.prepare_ahead(self.prefetch.trials.max(1));
@@ -154,7 +154,7 @@ impl PendingEntry {
             Err(refusal) => Err(refusal),
         };
         let trial = match prepared {
-            Ok((trial, pictures)) => Ok(decode_ahead(trial, pictures, decode, budget)),
+            Ok((trial, images)) => Ok(decode_ahead(trial, images, decode, budget)),
             Err(Refusal { reason, detail }) => Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail }),
         };
         PreparedEntry { trial, warnings }
@@ -167,29 +167,29 @@ fn load(key: &str, source: &dyn SceneSource) -> (Result<Arc<Scene>, Refusal>, Wa
     (scene, warnings)
 }
 
-/// Decodes the requested pictures if they fit into the budget.
+/// Decodes the requested images if they fit into the budget.
 fn decode_ahead(
     mut trial: Trial,
-    mut targets: TargetPictures,
+    mut targets: TargetImages,
     decode: DecodeAhead,
     budget: &Arc<Budget>,
-) -> (Trial, TargetPictures) {
-    let mut wanted: Vec<&Arc<LazyPicture>> = Vec::new();
+) -> (Trial, TargetImages) {
+    let mut wanted: Vec<&Arc<LazyImage>> = Vec::new();
     if decode != DecodeAhead::Nothing {
-        wanted.extend(trial.context.iter().map(|view| &view.picture));
+        wanted.extend(trial.context.iter().map(|view| &view.image));
     }
     if decode == DecodeAhead::All {
-        wanted.extend(&targets.pictures);
+        wanted.extend(&targets.images);
     }
-    wanted.sort_unstable_by_key(|picture| Arc::as_ptr(picture));
-    wanted.dedup_by_key(|picture| Arc::as_ptr(picture));
-    let bytes = wanted.iter().try_fold(0u64, |sum, picture| sum.checked_add(picture.bytes()));
+    wanted.sort_unstable_by_key(|image| Arc::as_ptr(image));
+    wanted.dedup_by_key(|image| Arc::as_ptr(image));
+    let bytes = wanted.iter().try_fold(0u64, |sum, image| sum.checked_add(image.bytes()));
     let Some(reservation) = bytes.filter(|bytes| *bytes > 0).and_then(|bytes| budget.reserve(bytes)) else {
         return (trial, targets);
     };
-    for picture in wanted {
-        // Errors are stored and returned when the picture is requested.
-        picture.get().ok();
+    for image in wanted {
+        // Errors are stored and returned when the image is requested.
+        image.get().ok();
     }
     for view in &mut trial.context {
         view.reservation = Some(Arc::clone(&reservation));

@@ -34,8 +34,8 @@ def evaluate(run: Run, method: Callable | str, options: RayOptions, out: str, pr
         raise invalid("ray", f"expected {', '.join(RayOptions.__annotations__)}, found {', '.join(unknown)}")
     if run.settings["shard"] is not None:
         raise invalid("shard", "Ray divides the run itself")
-    if run.settings["keep_pictures"] != "none":
-        raise invalid("keep_pictures", "expected none: pictures stay on the nodes")
+    if run.settings["keep_images"] != "none":
+        raise invalid("keep_images", "expected none: images stay on the nodes")
     if isinstance(run.data, Data):
         raise invalid("data", "expected a path, which each worker opens")
     folder = Path(out, "shards")

@@ -48,7 +48,7 @@ def evaluate(
     shard: tuple[int, int] | None = None,
     metrics: Sequence[str] = (),
     weights: Path | None = None,
-    keep_pictures: str = "none",
+    keep_images: str = "none",
     setting: str = "ATSplat",
     deterministic: bool = False,
     progress: Callable[[], None] | None = None,
@@ -85,7 +85,7 @@ def evaluate(
         shard: ``(k, n)``: only the k-th of n parts of the scenes, from 1; :func:`atsplat.merge` merges them.
         metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
         weights: folder of LPIPS weights, searched before torch's cache.
-        keep_pictures: ``none``, ``worst`` (and typical and best) or ``all``.
+        keep_images: ``none``, ``worst`` (and typical and best) or ``all``.
         setting: whose published pose normalisation, near and far planes are used (:attr:`atsplat.Protocol.settings`).
         deterministic: whether equal input gives equal bits; drift then compares bit by bit.
         progress: called after each result; with ``ray``, for all of a shard when it has ended.
@@ -111,7 +111,7 @@ def evaluate(
         "shard": shard,
         "metrics": list(metrics),
         "weights": None if weights is None else fspath(weights),
-        "keep_pictures": keep_pictures,
+        "keep_images": keep_images,
         "setting": setting,
         "command": [PurePath(argument).name if at == 0 else argument for at, argument in enumerate(sys.argv)],
     }

@@ -87,7 +87,7 @@ class Protocol:
             if data.protocol.hash != self.hash:
                 raise invalid("data", f"expected data opened for {self.name}, found {data.protocol.name}'s")
             if any((index, sampler, any_size, frames, images)):
-                raise invalid("data", "is open already: its index, sampler and pictures were chosen then")
+                raise invalid("data", "is open already: its index, sampler and images were chosen then")
             return data
         path = None if index is None else fspath(index)
         root = None if frames is None else fspath(frames)
@@ -261,7 +261,7 @@ def scores(trial: dict[str, Any], targets: list[dict[str, Any]]) -> Scores:
     rows = [with_metrics(row) for row in targets]
     ids = dict.fromkeys(key for row in targets for key in (*row["scores"], *row["not_computed"]))
     compared = [row for row in rows if row["status"] == "scored"]
-    # A PSNR of 8-bit pictures may be infinite although the render differs.
+    # A PSNR of 8-bit images may be infinite although the render differs.
     values = {key: [row[key] for row in compared if row.get(key) is not None and np.isfinite(row[key])] for key in ids}
     mean = {key: float(np.mean(own)) for key, own in values.items() if own}
     identical = sum(row["status"] == "identical" for row in rows)

@@ -4,7 +4,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 /// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// A metric of pictures.
+    /// A metric of images.
     Metric(&'static Definition),
     /// Number of predicted Gaussians, averaged over trials.
     Gaussians,

@@ -5,19 +5,19 @@ use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{ImageU8, PixelError, Rounding};
 
 use crate::plot::{
-    Drawing, Expansion, ExpansionStrip, ExpansionStrips, StripPicture, TokenExpansion, UncertaintyRow,
+    Drawing, Expansion, ExpansionStrip, ExpansionStrips, StripImage, TokenExpansion, UncertaintyRow,
     UncertaintyTriplets,
 };
 use crate::{ReportError, counted};
 
-/// The most families drawn over a picture, so that it stays readable.
+/// The most families drawn over an image, so that it stays readable.
 const FAMILIES: usize = 160;
 
 /// Plots by name: tokens of each scene, then strips and uncertainty of all targets; plots without data are omitted.
 /// `subject` names model, weights and protocol.
 ///
 /// # Errors
-/// [`ReportError::Picture`] for renders that are not finite, and for maps of a wrong size.
+/// [`ReportError::Image`] for renders that are not finite, and for maps of a wrong size.
 pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
     for (at, scene) in scenes.iter().enumerate().filter(|(_, scene)| !scene.families.is_empty()) {
@@ -26,10 +26,10 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
     let targets = || scenes.iter().flat_map(|scene| scene.targets.iter().map(move |target| (scene, target)));
     let label = |scene: &ExpansionScene, target: &ExpansionTarget| format!("{}, frame {}", scene.label, target.frame);
     let rows = targets().map(|(scene, target)| {
-        let truth = StripPicture { image: target.truth.as_ref().clone(), caption: String::new() };
+        let truth = StripImage { image: target.truth.as_ref().clone(), caption: String::new() };
         let stages = target.study.stages.iter().map(stage);
-        let pictures = stages.chain([Ok(truth)]).collect::<Result<_, ReportError>>()?;
-        Ok(ExpansionStrip { label: label(scene, target), pictures })
+        let images = stages.chain([Ok(truth)]).collect::<Result<_, ReportError>>()?;
+        Ok(ExpansionStrip { label: label(scene, target), images })
     });
     let strips = rows.collect::<Result<Vec<_>, ReportError>>()?;
     if let Some((_, first)) = targets().next() {
@@ -62,7 +62,7 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
 }
 
 fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {
-    let ExpansionScene { label, frame, picture, families, expanded, .. } = scene;
+    let ExpansionScene { label, frame, image, families, expanded, .. } = scene;
     let drawn = spread(families.len(), FAMILIES);
     let expansions = drawn.iter().filter_map(|&at| families.get(at)).map(|family| Expansion {
         block: family.block,
@@ -73,19 +73,16 @@ fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {
     TokenExpansion {
         title: "Children around their parents".to_owned(),
         subtitle: format!("{subject}; {place}: {} of {expanded} expanded tokens", drawn.len()),
-        picture: Some(picture.as_ref().clone()),
-        size: [picture.width(), picture.height()].map(f64::from),
+        image: Some(image.as_ref().clone()),
+        size: [image.width(), image.height()].map(f64::from),
         expansions: expansions.collect(),
     }
 }
 
-fn stage(stage: &Stage) -> Result<StripPicture, ReportError> {
+fn stage(stage: &Stage) -> Result<StripImage, ReportError> {
     let gaussians = stage.gaussians as f64;
     let count = if gaussians < 1e3 { format!("{gaussians:.0}") } else { format!("{:.1}K", gaussians / 1e3) };
-    Ok(StripPicture {
-        image: stage.image.to_u8(Rounding::Nearest)?,
-        caption: format!("{:.2} dB · {count}", stage.psnr),
-    })
+    Ok(StripImage { image: stage.image.to_u8(Rounding::Nearest)?, caption: format!("{:.2} dB · {count}", stage.psnr) })
 }
 
 /// `no expansion`, `block 2`, `blocks 2–4`, `blocks 2, 4`.
@@ -154,11 +151,11 @@ mod tests {
     #[test]
     fn without_data_there_is_no_plot() {
         assert!(of_expansion("subject", &[]).unwrap().is_empty());
-        let picture = Arc::new(ImageU8::new(2, 1, vec![7; 6]).unwrap());
+        let image = Arc::new(ImageU8::new(2, 1, vec![7; 6]).unwrap());
         let scene = ExpansionScene {
             label: "s".to_owned(),
             frame: 0,
-            picture,
+            image,
             families: Vec::new(),
             expanded: 3,
             targets: Vec::new(),

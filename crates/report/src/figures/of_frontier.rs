@@ -11,7 +11,7 @@ use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin}
 use crate::table::{BUSY, Source, is_same_data};
 
 /// Accuracy against time and against Gaussians, by name: one plot for each protocol with at least two methods or settings
-/// in all stores together. Stores of different pictures under one name do not share a plot.
+/// in all stores together. Stores of different images under one name do not share a plot.
 ///
 /// # Errors
 /// [`ReportError::Store`] for an invalid protocol in a store.
@@ -32,7 +32,7 @@ pub fn of_frontier(sources: &[Source<'_>]) -> Result<Vec<(String, Drawing)>, Rep
     let mut plots: Vec<(String, Drawing)> = Vec::new();
     for (preset, stores) in groups {
         if let Some(plot) = frontier(&merged_results(&stores, preset), preset)? {
-            // Stores may have other protocols or pictures under the same name.
+            // Stores may have other protocols or images under the same name.
             let is_taken = |name: &str| plots.iter().any(|(own, _)| own == name);
             let name = unused(&format!("frontier-{}", plain(&preset.name)), is_taken);
             plots.push((name, plot));
@@ -85,7 +85,7 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
     let busy = shown().flat_map(|frontier| &frontier.points).any(|point| point.busy);
     let busy = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
     let plot = Frontiers {
-        title: format!("{} against time to the first picture and against Gaussians", metric.name),
+        title: format!("{} against time to the first image and against Gaussians", metric.name),
         subtitle: format!("{}; 95 % intervals over scenes{machine}{devices}{busy}", subject(results, preset)),
         quality: metric.into(),
         panels: shown()
@@ -219,7 +219,7 @@ mod tests {
         let mut changed = own.clone();
         changed.provenance.presets[0].hash = "another".to_owned();
         let mut repainted = own.clone();
-        repainted.trials.iter_mut().for_each(|row| row.data_hash = Some("other pictures".to_owned()));
+        repainted.trials.iter_mut().for_each(|row| row.data_hash = Some("other images".to_owned()));
         for other in [changed, repainted] {
             let sources = [Source { label: "own", results: &own }, Source { label: "elsewhere", results: &other }];
             let plots = of_frontier(&sources).unwrap();

@@ -116,10 +116,10 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
             continue;
         }
         let timed = times(results, &preset.name, &method.name).and_then(|times| {
-            let first_picture = times.first_picture.ok_or("neither encoding nor rendering was timed")?;
-            Ok((times, first_picture))
+            let first_image = times.first_image.ok_or("neither encoding nor rendering was timed")?;
+            Ok((times, first_image))
         });
-        let (times, first_picture) = match timed {
+        let (times, first_image) = match timed {
             Ok(timed) => timed,
             Err(why) => {
                 untimed.push(format!("{} ({why})", method.title));
@@ -145,7 +145,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
                 method,
                 scenes: found.scenes,
                 point: OptimisationPoint {
-                    secs: first_picture.median,
+                    secs: first_image.median,
                     held_out: Estimate { value, interval: found.interval },
                     context: (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64),
                 },

@@ -189,7 +189,7 @@ impl<'a> ProtocolResults<'a> {
             String::new()
         };
         let plot = StageTime {
-            title: "Where the time goes until the first picture".to_owned(),
+            title: "Where the time goes until the first image".to_owned(),
             subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.subject()),
             rows: methods.into_iter().map(|(method, times)| stage_time_row(self.title(method), times)).collect(),
         };
@@ -212,7 +212,7 @@ fn stage_time_row(label: String, times: Result<Times, String>) -> StageTimeRow {
         label: if times.busy { format!("{label} {BUSY}") } else { label },
         untimed: stages.is_empty().then(|| "no stage was timed".to_owned()),
         stages,
-        spread: times.first_picture.map(|spread| spread.quartiles),
+        spread: times.first_image.map(|spread| spread.quartiles),
     }
 }
 

@@ -6,27 +6,27 @@ use atsplat_numeric::quantile;
 use atsplat_pixels::{ImageU8, Rounding};
 
 use crate::ReportError;
-use crate::page::LivePicture;
+use crate::page::LiveImage;
 
 /// Share of the pixels that may be brighter than the brightest colour of a map.
 const CLIPPED: f64 = 0.01;
 
-/// A trial in a row: its context pictures by frame, then truth, render, error, predicted uncertainty and depth of a target.
+/// A trial in a row: its context images by frame, then truth, render, error, predicted uncertainty and depth of a target.
 ///
 /// # Errors
-/// [`ReportError::Picture`] for a render that is not finite, and for maps of a wrong size.
-pub fn of_trial(context: &[(usize, Arc<ImageU8>)], target: &ExpansionTarget) -> Result<Vec<LivePicture>, ReportError> {
-    let picture = |title: &str, note: String, image: ImageU8| LivePicture { title: title.to_owned(), note, image };
-    let mut row: Vec<LivePicture> = context
+/// [`ReportError::Image`] for a render that is not finite, and for maps of a wrong size.
+pub fn of_trial(context: &[(usize, Arc<ImageU8>)], target: &ExpansionTarget) -> Result<Vec<LiveImage>, ReportError> {
+    let live = |title: &str, note: String, image: ImageU8| LiveImage { title: title.to_owned(), note, image };
+    let mut row: Vec<LiveImage> = context
         .iter()
-        .map(|(frame, image)| picture("context", format!("frame {frame}"), image.as_ref().clone()))
+        .map(|(frame, image)| live("context", format!("frame {frame}"), image.as_ref().clone()))
         .collect();
-    row.push(picture("target", format!("frame {}", target.frame), target.truth.as_ref().clone()));
+    row.push(live("target", format!("frame {}", target.frame), target.truth.as_ref().clone()));
     let size = [target.truth.width(), target.truth.height()];
     if let Some(last) = target.study.stages.last() {
         let render = last.image.to_u8(Rounding::Nearest)?;
         let error = difference(&render, &target.truth);
-        row.push(picture("render", format!("{:.2} dB", last.psnr), render));
+        row.push(live("render", format!("{:.2} dB", last.psnr), render));
         row.push(map("error", "mean of |render − target|", size, &error)?);
     }
     if let Some(own) = &target.study.uncertainty {
@@ -46,14 +46,14 @@ fn difference(a: &ImageU8, b: &ImageU8) -> Vec<f64> {
 
 /// Violet is 0; the note says what yellow is.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in [0, 1]")]
-fn map(title: &str, what: &str, [width, height]: [u32; 2], values: &[f64]) -> Result<LivePicture, ReportError> {
+fn map(title: &str, what: &str, [width, height]: [u32; 2], values: &[f64]) -> Result<LiveImage, ReportError> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     let brightest = quantile(&sorted, 1.0 - CLIPPED).unwrap_or(0.0);
     let scale = if brightest > 0.0 { brightest } else { 1.0 };
     let colours = values.iter().flat_map(|value| ColourMap::Viridis.colour(value / scale));
     let image = ImageU8::new(width, height, colours.map(|share| (share * 255.0).round() as u8).collect())?;
-    Ok(LivePicture { title: title.to_owned(), note: format!("{what}; yellow from {brightest:.2}"), image })
+    Ok(LiveImage { title: title.to_owned(), note: format!("{what}; yellow from {brightest:.2}"), image })
 }
 
 #[cfg(test)]

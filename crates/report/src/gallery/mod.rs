@@ -1,13 +1,13 @@
 //! Every plot from synthetic data, for tests and for `examples/gallery.rs`, which includes this file. No number here is a
 //! result.
 
+mod images;
 mod odd;
-mod pictures;
 
 use atsplat_eval::tradeoff::Standing;
 use atsplat_metrics::definition;
+use images::{contact_sheet, strips, token_expansion, uncertainty};
 pub(crate) use odd::odd_gallery;
-use pictures::{contact_sheet, strips, token_expansion, uncertainty};
 
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, EffectCostRow,
@@ -166,7 +166,7 @@ fn frontiers() -> Frontiers {
         (cost, points)
     };
     Frontiers {
-        title: "PSNR against time to the first picture and against Gaussians".to_owned(),
+        title: "PSNR against time to the first image and against Gaussians".to_owned(),
         subtitle: format!(
             "RealEstate10K, 2 views, 256×256; {SYNTHETIC}; timed on a machine with a long name, 2 threads on 2 logical processors"
         ),
@@ -472,7 +472,7 @@ fn stage_time() -> StageTime {
         untimed: Some("no timing pass was made: `atsplat run --timing` makes one".to_owned()),
     };
     StageTime {
-        title: "Where the time goes until the first picture".to_owned(),
+        title: "Where the time goes until the first image".to_owned(),
         subtitle: format!("2 threads; {SYNTHETIC}"),
         rows: vec![
             row("ATSplat", [0.031, 0.36, 0.12, 0.055, 0.21]),

@@ -86,7 +86,7 @@ pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("no settings", KScaling { points: Vec::new(), ..k_scaling() }.draw()),
         (
             "no tokens",
-            TokenExpansion { picture: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw(),
+            TokenExpansion { image: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw(),
         ),
         ("no strips", ExpansionStrips { columns: Vec::new(), strips: Vec::new(), ..strips() }.draw()),
         ("no truth", lost.draw()),

@@ -1,5 +1,5 @@
 'use strict';
-// Plays the films: frames are rows of one picture.
+// Plays the films: frames are rows of one image.
 (() => {
   for (const film of document.querySelectorAll('figure.film')) {
     const [canvas, sheet, button, range] = ['canvas', 'img', 'button', 'input'].map(tag => film.querySelector(tag));

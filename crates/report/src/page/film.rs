@@ -7,12 +7,12 @@ use base64::engine::general_purpose::STANDARD;
 use super::escaped;
 use crate::ReportError;
 
-/// Quality of a film's pictures in the page.
+/// Quality of a film's images in the page.
 const QUALITY: u8 = 90;
 /// Frames per second.
 const SPEED: u16 = 8;
 
-/// Frames along a path, each seen by several methods; all pictures have one size.
+/// Frames along a path, each seen by several methods; all images have one size.
 #[derive(Clone, Debug)]
 pub struct Film {
     /// Name of its file.
@@ -21,7 +21,7 @@ pub struct Film {
     pub columns: Vec<String>,
     /// The path.
     pub note: String,
-    /// Frame by frame, a picture for each column.
+    /// Frame by frame, an image for each column.
     pub frames: Vec<Vec<ImageU8>>,
 }
 
@@ -29,9 +29,9 @@ impl Film {
     /// The film as an animated PNG, lossless.
     ///
     /// # Errors
-    /// [`ReportError::Picture`] without frames, and for pictures of different sizes.
+    /// [`ReportError::Image`] without frames, and for images of different sizes.
     pub fn animated_png(&self) -> Result<Vec<u8>, ReportError> {
-        let frames = self.frames.iter().map(|pictures| side_by_side(pictures)).collect::<Result<Vec<_>, _>>()?;
+        let frames = self.frames.iter().map(|images| side_by_side(images)).collect::<Result<Vec<_>, _>>()?;
         let size = frames.first().map_or((0, 0), |first| (first.width(), first.height()));
         let mut file = Vec::new();
         let mut animation = AnimatedPng::new(&mut file, size, u32::try_from(frames.len()).unwrap_or(u32::MAX), SPEED)?;
@@ -40,9 +40,9 @@ impl Film {
         Ok(file)
     }
 
-    /// A player, with all frames below one another in one picture.
+    /// A player, with all frames below one another in one image.
     pub(super) fn player(&self) -> Result<String, ReportError> {
-        let rows = self.frames.iter().map(|pictures| side_by_side(pictures)).collect::<Result<Vec<_>, _>>()?;
+        let rows = self.frames.iter().map(|images| side_by_side(images)).collect::<Result<Vec<_>, _>>()?;
         let Some(first) = rows.first() else { return Ok(String::new()) };
         let (width, height) = (first.width(), first.height());
         let samples: Vec<u8> = rows.iter().flat_map(ImageU8::samples).copied().collect();
@@ -63,41 +63,41 @@ impl Film {
     }
 }
 
-/// Pictures of one height from left to right.
-fn side_by_side(pictures: &[ImageU8]) -> Result<ImageU8, PixelError> {
-    let height = pictures.first().map_or(0, ImageU8::height);
-    let row = |picture: &ImageU8, row: usize| {
-        let bytes = picture.width() as usize * 3;
-        picture.samples().get(row * bytes..(row + 1) * bytes).unwrap_or_default().to_vec()
+/// Images of one height from left to right.
+fn side_by_side(images: &[ImageU8]) -> Result<ImageU8, PixelError> {
+    let height = images.first().map_or(0, ImageU8::height);
+    let row = |image: &ImageU8, row: usize| {
+        let bytes = image.width() as usize * 3;
+        image.samples().get(row * bytes..(row + 1) * bytes).unwrap_or_default().to_vec()
     };
-    let samples = (0..height as usize).flat_map(|at| pictures.iter().flat_map(move |picture| row(picture, at)));
-    ImageU8::new(pictures.iter().map(ImageU8::width).sum(), height, samples.collect())
+    let samples = (0..height as usize).flat_map(|at| images.iter().flat_map(move |image| row(image, at)));
+    ImageU8::new(images.iter().map(ImageU8::width).sum(), height, samples.collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn picture(width: u32, value: u8) -> ImageU8 {
+    fn striped(width: u32, value: u8) -> ImageU8 {
         let samples = (0..width * 2).flat_map(|at| [value, u8::try_from(at).unwrap(), 0]);
         ImageU8::new(width, 2, samples.collect()).unwrap()
     }
 
     #[test]
-    fn pictures_stand_beside_each_other_row_by_row() {
-        let joined = side_by_side(&[picture(2, 7), picture(1, 9)]).unwrap();
+    fn images_stand_beside_each_other_row_by_row() {
+        let joined = side_by_side(&[striped(2, 7), striped(1, 9)]).unwrap();
         assert_eq!((joined.width(), joined.height()), (3, 2));
         assert_eq!(
             [joined.pixel(0, 1), joined.pixel(1, 0), joined.pixel(2, 1)],
             [Some([7, 2, 0]), Some([7, 1, 0]), Some([9, 1, 0])]
         );
-        let uneven = [picture(2, 7), ImageU8::new(1, 1, vec![0; 3]).unwrap()];
+        let uneven = [striped(2, 7), ImageU8::new(1, 1, vec![0; 3]).unwrap()];
         assert!(side_by_side(&uneven).is_err());
     }
 
     #[test]
     fn a_film_is_an_animation_and_a_player() {
-        let frames = (0..5).map(|at| vec![picture(8, 40 * at), picture(8, 200)]).collect();
+        let frames = (0..5).map(|at| vec![striped(8, 40 * at), striped(8, 200)]).collect();
         let film = Film {
             name: "f".to_owned(),
             columns: vec!["a<b".to_owned(), "c".to_owned()],

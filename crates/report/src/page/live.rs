@@ -1,4 +1,4 @@
-//! Section of the live view: Gaussians that a reader turns, and their trial's pictures in a row.
+//! Section of the live view: Gaussians that a reader turns, and their trial's images in a row.
 
 use atsplat_eval::live::{LiveScene, LiveStage, LiveToken};
 use atsplat_pixels::{ImageU8, encode_png};
@@ -17,19 +17,19 @@ pub struct LiveTrial {
     /// Gaussians and cameras.
     pub scene: LiveScene,
     /// Context, target, render, error, uncertainty, depth: shown in a row.
-    pub pictures: Vec<LivePicture>,
+    pub images: Vec<LiveImage>,
     /// A path between its context cameras, methods side by side.
     pub film: Option<Film>,
 }
 
-/// A picture of a trial.
+/// An image of a trial.
 #[derive(Clone, Debug)]
-pub struct LivePicture {
+pub struct LiveImage {
     /// What it shows.
     pub title: String,
     /// Its score or range.
     pub note: String,
-    /// The picture.
+    /// The image.
     pub image: ImageU8,
 }
 
@@ -55,7 +55,7 @@ pub(super) fn section(trials: &[LiveTrial]) -> Result<String, ReportError> {
 
 fn row(trial: &LiveTrial) -> Result<String, ReportError> {
     let mut text = format!("<h3>{}</h3>\n<div class=\"strip\">", escaped(&trial.title));
-    for LivePicture { title, note, image } in &trial.pictures {
+    for LiveImage { title, note, image } in &trial.images {
         let png = encode_png(image)?;
         text.push_str(&format!(
             "<figure><img alt=\"{0}\" width=\"{1}\" height=\"{2}\" src=\"data:image/png;base64,{3}\">\

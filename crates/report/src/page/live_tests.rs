@@ -107,12 +107,12 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
             .into(),
         uncertainty: Some([0.1, 0.9]),
     };
-    let picture = LivePicture {
+    let image = LiveImage {
         title: "target".to_owned(),
         note: "<i>".to_owned(),
         image: ImageU8::new(2, 1, vec![9; 6]).unwrap(),
     };
-    let live = [LiveTrial { title: "room".to_owned(), scene, pictures: vec![picture], film: Some(film()) }];
+    let live = [LiveTrial { title: "room".to_owned(), scene, images: vec![image], film: Some(film()) }];
     let page = Page {
         title: "Live".to_owned(),
         tables: &[],

@@ -5,10 +5,10 @@ mod browser;
 mod cite;
 mod facts;
 mod film;
+mod images;
 mod live;
 #[cfg(test)]
 mod live_tests;
-mod pictures;
 mod protocols;
 mod scenes;
 mod tables;
@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 pub use film::Film;
-pub use live::{LivePicture, LiveTrial};
+pub use live::{LiveImage, LiveTrial};
 pub use tables::table_html;
 
 use crate::ReportError;
@@ -45,7 +45,7 @@ pub struct Page<'a> {
     pub live: &'a [LiveTrial],
     /// The stores, each with its folder.
     pub stores: &'a [PageStore<'a>],
-    /// Limit on the bytes of the page: pictures of trials are added until it is reached. Even without pictures the page may
+    /// Limit on the bytes of the page: images of trials are added until it is reached. Even without images the page may
     /// be larger.
     pub max_bytes: usize,
 }
@@ -68,7 +68,7 @@ pub struct PlotSection {
 pub struct PageStore<'a> {
     /// Its name and rows.
     pub source: Source<'a>,
-    /// Its folder, whose `pictures` are shown; `None` for no pictures.
+    /// Its folder, whose `images` are shown; `None` for no images.
     pub folder: Option<&'a std::path::Path>,
 }
 
@@ -83,7 +83,7 @@ impl Page<'_> {
     /// The page as HTML.
     ///
     /// # Errors
-    /// [`ReportError`] if a table or plot cannot be written; pictures that cannot be read are omitted and counted.
+    /// [`ReportError`] if a table or plot cannot be written; images that cannot be read are omitted and counted.
     pub fn write(&self) -> Result<String, ReportError> {
         self.write_with(None)
     }
@@ -93,7 +93,7 @@ impl Page<'_> {
         let plots = [self.sections(true)?, figures(self.plots)?, self.sections(false)?, live::section(self.live)?];
         let mut budget = self.max_bytes;
         loop {
-            let page = self.with_pictures(budget, &plots, extra)?;
+            let page = self.with_images(budget, &plots, extra)?;
             let excess = page.len().saturating_sub(self.max_bytes);
             if excess == 0 || budget == 0 {
                 return Ok(page);
@@ -102,14 +102,14 @@ impl Page<'_> {
         }
     }
 
-    /// The page with at most `budget` bytes of trials' pictures.
-    fn with_pictures(
+    /// The page with at most `budget` bytes of trials' images.
+    fn with_images(
         &self,
         budget: usize,
         [leading, plots, sections, live]: &[String; 4],
         extra: Option<&str>,
     ) -> Result<String, ReportError> {
-        let pictures = pictures::Album::fill(self.stores, budget);
+        let images = images::Album::fill(self.stores, budget);
         let mut texts = serde_json::Map::new();
         for table in self.tables {
             let formats =
@@ -122,8 +122,8 @@ impl Page<'_> {
             "texts": texts,
             "tables": self.tables.iter().map(json_of).collect::<Vec<_>>(),
             "metrics": scenes::metrics(self.stores),
-            "runs": scenes::runs(self.stores, &pictures),
-            "pictures": pictures.uris(),
+            "runs": scenes::runs(self.stores, &images),
+            "images": images.uris(),
             "live": live::data(self.live),
             "provenance": self.stores.iter().map(|store| json!({
                 "store": store.source.label,
@@ -147,7 +147,7 @@ impl Page<'_> {
             ("leading-links", self.links(true)),
             ("links", self.links(false)),
             ("contents", self.contents()),
-            ("scenes", scenes::section(self.stores, &pictures)),
+            ("scenes", scenes::section(self.stores, &images)),
             ("origin", facts::origin(self.stores)),
             ("data", safe_json(&data)?),
             ("scripts", scripts.iter().map(|script| format!("<script>{script}</script>\n")).collect()),
@@ -182,7 +182,7 @@ impl Page<'_> {
         let sections = |before| {
             self.shown(before).map(|(at, section)| item(&format!("section-{at}"), &section.title)).collect::<Vec<_>>()
         };
-        let live = (!self.live.is_empty()).then(|| item("live", "Trials in pictures"));
+        let live = (!self.live.is_empty()).then(|| item("live", "Trials in images"));
         let items: String = sections(true)
             .into_iter()
             .chain(tables)

@@ -7,7 +7,7 @@ use atsplat_numeric::median;
 use serde_json::{Value, json};
 
 use super::PageStore;
-use super::pictures::Album;
+use super::images::Album;
 use crate::figures::title_of;
 
 /// Metrics for which any target has a score, in the order of their definitions.
@@ -87,7 +87,7 @@ fn trial_to_json(
     }
     let means: BTreeMap<&str, f64> =
         sums.into_iter().map(|(metric, (sum, count))| (metric, sum / count as f64)).collect();
-    let pictures = targets.iter().filter_map(|row| {
+    let images = targets.iter().filter_map(|row| {
         let [truth, render] = places(row)?;
         let scores: BTreeMap<&str, f64> = scores(row, psnrs).collect();
         Some(json!({ "frame": row.frame, "leaked": row.leaked, "scores": scores, "truth": truth, "render": render }))
@@ -101,7 +101,7 @@ fn trial_to_json(
         "context": trial.context,
         "gaussians": trial.gaussians,
         "encode": encode,
-        "pictures": pictures.collect::<Vec<_>>(),
+        "images": images.collect::<Vec<_>>(),
         "seen": seen,
     })
 }
@@ -112,7 +112,7 @@ fn psnrs(results: &Results) -> Vec<&'static str> {
     own.filter(|metric| matches!(metric.measure, Measure::Psnr { .. })).map(|metric| metric.id).collect()
 }
 
-/// Scores of one picture: a PSNR that is infinite, because the compared pictures are identical, is the declared cap.
+/// Scores of one image: a PSNR that is infinite, because the compared images are identical, is the declared cap.
 fn scores<'a>(row: &'a TargetRow, psnrs: &[&'a str]) -> impl Iterator<Item = (&'a str, f64)> {
     let finite = row.scores.iter().map(|(metric, score)| (metric.as_str(), *score));
     let is_infinite = |psnr: &str| match row.not_computed.get(psnr) {
@@ -198,7 +198,7 @@ mod tests {
             let runs = runs(&[store], &Album::default());
             let mean = |metric: &str| runs[0]["trials"][0]["scores"][metric].as_f64();
             Tolerance::EXACT.assert([mean(psnr).unwrap(), mean("ssim").unwrap()], [20.0, 0.5], psnr);
-            // The picture itself shows the cap, under the metric of its store.
+            // The image itself shows the cap, under the metric of its store.
             let shown: Vec<(&str, f64)> = scores(&results.targets[1], &psnrs(&results)).collect();
             assert_eq!(shown.iter().map(|(metric, _)| *metric).collect::<Vec<_>>(), ["ssim", psnr]);
             Tolerance::EXACT.assert(shown.iter().map(|(_, score)| *score), [1.0, DECIBEL_CAP], psnr);

@@ -122,31 +122,31 @@
         make('td', { className: 'label' }, button),
         ...metrics.map(each => make('td', { textContent: print(each, trial.scores[each.id]) })),
         make('td', { textContent: (difference > 0 ? '+' : '') + print(by, difference), hidden: !compared }),
-        make('td', { textContent: mark || (trial.pictures.length ? '▣' : ''), title: mark ? trial.detail || '' : trial.pictures.length ? 'with pictures' : '' }));
+        make('td', { textContent: mark || (trial.images.length ? '▣' : ''), title: mark ? trial.detail || '' : trial.images.length ? 'with images' : '' }));
       row.addEventListener('click', () => show(run, place, row));
       return row;
     });
     at('list').replaceChildren(...rows);
-    at('detail').replaceChildren(make('p', { className: 'hint', textContent: 'Select a scene; ▣ marks scenes with pictures in this page.' }));
+    at('detail').replaceChildren(make('p', { className: 'hint', textContent: 'Select a scene; ▣ marks scenes with images in this page.' }));
     selected = null;
     const rowOf = place => rows[trials.findIndex(each => each.place === place)];
     extremes(scored, by, rowOf);
-    const first = trials.findIndex(({ trial }) => trial.pictures.length);
+    const first = trials.findIndex(({ trial }) => trial.images.length);
     if (first >= 0) rows[first].click();
     hint();
   };
 
-  // The worst and the best trial, if they have pictures, and of the others with pictures the one nearest the median.
+  // The worst and the best trial, if they have images, and of the others with images the one nearest the median.
   const extremes = (scored, by, rowOf) => {
-    const pictured = scored.filter(({ trial }) => trial.pictures.length);
+    const withImages = scored.filter(({ trial }) => trial.images.length);
     const middle = Math.floor(scored.length / 2);
-    const nearest = [...pictured].sort((a, b) => Math.abs(scored.indexOf(a) - middle) - Math.abs(scored.indexOf(b) - middle))[0];
-    const [worst, best] = [scored[0], scored[scored.length - 1]].map(one => pictured.includes(one) ? one : null);
+    const nearest = [...withImages].sort((a, b) => Math.abs(scored.indexOf(a) - middle) - Math.abs(scored.indexOf(b) - middle))[0];
+    const [worst, best] = [scored[0], scored[scored.length - 1]].map(one => withImages.includes(one) ? one : null);
     const typical = nearest === worst || nearest === best ? null : nearest;
     const chosen = [['worst', worst], ['typical', typical], ['best', best === worst ? null : best]].filter(([, one]) => one);
     at('extremes').replaceChildren(...chosen.map(([name, { trial, place }]) => {
-      const picture = trial.pictures[0];
-      const images = ['truth', 'render'].map(kind => make('img', { src: data.pictures[picture[kind]], alt: kind }));
+      const image = trial.images[0];
+      const images = ['truth', 'render'].map(kind => make('img', { src: data.images[image[kind]], alt: kind }));
       const rank = scored.findIndex(one => one.place === place) + 1;
       const button = make('button', { type: 'button', textContent: name });
       button.addEventListener('click', () => rowOf(place).click());
@@ -170,32 +170,32 @@
     fact('Encoding', trial.encode === null ? null : (trial.encode * 1e3).toFixed(1) + ' ms');
     fact('Status', trial.status === 'done' ? null : trial.status + (trial.detail ? ': ' + trial.detail : ''));
     const parts = [make('h3', { textContent: trial.scene }), make('p', { className: 'hint', textContent: run.label })];
-    if (trial.pictures.length) {
+    if (trial.images.length) {
       const frames = make('div', { className: 'frames' });
       const view = make('div', {});
-      trial.pictures.forEach((picture, number) => {
-        const scores = metrics.map(each => each.name + ' ' + print(each, picture.scores[each.id])).join(', ');
-        const button = make('button', { type: 'button', textContent: 'frame ' + picture.frame + (picture.leaked ? ' (context)' : ''), title: scores });
-        const second = other && other.pictures.find(each => each.frame === picture.frame);
+      trial.images.forEach((image, number) => {
+        const scores = metrics.map(each => each.name + ' ' + print(each, image.scores[each.id])).join(', ');
+        const button = make('button', { type: 'button', textContent: 'frame ' + image.frame + (image.leaked ? ' (context)' : ''), title: scores });
+        const second = other && other.images.find(each => each.frame === image.frame);
         button.addEventListener('click', () => {
           for (const each of frames.children) each.setAttribute('aria-pressed', String(each === button));
-          view.replaceChildren(...compare(run, trial, picture, second, scores));
+          view.replaceChildren(...compare(run, trial, image, second, scores));
         });
         frames.append(button);
         if (number === 0) button.click();
       });
       parts.push(frames, view);
     } else {
-      parts.push(make('p', { className: 'hint', textContent: 'This page contains no pictures of this scene.' }));
+      parts.push(make('p', { className: 'hint', textContent: 'This page contains no images of this scene.' }));
     }
     at('detail').replaceChildren(...parts, facts);
   };
 
-  // Two pictures divided by a slider; below, everything in a row: context, truth, renders and their errors.
-  const compare = (run, trial, picture, second, scores) => {
-    const image = (place, alt) => make('img', { src: data.pictures[place], alt });
+  // Two images divided by a slider; below, everything in a row: context, truth, renders and their errors.
+  const compare = (run, trial, image, second, scores) => {
+    const img = (place, alt) => make('img', { src: data.images[place], alt });
     const title = data.runs[beside.value] ? data.runs[beside.value].title : '';
-    const [left, right] = [image(picture.render, run.title), second ? image(second.render, title) : image(picture.truth, 'truth')];
+    const [left, right] = [img(image.render, run.title), second ? img(second.render, title) : img(image.truth, 'truth')];
     left.className = 'over';
     const range = make('input', { type: 'range', min: 0, max: 100, step: 0.5, value: 50 });
     range.setAttribute('aria-label', left.alt + ' on the left, ' + right.alt + ' on the right');
@@ -210,19 +210,19 @@
       const canvas = make('canvas', {});
       canvas.setAttribute('role', 'img');
       canvas.setAttribute('aria-label', 'Error map of ' + name);
-      maps.push([canvas, image(picture.truth, 'truth'), image(place, 'render')]);
+      maps.push([canvas, img(image.truth, 'truth'), img(place, 'render')]);
       return figure(canvas, 'error', 'of ' + name);
     };
-    const row = trial.seen.map(([frame, place]) => figure(image(place, 'context'), 'context', 'frame ' + frame));
-    row.push(figure(image(picture.truth, 'truth'), 'target', 'frame ' + picture.frame));
-    row.push(figure(image(picture.render, 'render'), 'render', run.title), errorOf(picture.render, run.title));
-    if (second) row.push(figure(image(second.render, 'render'), 'render', title), errorOf(second.render, title));
+    const row = trial.seen.map(([frame, place]) => figure(img(place, 'context'), 'context', 'frame ' + frame));
+    row.push(figure(img(image.truth, 'truth'), 'target', 'frame ' + image.frame));
+    row.push(figure(img(image.render, 'render'), 'render', run.title), errorOf(image.render, run.title));
+    if (second) row.push(figure(img(second.render, 'render'), 'render', title), errorOf(second.render, title));
     const draw = () => { label.textContent = '× ' + gain.value; for (const [canvas, truth, render] of maps) errorMap(canvas, truth, render, Number(gain.value)); };
     gain.addEventListener('input', draw);
-    Promise.all(maps.flatMap(([, truth, render]) => [truth.decode(), render.decode()])).then(draw, () => { label.textContent = 'the pictures cannot be decoded'; });
+    Promise.all(maps.flatMap(([, truth, render]) => [truth.decode(), render.decode()])).then(draw, () => { label.textContent = 'the images cannot be decoded'; });
     return [make('p', { className: 'hint', textContent: scores }), slider,
       make('div', { className: 'maps' }, make('div', { className: 'strip' }, ...row),
-        make('label', {}, 'Errors: mean absolute difference of the 8-bit pictures ', gain, ' ', label))];
+        make('label', {}, 'Errors: mean absolute difference of the 8-bit images ', gain, ' ', label))];
   };
 
   // Black, purple, orange, white: brighter is worse, even without colours.

@@ -32,15 +32,15 @@
     const other = all('#list tr').find(row => row.getAttribute('aria-selected') !== 'true');
     other.click();
     check('another-scene', other.getAttribute('aria-selected') === 'true' && at('detail').textContent.includes(other.querySelector('button').title));
-    let pictured = all('#list tr').find(row => row.lastElementChild.textContent === '▣');
-    pictured.click();
+    let marked = all('#list tr').find(row => row.lastElementChild.textContent === '▣');
+    marked.click();
     await until(() => all('.slider img').every(image => image.naturalWidth > 0));
     await wait(200);
     const range = document.querySelector('.slider input');
     range.value = 20;
     range.dispatchEvent(new Event('input'));
     check('slider', document.querySelector('.slider').style.getPropertyValue('--cut') === '20%');
-    check('pictures', all('.slider img').length === 2 && all('.slider img').every(image => image.naturalWidth > 0));
+    check('images', all('.slider img').length === 2 && all('.slider img').every(image => image.naturalWidth > 0));
     const canvas = document.querySelector('.maps canvas');
     const bright = () => {
       const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
@@ -48,7 +48,7 @@
       for (let i = 0; i < data.length; i += 4) sum += data[i];
       return sum;
     };
-    // Pictures are decoded asynchronously.
+    // Images are decoded asynchronously.
     await until(() => bright() > 0);
     const dim = bright();
     const gain = document.querySelector('.maps input');

@@ -68,8 +68,8 @@ window.splatter = (() => {
   const COVER = `#version 300 es
     void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4. - 1., 0., 1.); }`;
   const BEHIND = `#version 300 es
-    precision highp float; uniform highp sampler2D picture; uniform vec3 background; out vec4 shown;
-    void main() { vec4 own = texelFetch(picture, ivec2(gl_FragCoord.xy), 0); shown = vec4(own.rgb + (1. - own.a) * background, 1.); }`;
+    precision highp float; uniform highp sampler2D image; uniform vec3 background; out vec4 shown;
+    void main() { vec4 own = texelFetch(image, ivec2(gl_FragCoord.xy), 0); shown = vec4(own.rgb + (1. - own.a) * background, 1.); }`;
   const LINE = `${HEAD}
     in vec3 place; in vec3 tone; out vec3 drawn;
     void main() {
@@ -156,13 +156,13 @@ window.splatter = (() => {
     return from;
   };
 
-  // Draws into a canvas; throws if the browser has no WebGL2 with floating-point pictures.
+  // Draws into a canvas; throws if the browser has no WebGL2 with floating-point images.
   const create = canvas => {
     const gl = canvas.getContext('webgl2', { antialias: false, alpha: false, preserveDrawingBuffer: true });
-    if (!gl || !gl.getExtension('EXT_color_buffer_float')) throw new Error('no WebGL2 with floating-point pictures');
+    if (!gl || !gl.getExtension('EXT_color_buffer_float')) throw new Error('no WebGL2 with floating-point images');
     const [splats, cover, lines] = [program(gl, PROJECT, FALL_OFF), program(gl, COVER, BEHIND), program(gl, LINE, PLAIN)];
     const [which, edges] = [gl.createBuffer(), gl.createBuffer()];
-    const [picture, frame] = [gl.createTexture(), gl.createFramebuffer()];
+    const [image, frame] = [gl.createTexture(), gl.createFramebuffer()];
     const camera = (own, view) => {
       const at = own.uniforms;
       gl.useProgram(own.linked);
@@ -175,14 +175,14 @@ window.splatter = (() => {
     };
     let allocated = '';
     const target = () => {
-      gl.bindTexture(gl.TEXTURE_2D, picture);
+      gl.bindTexture(gl.TEXTURE_2D, image);
       const size = canvas.width + 'x' + canvas.height;
       if (size !== allocated) {
         allocated = size;
         gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, canvas.width, canvas.height, 0, gl.RGBA, gl.HALF_FLOAT, null);
         gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
         gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-        gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, picture, 0);
+        gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, image, 0);
       }
       gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
     };
@@ -198,7 +198,7 @@ window.splatter = (() => {
       gl.uniform2fv(at.logScales, stage.logScales);
       for (const name of ['near', 'minAlpha', 'maxAlpha', 'margin']) gl.uniform1f(at[name], convention[name]);
       gl.uniform1f(at.brightest, stage.brightest);
-      // In pixels of the camera's own picture.
+      // In pixels of the camera's own image.
       gl.uniform1f(at.blur, convention.blur * view.zoom * view.zoom);
       gl.uniform1i(at.tint, tint);
       [stage.gpu.packed, stage.gpu.labels].forEach((texture, unit) => {
@@ -222,8 +222,8 @@ window.splatter = (() => {
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
       gl.useProgram(cover.linked);
       gl.activeTexture(gl.TEXTURE0);
-      gl.bindTexture(gl.TEXTURE_2D, picture);
-      gl.uniform1i(cover.uniforms.picture, 0);
+      gl.bindTexture(gl.TEXTURE_2D, image);
+      gl.uniform1i(cover.uniforms.image, 0);
       gl.uniform3fv(cover.uniforms.background, convention.background);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
       if (!segments.length) return;

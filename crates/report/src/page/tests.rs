@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use atsplat_eval::runner::picture_path;
+use atsplat_eval::runner::image_path;
 use atsplat_eval::{MethodRecord, Results, TrainingRecord};
 use atsplat_pixels::{ImageU8, encode_png};
 
@@ -32,7 +32,7 @@ impl Sample {
             for (method, offset) in [(TRUTH, 0), (row.key.method.as_str(), u32::try_from(place).unwrap() + 1)] {
                 let key = row.key.of_method(method);
                 let scene = row.key.preset.bytes().chain(row.key.scene.bytes()).map(u32::from).sum();
-                write_picture(&picture_path(folder.path(), &key, row.frame), row.target + offset, scene);
+                write_image(&image_path(folder.path(), &key, row.frame), row.target + offset, scene);
             }
         }
         let source = Source { label: LABEL, results: &results };
@@ -71,12 +71,12 @@ impl Sample {
 const TRUTH: &str = "truth";
 const LABEL: &str = "run <b>1</b>";
 
-fn write_picture(path: &Path, seed: u32, scene: u32) {
+fn write_image(path: &Path, seed: u32, scene: u32) {
     // Consecutive seeds differ by five levels everywhere, so that an error map is not saturated.
     let sample = |at: u32| u8::try_from((at * 37 + at * at % 251 + at * scene % 53) % 200 + seed * 5).unwrap();
-    let picture = ImageU8::new(16, 16, (0..768).map(sample).collect()).unwrap();
+    let image = ImageU8::new(16, 16, (0..768).map(sample).collect()).unwrap();
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-    std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
+    std::fs::write(path, encode_png(&image).unwrap()).unwrap();
 }
 
 #[test]
@@ -128,25 +128,25 @@ fn the_page_loads_no_other_resources() {
 }
 
 #[test]
-fn the_page_is_no_larger_than_allowed_and_omitted_pictures_are_counted() {
+fn the_page_is_no_larger_than_allowed_and_omitted_images_are_counted() {
     let sample = Sample::new();
-    let pictures = |page: &str| -> usize {
+    let images = |page: &str| -> usize {
         page.match_indices("data:image/png").map(|(at, _)| page[at..].find('"').unwrap()).sum()
     };
     let page = sample.write(usize::MAX, None);
-    let all = pictures(&page);
-    assert!(all > 10_000 && page.contains("66 of 66 pictures"), "{all}");
+    let all = images(&page);
+    assert!(all > 10_000 && page.contains("66 of 66 images"), "{all}");
     let size = page.len() - all / 2;
     let page = sample.write(size, None);
-    let some = pictures(&page);
+    let some = images(&page);
     assert!(page.len() <= size && some < all * 2 / 3 && some > all / 3, "{some} of {all}, {} of {size}", page.len());
     assert!(page.contains("would make it too large"));
     let page = sample.write(0, None);
-    assert!(pictures(&page) == 0 && page.contains("0 of 66 pictures"));
+    assert!(images(&page) == 0 && page.contains("0 of 66 images"));
 }
 
 #[test]
-fn the_worst_and_the_best_trials_have_pictures_before_others() {
+fn the_worst_and_the_best_trials_have_images_before_others() {
     the_worst_and_the_best_come_first(&Sample::new());
     let mut truncated = Sample::new();
     for row in &mut truncated.results.targets {
@@ -165,7 +165,7 @@ fn the_worst_and_the_best_come_first(sample: &Sample) {
     // By rising quality; all methods are best on the first scene.
     let counts = crate::sample::SCENES.iter().rev().map(|scene| {
         let trials = runs.iter().flat_map(|run| run["trials"].as_array().unwrap());
-        trials.filter(|trial| trial["scene"] == *scene).map(|trial| trial["pictures"].as_array().unwrap().len()).sum()
+        trials.filter(|trial| trial["scene"] == *scene).map(|trial| trial["images"].as_array().unwrap().len()).sum()
     });
     let counts: Vec<usize> = counts.collect();
     assert_eq!(counts[0], 18, "the worst: {counts:?}");
@@ -270,21 +270,21 @@ fn a_protocol_of_several_stores_counts_once() {
 }
 
 #[test]
-fn files_that_are_not_pictures_are_not_embedded() {
+fn files_that_are_not_images_are_not_embedded() {
     let sample = Sample::new();
     let row = &sample.results.targets[0];
-    std::fs::write(picture_path(sample.folder.path(), &row.key, row.frame), "\u{89}PNG\r\n<script>").unwrap();
+    std::fs::write(image_path(sample.folder.path(), &row.key, row.frame), "\u{89}PNG\r\n<script>").unwrap();
     assert!(sample.write(usize::MAX, None).contains("1 cannot be read"));
 }
 
 #[test]
-fn pictures_of_other_results_are_not_shown() {
+fn images_of_other_results_are_not_shown() {
     let mut sample = Sample::new();
     let row = sample.results.targets[0].clone();
-    let path = picture_path(sample.folder.path(), &row.key, row.frame);
+    let path = image_path(sample.folder.path(), &row.key, row.frame);
     let png = std::fs::read(&path).unwrap();
     let (header, rest) = png.split_at(33);
-    // The text says which row the picture belongs to.
+    // The text says which row the image belongs to.
     let text = b"\0\0\0\x11tEXtatsplat-samples\0x\x4d\xaa\x05\x2e";
     std::fs::write(&path, [header, &text[..], rest].concat()).unwrap();
     let mut said = |hash: &str| {
@@ -294,21 +294,21 @@ fn pictures_of_other_results_are_not_shown() {
     assert_eq!((said("x"), said("y")), (false, true));
 }
 
-/// One of a scene's two context pictures is none; it counts once, although three methods saw it.
+/// One of a scene's two context images is none; it counts once, although three methods saw it.
 #[test]
-fn context_pictures_that_are_left_out_are_counted() {
+fn context_images_that_are_left_out_are_counted() {
     let sample = Sample::new();
     let key = sample.results.targets[0].key.of_method("context");
-    let paths = [0, 30].map(|frame| picture_path(sample.folder.path(), &key, frame));
+    let paths = [0, 30].map(|frame| image_path(sample.folder.path(), &key, frame));
     for path in &paths {
-        write_picture(path, 1, 2);
+        write_image(path, 1, 2);
     }
     let source = Source { label: LABEL, results: &sample.results };
     let store = PageStore { source, folder: Some(sample.folder.path()) };
-    let summary = || pictures::Album::fill(&[store], usize::MAX).summary();
-    assert!(summary().starts_with("66 of 66 pictures") && !summary().contains("context"), "{}", summary());
-    std::fs::write(&paths[1], "no picture").unwrap();
-    assert!(summary().contains(" 1 context picture left out"), "{}", summary());
+    let summary = || images::Album::fill(&[store], usize::MAX).summary();
+    assert!(summary().starts_with("66 of 66 images") && !summary().contains("context"), "{}", summary());
+    std::fs::write(&paths[1], "no image").unwrap();
+    assert!(summary().contains(" 1 context image left out"), "{}", summary());
 }
 
 #[test]

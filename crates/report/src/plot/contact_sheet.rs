@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::picture_grid::{GridCell, GridRow, PictureGrid};
+use super::image_grid::{GridCell, GridRow, ImageGrid};
 
 /// What a network renders for some samples: a row each with the context views, then each render next to its ground truth.
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ impl ContactSheet {
                 .collect(),
         });
         let columns = context.chain(pairs).collect();
-        PictureGrid { title: &self.title, subtitle: &self.subtitle, columns, rows: rows.collect() }.draw()
+        ImageGrid { title: &self.title, subtitle: &self.subtitle, columns, rows: rows.collect() }.draw()
     }
 }
 

@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::picture_grid::{GridCell, GridRow, PictureGrid};
+use super::image_grid::{GridCell, GridRow, ImageGrid};
 
 /// Views rendered with expansion enabled in more and more of the decoder's blocks, followed by the truth.
 #[derive(Clone, Debug)]
@@ -22,12 +22,12 @@ pub struct ExpansionStrip {
     /// Scene and frame.
     pub label: String,
     /// One per column.
-    pub pictures: Vec<StripPicture>,
+    pub images: Vec<StripImage>,
 }
 
-/// One picture.
+/// One image.
 #[derive(Clone, Debug)]
-pub struct StripPicture {
+pub struct StripImage {
     /// The render.
     pub image: ImageU8,
     /// Score and number of Gaussians.
@@ -39,18 +39,9 @@ impl ExpansionStrips {
     pub fn draw(&self) -> Drawing {
         let rows = self.strips.iter().map(|strip| GridRow {
             label: &strip.label,
-            cells: strip
-                .pictures
-                .iter()
-                .map(|picture| Some(GridCell::new(&picture.image, picture.caption.clone())))
-                .collect(),
+            cells: strip.images.iter().map(|image| Some(GridCell::new(&image.image, image.caption.clone()))).collect(),
         });
-        PictureGrid {
-            title: &self.title,
-            subtitle: &self.subtitle,
-            columns: self.columns.clone(),
-            rows: rows.collect(),
-        }
-        .draw()
+        ImageGrid { title: &self.title, subtitle: &self.subtitle, columns: self.columns.clone(), rows: rows.collect() }
+            .draw()
     }
 }

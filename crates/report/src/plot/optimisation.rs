@@ -38,7 +38,7 @@ pub struct OptimisationPanel {
 /// A method with one budget.
 #[derive(Clone, Copy, Debug)]
 pub struct OptimisationPoint {
-    /// Seconds from context pictures to the first rendered picture, above 0.
+    /// Seconds from context images to the first rendered image, above 0.
     pub secs: f64,
     /// The metric on held-out targets.
     pub held_out: Estimate,
@@ -70,7 +70,7 @@ impl OptimisationCurves {
         let points = || self.panels.iter().flat_map(|panel| &panel.curves).flat_map(|(_, points)| points);
         let (unit, length) = time_unit(points().map(|point| point.secs));
         let x = Scale::logarithmic(points().map(|point| point.secs / length), 0.06);
-        let x_title = format!("time to the first picture in {unit}, logarithmic");
+        let x_title = format!("time to the first image in {unit}, logarithmic");
         let x_text = AxisText { title: &x_title, label: &|value, _| own_label(value) };
         let held_out = Scale::around(points().flat_map(|point| point.held_out.extent()), 0.08);
         let context = Scale::around(points().filter_map(|point| point.context), 0.08);

@@ -59,7 +59,7 @@ impl OverlapHistogram<'_> {
                 }
             });
         }
-        let below = axes.draw_x(&mut drawing, &number_axis("overlap of the context views, as a share of the picture"));
+        let below = axes.draw_x(&mut drawing, &number_axis("overlap of the context views, as a share of the image"));
         drawing.end_at(below + 14.0);
         drawing
     }
@@ -120,10 +120,10 @@ mod tests {
             ["small (2)", "medium (1)", "outside the bins (1)"].iter().all(|name| texts.contains(name)),
             "{texts:?}"
         );
-        let picture = drawing.to_image().unwrap();
+        let image = drawing.to_image().unwrap();
         for own in [colour(0), colour(1), GREY] {
             let plotters::style::RGBColor(r, g, b) = own;
-            assert!(picture.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{own:?}");
+            assert!(image.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{own:?}");
         }
     }
 }

@@ -37,7 +37,7 @@ impl Drawing {
     /// The bytes of a file; equal drawings give equal bytes.
     ///
     /// # Errors
-    /// [`ReportError::Font`], [`ReportError::Plot`] if plotters fails, [`ReportError::Picture`].
+    /// [`ReportError::Font`], [`ReportError::Plot`] if plotters fails, [`ReportError::Image`].
     pub fn encode(&self, format: PlotFormat) -> Result<Vec<u8>, ReportError> {
         match format {
             PlotFormat::Svg => Ok(self.to_svg()?.into_bytes()),
@@ -103,7 +103,7 @@ where
                 self.area.draw(&disc(radius - stroke.width / 2.0, SURFACE.filled())).map_err(plot_error)
             }
             Shape::Text(text) => text.lines().iter().try_for_each(|line| self.write(line)),
-            Shape::Picture { at, image } => self.blit(*at, image),
+            Shape::Image { at, image } => self.blit(*at, image),
         }
     }
 
@@ -132,7 +132,7 @@ where
                 #[expect(clippy::expect_used, reason = "both positions are less than the number of samples")]
                 let [r, g, b] = image
                     .pixel(source(column, width, image.width()), source(row, height, image.height()))
-                    .expect("a pixel of the picture");
+                    .expect("a pixel of the image");
                 let (x, y) = (left.saturating_add_unsigned(column), top.saturating_add_unsigned(row));
                 self.area.draw_pixel((x, y), &RGBColor(r, g, b)).map_err(plot_error)?;
             }

@@ -34,13 +34,13 @@ pub(super) enum Shape {
     Ring { centre: [f64; 2], radius: f64, stroke: Stroke },
     Area { corners: Vec<[f64; 2]>, fill: Fill },
     Text(TextLine),
-    Picture { at: Extent, image: ImageU8 },
+    Image { at: Extent, image: ImageU8 },
 }
 
 /// What a shape means.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Role {
-    /// Grid lines, tinted bins, pictures, texts without another role.
+    /// Grid lines, tinted bins, images, texts without another role.
     Plain,
     /// Lines that no text may cross: axes, ticks, diagonals.
     Frame,
@@ -324,8 +324,8 @@ impl Drawing {
         self.push(Shape::Text(text));
     }
 
-    pub(super) fn picture(&mut self, at: Extent, image: ImageU8) {
-        self.push(Shape::Picture { at, image });
+    pub(super) fn image(&mut self, at: Extent, image: ImageU8) {
+        self.push(Shape::Image { at, image });
     }
 
     /// A legend in rows from `top` on: a sample, drawn by `sample` around its middle, and a name for each series. Returns its

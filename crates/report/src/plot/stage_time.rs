@@ -54,7 +54,7 @@ impl StageTime {
         let (unit, length) = time_unit(totals());
         let axes = Axes { inside, x: Scale::from_zero(totals().map(|secs| secs / length)), y: Scale::linear(0.0, 1.0) };
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
-        let title = format!("{unit} until the first picture, stages one after the other");
+        let title = format!("{unit} until the first image, stages one after the other");
         let bottom = axes.draw_x(&mut drawing, &number_axis(&title));
         let mut upper = top;
         for (row, height) in self.rows.iter().zip(heights) {

@@ -17,7 +17,7 @@ impl Drawing {
     /// The drawing as SVG. Each element's `data-role` says what it is, and `data-series` to which series it belongs.
     ///
     /// # Errors
-    /// [`ReportError::Font`], [`ReportError::Picture`].
+    /// [`ReportError::Font`], [`ReportError::Image`].
     pub fn to_svg(&self) -> Result<String, ReportError> {
         register_fonts()?;
         let (width, height) = self.size();
@@ -30,7 +30,7 @@ impl Drawing {
             let role = attributes(role);
             match shape {
                 Shape::Text(text) => text.lines().iter().for_each(|line| svg.push_str(&printed(line, &role))),
-                Shape::Picture { at, image } => {
+                Shape::Image { at, image } => {
                     let data = STANDARD.encode(encode_png(image)?);
                     let [x, y, width, height] = [at.left, at.top, at.width(), at.height()].map(short);
                     svg.push_str(&format!(
@@ -77,7 +77,7 @@ fn drawn(shape: &Shape, role: &str) -> String {
             hex(stroke.colour),
             short(stroke.width)
         ),
-        Shape::Text(_) | Shape::Picture { .. } => String::new(),
+        Shape::Text(_) | Shape::Image { .. } => String::new(),
     }
 }
 

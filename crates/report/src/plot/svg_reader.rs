@@ -7,7 +7,7 @@ use super::svg::BASELINE;
 use super::theme::SURFACE;
 
 impl Drawing {
-    /// Reads what [`to_svg`](Self::to_svg) wrote, so that tests can check the plots of a written report. Pictures become
+    /// Reads what [`to_svg`](Self::to_svg) wrote, so that tests can check the plots of a written report. Images become
     /// empty boxes of their size, and a text of several lines becomes several texts. Anything else is an error, with its
     /// line.
     pub(crate) fn of_svg(svg: &str) -> Result<Self, String> {
@@ -117,7 +117,7 @@ impl<'a> Element<'a> {
                 let (left, top) = (self.number("x")?, self.number("y")?);
                 let at = Extent::new(left, top, left + self.number("width")?, top + self.number("height")?);
                 let RGBColor(r, g, b) = SURFACE;
-                Shape::Picture { at, image: atsplat_pixels::ImageU8::new(1, 1, vec![r, g, b]).ok()? }
+                Shape::Image { at, image: atsplat_pixels::ImageU8::new(1, 1, vec![r, g, b]).ok()? }
             }
             "text" => {
                 let size = self.number("font-size")?;

@@ -10,9 +10,9 @@ pub struct TokenExpansion {
     pub title: String,
     /// Scene, frame, how a token's position is found.
     pub subtitle: String,
-    /// The camera's picture, drawn below the tokens.
-    pub picture: Option<ImageU8>,
-    /// Width and height of the picture in pixels, in which positions are given.
+    /// The camera's image, drawn below the tokens.
+    pub image: Option<ImageU8>,
+    /// Width and height of the image in pixels, in which positions are given.
     pub size: [f64; 2],
     /// Parents with their children.
     pub expansions: Vec<Expansion>,
@@ -30,7 +30,7 @@ pub struct Expansion {
 }
 
 impl TokenExpansion {
-    /// Draws it; tokens outside the picture are omitted.
+    /// Draws it; tokens outside the image are omitted.
     pub fn draw(&self) -> Drawing {
         const LARGEST: f64 = 720.0;
         let [width, height] = self.size.map(|length| if length >= 1.0 { length } else { 1.0 });
@@ -43,8 +43,8 @@ impl TokenExpansion {
         let shown: Vec<&Expansion> = self.expansions.iter().filter(|expansion| is_inside(expansion.parent)).collect();
         let top = Self::key(&mut drawing, head + 12.0, &shown) + 14.0;
         let inside = Extent::new(MARGIN, top, MARGIN + width * scale, top + height * scale);
-        if let Some(picture) = &self.picture {
-            drawing.picture(inside, picture.clone());
+        if let Some(image) = &self.image {
+            drawing.image(inside, image.clone());
             drawing.rectangle(inside, Fill::faint(SURFACE, 0.45));
         }
         let place = |[x, y]: [f64; 2]| [inside.left + x * scale, inside.top + y * scale];

@@ -2,7 +2,7 @@ use atsplat_metrics::ColourMap;
 use atsplat_pixels::ImageU8;
 
 use super::Drawing;
-use super::picture_grid::{GridCell, GridRow, PictureGrid};
+use super::image_grid::{GridCell, GridRow, ImageGrid};
 
 /// The method's error, its predicted error, and where it adds Gaussians.
 #[derive(Clone, Debug)]
@@ -15,7 +15,7 @@ pub struct UncertaintyTriplets {
     pub rows: Vec<UncertaintyRow>,
 }
 
-/// One view; the maps may differ in size from the picture.
+/// One view; the maps may differ in size from the image.
 #[derive(Clone, Debug)]
 pub struct UncertaintyRow {
     /// Scene and frame.
@@ -49,6 +49,6 @@ impl UncertaintyTriplets {
             GridRow { label: &row.label, cells }
         });
         let columns = ["render", "error (D-SSIM)", "predicted", "alpha of selected"].map(str::to_owned).to_vec();
-        PictureGrid { title: &self.title, subtitle: &self.subtitle, columns, rows: rows.collect() }.draw()
+        ImageGrid { title: &self.title, subtitle: &self.subtitle, columns, rows: rows.collect() }.draw()
     }
 }

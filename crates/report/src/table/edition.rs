@@ -75,7 +75,7 @@ fn unfinished(preset: &PresetRecord, interrupted: &[Unfinished]) -> Vec<String> 
     own.map(text).collect()
 }
 
-/// Whether the trials that two stores have in common, each under a preset of this name, read the same pictures and cameras.
+/// Whether the trials that two stores have in common, each under a preset of this name, read the same images and cameras.
 pub(crate) fn is_same_data(stores: [(&Results, &str); 2]) -> bool {
     let [own, others] = stores.map(|(results, preset)| {
         let trials = results.trials.iter().filter(|trial| trial.key.preset == preset);
@@ -135,7 +135,7 @@ impl Edition<'_> {
 
 impl Part<'_> {
     /// Whether its results may share a table with those of another: both are of different published presets, or of one
-    /// protocol, index, and set of pictures and cameras.
+    /// protocol, index, and set of images and cameras.
     pub(super) fn is_consistent_with(&self, other: &Part<'_>) -> bool {
         let (own, others) = (self.preset, other.preset);
         let is_same_protocol = own.hash == others.hash && own.index_sha256 == others.index_sha256;

@@ -28,7 +28,7 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     if edition.mixed {
         notes.add(
             NoteKind::Forced,
-            "because of --force, this table mixes rows of different protocols, or of different pictures under one name; \
+            "because of --force, this table mixes rows of different protocols, or of different images under one name; \
              they are not comparable"
                 .to_owned(),
         );

@@ -101,7 +101,7 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
     Cell { value, lacks_trials: cost.failed + cost.not_applicable > 0, set: cost.set, ..Cell::default() }
 }
 
-/// Seconds from context pictures to Gaussians, measured by the timing pass, or why there are none.
+/// Seconds from context images to Gaussians, measured by the timing pass, or why there are none.
 fn time_cell(times: Result<Times, String>) -> Cell {
     let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
     match found {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::edition::Part;
 use crate::definition::dataset_name;
 
-/// Data, size of pictures and number of scenes of a measured row.
+/// Data, size of images and number of scenes of a measured row.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MeasuredOn {
@@ -78,7 +78,7 @@ impl Part<'_> {
         }
     }
 
-    /// Height and width of the compared pictures; `None` without any.
+    /// Height and width of the compared images; `None` without any.
     pub(super) fn size(&self, method: &str) -> Option<String> {
         let targets = self.source.results.targets.iter();
         let own = targets.filter(|row| row.key.preset == self.preset.name && row.key.method == method);

@@ -323,14 +323,14 @@ fn weights_of_a_metric_that_are_not_the_published_ones_are_named() {
     assert!(said.contains("differ between stores") && said.contains("0123456789ab in b; 397923af8e79 in a"), "{said}");
 }
 
-/// Rows of the same protocol do not share a table if the pictures have changed.
+/// Rows of the same protocol do not share a table if the images have changed.
 #[test]
-fn different_pictures_under_one_name_get_separate_tables() {
+fn different_images_under_one_name_get_separate_tables() {
     let first = store();
     let mut second = store();
     let scene = second.trials[0].key.scene.clone();
     for trial in second.trials.iter_mut().filter(|trial| trial.key.scene == scene) {
-        trial.data_hash = Some("of other pictures".to_owned());
+        trial.data_hash = Some("of other images".to_owned());
     }
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
     // Rows written before data hashes existed are compatible with all.
@@ -401,7 +401,7 @@ fn rows_may_be_settings() {
     let store = store();
     let table = built("budget", &[("run", &store)], Mixing::Apart).swap_remove(0);
     let row = own(&table, "atsplat");
-    assert_eq!(row.labels, ["RE10K", "16×16", "2"], "the size of the measured pictures");
+    assert_eq!(row.labels, ["RE10K", "16×16", "2"], "the size of the measured images");
     let counts: Vec<_> = row.cells[0].iter().map(|cell| cell.value.number().unwrap()).collect();
     Tolerance::EXACT.assert(counts, [512.0, 1440.0, 23_040.0], "counts");
     let found = verdict(&table);
@@ -440,7 +440,7 @@ fn times_come_from_the_timing_pass_or_are_absent_with_a_reason() {
     assert!(notes.contains("Time: a processor, 2 threads on 2 logical processors") && !notes.contains('§'), "{notes}");
     let (printed, _, notes) = time(&results, "nearest-view");
     assert_eq!(printed, "n/c");
-    assert!(notes.contains("makes no Gaussians from pictures"), "{notes}");
+    assert!(notes.contains("makes no Gaussians from images"), "{notes}");
 
     results.timings.iter_mut().for_each(|row| row.network_adapter = Some("a card (Vulkan), driver 1".to_owned()));
     let (_, _, on_card) = time(&results, "atsplat");

@@ -12,11 +12,11 @@ use atsplat_files::FileError;
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_pixels::{Rounding, encode_jpeg, encode_png};
 use atsplat_scene::torch::{ChunkScene, ChunkWriter};
-use atsplat_scene::{Frame, Picture, Scene, SharedBytes, Warnings};
+use atsplat_scene::{Frame, FrameImage, Scene, SharedBytes, Warnings};
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use options::{Layout, PictureEncoding, WriteOptions};
+pub use options::{ImageEncoding, Layout, WriteOptions};
 
 use crate::effects::ActiveEffect;
 use crate::{Request, RoomsError, SceneKind, Simulation, Split};
@@ -34,9 +34,9 @@ pub struct ManifestScene {
     pub number: u32,
     /// Number of frames.
     pub frames: usize,
-    /// Columns of each picture.
+    /// Columns of each image.
     pub width: u32,
-    /// Rows of each picture.
+    /// Rows of each image.
     pub height: u32,
     /// Rays per pixel.
     pub samples: u32,
@@ -56,15 +56,15 @@ struct Manifest<'a> {
 /// Renders and encodes all frames of a simulation, as a scene for any writer.
 ///
 /// # Errors
-/// As [`Simulation::picture`], and [`RoomsError::Pixels`] for a JPEG quality outside 1 to 100.
-pub fn encoded_scene(simulation: &Simulation, coding: PictureEncoding) -> Result<Scene, RoomsError> {
-    let encode = |at| -> Result<Picture, RoomsError> {
-        let picture = simulation.picture(at)?.to_u8(Rounding::Nearest)?;
+/// As [`Simulation::image`], and [`RoomsError::Pixels`] for a JPEG quality outside 1 to 100.
+pub fn encoded_scene(simulation: &Simulation, coding: ImageEncoding) -> Result<Scene, RoomsError> {
+    let encode = |at| -> Result<FrameImage, RoomsError> {
+        let image = simulation.image(at)?.to_u8(Rounding::Nearest)?;
         let bytes = match coding {
-            PictureEncoding::Jpeg(quality) => encode_jpeg(&picture, quality)?,
-            PictureEncoding::Png => encode_png(&picture)?,
+            ImageEncoding::Jpeg(quality) => encode_jpeg(&image, quality)?,
+            ImageEncoding::Png => encode_png(&image)?,
         };
-        Ok(Picture::Encoded(SharedBytes::new(bytes)))
+        Ok(FrameImage::Encoded(SharedBytes::new(bytes)))
     };
     let frames = (0..simulation.shots().len()).into_par_iter().map(|at| {
         let timestamp = simulation.shot(at)?.timestamp_micros;
@@ -73,7 +73,7 @@ pub fn encoded_scene(simulation: &Simulation, coding: PictureEncoding) -> Result
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            picture: encode(at)?,
+            image: encode(at)?,
         })
     });
     let frames = frames.collect::<Result<Vec<_>, RoomsError>>()?;
@@ -159,10 +159,10 @@ fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {
     atsplat_files::write_unsynced(path, bytes).map_err(FileError::during("writing", path))
 }
 
-/// The encoded picture of a frame of [`encoded_scene`].
+/// The encoded image of a frame of [`encoded_scene`].
 fn encoded(frame: &Frame) -> &[u8] {
-    match &frame.picture {
-        Picture::Encoded(bytes) => bytes,
+    match &frame.image {
+        FrameImage::Encoded(bytes) => bytes,
         other => unreachable!("the frames of `encoded_scene` are encoded, not {other:?}"),
     }
 }

@@ -5,16 +5,16 @@ use atsplat_files::FileError;
 use atsplat_scene::Scene;
 use serde_json::{Value, json};
 
-use super::{PictureEncoding, encoded, make_folder, write_file};
+use super::{ImageEncoding, encoded, make_folder, write_file};
 use crate::RoomsError;
 
-/// File name of a picture without extension, numbered from 1 as in DL3DV.
+/// File name of an image without extension, numbered from 1 as in DL3DV.
 pub(super) fn stem(position: usize) -> String {
     format!("frame_{:05}", position + 1)
 }
 
 /// Writes `<key>/nerfstudio/transforms.json` and `images/` next to it. Poses are camera-to-world with OpenGL axes.
-pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureEncoding, size: ImageSize) -> Result<(), RoomsError> {
+pub(super) fn write(folder: &Path, scene: &Scene, coding: ImageEncoding, size: ImageSize) -> Result<(), RoomsError> {
     let folder = folder.join(&scene.key).join("nerfstudio");
     make_folder(&folder.join("images"))?;
     let mut root = lens(&scene.frames[0].camera, size);

@@ -24,16 +24,16 @@ impl Layout {
     }
 }
 
-/// Encoding of pictures.
+/// Encoding of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PictureEncoding {
+pub enum ImageEncoding {
     /// JPEG of this quality, 1 to 100, like RE10K.
     Jpeg(u8),
     /// PNG, lossless, like DL3DV.
     Png,
 }
 
-impl PictureEncoding {
+impl ImageEncoding {
     pub(super) const fn extension(self) -> &'static str {
         match self {
             Self::Jpeg(_) => "jpg",
@@ -42,7 +42,7 @@ impl PictureEncoding {
     }
 }
 
-impl FromStr for PictureEncoding {
+impl FromStr for ImageEncoding {
     type Err = InvalidText;
 
     /// `png`, or `jpeg:QUALITY`.
@@ -62,8 +62,8 @@ impl FromStr for PictureEncoding {
 pub struct WriteOptions {
     /// Layout on disk.
     pub layout: Layout,
-    /// Encoding of pictures.
-    pub coding: PictureEncoding,
+    /// Encoding of images.
+    pub coding: ImageEncoding,
     /// Whether to write `depth/<key>/<frame>.exr`, the channel `Z`.
     pub depth: bool,
 }
@@ -74,9 +74,9 @@ mod tests {
 
     #[test]
     fn parses_codings() {
-        assert_eq!(("png".parse(), "jpeg:90".parse()), (Ok(PictureEncoding::Png), Ok(PictureEncoding::Jpeg(90))));
+        assert_eq!(("png".parse(), "jpeg:90".parse()), (Ok(ImageEncoding::Png), Ok(ImageEncoding::Jpeg(90))));
         for broken in ["jpeg", "jpeg:0", "jpeg:101", "webp", "png:1"] {
-            assert!(broken.parse::<PictureEncoding>().is_err(), "{broken:?}");
+            assert!(broken.parse::<ImageEncoding>().is_err(), "{broken:?}");
         }
     }
 }

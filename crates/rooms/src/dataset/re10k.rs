@@ -5,23 +5,23 @@ use atsplat_files::FileError;
 use atsplat_scene::re10k::{Trajectory, TrajectoryRow, write_trajectory};
 use atsplat_scene::{Scene, WarningKind, Warnings};
 
-use super::{PictureEncoding, encoded, make_folder, write_file};
+use super::{ImageEncoding, encoded, make_folder, write_file};
 use crate::{RoomsError, Split};
 
-/// Writes `<split>/<key>.txt`, and pictures named by their timestamps in `<split>/<key>/`.
+/// Writes `<split>/<key>.txt`, and images named by their timestamps in `<split>/<key>/`.
 #[expect(clippy::expect_used, reason = "every simulated frame has a timestamp")]
 pub(super) fn write(
     folder: &Path,
     split: Split,
     scene: &Scene,
-    coding: PictureEncoding,
+    coding: ImageEncoding,
     warnings: &mut Warnings,
 ) -> Result<(), RoomsError> {
     let folder = folder.join(split.to_string());
-    let pictures = folder.join(&scene.key);
-    make_folder(&pictures)?;
+    let images = folder.join(&scene.key);
+    make_folder(&images)?;
     for frame in &scene.frames {
-        write_file(&pictures.join(format!("{}.{}", frame.name, coding.extension())), encoded(frame))?;
+        write_file(&images.join(format!("{}.{}", frame.name, coding.extension())), encoded(frame))?;
     }
     if scene.frames.iter().any(|frame| frame.camera.distortion != Distortion::None) {
         warnings.push(WarningKind::LensDistortion, &scene.key, "an RE10K trajectory cannot store it".to_owned());

@@ -9,7 +9,7 @@ pub(super) struct LensDistortion {
     lens: Distortion,
 }
 
-/// Largest displacement of the corner of a picture 256 pixels wide that counts as no distortion, in pixels.
+/// Largest displacement of the corner of an image 256 pixels wide that counts as no distortion, in pixels.
 const STRAIGHT: f64 = 0.05;
 
 pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {

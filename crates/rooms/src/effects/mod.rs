@@ -1,5 +1,5 @@
 //! Optional effects of rendering. Each effect is one file behind [`Effect`]; a scene runs only those that can change its
-//! pictures by more than [`TOLERANCE`], with the reason.
+//! images by more than [`TOLERANCE`], with the reason.
 
 mod choice;
 mod exposure_drift;

@@ -7,7 +7,7 @@ pub(super) struct MotionBlur {
     shutter: f64,
 }
 
-/// Largest motion in a picture 256 pixels wide that counts as still, in pixels.
+/// Largest motion in an image 256 pixels wide that counts as still, in pixels.
 const STILL: f64 = 0.1;
 
 pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {

@@ -17,9 +17,9 @@ pub struct ClipMotion {
     pub frames: usize,
     /// Seconds from the first frame to the last.
     pub seconds: f64,
-    /// Focal length of the first frame over the picture's width.
+    /// Focal length of the first frame over the image's width.
     pub fx: f64,
-    /// Focal length of the first frame over the picture's height.
+    /// Focal length of the first frame over the image's height.
     pub fy: f64,
     /// Units per second along the path through positions a quarter of a second apart: closer ones would measure the noise
     /// of structure from motion.

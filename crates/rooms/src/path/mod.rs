@@ -64,7 +64,7 @@ pub(crate) struct CameraPath {
     pub slowed_to: f64,
 }
 
-/// Finds a path of `frames` shots through a world, for pictures with the aspect ratio `width_over_height`.
+/// Finds a path of `frames` shots through a world, for images with the aspect ratio `width_over_height`.
 pub(crate) fn natural(
     kind: SceneKind,
     seed: u64,

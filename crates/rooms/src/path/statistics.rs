@@ -7,7 +7,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Focal length over picture height.
+    /// Focal length over image height.
     pub const FY: Self = Self {
         observed: [
             0.837_305, 0.842_884, 0.842_978, 0.844_111, 0.852_039, 0.857_483, 0.860_32, 0.862_912, 0.866_272,

@@ -25,7 +25,7 @@ pub(crate) fn timed_cameras(scene: &Scene) -> Vec<(i64, Camera)> {
 #[cfg(test)]
 mod tests {
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
-    use atsplat_scene::{Frame, Picture};
+    use atsplat_scene::{Frame, FrameImage};
 
     use super::*;
     use crate::Route;
@@ -40,7 +40,7 @@ mod tests {
             timestamp_micros,
             camera,
             stated_size: None,
-            picture: Picture::Absent,
+            image: FrameImage::Absent,
         };
         let assumed = [0, 33_333, 66_666];
         for (stated, expected, timed) in [

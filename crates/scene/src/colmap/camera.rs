@@ -81,12 +81,12 @@ impl ColmapCameraModel {
     }
 }
 
-/// One entry of `cameras.txt` or `cameras.bin`: lens and picture size, without a pose.
+/// One entry of `cameras.txt` or `cameras.bin`: lens and image size, without a pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapCamera {
     /// The camera model that the parameters belong to.
     pub model: ColmapCameraModel,
-    /// Picture size in pixels; not empty.
+    /// Image size in pixels; not empty.
     pub size: ImageSize,
     /// [`ColmapCameraModel::parameter_count`] numbers in COLMAP's order; lengths in pixels, with pixel centres at + 0.5.
     pub parameters: Vec<f64>,

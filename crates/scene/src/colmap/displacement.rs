@@ -9,7 +9,7 @@ use crate::files::read_file;
 use crate::nerfstudio::AppliedTransform;
 use crate::{Scene, SceneError};
 
-/// How far a model's cameras are from those of the same pictures in a scene.
+/// How far a model's cameras are from those of the same images in a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Displacement {
     /// Images of the model that are frames of the scene.

@@ -6,10 +6,10 @@ use atsplat_numeric::Tolerance;
 use super::{ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
-use crate::files::{last_name, list, read_file, split_picture_name};
+use crate::files::{last_name, list, read_file, split_image_name};
 use crate::ignored::Collections;
-use crate::nerfstudio::PictureFinder;
-use crate::{Frame, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::nerfstudio::ImageFinder;
+use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 /// Subfolders of a capture that may hold its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
@@ -20,8 +20,8 @@ pub(super) const UNIT: Tolerance = Tolerance::absolute(1e-3);
 /// How COLMAP models are read.
 #[derive(Clone, Debug, Default)]
 pub struct ColmapOptions {
-    /// Which copy of the pictures to use.
-    pub pictures: PictureFolder,
+    /// Which copy of the images to use.
+    pub images: ImageFolder,
     /// Folder that image names are relative to; by default the capture's `images/`.
     pub images_root: Option<PathBuf>,
 }
@@ -102,7 +102,7 @@ impl SceneSource for ColmapScenes {
         let root = self.options.images_root.clone().unwrap_or_else(|| capture.join("images"));
         let above = root.parent().unwrap_or(&root).to_owned();
         let folder = last_name(&root);
-        let mut finder = PictureFinder::new(&above, &images_file, self.options.pictures);
+        let mut finder = ImageFinder::new(&above, &images_file, self.options.images);
         let mut frames = Vec::with_capacity(images.len());
         for (at, image) in images.into_iter().enumerate() {
             let location = format!("image {}", image.id);
@@ -114,11 +114,11 @@ impl SceneSource for ColmapScenes {
             let found = finder.find_below(&folder, &image.name, &location)?;
             found.report(key, at, warnings);
             frames.push(Frame {
-                name: split_picture_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),
+                name: split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),
                 timestamp_micros: None,
                 camera: Camera { camera_from_world: image.camera_from_world, intrinsics, distortion },
                 stated_size: Some(camera.size),
-                picture: found.picture,
+                image: found.image,
             });
         }
         let scene = Scene { key: key.to_owned(), url: None, frames };

@@ -209,12 +209,12 @@ fn warned(folder: &Path) -> Vec<(WarningKind, String)> {
 
 /// The names are sorted, so the frames of `b.png` are 1 and 2.
 #[test]
-fn one_picture_under_two_poses_and_scaled_quaternions_are_counted() {
+fn one_image_under_two_poses_and_scaled_quaternions_are_counted() {
     let images = "1 2 0 0 0 0 0 0 1 b.png\n\n2 1 0 0 0 5 0 0 1 a.png\n\n3 1.0004 0 0 0 0 3 0 1 b.png\n\n";
     let folder = capture(images, &["images/a.png", "images/b.png"]);
     let found = warned(folder.path());
     let [(rotation, scaled), (duplicate, repeated)] = found.as_slice() else { panic!("{found:?}") };
-    assert_eq!((*rotation, *duplicate), (WarningKind::ImperfectRotation, WarningKind::DuplicatePicture));
+    assert_eq!((*rotation, *duplicate), (WarningKind::ImperfectRotation, WarningKind::DuplicateImage));
     assert!(scaled.contains("1 of 3 images, first b.png") && scaled.contains("found 2;"), "{scaled}");
     assert!(repeated.contains("1 of 3 frames") && repeated.contains("first frame 2 that of frame 1"), "{repeated}");
 }
@@ -237,7 +237,7 @@ fn further_models_of_a_capture_are_counted() {
     assert_eq!(warned(&sparse.join("0")), [], "this model was chosen");
 }
 
-/// `f` is the horizontal focal length, of pictures 200 pixels wide; the vertical one is 100.
+/// `f` is the horizontal focal length, of images 200 pixels wide; the vertical one is 100.
 #[test]
 fn implausible_focal_lengths_are_counted() {
     for (f, expected) in
@@ -398,7 +398,7 @@ fn reads_models_written_by_colmap_as_colmap_does() {
     }
 }
 
-/// A capture in a temporary folder, with `files` as empty pictures.
+/// A capture in a temporary folder, with `files` as empty images.
 fn capture(images: &str, files: &[&str]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let write = |path: PathBuf, bytes: &[u8]| {
@@ -414,7 +414,7 @@ fn capture(images: &str, files: &[&str]) -> tempfile::TempDir {
 }
 
 #[test]
-fn frames_are_sorted_by_name_and_find_their_pictures() {
+fn frames_are_sorted_by_name_and_find_their_images() {
     let images = "1 1 0 0 0 0 0 0 1 left/b.png\n\n2 1 0 0 0 0 0 0 1 left/a.png\n\n3 1 0 0 0 0 0 0 1 c.png\n\n";
     let folder = capture(images, &["images/left/a.png", "images/left/b.jpg", "images_4/left/a.png"]);
     let mut warnings = Warnings::new();
@@ -423,12 +423,12 @@ fn frames_are_sorted_by_name_and_find_their_pictures() {
     let names: Vec<_> = scene.frames.iter().map(|frame| frame.name.as_str()).collect();
     assert_eq!(names, ["c", "left/a", "left/b"]);
     let counts: Vec<_> = warnings.counts().collect();
-    assert_eq!(counts, [(WarningKind::MissingPicture, 1), (WarningKind::PictureElsewhere, 1)]);
+    assert_eq!(counts, [(WarningKind::MissingImage, 1), (WarningKind::ImageElsewhere, 1)]);
 
-    let options = ColmapOptions { pictures: crate::PictureFolder::Downscaled(4), ..ColmapOptions::default() };
+    let options = ColmapOptions { images: crate::ImageFolder::Downscaled(4), ..ColmapOptions::default() };
     let source = ColmapScenes::open(folder.path(), options).unwrap();
     let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
-    let crate::Picture::File(path) = &scene.frames[1].picture else { panic!("{:?}", scene.frames[1].picture) };
+    let crate::FrameImage::File(path) = &scene.frames[1].image else { panic!("{:?}", scene.frames[1].image) };
     assert!(path.ends_with("images_4/left/a.png"), "{}", path.display());
     let frame = &scene.frames[1];
     assert_eq!(frame.stated_size, Some(ImageSize { width: 200, height: 100 }));

@@ -98,7 +98,7 @@ fn is_keypoints(line: &[u8]) -> bool {
 }
 
 /// Whether a line of numbers is that of an image but for its name: nine columns with whole ids and a quaternion of
-/// length 1. Of three keypoints, the second would lie within a pixel of the picture's corner.
+/// length 1. Of three keypoints, the second would lie within a pixel of the image's corner.
 fn lacks_only_a_name(line: &[u8]) -> bool {
     let columns: Vec<&[u8]> = Columns::of(line).take(10).collect();
     let [id, w, x, y, z, _, _, _, camera_id] = columns.as_slice() else { return false };

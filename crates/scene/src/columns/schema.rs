@@ -8,7 +8,7 @@ pub const SCHEMA_VERSION: &str = "1";
 /// The convention of poses and intrinsics, stored in the schema's metadata under `atsplat.convention`.
 pub const CONVENTION: &str = "One row per frame, in the source's order. r00..r22 and t0..t2 are the row-major 3x4 \
 world-to-camera matrix [R|t] with OpenCV camera axes (+x right, +y down, +z forward), the rotation as stored, not \
-re-orthonormalised. fx, fy, cx, cy are intrinsics in units of the picture's width and height. Lens coefficients are \
+re-orthonormalised. fx, fy, cx, cy are intrinsics in units of the image's width and height. Lens coefficients are \
 OpenCV's, on the z = 1 plane. Lengths are scene units.";
 
 /// The columns of a camera table.
@@ -20,17 +20,17 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | `frame` | `UInt64` | position in the scene, from 0, as in evaluation indices |
 /// | `name` | Utf8 | the frame's name in the source: a timestamp or a file stem |
 /// | `timestamp_micros` | `Int64`? | microseconds since the start of the video; of captures, the number of the file |
-/// | `fx` `fy` | `Float64` | focal lengths over picture width and height |
-/// | `cx` `cy` | `Float64` | principal point over picture width and height |
+/// | `fx` `fy` | `Float64` | focal lengths over image width and height |
+/// | `cx` `cy` | `Float64` | principal point over image width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
 /// | `k1` `k2` `k3` `k4` `p1` `p2` | `Float64`? | lens coefficients; null if the model does not have them |
 /// | `r00` … `r22` | `Float64` | rotation of the world-to-camera transform, row by row |
 /// | `t0` `t1` `t2` | `Float64` | its translation, in scene units |
 /// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; derived from the pose |
-/// | `stated_width` `stated_height` | `UInt32`? | picture size in pixels according to the metadata |
-/// | `picture` | Utf8 | `absent`, `missing`, `file`, `encoded` or `generated` |
-/// | `picture_path` | Utf8? | the file, found or missing; bytes that are not UTF-8 become U+FFFD |
-/// | `picture_bytes` | `UInt64`? | length of a picture encoded in a chunk |
+/// | `stated_width` `stated_height` | `UInt32`? | image size in pixels according to the metadata |
+/// | `image` | Utf8 | `absent`, `missing`, `file`, `encoded` or `generated` |
+/// | `image_path` | Utf8? | the file, found or missing; bytes that are not UTF-8 become U+FFFD |
+/// | `image_bytes` | `UInt64`? | length of an image encoded in a chunk |
 pub fn schema() -> SchemaRef {
     static SCHEMA: LazyLock<SchemaRef> = LazyLock::new(|| Arc::new(build()));
     Arc::clone(&SCHEMA)
@@ -64,18 +64,18 @@ fn build() -> Schema {
         field("name", DataType::Utf8, false, "the source's name of the frame"),
         field("timestamp_micros", DataType::Int64, true, TIMESTAMP),
     ];
-    fields.extend(floats(&INTRINSICS, false, "pinhole intrinsics over picture width (x) or height (y)"));
+    fields.extend(floats(&INTRINSICS, false, "pinhole intrinsics over image width (x) or height (y)"));
     fields.push(field("distortion", DataType::Utf8, false, "none, opencv or fisheye"));
     fields.extend(floats(&LENS, true, "lens coefficient of OpenCV's model"));
     fields.extend(floats(&ROTATION, false, "world-to-camera rotation, row and column"));
     fields.extend(floats(&TRANSLATION, false, "world-to-camera translation, scene units"));
     fields.extend(floats(&CENTRE, false, "camera centre in the world, scene units"));
     fields.extend([
-        field("stated_width", DataType::UInt32, true, "picture width in pixels that the metadata states"),
-        field("stated_height", DataType::UInt32, true, "picture height in pixels that the metadata states"),
-        field("picture", DataType::Utf8, false, "absent, missing, file, encoded or generated"),
-        field("picture_path", DataType::Utf8, true, "picture file, found or missing"),
-        field("picture_bytes", DataType::UInt64, true, "length of a picture encoded in a chunk"),
+        field("stated_width", DataType::UInt32, true, "image width in pixels that the metadata states"),
+        field("stated_height", DataType::UInt32, true, "image height in pixels that the metadata states"),
+        field("image", DataType::Utf8, false, "absent, missing, file, encoded or generated"),
+        field("image_path", DataType::Utf8, true, "image file, found or missing"),
+        field("image_bytes", DataType::UInt64, true, "length of an image encoded in a chunk"),
     ]);
     Schema::new_with_metadata(fields, metadata())
 }

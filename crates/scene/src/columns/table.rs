@@ -6,7 +6,7 @@ use atsplat_camera::Distortion;
 
 use super::ColumnsError;
 use super::schema::{CENTRE, INTRINSICS, LENS, POSE, schema};
-use crate::{Frame, Picture, Scene};
+use crate::{Frame, FrameImage, Scene};
 
 /// Collects frames of any number of scenes into record batches.
 #[derive(Debug, Default)]
@@ -25,9 +25,9 @@ pub struct CameraTable {
     centre: [Float64Builder; CENTRE.len()],
     stated_width: UInt32Builder,
     stated_height: UInt32Builder,
-    picture: StringBuilder,
-    picture_path: StringBuilder,
-    picture_bytes: UInt64Builder,
+    image: StringBuilder,
+    image_path: StringBuilder,
+    image_bytes: UInt64Builder,
 }
 
 impl CameraTable {
@@ -98,16 +98,16 @@ impl CameraTable {
 
         self.stated_width.append_option(frame.stated_size.map(|size| size.width));
         self.stated_height.append_option(frame.stated_size.map(|size| size.height));
-        let (kind, path, bytes) = match &frame.picture {
-            Picture::Absent => ("absent", None, None),
-            Picture::Missing(path) => ("missing", Some(path), None),
-            Picture::File(path) => ("file", Some(path), None),
-            Picture::Encoded(bytes) => ("encoded", None, Some(bytes.len() as u64)),
-            Picture::Generated(_) => ("generated", None, None),
+        let (kind, path, bytes) = match &frame.image {
+            FrameImage::Absent => ("absent", None, None),
+            FrameImage::Missing(path) => ("missing", Some(path), None),
+            FrameImage::File(path) => ("file", Some(path), None),
+            FrameImage::Encoded(bytes) => ("encoded", None, Some(bytes.len() as u64)),
+            FrameImage::Generated(_) => ("generated", None, None),
         };
-        self.picture.append_value(kind);
-        self.picture_path.append_option(path.map(|path| path.to_string_lossy()));
-        self.picture_bytes.append_option(bytes);
+        self.image.append_value(kind);
+        self.image_path.append_option(path.map(|path| path.to_string_lossy()));
+        self.image_bytes.append_option(bytes);
         Ok(())
     }
 
@@ -140,9 +140,9 @@ impl CameraTable {
         columns.extend(floats(&mut self.centre));
         columns.push(Arc::new(self.stated_width.finish()));
         columns.push(Arc::new(self.stated_height.finish()));
-        columns.push(Arc::new(self.picture.finish()));
-        columns.push(Arc::new(self.picture_path.finish()));
-        columns.push(Arc::new(self.picture_bytes.finish()));
+        columns.push(Arc::new(self.image.finish()));
+        columns.push(Arc::new(self.image_path.finish()));
+        columns.push(Arc::new(self.image_bytes.finish()));
         columns
     }
 }
@@ -169,9 +169,9 @@ fn lens_columns(distortion: &Distortion) -> (&'static str, [Option<f64>; LENS.le
 /// Bytes of a row's text; an upper bound for a path that is not UTF-8.
 fn text_bytes(scene: &Scene, frame: &Frame) -> usize {
     // A byte that is not UTF-8 becomes U+FFFD, three bytes.
-    let path = match &frame.picture {
-        Picture::Missing(path) | Picture::File(path) => path.as_os_str().len().saturating_mul(3),
-        Picture::Absent | Picture::Encoded(_) | Picture::Generated(_) => 0,
+    let path = match &frame.image {
+        FrameImage::Missing(path) | FrameImage::File(path) => path.as_os_str().len().saturating_mul(3),
+        FrameImage::Absent | FrameImage::Encoded(_) | FrameImage::Generated(_) => 0,
     };
     [scene.url.as_ref().map_or(0, String::len), frame.name.len(), path]
         .into_iter()

@@ -7,7 +7,7 @@ use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedI
 use proptest::prelude::*;
 
 use super::*;
-use crate::{Frame, Picture, Scene, SharedBytes};
+use crate::{Frame, FrameImage, Scene, SharedBytes};
 
 fn pinhole(shift: f64) -> Camera {
     let rows = [0.0, 0.0, -1.0, shift, 0.0, 1.0, 0.0, 0.1 + 0.2, 1.0, 0.0, 0.0, -1e-300];
@@ -17,21 +17,21 @@ fn pinhole(shift: f64) -> Camera {
     )
 }
 
-fn frame(name: &str, camera: Camera, picture: Picture) -> Frame {
-    Frame { name: name.to_owned(), timestamp_micros: name.parse().ok(), camera, stated_size: None, picture }
+fn frame(name: &str, camera: Camera, image: FrameImage) -> Frame {
+    Frame { name: name.to_owned(), timestamp_micros: name.parse().ok(), camera, stated_size: None, image }
 }
 
-/// Every kind of picture and lens, every optional cell both present and null.
+/// Every kind of image and lens, every optional cell both present and null.
 fn varied() -> Scene {
     let opencv = Distortion::OpenCv { k1: 0.1, k2: -0.2, k3: 1e-17, p1: -0.0, p2: 5e-324 };
     let mut frames = vec![
-        frame("100", pinhole(0.0), Picture::Absent),
-        frame("a, \"quoted\"\nname", pinhole(1.5), Picture::Missing(PathBuf::from("images/été.png"))),
-        frame("", Camera { distortion: opencv, ..pinhole(-2.0) }, Picture::File(PathBuf::from("/data/1.jpg"))),
+        frame("100", pinhole(0.0), FrameImage::Absent),
+        frame("a, \"quoted\"\nname", pinhole(1.5), FrameImage::Missing(PathBuf::from("images/été.png"))),
+        frame("", Camera { distortion: opencv, ..pinhole(-2.0) }, FrameImage::File(PathBuf::from("/data/1.jpg"))),
         frame(
             "-7",
             Camera { distortion: Distortion::Fisheye { k: [1.0, 2.0, 3.0, 4.0] }, ..pinhole(f64::MAX) },
-            Picture::Encoded(SharedBytes::new(vec![0xff, 0xd8, 0xff])),
+            FrameImage::Encoded(SharedBytes::new(vec![0xff, 0xd8, 0xff])),
         ),
     ];
     frames[1].stated_size = Some(ImageSize { width: 3840, height: 2160 });
@@ -97,14 +97,14 @@ fn assert_holds(batch: &RecordBatch, scene: &Scene) {
         };
         let stated = side("stated_width").zip(side("stated_height"));
         assert_eq!(stated, frame.stated_size.map(|size| (size.width, size.height)));
-        let (kind, path) = match &frame.picture {
-            Picture::Absent => ("absent", None),
-            Picture::Missing(path) => ("missing", Some(path)),
-            Picture::File(path) => ("file", Some(path)),
-            Picture::Encoded(_) => ("encoded", None),
-            Picture::Generated(_) => ("generated", None),
+        let (kind, path) = match &frame.image {
+            FrameImage::Absent => ("absent", None),
+            FrameImage::Missing(path) => ("missing", Some(path)),
+            FrameImage::File(path) => ("file", Some(path)),
+            FrameImage::Encoded(_) => ("encoded", None),
+            FrameImage::Generated(_) => ("generated", None),
         };
-        assert_eq!((text("picture"), text("picture_path")), (Some(kind), path.and_then(|path| path.to_str())));
+        assert_eq!((text("image"), text("image_path")), (Some(kind), path.and_then(|path| path.to_str())));
     }
 }
 
@@ -125,8 +125,8 @@ fn batches_follow_the_documented_schema() {
         .map(|f| format!("{}: {}{}", f.name(), f.data_type(), if f.is_nullable() { "?" } else { "" }))
         .collect();
     insta::assert_snapshot!(columns.join("\n"));
-    let bytes = batch.column_by_name("picture_bytes").unwrap();
-    assert_eq!((bytes.null_count(), bytes.is_valid(3)), (3, true), "only the encoded picture has a length");
+    let bytes = batch.column_by_name("image_bytes").unwrap();
+    assert_eq!((bytes.null_count(), bytes.is_valid(3)), (3, true), "only the encoded image has a length");
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn scenes_share_batches_and_long_scenes_span_them() {
     let long = Scene {
         key: "long".to_owned(),
         url: None,
-        frames: vec![frame("0", pinhole(0.0), Picture::Absent); CameraTable::ROW_LIMIT + 3],
+        frames: vec![frame("0", pinhole(0.0), FrameImage::Absent); CameraTable::ROW_LIMIT + 3],
     };
     let (mut table, mut sizes) = (CameraTable::new(), Vec::new());
     for scene in [&varied(), &long, &varied()] {
@@ -168,7 +168,7 @@ fn long_urls_on_every_row_are_split_into_batches() {
     let scene = Scene {
         key: "long URL".to_owned(),
         url: Some("u".repeat(CameraTable::TEXT_LIMIT / 4)),
-        frames: vec![frame("0", pinhole(0.0), Picture::Absent); 8],
+        frames: vec![frame("0", pinhole(0.0), FrameImage::Absent); 8],
     };
     let rows: Vec<usize> = batches_from_scene(&scene).unwrap().iter().map(RecordBatch::num_rows).collect();
     assert_eq!(rows, [3, 3, 2], "four URLs and their keys exceed the limit");
@@ -204,7 +204,7 @@ proptest! {
     fn any_trajectory_is_held_bit_for_bit(
         cameras in prop::collection::vec(any_camera(), 0..20), key in ".*", names in prop::collection::vec(".*", 20),
     ) {
-        let frames = cameras.into_iter().zip(&names).map(|(camera, name)| frame(name, camera, Picture::Absent)).collect();
+        let frames = cameras.into_iter().zip(&names).map(|(camera, name)| frame(name, camera, FrameImage::Absent)).collect();
         let scene = Scene { key, url: None, frames };
         assert_holds(&one_batch(&scene), &scene);
     }

@@ -29,14 +29,14 @@ pub enum Convention {
     FocalHalved,
     /// The true focal lengths are twice the declared ones.
     FocalDoubled,
-    /// fx and fy exchanged, or each divided by the other side of the picture.
+    /// fx and fy exchanged, or each divided by the other side of the image.
     FocalExchanged,
-    /// fy is right and pixels are square; fx belongs to a picture of another width (RE10K's 640×360 intrinsics used with
+    /// fy is right and pixels are square; fx belongs to an image of another width (RE10K's 640×360 intrinsics used with
     /// square centre crops).
     FocalFromFy,
-    /// fx is right and pixels are square; fy belongs to a picture of another height.
+    /// fx is right and pixels are square; fy belongs to an image of another height.
     FocalFromFx,
-    /// The pictures are already undistorted, though a lens is declared.
+    /// The images are already undistorted, though a lens is declared.
     NoDistortion,
 }
 
@@ -82,12 +82,10 @@ impl Convention {
             }
             Self::FocalHalved => "focal lengths look twice too long",
             Self::FocalDoubled => "focal lengths look twice too short",
-            Self::FocalExchanged => "fx and fy look exchanged, or divided by the other side of the picture",
-            Self::FocalFromFy => "fx looks as if it belonged to a picture of another width; fy with square pixels fits",
-            Self::FocalFromFx => {
-                "fy looks as if it belonged to a picture of another height; fx with square pixels fits"
-            }
-            Self::NoDistortion => "pictures look undistorted already, though a lens distortion is declared",
+            Self::FocalExchanged => "fx and fy look exchanged, or divided by the other side of the image",
+            Self::FocalFromFy => "fx looks as if it belonged to an image of another width; fy with square pixels fits",
+            Self::FocalFromFx => "fy looks as if it belonged to an image of another height; fx with square pixels fits",
+            Self::NoDistortion => "images look undistorted already, though a lens distortion is declared",
         }
     }
 

@@ -58,7 +58,7 @@ impl EpipolarGeometry {
     }
 
     /// Symmetric epipolar distance in pixels: the root mean square of the two distances between a point and the epipolar
-    /// line of the other one (§11.4.3 sums their squares; the root of the mean is in pixels of one picture).
+    /// line of the other one (§11.4.3 sums their squares; the root of the mean is in pixels of one image).
     ///
     /// A point on the epipole lies on every line. NaN for a NaN point.
     pub fn distance(&self, points: &PointMatch) -> f64 {

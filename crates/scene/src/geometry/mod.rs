@@ -1,4 +1,4 @@
-//! Two-view geometry: checks the cameras of a scene against points matched between its pictures. Pure arithmetic; the
+//! Two-view geometry: checks the cameras of a scene against points matched between its images. Pure arithmetic; the
 //! matches are an input (`atsplat-opencv` provides SIFT).
 
 mod convention;

@@ -3,14 +3,14 @@ use serde::Serialize;
 
 use super::{Convention, EpipolarGeometry, PointMatch, View};
 
-/// Two views as declared, and the points matched between their pictures.
+/// Two views as declared, and the points matched between their images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MatchedPair {
     /// The first view.
     pub first: View,
     /// The second view.
     pub second: View,
-    /// Matched points in raw, distorted pixels of the two pictures.
+    /// Matched points in raw, distorted pixels of the two images.
     pub matches: Vec<PointMatch>,
 }
 

@@ -4,9 +4,9 @@ use serde::Serialize;
 
 use super::{Convention, ConventionScore};
 
-/// An interpretation explains the pictures if its median is at most this many pixels …
+/// An interpretation explains the images if its median is at most this many pixels …
 const FIT_PX: f64 = 0.5;
-/// … plus this fraction of the picture's diagonal: pose errors in pixels grow with the resolution, the noise of feature
+/// … plus this fraction of the image's diagonal: pose errors in pixels grow with the resolution, the noise of feature
 /// points does not.
 const FIT_DIAGONAL: f64 = 1e-3;
 /// Interpretations within this factor of the smallest median cannot be distinguished.
@@ -18,14 +18,14 @@ const IN_FRONT: f64 = 0.5;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "verdict", rename_all = "kebab-case")]
 pub enum Verdict {
-    /// An interpretation explains the pictures: the declared one unless another is clearly better.
+    /// An interpretation explains the images: the declared one unless another is clearly better.
     Fits {
         /// The interpretation to use.
         convention: Convention,
-        /// Other interpretations that these pictures do not rule out, best first.
+        /// Other interpretations that these images do not rule out, best first.
         not_ruled_out: Vec<Convention>,
     },
-    /// No interpretation explains the pictures: something else is wrong, or they do not show the same place.
+    /// No interpretation explains the images: something else is wrong, or they do not show the same place.
     NothingFits {
         /// The interpretation with the smallest median among those with the points in front, if any.
         closest: Option<Convention>,
@@ -76,15 +76,15 @@ impl fmt::Display for Verdict {
                 write!(f, "{}", convention.meaning())?;
                 if !not_ruled_out.is_empty() {
                     let names: Vec<&str> = not_ruled_out.iter().map(|convention| convention.name()).collect();
-                    write!(f, " (these pictures do not rule out: {})", names.join(", "))?;
+                    write!(f, " (these images do not rule out: {})", names.join(", "))?;
                 }
                 Ok(())
             }
             Self::NothingFits { closest: Some(closest) } => {
-                write!(f, "no interpretation explains the pictures; {closest} is closest")
+                write!(f, "no interpretation explains the images; {closest} is closest")
             }
             Self::NothingFits { closest: None } => {
-                f.write_str("no interpretation explains the pictures; none puts the points in front of the cameras")
+                f.write_str("no interpretation explains the images; none puts the points in front of the cameras")
             }
             Self::TooFewMatches => f.write_str("too few matches to judge"),
         }
@@ -126,7 +126,7 @@ mod tests {
     fn large_and_nan_medians_do_not_fit() {
         let nothing = Verdict::NothingFits { closest: Some(Convention::Declared) };
         assert_eq!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 400.0, 50), nothing);
-        assert!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(), "a larger picture");
+        assert!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(), "a larger image");
         assert_eq!(verdict(&[score(Convention::Declared, f64::NAN, 1.0)], 400.0, 50), nothing);
     }
 

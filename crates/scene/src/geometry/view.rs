@@ -1,21 +1,21 @@
 use atsplat_camera::{Camera, ImageSize};
 use glam::{DMat3, DVec2};
 
-/// A camera and the size of its picture, which together determine pixel coordinates.
+/// A camera and the size of its image, which together determine pixel coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Pose, normalised intrinsics and lens.
     pub camera: Camera,
-    /// Size of the picture that points were found in.
+    /// Size of the image that points were found in.
     pub size: ImageSize,
 }
 
-/// The same scene point in two pictures, in pixels with the centre of the top left pixel at (0.5, 0.5).
+/// The same scene point in two images, in pixels with the centre of the top left pixel at (0.5, 0.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointMatch {
-    /// Position in the first picture.
+    /// Position in the first image.
     pub first: DVec2,
-    /// Position in the second picture.
+    /// Position in the second image.
     pub second: DVec2,
 }
 
@@ -34,7 +34,7 @@ impl View {
         Some(lens.undistorted_from_distorted((pixel - centre) / focal).ok()? * focal + centre)
     }
 
-    /// Length of the picture's diagonal in pixels.
+    /// Length of the image's diagonal in pixels.
     pub fn diagonal(&self) -> f64 {
         f64::from(self.size.width).hypot(f64::from(self.size.height))
     }

@@ -5,8 +5,7 @@ use atsplat_numeric::median;
 
 use super::measure::{FrameMeasure, SceneMeasure};
 use super::report::{
-    Baselines, Inspection, Intrinsics, LensCounts, PictureCounts, Problem, SceneCounts, SceneSummary, SizeCount,
-    Summary,
+    Baselines, ImageCounts, Inspection, Intrinsics, LensCounts, Problem, SceneCounts, SceneSummary, SizeCount, Summary,
 };
 use crate::Warnings;
 
@@ -17,7 +16,7 @@ const EXAMPLES: usize = 3;
 #[derive(Default)]
 pub(super) struct Aggregate {
     scenes: Vec<SceneSummary>,
-    pictures: PictureCounts,
+    images: ImageCounts,
     lenses: LensCounts,
     sizes: BTreeMap<ImageSize, u64>,
     stated_sizes: BTreeMap<ImageSize, u64>,
@@ -38,14 +37,14 @@ impl Aggregate {
         let of_scene = |read: fn(&[f64; FrameMeasure::MOTION]) -> f64| {
             median(motion.iter().map(read).filter(|value| value.is_finite()))
         };
-        self.pictures = self.pictures.plus(measure.pictures);
+        self.images = self.images.plus(measure.images);
         self.lenses = self.lenses.plus(measure.lenses);
         add(&mut self.sizes, &measure.sizes);
         add(&mut self.stated_sizes, &measure.stated_sizes);
         self.scenes.push(SceneSummary {
             key: measure.key,
             frames: measure.frames.len() as u64,
-            pictures: measure.pictures.files + measure.pictures.encoded,
+            images: measure.images.files + measure.images.encoded,
             step: of_scene(|[step, _]| *step),
             rotation_degrees: of_scene(|[_, rotation]| *rotation),
             extent: measure.extent,
@@ -63,7 +62,7 @@ impl Aggregate {
             scenes: SceneCounts { listed, read, unreadable: listed - read },
             frames: self.scenes.iter().map(|scene| scene.frames).sum(),
             frames_per_scene: of_scenes(|scene| Some(scene.frames as f64)),
-            pictures: self.pictures,
+            images: self.images,
             sizes: by_frequency(&self.sizes),
             stated_sizes: by_frequency(&self.stated_sizes),
             lenses: self.lenses,
@@ -115,7 +114,7 @@ fn add(total: &mut BTreeMap<ImageSize, u64>, part: &BTreeMap<ImageSize, u64>) {
     }
 }
 
-impl PictureCounts {
+impl ImageCounts {
     fn plus(self, other: Self) -> Self {
         Self {
             files: self.files + other.files,

@@ -4,14 +4,14 @@ use atsplat_camera::{Camera, Distortion, ImageSize, WorldFromCamera};
 use atsplat_numeric::Extremes;
 use glam::DVec3;
 
-use super::check::{is_empty_file, picture_cut_short};
-use super::{LensCounts, PictureCounts, SizeSampling};
-use crate::{Frame, Picture, Scene, WarningKind, Warnings};
+use super::check::{image_cut_short, is_empty_file};
+use super::{ImageCounts, LensCounts, SizeSampling};
+use crate::{Frame, FrameImage, Scene, WarningKind, Warnings};
 
-/// The measurements of one scene, without its pictures.
+/// The measurements of one scene, without its images.
 pub(super) struct SceneMeasure {
     pub(super) key: String,
-    pub(super) pictures: PictureCounts,
+    pub(super) images: ImageCounts,
     pub(super) lenses: LensCounts,
     pub(super) sizes: BTreeMap<ImageSize, u64>,
     pub(super) stated_sizes: BTreeMap<ImageSize, u64>,
@@ -52,7 +52,7 @@ impl SceneMeasure {
         let path_length = frames.iter().filter_map(|frame| frame.motion).fold(0.0, |sum, [step, _]| sum + step);
         let mut measure = Self {
             key: scene.key.clone(),
-            pictures: PictureCounts::default(),
+            images: ImageCounts::default(),
             lenses: LensCounts::default(),
             sizes: BTreeMap::new(),
             stated_sizes: BTreeMap::new(),
@@ -60,30 +60,30 @@ impl SceneMeasure {
             extent: extent(&poses),
             path_length,
         };
-        let with_picture = measure.count(scene, warnings);
-        measure.read_headers(&scene.key, &with_picture, sampling, warnings);
+        let with_image = measure.count(scene, warnings);
+        measure.read_headers(&scene.key, &with_image, sampling, warnings);
         measure
     }
 
-    /// Counts the frames, and returns those with a picture that is not empty, with their positions.
+    /// Counts the frames, and returns those with an image that is not empty, with their positions.
     fn count<'a>(&mut self, scene: &'a Scene, warnings: &mut Warnings) -> Vec<(usize, &'a Frame)> {
-        let mut with_picture = Vec::new();
+        let mut with_image = Vec::new();
         for (position, frame) in scene.frames.iter().enumerate() {
-            let counts = &mut self.pictures;
-            let (count, is_there) = match &frame.picture {
-                Picture::File(path) if is_empty_file(path) => {
+            let counts = &mut self.images;
+            let (count, is_there) = match &frame.image {
+                FrameImage::File(path) if is_empty_file(path) => {
                     let detail = format!("frame {position}: the file is empty ({})", path.display());
-                    warnings.push(WarningKind::EmptyPicture, scene.key.as_str(), detail);
+                    warnings.push(WarningKind::EmptyImage, scene.key.as_str(), detail);
                     (&mut counts.empty, false)
                 }
-                Picture::File(_) => (&mut counts.files, true),
-                Picture::Encoded(_) | Picture::Generated(_) => (&mut counts.encoded, true),
-                Picture::Missing(_) => (&mut counts.missing, false),
-                Picture::Absent => (&mut counts.absent, false),
+                FrameImage::File(_) => (&mut counts.files, true),
+                FrameImage::Encoded(_) | FrameImage::Generated(_) => (&mut counts.encoded, true),
+                FrameImage::Missing(_) => (&mut counts.missing, false),
+                FrameImage::Absent => (&mut counts.absent, false),
             };
             *count += 1;
             if is_there {
-                with_picture.push((position, frame));
+                with_image.push((position, frame));
             }
             *match frame.camera.distortion {
                 Distortion::None => &mut self.lenses.pinhole,
@@ -94,33 +94,33 @@ impl SceneMeasure {
                 *self.stated_sizes.entry(size).or_default() += 1;
             }
         }
-        with_picture
+        with_image
     }
 
     fn read_headers(
         &mut self,
         key: &str,
-        with_picture: &[(usize, &Frame)],
+        with_image: &[(usize, &Frame)],
         sampling: SizeSampling,
         warnings: &mut Warnings,
     ) {
-        for chosen in evenly_spread(with_picture.len(), sampling) {
-            let Some((position, frame)) = with_picture.get(chosen) else { continue };
-            let read = frame.header(key, *position).and_then(|header| Ok((header, picture_cut_short(&frame.picture)?)));
+        for chosen in evenly_spread(with_image.len(), sampling) {
+            let Some((position, frame)) = with_image.get(chosen) else { continue };
+            let read = frame.header(key, *position).and_then(|header| Ok((header, image_cut_short(&frame.image)?)));
             match read {
                 Ok((header, problem)) => {
-                    self.pictures.headers_read += 1;
+                    self.images.headers_read += 1;
                     *self.sizes.entry(header.size).or_default() += 1;
                     frame.report(key, *position, &header, warnings);
                     if let Some(problem) = problem {
-                        self.pictures.cut_short += 1;
-                        let detail = format!("frame {position}: {problem} ({})", frame.picture.place());
-                        warnings.push(WarningKind::UnreadablePicture, key, detail);
+                        self.images.cut_short += 1;
+                        let detail = format!("frame {position}: {problem} ({})", frame.image.place());
+                        warnings.push(WarningKind::UnreadableImage, key, detail);
                     }
                 }
                 Err(error) => {
-                    self.pictures.headers_unreadable += 1;
-                    warnings.push(WarningKind::UnreadablePicture, key, error.to_string());
+                    self.images.headers_unreadable += 1;
+                    warnings.push(WarningKind::UnreadableImage, key, error.to_string());
                 }
             }
         }

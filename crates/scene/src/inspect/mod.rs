@@ -1,4 +1,4 @@
-//! Statistics of a dataset: counts, picture sizes, intrinsics, baselines, problems.
+//! Statistics of a dataset: counts, image sizes, intrinsics, baselines, problems.
 
 mod aggregate;
 mod check;
@@ -13,8 +13,7 @@ use aggregate::Aggregate;
 use measure::SceneMeasure;
 
 pub use report::{
-    Baselines, Inspection, Intrinsics, LensCounts, PictureCounts, Problem, SceneCounts, SceneSummary, SizeCount,
-    Summary,
+    Baselines, ImageCounts, Inspection, Intrinsics, LensCounts, Problem, SceneCounts, SceneSummary, SizeCount, Summary,
 };
 
 /// Scenes in memory at once.
@@ -23,7 +22,7 @@ const SCENES_AT_ONCE: usize = 256;
 /// What an inspection reads and reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InspectOptions {
-    /// Which pictures' headers are read for their size, and their ends looked for. All picture files are checked for being
+    /// Which images' headers are read for their size, and their ends looked for. All image files are checked for being
     /// empty.
     pub sizes: SizeSampling,
     /// Whether [`Inspection::per_scene`] is filled.
@@ -37,12 +36,12 @@ impl Default for InspectOptions {
     }
 }
 
-/// Which pictures' headers are read for their size.
+/// Which images' headers are read for their size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SizeSampling {
     /// None.
     None,
-    /// At most this many of each scene, evenly spread from its first picture to its last.
+    /// At most this many of each scene, evenly spread from its first image to its last.
     PerScene(usize),
     /// All.
     All,

@@ -15,9 +15,9 @@ pub struct Inspection {
     pub frames: u64,
     /// Frames per scene.
     pub frames_per_scene: Summary,
-    /// Where the frames' pictures are.
-    pub pictures: PictureCounts,
-    /// Sizes according to picture headers, most frequent first.
+    /// Where the frames' images are.
+    pub images: ImageCounts,
+    /// Sizes according to image headers, most frequent first.
     pub sizes: Vec<SizeCount>,
     /// Sizes according to the metadata, most frequent first.
     pub stated_sizes: Vec<SizeCount>,
@@ -35,9 +35,9 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Whether every listed scene was read, and no picture was found missing, empty, cut short or unreadable.
+    /// Whether every listed scene was read, and no image was found missing, empty, cut short or unreadable.
     pub const fn is_complete(&self) -> bool {
-        let PictureCounts { missing, empty, headers_unreadable, cut_short, .. } = self.pictures;
+        let ImageCounts { missing, empty, headers_unreadable, cut_short, .. } = self.images;
         self.scenes.unreadable == 0 && missing == 0 && empty == 0 && headers_unreadable == 0 && cut_short == 0
     }
 }
@@ -54,10 +54,10 @@ pub struct SceneCounts {
     pub unreadable: u64,
 }
 
-/// Numbers of frames, by where their picture is.
+/// Numbers of frames, by where their image is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct PictureCounts {
+pub struct ImageCounts {
     /// In a file of their own that is not empty.
     pub files: u64,
     /// Encoded in a chunk, or generated on demand.
@@ -66,17 +66,17 @@ pub struct PictureCounts {
     pub missing: u64,
     /// Listed, but the file is empty.
     pub empty: u64,
-    /// Without a picture: the source holds only the trajectory.
+    /// Without an image: the source holds only the trajectory.
     pub absent: u64,
-    /// Headers read for the picture's size.
+    /// Headers read for the image's size.
     pub headers_read: u64,
     /// Headers that could not be read.
     pub headers_unreadable: u64,
-    /// Pictures whose header was read, but whose end is missing.
+    /// Images whose header was read, but whose end is missing.
     pub cut_short: u64,
 }
 
-/// Number of pictures of one size.
+/// Number of images of one size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SizeCount {
@@ -119,13 +119,13 @@ pub struct Summary {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Intrinsics {
-    /// Horizontal focal length over picture width.
+    /// Horizontal focal length over image width.
     pub fx: Summary,
-    /// Vertical focal length over picture height.
+    /// Vertical focal length over image height.
     pub fy: Summary,
-    /// Principal point over picture width.
+    /// Principal point over image width.
     pub cx: Summary,
-    /// Principal point over picture height.
+    /// Principal point over image height.
     pub cy: Summary,
     /// Horizontal field of view in degrees, as pixelSplat's `get_fov` defines it.
     pub fov_x_degrees: Summary,
@@ -172,8 +172,8 @@ pub struct SceneSummary {
     pub key: String,
     /// Number of frames.
     pub frames: u64,
-    /// Number of frames with a picture, in a file or a chunk.
-    pub pictures: u64,
+    /// Number of frames with an image, in a file or a chunk.
+    pub images: u64,
     /// Median distance between consecutive frames' centres, in scene units; `None` below two frames.
     pub step: Option<f64>,
     /// Median angle between consecutive frames in degrees; `None` below two frames.

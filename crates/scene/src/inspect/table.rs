@@ -17,24 +17,24 @@ impl fmt::Display for Inspection {
 
 impl Inspection {
     fn counts(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (scenes, pictures, lenses) = (&self.scenes, &self.pictures, &self.lenses);
+        let (scenes, images, lenses) = (&self.scenes, &self.images, &self.lenses);
         writeln!(f, "format    {}", self.format)?;
         let read = counted(&[(scenes.read, "read"), (scenes.unreadable, "not readable")]);
         writeln!(f, "scenes    {} listed: {read}", scenes.listed)?;
         writeln!(f, "frames    {}", self.frames)?;
         let places = [
-            (pictures.files, "in files"),
-            (pictures.encoded, "in chunks"),
-            (pictures.missing, "missing"),
-            (pictures.empty, "empty"),
-            (pictures.absent, "without a picture"),
+            (images.files, "in files"),
+            (images.encoded, "in chunks"),
+            (images.missing, "missing"),
+            (images.empty, "empty"),
+            (images.absent, "without an image"),
         ];
-        writeln!(f, "pictures  {}", counted(&places))?;
-        if pictures.headers_read + pictures.headers_unreadable > 0 {
+        writeln!(f, "images  {}", counted(&places))?;
+        if images.headers_read + images.headers_unreadable > 0 {
             let headers = [
-                (pictures.headers_read, "headers read"),
-                (pictures.headers_unreadable, "not readable"),
-                (pictures.cut_short, "cut short"),
+                (images.headers_read, "headers read"),
+                (images.headers_unreadable, "not readable"),
+                (images.cut_short, "cut short"),
             ];
             writeln!(f, "sizes     {} ({})", sizes(&self.sizes), counted(&headers))?;
         }
@@ -110,14 +110,14 @@ impl Inspection {
         }
         let width = self.per_scene.iter().map(|scene| scene.key.chars().count()).fold(5, usize::max);
         writeln!(f)?;
-        let titles = ["frames", "pictures", "step", "rotation, °", "extent", "path length"];
+        let titles = ["frames", "images", "step", "rotation, °", "extent", "path length"];
         write!(f, "{:<width$}", "scene")?;
         for title in titles {
             write!(f, "{title:>12}")?;
         }
         writeln!(f)?;
         for scene in &self.per_scene {
-            write!(f, "{:<width$}{:>12}{:>12}", scene.key, scene.frames, scene.pictures)?;
+            write!(f, "{:<width$}{:>12}{:>12}", scene.key, scene.frames, scene.images)?;
             for value in [scene.step, scene.rotation_degrees, scene.extent, Some(scene.path_length)] {
                 write!(f, "{:>12}", number(value))?;
             }

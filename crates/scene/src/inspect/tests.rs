@@ -8,7 +8,7 @@ use atsplat_pixels::DecodeLimits;
 use super::*;
 use crate::cut_short::PNG_END;
 use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, wandering_scene};
-use crate::{Picture, Scene, SharedBytes};
+use crate::{FrameImage, Scene, SharedBytes};
 
 fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warnings) {
     let (mut warnings, steps) = (Warnings::new(), AtomicUsize::new(0));
@@ -21,12 +21,12 @@ fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warni
 }
 
 /// A PNG with nothing between its size and its end.
-fn png(width: u32, height: u32) -> Picture {
+fn png(width: u32, height: u32) -> FrameImage {
     let mut bytes = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
     bytes.extend([width.to_be_bytes(), height.to_be_bytes()].concat());
     bytes.extend([8, 2, 0, 0, 0, 0, 0, 0, 0]);
     bytes.extend(PNG_END);
-    Picture::Encoded(SharedBytes::new(bytes))
+    FrameImage::Encoded(SharedBytes::new(bytes))
 }
 
 fn scene(key: &str, cameras: impl IntoIterator<Item = Camera>) -> Scene {
@@ -98,24 +98,23 @@ fn baselines_are_invariant_under_rigid_motions_of_the_world() {
     Tolerance { absolute: 1e-9, relative: 1e-9 }.assert(numbers(&after), numbers(&before), "baselines");
 }
 
-/// A scene with every kind of picture problem, and a scene that cannot be read.
+/// A scene with every kind of image problem, and a scene that cannot be read.
 fn dataset_with_problems() -> TestSource {
-    let mut pictures = wandering_scene("pictures", 6);
+    let mut images = wandering_scene("images", 6);
     let stated = ImageSize { width: 640, height: 360 };
-    for (frame, picture) in pictures.frames.iter_mut().zip([
+    for (frame, image) in images.frames.iter_mut().zip([
         png(64, 36),
-        Picture::Missing(PathBuf::from("images/2.png")),
+        FrameImage::Missing(PathBuf::from("images/2.png")),
         png(64, 64),
-        Picture::Encoded(SharedBytes::new(b"no picture at all".to_vec())),
-        Picture::Encoded(SharedBytes::new(b"\x89PNG\r\n\x1a\n cut short".to_vec())),
+        FrameImage::Encoded(SharedBytes::new(b"no image at all".to_vec())),
+        FrameImage::Encoded(SharedBytes::new(b"\x89PNG\r\n\x1a\n cut short".to_vec())),
         png(64, 36),
     ]) {
-        frame.picture = picture;
+        frame.image = image;
         frame.stated_size = Some(stated);
     }
-    pictures.frames[5].camera.distortion = Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] };
-    TestSource::new([wandering_scene("broken", 3), pictures, wandering_scene("poses only", 4)])
-        .with_unreadable("broken")
+    images.frames[5].camera.distortion = Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] };
+    TestSource::new([wandering_scene("broken", 3), images, wandering_scene("poses only", 4)]).with_unreadable("broken")
 }
 
 #[test]
@@ -124,21 +123,21 @@ fn problems_are_counted_by_kind() {
     let (report, warnings) = inspected(&dataset_with_problems(), all);
     assert_eq!(report.scenes, SceneCounts { listed: 3, read: 2, unreadable: 1 });
     assert!(!report.is_complete());
-    let expected = PictureCounts {
+    let expected = ImageCounts {
         encoded: 5,
         missing: 1,
         absent: 4,
         headers_read: 3,
         headers_unreadable: 2,
-        ..PictureCounts::default()
+        ..ImageCounts::default()
     };
-    assert_eq!((report.frames, report.pictures), (10, expected));
+    assert_eq!((report.frames, report.images), (10, expected));
     let size = |width, height, frames| SizeCount { size: ImageSize { width, height }, frames };
     assert_eq!(report.sizes, [size(64, 36, 2), size(64, 64, 1)]);
     assert_eq!(report.stated_sizes, [size(640, 360, 6)]);
     assert_eq!(report.lenses, LensCounts { pinhole: 9, opencv: 0, fisheye: 1 });
     for (kind, count) in
-        [(WarningKind::UnexpectedSize, 1), (WarningKind::UnreadablePicture, 2), (WarningKind::UnreadableScene, 1)]
+        [(WarningKind::UnexpectedSize, 1), (WarningKind::UnreadableImage, 2), (WarningKind::UnreadableScene, 1)]
     {
         assert_eq!(warnings.count(kind), count, "{kind}");
         assert!(report.problems.iter().any(|problem| problem.kind == kind && problem.count == count), "{kind}");
@@ -146,17 +145,17 @@ fn problems_are_counted_by_kind() {
 }
 
 #[test]
-fn picture_sizes_are_read_from_files() {
+fn image_sizes_are_read_from_files() {
     let folder = tempfile::tempdir().unwrap();
-    let Picture::Encoded(bytes) = png(640, 360) else { unreachable!() };
+    let FrameImage::Encoded(bytes) = png(640, 360) else { unreachable!() };
     std::fs::write(folder.path().join("0.png"), &*bytes).unwrap();
     let mut scene = wandering_scene("files", 2);
     for (position, frame) in scene.frames.iter_mut().enumerate() {
-        frame.picture = Picture::File(folder.path().join(format!("{position}.png")));
+        frame.image = FrameImage::File(folder.path().join(format!("{position}.png")));
     }
     let (report, _) = inspected(&TestSource::new([scene]), InspectOptions::default());
-    let pictures = report.pictures;
-    assert_eq!((pictures.files, pictures.headers_read, pictures.headers_unreadable), (2, 1, 1));
+    let images = report.images;
+    assert_eq!((images.files, images.headers_read, images.headers_unreadable), (2, 1, 1));
     assert_eq!(report.sizes, [SizeCount { size: ImageSize { width: 640, height: 360 }, frames: 1 }]);
 }
 
@@ -164,7 +163,7 @@ fn picture_sizes_are_read_from_files() {
 #[test]
 fn files_that_are_empty_or_cut_short_are_problems() {
     let folder = tempfile::tempdir().unwrap();
-    let Picture::Encoded(bytes) = png(640, 360) else { unreachable!() };
+    let FrameImage::Encoded(bytes) = png(640, 360) else { unreachable!() };
     let mut scene = wandering_scene("files", 8);
     for (position, frame) in scene.frames.iter_mut().enumerate() {
         let path = folder.path().join(format!("{position}.png"));
@@ -174,38 +173,38 @@ fn files_that_are_empty_or_cut_short_are_problems() {
             _ => &bytes[..],
         };
         std::fs::write(&path, content).unwrap();
-        frame.picture = Picture::File(path);
+        frame.image = FrameImage::File(path);
     }
     let source = TestSource::new([scene]);
     for (sizes, cut) in [(SizeSampling::None, 0), (SizeSampling::PerScene(3), 2), (SizeSampling::All, 2)] {
         let (report, warnings) = inspected(&source, InspectOptions { sizes, per_scene: true });
-        let pictures = report.pictures;
-        assert_eq!((pictures.files, pictures.empty, pictures.cut_short), (6, 2, cut), "{sizes:?}");
-        assert_eq!((pictures.headers_unreadable, report.per_scene[0].pictures, report.is_complete()), (0, 6, false));
-        let counts = [WarningKind::EmptyPicture, WarningKind::UnreadablePicture].map(|kind| warnings.count(kind));
+        let images = report.images;
+        assert_eq!((images.files, images.empty, images.cut_short), (6, 2, cut), "{sizes:?}");
+        assert_eq!((images.headers_unreadable, report.per_scene[0].images, report.is_complete()), (0, 6, false));
+        let counts = [WarningKind::EmptyImage, WarningKind::UnreadableImage].map(|kind| warnings.count(kind));
         assert_eq!(counts, [2, cut], "{sizes:?}");
         let first = &warnings.kept()[0];
         let path = folder.path().join("1.png");
         assert_eq!(first.detail, format!("frame 1: the file is empty ({})", path.display()));
-        assert!(report.to_string().contains("pictures  6 in files, 2 empty\n"), "{report}");
+        assert!(report.to_string().contains("images  6 in files, 2 empty\n"), "{report}");
     }
     let (_, warnings) = inspected(&source, InspectOptions::default());
     let detail = &warnings.kept()[2].detail;
     assert!(detail.starts_with("frame 3: cut short: a PNG of 44 bytes") && detail.contains("3.png"), "{detail}");
 }
 
-/// A picture in a file is named by its path, one in a chunk has none.
+/// An image in a file is named by its path, one in a chunk has none.
 #[test]
-fn unreadable_pictures_are_named() {
+fn unreadable_images_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("2166667.png");
     std::fs::write(&path, b"\x89PNG\r\n\x1a\n cut short").unwrap();
     let mut frame = frame(0, camera_at([0.0; 3]));
-    for (picture, place) in [
-        (Picture::File(path.clone()), path.display().to_string()),
-        (Picture::Encoded(SharedBytes::new(std::fs::read(&path).unwrap())), "in a chunk".to_owned()),
+    for (image, place) in [
+        (FrameImage::File(path.clone()), path.display().to_string()),
+        (FrameImage::Encoded(SharedBytes::new(std::fs::read(&path).unwrap())), "in a chunk".to_owned()),
     ] {
-        frame.picture = picture;
+        frame.image = image;
         let limits = DecodeLimits::default();
         for message in [frame.size("s", 65).unwrap_err(), frame.decode("s", 65, &limits).unwrap_err()] {
             let message = message.to_string();
@@ -218,11 +217,11 @@ fn unreadable_pictures_are_named() {
 #[test]
 fn sampling_limits_the_headers_read() {
     let opened = |sizes| {
-        let pictures = inspected(&dataset_with_problems(), InspectOptions { sizes, per_scene: false }).0.pictures;
-        pictures.headers_read + pictures.headers_unreadable
+        let images = inspected(&dataset_with_problems(), InspectOptions { sizes, per_scene: false }).0.images;
+        images.headers_read + images.headers_unreadable
     };
     assert_eq!(opened(SizeSampling::None), 0);
-    assert_eq!(opened(SizeSampling::PerScene(2)), 2, "only one scene has pictures");
+    assert_eq!(opened(SizeSampling::PerScene(2)), 2, "only one scene has images");
     assert_eq!(opened(SizeSampling::PerScene(100)), 5);
 }
 
@@ -259,7 +258,7 @@ fn json_has_stable_names() {
     assert_eq!(
         json["per-scene"][1],
         serde_json::json!({
-            "key": "lone", "frames": 1, "pictures": 0, "step": null, "rotation-degrees": null,
+            "key": "lone", "frames": 1, "images": 0, "step": null, "rotation-degrees": null,
             "extent": 0.0, "path-length": 0.0,
         })
     );

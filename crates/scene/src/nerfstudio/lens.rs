@@ -15,14 +15,14 @@ const SAME_FOCAL: Tolerance = Tolerance::relative(0.05);
 
 /// The intrinsics that a `transforms.json` states, globally or for one frame.
 ///
-/// Lengths are in pixels of a picture of `w` × `h`, the resolution that structure from motion ran at, which may differ
-/// from that of all pictures on disk: they are always divided by `w` and `h` (depthsplat
+/// Lengths are in pixels of an image of `w` × `h`, the resolution that structure from motion ran at, which may differ
+/// from that of all images on disk: they are always divided by `w` and `h` (depthsplat
 /// `src/scripts/convert_dl3dv_test.py:90-129`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LensFields {
-    /// Picture width; may be written as a float.
+    /// Image width; may be written as a float.
     pub w: Option<f64>,
-    /// Picture height; may be written as a float.
+    /// Image height; may be written as a float.
     pub h: Option<f64>,
     /// Horizontal focal length.
     pub focal_x: Option<Focal>,
@@ -129,7 +129,7 @@ impl LensFields {
         }
     }
 
-    /// The fields with their lengths in pixels scaled to a picture of another size.
+    /// The fields with their lengths in pixels scaled to an image of another size.
     fn scaled_to(self, w: Option<f64>, h: Option<f64>) -> Self {
         let ratio = |new: Option<f64>, old: Option<f64>| new.zip(old).map_or(1.0, |(new, old)| new / old);
         let (x, y) = (ratio(w, self.w), ratio(h, self.h));
@@ -148,29 +148,29 @@ impl LensFields {
         }
     }
 
-    /// Whether the lens is complete without the size of a picture file.
+    /// Whether the lens is complete without the size of an image file.
     pub(super) const fn states_size(&self) -> bool {
         self.w.is_some() && self.h.is_some()
     }
 
-    /// The camera's lens. `picture_size` is the size of the listed picture, for files without `w` and `h` (Blender's
+    /// The camera's lens. `image_size` is the size of the listed image, for files without `w` and `h` (Blender's
     /// synthetic scenes).
     pub(super) fn resolve(
         &self,
-        picture_size: Option<ImageSize>,
+        image_size: Option<ImageSize>,
         location: &str,
         path: &Path,
     ) -> Result<ResolvedLens, SceneError> {
         let malformed = |field: &str, expected: &str, found: &str| {
             SceneError::malformed("transforms.json", path, format!("{location}{field}"), expected, found)
         };
-        let (width, height) = match (self.w, self.h, picture_size) {
+        let (width, height) = match (self.w, self.h, image_size) {
             (Some(width), Some(height), _) => (width, height),
             (None, None, Some(size)) => (f64::from(size.width), f64::from(size.height)),
             (None, None, None) => {
-                return Err(malformed("w, h", "the size of the pictures, or a picture to take it from", "neither"));
+                return Err(malformed("w, h", "the size of the images, or an image to take it from", "neither"));
             }
-            // The other side of a picture may be that of a scaled copy.
+            // The other side of an image may be that of a scaled copy.
             (Some(_), None, _) => return Err(malformed("h", "a height beside the width w", "none")),
             (None, Some(_), _) => return Err(malformed("w", "a width beside the height h", "none")),
         };
@@ -234,7 +234,7 @@ impl LensFields {
 }
 
 impl Focal {
-    /// In pixels, over a side of a picture.
+    /// In pixels, over a side of an image.
     fn pixels(self, side: f64) -> f64 {
         match self {
             Self::Pixels(pixels) => pixels,
@@ -265,7 +265,7 @@ impl Focal {
     }
 }
 
-/// The focal length of a field of view in radians over a side of a picture, in the unit of the side.
+/// The focal length of a field of view in radians over a side of an image, in the unit of the side.
 fn focal_of(angle: f64, side: f64) -> f64 {
     0.5 * side / (0.5 * angle).tan()
 }
@@ -302,7 +302,7 @@ fn read_all<const N: usize>(object: &Object<'_>, names: [&str; N]) -> Result<Opt
 fn read_size(object: &Object<'_>, name: &str) -> Result<Option<f64>, SceneError> {
     match object.number(name)? {
         Some(length) if length >= 1.0 && length <= f64::from(u32::MAX) => Ok(Some(length)),
-        Some(length) => Err(object.wrong(name, "a picture size in pixels", &length.to_string())),
+        Some(length) => Err(object.wrong(name, "an image size in pixels", &length.to_string())),
         None => Ok(None),
     }
 }

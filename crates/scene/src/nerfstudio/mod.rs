@@ -1,7 +1,7 @@
 //! `transforms.json` in its dialects: nerfstudio and DL3DV, instant-ngp, Blender's synthetic scenes.
 
+mod images;
 mod lens;
-mod pictures;
 mod source;
 mod transforms;
 
@@ -9,5 +9,5 @@ pub use lens::{Focal, LensFields};
 pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
-pub(crate) use pictures::{FoundPicture, PictureFinder, without_factor};
+pub(crate) use images::{FoundImage, ImageFinder, without_factor};
 pub(crate) use source::{VARIANTS, scene_files, transforms_in};

@@ -3,15 +3,15 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
 use glam::DVec3;
 
+use super::images::without_factor;
 use super::lens::LensFields;
-use super::pictures::without_factor;
-use super::{FoundPicture, PictureFinder, Transforms, parse_transforms};
+use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
-use crate::files::{last_name, list, read_file, split_picture_name};
+use crate::files::{last_name, list, read_file, split_image_name};
 use crate::ignored::Collections;
 use crate::scene::{in_frame, size_of_file};
-use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may hold its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
@@ -23,8 +23,8 @@ pub const SUBSET_PREFIX: &str = "dl3dv_";
 /// How `transforms.json` scenes are read.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NerfstudioOptions {
-    /// Which copy of the pictures to use.
-    pub pictures: PictureFolder,
+    /// Which copy of the images to use.
+    pub images: ImageFolder,
     /// Transforms poses by the inverses of `applied_scale` and `applied_transform`, back to the world of structure from
     /// motion. The papers do not; only needed to match a COLMAP model of the same capture.
     pub undo_applied_transform: bool,
@@ -103,17 +103,17 @@ impl SceneSource for NerfstudioScenes {
         &self.keys
     }
 
-    /// With [`PictureFolder::Listed`] also the pictures: if the `transforms.json` states no sizes, theirs are read.
+    /// With [`ImageFolder::Listed`] also the images: if the `transforms.json` states no sizes, theirs are read.
     fn files(&self, key: &str) -> Result<Vec<PathBuf>, SceneError> {
         let file = &self.scene_file(key)?.file;
         let mut files = vec![file.clone()];
-        if self.options.pictures == PictureFolder::Listed {
+        if self.options.images == ImageFolder::Listed {
             let root = file.parent().unwrap_or_else(|| Path::new("."));
             let is_copy = |name: &str| VARIANTS.contains(&name) || without_factor(name) != name;
-            let holds_pictures = |(name, is_folder): &&(String, bool)| {
-                if *is_folder { !is_copy(name) } else { split_picture_name(name).is_some() }
+            let holds_images = |(name, is_folder): &&(String, bool)| {
+                if *is_folder { !is_copy(name) } else { split_image_name(name).is_some() }
             };
-            files.extend(list(root)?.iter().filter(holds_pictures).map(|(name, _)| root.join(name)));
+            files.extend(list(root)?.iter().filter(holds_images).map(|(name, _)| root.join(name)));
         }
         Ok(files)
     }
@@ -122,17 +122,17 @@ impl SceneSource for NerfstudioScenes {
         let subset = self.scene_file(key)?.subset.clone();
         let (transforms, file) = self.transforms(key)?;
         let root = file.parent().unwrap_or_else(|| Path::new("."));
-        let mut finder = PictureFinder::new(root, file, self.options.pictures);
-        let mut pictures = Vec::with_capacity(transforms.frames.len());
+        let mut finder = ImageFinder::new(root, file, self.options.images);
+        let mut images = Vec::with_capacity(transforms.frames.len());
         for (at, frame) in transforms.frames.iter().enumerate() {
             let found = finder.find(&frame.file_path, &format!("frames[{at}].file_path"))?;
             found.report(key, at, warnings);
-            pictures.push(found);
+            images.push(found);
         }
         let scene = Scene {
             key: key.to_owned(),
             url: subset,
-            frames: frames(key, file, &transforms, pictures, self.options.undo_applied_transform, warnings)?,
+            frames: frames(key, file, &transforms, images, self.options.undo_applied_transform, warnings)?,
         };
         report_cameras(&scene, Times::FromNames, warnings);
         Ok(scene)
@@ -150,21 +150,18 @@ fn frames(
     key: &str,
     file: &Path,
     transforms: &Transforms,
-    pictures: Vec<FoundPicture>,
+    images: Vec<FoundImage>,
     undo_applied_transform: bool,
     warnings: &mut Warnings,
 ) -> Result<Vec<Frame>, SceneError> {
     let applied = undo_applied_transform.then(|| AppliedTransform::of(transforms, file)).transpose()?;
     let needs_size = |lens: &LensFields| !lens.or(transforms.lens).states_size();
-    let picture_size = if transforms.frames.iter().any(|frame| needs_size(&frame.lens)) {
-        size_of_first(&pictures, key)?
-    } else {
-        None
-    };
-    let mut frames = Vec::with_capacity(pictures.len());
+    let image_size =
+        if transforms.frames.iter().any(|frame| needs_size(&frame.lens)) { size_of_first(&images, key)? } else { None };
+    let mut frames = Vec::with_capacity(images.len());
     let mut contradictions = Vec::new();
-    for (at, (listed, found)) in transforms.frames.iter().zip(pictures).enumerate() {
-        let lens = listed.lens.or(transforms.lens).resolve(picture_size, &format!("frames[{at}]: "), file)?;
+    for (at, (listed, found)) in transforms.frames.iter().zip(images).enumerate() {
+        let lens = listed.lens.or(transforms.lens).resolve(image_size, &format!("frames[{at}]: "), file)?;
         let pose = listed.world_from_camera;
         let pose = applied.map_or(pose, |applied| applied.original_pose(&pose));
         let name = stem(&listed.file_path);
@@ -178,7 +175,7 @@ fn frames(
                 distortion: lens.distortion,
             },
             stated_size: lens.size,
-            picture: found.picture,
+            image: found.image,
         });
     }
     if let Some(first) = contradictions.first() {
@@ -225,18 +222,18 @@ impl AppliedTransform {
     }
 }
 
-/// Size of the first picture found where the file lists it; all are assumed to have it.
-fn size_of_first(pictures: &[FoundPicture], key: &str) -> Result<Option<ImageSize>, SceneError> {
-    let listed = pictures.iter().enumerate().find_map(|(at, found)| match &found.picture {
-        Picture::File(path) if found.as_listed => Some((at, path, &found.picture)),
+/// Size of the first image found where the file lists it; all are assumed to have it.
+fn size_of_first(images: &[FoundImage], key: &str) -> Result<Option<ImageSize>, SceneError> {
+    let listed = images.iter().enumerate().find_map(|(at, found)| match &found.image {
+        FrameImage::File(path) if found.as_listed => Some((at, path, &found.image)),
         _ => None,
     });
-    listed.map(|(at, path, picture)| size_of_file(path, in_frame(key, at, picture))).transpose()
+    listed.map(|(at, path, image)| size_of_file(path, in_frame(key, at, image))).transpose()
 }
 
 fn stem(file_path: &str) -> &str {
     let name = file_path.rsplit(['/', '\\']).next().unwrap_or(file_path);
-    split_picture_name(name).map_or(name, |(stem, _)| stem)
+    split_image_name(name).map_or(name, |(stem, _)| stem)
 }
 
 /// The scenes under `path`, sorted by key.

@@ -27,7 +27,7 @@ pub struct Transforms {
 /// One entry of `frames`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ListedFrame {
-    /// The picture's path in the file.
+    /// The image's path in the file.
     pub file_path: String,
     /// Pose with OpenCV camera axes, converted from the file's OpenGL axes; its world is unchanged.
     ///
@@ -73,7 +73,7 @@ pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneErr
 
 fn read_frame(frame: &Value, at: usize, path: &Path) -> Result<ListedFrame, SceneError> {
     let frame = Object::new(frame, format!("frames[{at}]"), path)?;
-    let file_path = frame.text("file_path")?.ok_or_else(|| frame.wrong("file_path", "a picture's path", "nothing"))?;
+    let file_path = frame.text("file_path")?.ok_or_else(|| frame.wrong("file_path", "an image's path", "nothing"))?;
     let rows = frame.matrix("transform_matrix")?;
     let pose = WorldFromCamera::from_rows(&rows);
     let pose = pose.map_err(SceneError::camera(path, frame.field("transform_matrix")))?;

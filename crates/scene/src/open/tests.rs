@@ -185,9 +185,9 @@ fn errors_name_datasets_below_a_folder() {
     assert!(deep.contains("found a folder without these ("), "only one level: {deep}");
 }
 
-/// The number at the end of a name is no timestamp, neither of one picture under three poses nor of two cameras' pictures.
+/// The number at the end of a name is no timestamp, neither of one image under three poses nor of two cameras' images.
 #[test]
-fn repeated_pictures_and_numbers_of_names_are_told_apart() {
+fn repeated_images_and_numbers_of_names_are_told_apart() {
     let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
     let frame = |path: &str| format!(r#"{{"file_path": "{path}", "transform_matrix": {pose}}}"#);
     let frames = ["l/a_7.png", "l/a_7.png", "r/a_7.png", "l/a_6.png", "l/a_7.png"].map(frame).join(",");
@@ -202,12 +202,12 @@ fn repeated_pictures_and_numbers_of_names_are_told_apart() {
         assert_eq!(of_kind.len(), 1, "{kind}");
         of_kind[0].detail.as_str()
     };
-    let picture = folder.path().join("room/l/a_7.png");
-    let twice = "2 of 5 frames repeat an earlier picture, first frame 1 that of frame 0";
-    assert_eq!(detail(crate::WarningKind::DuplicatePicture), format!("{twice}: {}", picture.display()));
-    let numbers = "1 numbers at the end of pictures' names repeat, the smallest is 7";
+    let image = folder.path().join("room/l/a_7.png");
+    let twice = "2 of 5 frames repeat an earlier image, first frame 1 that of frame 0";
+    assert_eq!(detail(crate::WarningKind::DuplicateImage), format!("{twice}: {}", image.display()));
+    let numbers = "1 numbers at the end of images' names repeat, the smallest is 7";
     assert_eq!(detail(crate::WarningKind::DuplicateTimestamp), numbers);
-    let order = "numbers at the end of pictures' names go backwards 1 times in 5 frames";
+    let order = "numbers at the end of images' names go backwards 1 times in 5 frames";
     assert_eq!(detail(crate::WarningKind::UnorderedTimestamps), order);
 }
 
@@ -288,7 +288,7 @@ fn scenes_in_other_formats_are_counted() {
     expect_ignored(&beside, Format::Nerfstudio, "a", &[("1K", "holds 2 folders with a transforms.json")]);
 }
 
-/// Its own model of structure from motion, copies of pictures and notes.
+/// Its own model of structure from motion, copies of images and notes.
 #[test]
 fn what_lies_in_a_capture_is_its_own() {
     let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
@@ -312,14 +312,14 @@ fn what_lies_in_a_capture_is_its_own() {
 }
 
 #[test]
-fn pictures_without_cameras_are_counted() {
+fn images_without_cameras_are_counted() {
     let (json, rows) = (TRANSFORMS.as_bytes(), TRAJECTORY.as_bytes());
     let misspelt = [("a/transforms.json", json), ("b/transform.json", json), ("b/images/a_7.png", b"")];
     expect_ignored(&misspelt, Format::Nerfstudio, "a", &[("b", "holds transform.json, but no transforms.json")]);
     let deleted = [("a/transforms.json", json), ("b/nerfstudio/images_8/a_7.png", &b""[..]), ("out/0.png", b"")];
-    expect_ignored(&deleted, Format::Nerfstudio, "a", &[("b", "holds pictures, but no transforms.json")]);
+    expect_ignored(&deleted, Format::Nerfstudio, "a", &[("b", "holds images, but no transforms.json")]);
     let clips = [("a.txt", rows), ("a/1.png", b""), ("b/1.png", b""), ("c/images/1.jpg", b""), ("d/d.exr", b"")];
-    let left = [("b", "holds pictures, but no trajectory b.txt"), ("c", "holds pictures, but no trajectory c.txt")];
+    let left = [("b", "holds images, but no trajectory b.txt"), ("c", "holds images, but no trajectory c.txt")];
     expect_ignored(&clips, Format::Re10k, "a", &left);
 }
 
@@ -349,7 +349,7 @@ fn scenes_whose_names_are_not_utf_8_are_counted() {
 /// Which of the two counts cannot be known; the chunk comes first.
 #[test]
 fn one_key_in_two_formats_is_a_duplicate() {
-    let folder = folder_of(&[("a.txt", TRAJECTORY.as_bytes()), ("a/1.png", &encoded_picture())]);
+    let folder = folder_of(&[("a.txt", TRAJECTORY.as_bytes()), ("a/1.png", &encoded_image())]);
     let mut warnings = Warnings::new();
     let trajectories = open(folder.path(), &mut warnings).unwrap();
     let mixed = tempfile::tempdir().unwrap();
@@ -367,6 +367,6 @@ fn one_key_in_two_formats_is_a_duplicate() {
     }
 }
 
-fn encoded_picture() -> Vec<u8> {
+fn encoded_image() -> Vec<u8> {
     atsplat_pixels::encode_png(&atsplat_pixels::ImageU8::new(9, 5, vec![9; 135]).unwrap()).unwrap()
 }

@@ -12,9 +12,9 @@ const STEP: &str = "centre-crop";
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct CentreCrop {
-    /// Output rows; at most the picture's.
+    /// Output rows; at most the image's.
     pub height: u32,
-    /// Output columns; at most the picture's.
+    /// Output columns; at most the image's.
     pub width: u32,
 }
 

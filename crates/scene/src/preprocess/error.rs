@@ -2,16 +2,16 @@ use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
-/// Why a picture or its intrinsics cannot be preprocessed.
+/// Why an image or its intrinsics cannot be preprocessed.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the message explains the fields")]
 pub enum PreprocessError {
-    /// The protocol requires another picture size.
-    #[error("picture size: the protocol expects {expected}, found {found}")]
+    /// The protocol requires another image size.
+    #[error("image size: the protocol expects {expected}, found {found}")]
     UnexpectedSize { expected: ImageSize, found: ImageSize },
-    /// A step would have to enlarge the picture.
-    #[error("{step}: expected a picture of at least {wanted}, found {found}")]
+    /// A step would have to enlarge the image.
+    #[error("{step}: expected an image of at least {wanted}, found {found}")]
     TooSmall { step: &'static str, wanted: ImageSize, found: ImageSize },
     /// A step's output would have too many pixels.
     #[error("{step}: expected at most {limit} pixels, found {wanted}")]
@@ -24,12 +24,12 @@ pub enum PreprocessError {
     /// A width or height is odd, but the centre has to lie between two pixels.
     #[error("{step}: expected even width and height, found {found}")]
     OddSize { step: &'static str, found: ImageSize },
-    /// A picture or parameter has no pixels.
+    /// An image or parameter has no pixels.
     #[error("{what}: expected at least one pixel a side, found {found}")]
     Empty { what: &'static str, found: ImageSize },
-    /// A plan made for one size was applied to a picture of another.
-    #[error("plan for a picture of {expected} applied to one of {found}")]
-    WrongPicture { expected: ImageSize, found: ImageSize },
+    /// A plan made for one size was applied to an image of another.
+    #[error("plan for an image of {expected} applied to one of {found}")]
+    WrongImage { expected: ImageSize, found: ImageSize },
     /// Intrinsics or a crop are invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),

@@ -1,7 +1,7 @@
-//! The papers' preprocessing, applied to pictures and intrinsics together.
+//! The papers' preprocessing, applied to images and intrinsics together.
 //!
 //! A [`Preprocessing`] is a list of named steps, as written in a protocol preset. [`Preprocessing::plan`] converts it to
-//! a [`Plan`] for one picture size: pure geometry that can be checked, printed and applied to cameras before any picture
+//! a [`Plan`] for one image size: pure geometry that can be checked, printed and applied to cameras before any image
 //! is decoded.
 //!
 //! ```
@@ -38,7 +38,7 @@ pub use rescale_and_crop::RescaleAndCrop;
 pub use resize::{Resampling, Resize};
 pub use square_crop::SquareCrop;
 
-/// The steps applied to every picture and its intrinsics between the file and the method.
+/// The steps applied to every image and its intrinsics between the file and the method.
 ///
 /// ```toml
 /// expected-size = { width = 480, height = 270 }
@@ -48,7 +48,7 @@ pub use square_crop::SquareCrop;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Preprocessing {
-    /// The required size of picture files; any, if absent. The papers' loaders silently drop scenes of other shapes
+    /// The required size of image files; any, if absent. The papers' loaders silently drop scenes of other shapes
     /// (`skip_bad_shape`, depthsplat `src/dataset/dataset_dl3dv.py:211-279`); here they are
     /// [`PreprocessError::UnexpectedSize`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -56,7 +56,7 @@ pub struct Preprocessing {
     /// How crops treat the principal point; by default frozen, as in the papers.
     #[serde(default)]
     pub principal_point: PrincipalPointRule,
-    /// Steps in order; without any, pictures are unchanged.
+    /// Steps in order; without any, images are unchanged.
     #[serde(default)]
     pub steps: Vec<Step>,
 }
@@ -78,13 +78,13 @@ pub enum Step {
 }
 
 impl Preprocessing {
-    /// These steps for pictures of any size, with the principal point frozen as in the papers.
+    /// These steps for images of any size, with the principal point frozen as in the papers.
     pub fn of(steps: impl IntoIterator<Item = Step>) -> Self {
         Self { steps: steps.into_iter().collect(), ..Self::default() }
     }
 
-    /// The operations on a picture of size `source`, in pixels, without those that would be copies: resampling to the
-    /// same size and crops of the whole picture.
+    /// The operations on an image of size `source`, in pixels, without those that would be copies: resampling to the
+    /// same size and crops of the whole image.
     ///
     /// # Errors
     /// [`PreprocessError::UnexpectedSize`] if `source` is not [`Self::expected_size`]; other [`PreprocessError`]s if a

@@ -9,7 +9,7 @@ use super::{Plan, PreprocessError};
 const STEP: &str = "patch-crop";
 
 /// Crops the centre to the largest size whose sides are multiples of `multiple`, as DepthSplat's encoder does to its
-/// input pictures (depthsplat `src/dataset/shims/patch_shim.py:4-27`).
+/// input images (depthsplat `src/dataset/shims/patch_shim.py:4-27`).
 ///
 /// DepthSplat's and iLRM's "256×448" on DL3DV is this with `multiple = 64` on the native 270×480, without resampling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -17,14 +17,14 @@ const STEP: &str = "patch-crop";
 pub struct PatchCrop {
     /// Both sides become multiples of this.
     pub multiple: u32,
-    /// Accept pictures with an odd side, whose crop is half a pixel off the centre. By default they are an error, as in
+    /// Accept images with an odd side, whose crop is half a pixel off the centre. By default they are an error, as in
     /// DepthSplat.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub allow_odd_size: bool,
 }
 
 impl PatchCrop {
-    /// For pictures with even sides only, as published.
+    /// For images with even sides only, as published.
     pub const fn new(multiple: u32) -> Self {
         Self { multiple, allow_odd_size: false }
     }

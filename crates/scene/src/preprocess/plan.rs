@@ -3,7 +3,7 @@ use atsplat_pixels::ImageU8;
 
 use super::{PreprocessError, Resampling};
 
-/// The operations of a preprocessing for one picture size.
+/// The operations of a preprocessing for one image size.
 ///
 /// Created by [`super::Preprocessing::plan`]; every operation is valid for its input size.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub struct Plan {
     operations: Vec<Operation>,
 }
 
-/// One operation on a picture.
+/// One operation on an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operation {
     /// Resample to a size.
@@ -35,7 +35,7 @@ impl Plan {
 
     /// A plan without operations.
     pub(super) fn untouched(source: ImageSize, principal_point: PrincipalPointRule) -> Result<Self, PreprocessError> {
-        not_empty("picture", source)?;
+        not_empty("image", source)?;
         Ok(Self { source, output: source, principal_point, operations: Vec::new() })
     }
 
@@ -54,7 +54,7 @@ impl Plan {
         &self.operations
     }
 
-    /// Intrinsics of the output picture. Resampling does not change normalised intrinsics; a crop scales the focal
+    /// Intrinsics of the output image. Resampling does not change normalised intrinsics; a crop scales the focal
     /// lengths by the *integer* sizes before and after it (455, not 455.11…) and treats the principal point by the
     /// preprocessing's rule (pixelSplat `src/dataset/shims/crop_shim.py`).
     ///
@@ -75,7 +75,7 @@ impl Plan {
         Ok(NormalizedIntrinsics::new(k.fx, k.fy, k.cx, k.cy)?)
     }
 
-    /// The camera of the output picture: same pose, new intrinsics. Distortion coefficients apply to the `z = 1` plane
+    /// The camera of the output image: same pose, new intrinsics. Distortion coefficients apply to the `z = 1` plane
     /// and do not change.
     ///
     /// # Errors
@@ -84,18 +84,18 @@ impl Plan {
         Ok(Camera { intrinsics: self.intrinsics(&source.intrinsics)?, ..*source })
     }
 
-    /// The output picture.
+    /// The output image.
     ///
     /// # Errors
-    /// [`PreprocessError::WrongPicture`] if the size of `picture` is not [`Self::source`], [`PreprocessError::Pixels`] if
+    /// [`PreprocessError::WrongImage`] if the size of `image` is not [`Self::source`], [`PreprocessError::Pixels`] if
     /// resampling fails.
-    pub fn apply(&self, picture: &ImageU8) -> Result<ImageU8, PreprocessError> {
-        let found = ImageSize { width: picture.width(), height: picture.height() };
+    pub fn apply(&self, image: &ImageU8) -> Result<ImageU8, PreprocessError> {
+        let found = ImageSize { width: image.width(), height: image.height() };
         if found != self.source {
-            return Err(PreprocessError::WrongPicture { expected: self.source, found });
+            return Err(PreprocessError::WrongImage { expected: self.source, found });
         }
-        let Some((first, rest)) = self.operations.split_first() else { return Ok(picture.clone()) };
-        rest.iter().try_fold(first.apply(picture)?, |picture, operation| operation.apply(&picture))
+        let Some((first, rest)) = self.operations.split_first() else { return Ok(image.clone()) };
+        rest.iter().try_fold(first.apply(image)?, |image, operation| operation.apply(&image))
     }
 
     /// Adds resampling to `size`, unless it would be a copy (as Pillow's `resize` to the same size is).
@@ -131,13 +131,11 @@ impl Plan {
 }
 
 impl Operation {
-    fn apply(&self, picture: &ImageU8) -> Result<ImageU8, PreprocessError> {
+    fn apply(&self, image: &ImageU8) -> Result<ImageU8, PreprocessError> {
         Ok(match self {
-            Self::Resize { size, filter } => {
-                atsplat_pixels::resize(picture, size.width, size.height, (*filter).into())?
-            }
+            Self::Resize { size, filter } => atsplat_pixels::resize(image, size.width, size.height, (*filter).into())?,
             Self::Crop(CropRect { column, row, size }) => {
-                atsplat_pixels::crop(picture, *column, *row, size.width, size.height)?
+                atsplat_pixels::crop(image, *column, *row, size.width, size.height)?
             }
         })
     }

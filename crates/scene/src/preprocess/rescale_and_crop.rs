@@ -9,14 +9,14 @@ use super::{Plan, PreprocessError, Resampling};
 
 const STEP: &str = "rescale-and-crop";
 
-/// Scales a picture to the smallest size that covers `height` × `width`, then crops the centre: `rescale_and_crop` of
+/// Scales an image to the smallest size that covers `height` × `width`, then crops the centre: `rescale_and_crop` of
 /// pixelSplat, MVSplat, NoPoSplat (`src/dataset/shims/crop_shim.py`) and DepthSplat (lines 64–105).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RescaleAndCrop {
-    /// Output rows; at most the picture's.
+    /// Output rows; at most the image's.
     pub height: u32,
-    /// Output columns; at most the picture's.
+    /// Output columns; at most the image's.
     pub width: u32,
     /// Resampling filter.
     #[serde(default)]

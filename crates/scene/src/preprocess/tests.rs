@@ -140,7 +140,7 @@ fn other_sizes_than_the_expected_one_are_errors() {
         Preprocessing { expected_size: Some(size(270, 480)), ..Preprocessing::of([PatchCrop::new(64).into()]) };
     assert!(preprocessing.plan(size(270, 480)).is_ok());
     let error = preprocessing.plan(size(540, 960)).unwrap_err();
-    assert_eq!(error.to_string(), "picture size: the protocol expects 480×270, found 960×540");
+    assert_eq!(error.to_string(), "image size: the protocol expects 480×270, found 960×540");
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn a_corrected_principal_point_stays_on_the_optical_axis() {
 }
 
 #[test]
-fn empty_and_enormous_pictures_are_errors() {
+fn empty_and_enormous_images_are_errors() {
     let outcome = Preprocessing::default().plan(size(0, 640));
     assert!(matches!(outcome, Err(PreprocessError::Empty { .. })), "{outcome:?}");
     for step in [RescaleAndCrop::new(0, 256).into(), CentreCrop::new(256, 0).into(), SquareCrop::resized(0).into()] {
@@ -168,21 +168,21 @@ fn empty_and_enormous_pictures_are_errors() {
 }
 
 #[test]
-fn a_plan_rejects_pictures_of_another_size() {
+fn a_plan_rejects_images_of_another_size() {
     let plan = Preprocessing::of([CentreCrop::new(2, 2).into()]).plan(size(4, 4)).unwrap();
-    let picture = ImageU8::new(5, 4, vec![0; 60]).unwrap();
-    assert!(matches!(plan.apply(&picture), Err(PreprocessError::WrongPicture { .. })));
+    let image = ImageU8::new(5, 4, vec![0; 60]).unwrap();
+    assert!(matches!(plan.apply(&image), Err(PreprocessError::WrongImage { .. })));
 }
 
 #[test]
 fn a_crop_keeps_the_expected_pixels() {
     let samples: Vec<u8> = (0..6 * 8 * 3).map(|i| u8::try_from(i % 251).unwrap()).collect();
-    let picture = ImageU8::new(8, 6, samples).unwrap();
+    let image = ImageU8::new(8, 6, samples).unwrap();
     let plan = Preprocessing::of([PatchCrop::new(4).into()]).plan(size(6, 8)).unwrap();
-    let crop = plan.apply(&picture).unwrap();
+    let crop = plan.apply(&image).unwrap();
     assert_eq!((crop.width(), crop.height()), (8, 4));
-    assert_eq!(crop.pixel(3, 0), picture.pixel(3, 1));
-    assert_eq!(crop.pixel(7, 3), picture.pixel(7, 4));
+    assert_eq!(crop.pixel(3, 0), image.pixel(3, 1));
+    assert_eq!(crop.pixel(7, 3), image.pixel(7, 4));
 }
 
 #[test]

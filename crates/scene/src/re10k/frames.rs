@@ -1,32 +1,32 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use crate::files::PictureListing;
-use crate::{Picture, Scene, SceneError, WarningKind, Warnings};
+use crate::files::ImageListing;
+use crate::{FrameImage, Scene, SceneError, WarningKind, Warnings};
 
-/// The naming scheme of a clip's pictures.
+/// The naming scheme of a clip's images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Naming {
     /// `<timestamp>.jpg`, as written by `real_estate_10k_tools` (`src/convert.py:69-73`).
     Timestamp,
-    /// Row `i` is picture `first + i`.
+    /// Row `i` is image `first + i`.
     Numbered { first: i64 },
 }
 
-/// Assigns each frame its picture from the first of `folders` that holds pictures.
+/// Assigns each frame its image from the first of `folders` that holds images.
 ///
-/// If no folder exists, the frames stay [`Picture::Absent`], unless pictures are `expected`. Otherwise a frame without
-/// a file becomes [`Picture::Missing`], with a warning. Pictures with a number that no row has are counted too: deleted
+/// If no folder exists, the frames stay [`FrameImage::Absent`], unless images are `expected`. Otherwise a frame without
+/// a file becomes [`FrameImage::Missing`], with a warning. Images with a number that no row has are counted too: deleted
 /// rows leave them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong to a row.
-pub(super) fn attach_pictures(
+pub(super) fn attach_images(
     scene: &mut Scene,
     folders: &[PathBuf],
     expected: bool,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
-    let listing = match (first_with_pictures(folders)?, folders.first()) {
+    let listing = match (first_with_images(folders)?, folders.first()) {
         (Some(listing), _) => listing,
-        (None, Some(folder)) if expected => PictureListing::empty(folder.clone()),
+        (None, Some(folder)) if expected => ImageListing::empty(folder.clone()),
         (None, _) => return Ok(()),
     };
     let mut numbers: BTreeMap<i64, &str> = BTreeMap::new();
@@ -38,7 +38,7 @@ pub(super) fn attach_pictures(
     }
     if let Some(first) = repeated.first() {
         let (count, folder) = (repeated.len(), listing.folder().display());
-        let detail = format!("{count} pictures have the number of another in {folder}, first: {first}");
+        let detail = format!("{count} images have the number of another in {folder}, first: {first}");
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     let naming = naming(scene, &numbers, warnings);
@@ -52,30 +52,30 @@ pub(super) fn attach_pictures(
             unlisted.remove(&number);
         }
         let found = number.and_then(|number| listing.by_stem(numbers.get(&number)?));
-        frame.picture = if let Some(path) = found {
-            Picture::File(path)
+        frame.image = if let Some(path) = found {
+            FrameImage::File(path)
         } else {
             let stem = match naming {
                 Naming::Timestamp => frame.name.clone(),
                 Naming::Numbered { first } => format!("{:05}", first.saturating_add_unsigned(row as u64)),
             };
             let path = listing.expected(&stem);
-            warnings.push(WarningKind::MissingPicture, &scene.key, format!("frame {row}: no {}", path.display()));
-            Picture::Missing(path)
+            warnings.push(WarningKind::MissingImage, &scene.key, format!("frame {row}: no {}", path.display()));
+            FrameImage::Missing(path)
         };
     }
     for path in unlisted.iter().filter_map(|number| listing.by_stem(numbers.get(number)?)) {
         let detail = format!("no row of the trajectory is for {}: is a row lost?", path.display());
-        warnings.push(WarningKind::UnlistedPicture, &scene.key, detail);
+        warnings.push(WarningKind::UnlistedImage, &scene.key, detail);
     }
     Ok(())
 }
 
-/// The first folder with pictures; otherwise the first that exists.
-fn first_with_pictures(folders: &[PathBuf]) -> Result<Option<PictureListing>, SceneError> {
+/// The first folder with images; otherwise the first that exists.
+fn first_with_images(folders: &[PathBuf]) -> Result<Option<ImageListing>, SceneError> {
     let mut empty = None;
     for folder in folders {
-        match PictureListing::read(folder)? {
+        match ImageListing::read(folder)? {
             Some(listing) if listing.stems().next().is_some() => return Ok(Some(listing)),
             Some(listing) => empty = empty.or(Some(listing)),
             None => {}
@@ -90,9 +90,9 @@ fn number_of(stem: &str) -> Option<i64> {
     digits.bytes().all(|byte| byte.is_ascii_digit()).then(|| digits.parse().ok())?
 }
 
-/// The naming scheme that finds more pictures; timestamps in case of a tie.
+/// The naming scheme that finds more images; timestamps in case of a tie.
 ///
-/// Numbers start from 0 if a picture 0 exists, else from 1. This is unambiguous if exactly one of picture 0 and picture
+/// Numbers start from 0 if an image 0 exists, else from 1. This is unambiguous if exactly one of image 0 and image
 /// `rows` exists; otherwise there is a warning.
 fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings) -> Naming {
     let has = |number: i64| numbers.contains_key(&number);
@@ -106,7 +106,7 @@ fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings)
     if has(0) == has(rows) {
         let (least, most) = (numbers.keys().next(), numbers.keys().next_back());
         let (least, most) = least.zip(most).unwrap_or_else(|| unreachable!("by_number > by_time >= 0"));
-        let detail = format!("pictures {least} to {most} for {rows} rows: assumed to start from {first}");
+        let detail = format!("images {least} to {most} for {rows} rows: assumed to start from {first}");
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     Naming::Numbered { first }
@@ -130,26 +130,26 @@ mod tests {
             std::fs::write(folder.path().join(name), b"").unwrap();
         }
         let (mut scene, mut warnings) = (scene(), Warnings::new());
-        attach_pictures(&mut scene, &[folder.path().to_owned()], false, &mut warnings).unwrap();
+        attach_images(&mut scene, &[folder.path().to_owned()], false, &mut warnings).unwrap();
         (scene, warnings)
     }
 
     fn names(scene: &Scene) -> Vec<String> {
         let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-        let shown = |frame: &crate::Frame| match &frame.picture {
-            Picture::File(path) => name(path),
-            Picture::Missing(path) => format!("no {}", name(path)),
+        let shown = |frame: &crate::Frame| match &frame.image {
+            FrameImage::File(path) => name(path),
+            FrameImage::Missing(path) => format!("no {}", name(path)),
             other => format!("{other:?}"),
         };
         scene.frames.iter().map(shown).collect()
     }
 
     #[test]
-    fn pictures_are_found_by_timestamp_and_missing_ones_keep_their_position() {
+    fn images_are_found_by_timestamp_and_missing_ones_keep_their_position() {
         let (scene, warnings) = attach(&["66733.png", "0.png", "999.png"]);
         assert_eq!(names(&scene), ["0.png", "no 33366.png", "66733.png"]);
         let counts: Vec<_> = warnings.counts().collect();
-        assert_eq!(counts, [(WarningKind::MissingPicture, 1), (WarningKind::UnlistedPicture, 1)]);
+        assert_eq!(counts, [(WarningKind::MissingImage, 1), (WarningKind::UnlistedImage, 1)]);
         assert!(warnings.kept()[1].detail.contains("999.png"), "{:?}", warnings.kept());
     }
 
@@ -162,17 +162,17 @@ mod tests {
         }
     }
 
-    /// With three rows: four pictures by time, then by number; a cover belongs to no row, whichever are lost.
+    /// With three rows: four images by time, then by number; a cover belongs to no row, whichever are lost.
     #[test]
-    fn pictures_of_lost_rows_are_counted() {
+    fn images_of_lost_rows_are_counted() {
         let (_, warnings) = attach(&["0.png", "33366.png", "50000.png", "66733.png", "cover.png"]);
-        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedPicture, 1)]);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedImage, 1)]);
         assert!(warnings.kept()[0].detail.contains("50000.png"), "{:?}", warnings.kept());
         let (scene, warnings) = attach(&["00001.png", "00002.png", "00003.png", "00004.png", "00005.png"]);
         assert_eq!(names(&scene), ["00001.png", "00002.png", "00003.png"]);
-        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedPicture, 2)]);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::UnlistedImage, 2)]);
         let (_, warnings) = attach(&["0.png", "66733.png"]);
-        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::MissingPicture, 1)], "a subset of the rows");
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::MissingImage, 1)], "a subset of the rows");
     }
 
     #[test]
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn two_pictures_with_one_number_are_reported() {
+    fn two_images_with_one_number_are_reported() {
         let (scene, warnings) = attach(&["1.jpg", "frame_00001.jpg", "2.jpg", "3.jpg"]);
         assert_eq!(names(&scene), ["frame_00001.jpg", "2.jpg", "3.jpg"]);
         assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
@@ -191,13 +191,13 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_missing_with_an_empty_folder_and_absent_without_one() {
+    fn images_are_missing_with_an_empty_folder_and_absent_without_one() {
         let (scene, warnings) = attach(&[]);
         assert_eq!(names(&scene), ["no 0.jpg", "no 33366.jpg", "no 66733.jpg"]);
-        assert_eq!(warnings.count(WarningKind::MissingPicture), 3);
+        assert_eq!(warnings.count(WarningKind::MissingImage), 3);
         let (mut alone, mut warnings) = (self::scene(), Warnings::new());
-        attach_pictures(&mut alone, &[PathBuf::from("/nowhere")], false, &mut warnings).unwrap();
-        assert!(alone.frames.iter().all(|frame| matches!(frame.picture, Picture::Absent)));
+        attach_images(&mut alone, &[PathBuf::from("/nowhere")], false, &mut warnings).unwrap();
+        assert!(alone.frames.iter().all(|frame| matches!(frame.image, FrameImage::Absent)));
         assert_eq!(warnings.total(), 0);
     }
 }

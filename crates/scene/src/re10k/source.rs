@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::frames::attach_pictures;
+use super::frames::attach_images;
 use super::read_trajectory;
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
@@ -19,10 +19,10 @@ pub struct Re10kOptions {
 /// RE10K trajectory files, as one file or a folder of them.
 ///
 /// The key is the file's stem. Trajectories are `<key>.txt` in the folder (the official layout), or `<key>/<key>.txt`.
-/// Pictures (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
+/// Images (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
 /// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
-/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. A
-/// picture with a timestamp or number that no row has is counted. Without such a folder the scene has no pictures; if
+/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. An
+/// image with a timestamp or number that no row has is counted. Without such a folder the scene has no images; if
 /// there is a `frames_root`, they are missing.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
@@ -89,7 +89,7 @@ impl Re10kScenes {
         Collections::from([(self.path.clone(), self.keys.iter().cloned().collect())])
     }
 
-    fn picture_folders(&self, key: &str, file: &TrajectoryFile) -> Vec<PathBuf> {
+    fn image_folders(&self, key: &str, file: &TrajectoryFile) -> Vec<PathBuf> {
         if let Some(root) = &self.options.frames_root {
             return vec![root.join(key), root.join(key).join("images")];
         }
@@ -120,7 +120,7 @@ impl SceneSource for Re10kScenes {
             warnings.push(WarningKind::LensDistortion, key, detail);
         }
         let expected = self.options.frames_root.is_some();
-        attach_pictures(&mut scene, &self.picture_folders(key, file), expected, warnings)?;
+        attach_images(&mut scene, &self.image_folders(key, file), expected, warnings)?;
         report_cameras(&scene, Times::Given, warnings);
         Ok(scene)
     }
@@ -178,13 +178,13 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::Picture;
+    use crate::FrameImage;
 
     const ROWS: &str = "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n7 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
 
     /// Two clips, of which one has a folder of frames below another root.
     #[test]
-    fn pictures_are_missing_in_a_root_of_frames_without_the_clip() {
+    fn images_are_missing_in_a_root_of_frames_without_the_clip() {
         let folder = tempfile::tempdir().unwrap();
         let (clips, root) = (folder.path().join("clips"), folder.path().join("frames"));
         fs::create_dir_all(&clips).unwrap();
@@ -195,18 +195,18 @@ mod tests {
         for time in [0, 7] {
             fs::write(root.join(format!("a/{time}.png")), b"").unwrap();
         }
-        let first_pictures = |frames_root: Option<PathBuf>| {
+        let first_images = |frames_root: Option<PathBuf>| {
             let mut warnings = Warnings::new();
             let scenes = Re10kScenes::open(&clips, Re10kOptions { frames_root }, &mut warnings).unwrap();
-            let pictures = ["a", "b"].map(|key| scenes.load(key, &mut warnings).unwrap().frames[0].picture.clone());
-            (pictures, warnings.count(WarningKind::MissingPicture))
+            let images = ["a", "b"].map(|key| scenes.load(key, &mut warnings).unwrap().frames[0].image.clone());
+            (images, warnings.count(WarningKind::MissingImage))
         };
-        let ([a, b], missing) = first_pictures(Some(root));
-        assert!(matches!(&a, Picture::File(path) if path.ends_with("frames/a/0.png")), "{a:?}");
-        assert!(matches!(&b, Picture::Missing(path) if path.ends_with("frames/b/0.jpg")), "{b:?}");
+        let ([a, b], missing) = first_images(Some(root));
+        assert!(matches!(&a, FrameImage::File(path) if path.ends_with("frames/a/0.png")), "{a:?}");
+        assert!(matches!(&b, FrameImage::Missing(path) if path.ends_with("frames/b/0.jpg")), "{b:?}");
         assert_eq!(missing, 2, "one of each frame of b");
-        let ([a, b], missing) = first_pictures(None);
-        assert!(matches!((&a, &b), (Picture::Absent, Picture::Absent)), "{a:?} {b:?}");
+        let ([a, b], missing) = first_images(None);
+        assert!(matches!((&a, &b), (FrameImage::Absent, FrameImage::Absent)), "{a:?} {b:?}");
         assert_eq!(missing, 0, "nobody stated where frames should be");
     }
 }

@@ -6,7 +6,7 @@ use atsplat_files::quoted;
 
 use crate::files::read_file;
 use crate::number::{Columns, parse_f64, parse_i64};
-use crate::{Frame, Picture, Scene, SceneError};
+use crate::{Frame, FrameImage, Scene, SceneError};
 
 const FORMAT: &str = "RE10K trajectory";
 
@@ -31,7 +31,7 @@ pub struct Trajectory {
 pub struct TrajectoryRow {
     /// Presentation time in the video, in microseconds.
     pub timestamp_micros: i64,
-    /// Intrinsics in units of the picture's width and height.
+    /// Intrinsics in units of the image's width and height.
     pub intrinsics: NormalizedIntrinsics,
     /// Columns 6 and 7, reserved for radial distortion: zero in RE10K and not read by any loader of the field.
     pub radial: [f64; 2],
@@ -104,14 +104,14 @@ impl Trajectory {
         self.header.as_deref().filter(|header| !header.starts_with('#'))
     }
 
-    /// The scene without pictures, with frames named by timestamp.
+    /// The scene without images, with frames named by timestamp.
     pub fn to_scene(&self, key: &str) -> Scene {
         let frame = |row: &TrajectoryRow| Frame {
             name: row.timestamp_micros.to_string(),
             timestamp_micros: Some(row.timestamp_micros),
             camera: Camera::pinhole(row.camera_from_world, row.intrinsics),
             stated_size: None,
-            picture: Picture::Absent,
+            image: FrameImage::Absent,
         };
         Scene { key: key.to_owned(), url: self.url().map(str::to_owned), frames: self.rows.iter().map(frame).collect() }
     }

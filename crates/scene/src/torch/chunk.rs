@@ -9,7 +9,7 @@ use crate::{Scene, SceneError, SharedBytes, WarningKind, Warnings};
 /// One `.torch` chunk: a pickled list of scenes, each a dict of `url`, `timestamps`, `cameras`, `images`
 /// and `key` (`real_estate_10k_tools` `src/convert.py:65-152`).
 ///
-/// Opening reads the list, but no pictures. Each scene is checked when it is loaded, so an invalid one does not affect
+/// Opening reads the list, but no images. Each scene is checked when it is loaded, so an invalid one does not affect
 /// the others.
 #[derive(Debug)]
 pub struct Chunk {
@@ -75,7 +75,7 @@ impl Chunk {
         ChunkScene::from_dict(key, dict).map_err(SceneError::torch(&self.path))
     }
 
-    /// One scene with its cameras; its encoded pictures stay in the mapped file.
+    /// One scene with its cameras; its encoded images stay in the mapped file.
     ///
     /// # Errors
     /// Those of [`Chunk::record`], and [`SceneError::Camera`] if a row is not a valid camera.

@@ -35,7 +35,7 @@ impl TorchChunks {
     /// because this toolkit evaluates) or `train`. An `index.json` beside these folders that names no existing file is not
     /// theirs, and is not read if they hold chunks.
     ///
-    /// Without an `index.json` every chunk's list is read, but no pictures. A scene whose chunk is missing, a chunk that
+    /// Without an `index.json` every chunk's list is read, but no images. A scene whose chunk is missing, a chunk that
     /// is not in the index and a chunk that cannot be read are skipped with a warning. A scene that the index lists
     /// in another chunk, or in none, is found when a scene of its chunk is first loaded.
     ///

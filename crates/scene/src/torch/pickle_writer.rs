@@ -3,7 +3,7 @@ use crate::SharedBytes;
 
 /// Writes the pickle of a chunk in protocol 2, and collects the storages that it refers to.
 ///
-/// Nothing is memoised: a few repeated names per picture are negligible.
+/// Nothing is memoised: a few repeated names per image are negligible.
 pub(super) struct PickleWriter {
     bytes: Vec<u8>,
     storages: Vec<SharedBytes>,

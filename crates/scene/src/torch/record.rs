@@ -6,7 +6,7 @@ use atsplat_pickle::shortened;
 use super::{Dict, TorchError, Value};
 use crate::cut_short::cut_short;
 use crate::files::read_file;
-use crate::{Frame, Picture, Scene, SceneError, SharedBytes, WarningKind, Warnings};
+use crate::{Frame, FrameImage, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
 /// Columns of a `cameras` row.
 const CAMERA_COLUMNS: usize = 18;
@@ -23,10 +23,10 @@ pub struct ChunkScene {
     pub url: String,
     /// For RE10K and ACID microseconds since the start of the video, for DL3DV frame numbers.
     pub timestamps: Vec<i64>,
-    /// fx, fy, cx, cy in units of the picture's size, two zeros, and the row-major 3×4 world-to-camera matrix with OpenCV
+    /// fx, fy, cx, cy in units of the image's size, two zeros, and the row-major 3×4 world-to-camera matrix with OpenCV
     /// axes. Chunks store f32.
     pub cameras: Vec<[f64; CAMERA_COLUMNS]>,
-    /// Encoded pictures: JPEG for RE10K, PNG for DL3DV. Those of a chunk are unread until [`SharedBytes::verify`] is called.
+    /// Encoded images: JPEG for RE10K, PNG for DL3DV. Those of a chunk are unread until [`SharedBytes::verify`] is called.
     pub images: Vec<SharedBytes>,
 }
 
@@ -67,7 +67,7 @@ impl ChunkScene {
                 timestamp_micros: Some(timestamp),
                 camera,
                 stated_size: None,
-                picture: Picture::Encoded(image.clone()),
+                image: FrameImage::Encoded(image.clone()),
             });
         }
         let url = (!self.url.is_empty()).then(|| self.url.clone());
@@ -89,16 +89,16 @@ impl ChunkScene {
         }
     }
 
-    /// Converts a scene for storage in a chunk: encoded pictures are unchanged, lens distortion is dropped with a warning.
+    /// Converts a scene for storage in a chunk: encoded images are unchanged, lens distortion is dropped with a warning.
     ///
-    /// Pictures are not decoded: one whose header cannot be read, or whose end is missing, is stored with a warning.
+    /// Images are not decoded: one whose header cannot be read, or whose end is missing, is stored with a warning.
     ///
     /// A frame without a timestamp gets the number at the end of its name, as in depthsplat
     /// (`src/scripts/convert_dl3dv_test.py`: the integer after the last `_` of the file stem).
     ///
     /// # Errors
-    /// [`SceneError::NoTimestamp`] for a frame with neither timestamp nor number, [`SceneError::NoPicture`] for one without a
-    /// picture, [`SceneError::Io`] and [`SceneError::Damaged`] if a picture cannot be read.
+    /// [`SceneError::NoTimestamp`] for a frame with neither timestamp nor number, [`SceneError::NoImage`] for one without an
+    /// image, [`SceneError::Io`] and [`SceneError::Damaged`] if an image cannot be read.
     pub fn from_scene(scene: &Scene, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut stored = Self {
             key: scene.key.clone(),
@@ -109,8 +109,7 @@ impl ChunkScene {
         };
         let mut distorted = 0;
         for (position, frame) in scene.frames.iter().enumerate() {
-            let no_picture =
-                |reason: String| SceneError::NoPicture { scene: scene.key.clone(), frame: position, reason };
+            let no_image = |reason: String| SceneError::NoImage { scene: scene.key.clone(), frame: position, reason };
             let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
             let timestamp = timestamp.ok_or_else(|| SceneError::NoTimestamp {
                 scene: scene.key.clone(),
@@ -118,26 +117,26 @@ impl ChunkScene {
                 name: frame.name.clone(),
             })?;
             let header = frame.header(&scene.key, position);
-            let image = match &frame.picture {
-                Picture::Encoded(bytes) => {
+            let image = match &frame.image {
+                FrameImage::Encoded(bytes) => {
                     frame.bytes(&scene.key, position)?;
                     bytes.clone()
                 }
-                Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),
-                Picture::Generated(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
-                Picture::Missing(file) => return Err(no_picture(format!("no file {}", file.display()))),
-                Picture::Absent => return Err(no_picture("the source has no pictures".to_owned())),
+                FrameImage::File(file) => SharedBytes::new(read_file("reading an image", file)?),
+                FrameImage::Generated(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
+                FrameImage::Missing(file) => return Err(no_image(format!("no file {}", file.display()))),
+                FrameImage::Absent => return Err(no_image("the source has no images".to_owned())),
             };
             let problem = match header {
                 Ok(header) => {
                     frame.report(&scene.key, position, &header, warnings);
-                    let place = frame.picture.place();
+                    let place = frame.image.place();
                     cut_short(&image).map(|problem| format!("frame {position}: {problem} ({place})"))
                 }
                 Err(error) => Some(error.to_string()),
             };
             if let Some(problem) = problem {
-                warnings.push(WarningKind::UnreadablePicture, &scene.key, problem);
+                warnings.push(WarningKind::UnreadableImage, &scene.key, problem);
             }
             stored.images.push(image);
             stored.timestamps.push(timestamp);

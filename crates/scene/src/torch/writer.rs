@@ -15,7 +15,7 @@ const ALIGNMENT: u16 = 64;
 /// Writes scenes as numbered chunks and an `index.json`, like `real_estate_10k_tools` (`src/convert.py`,
 /// `src/generate_index.py`), for pixelSplat's loader and its descendants.
 ///
-/// A chunk is written when its pictures reach the target size; a scene is never split. Files are renamed into place
+/// A chunk is written when its images reach the target size; a scene is never split. Files are renamed into place
 /// when complete, and the same scenes give the same bytes. Until the last chunk is written, the index is empty, so that
 /// what an interrupted writer leaves is not read as a whole dataset.
 #[derive(Debug)]
@@ -38,7 +38,7 @@ pub struct ChunksWritten {
 }
 
 impl ChunkWriter {
-    /// Bytes of pictures after which a chunk is written, for RE10K (`real_estate_10k_tools` `src/convert.py:17`).
+    /// Bytes of images after which a chunk is written, for RE10K (`real_estate_10k_tools` `src/convert.py:17`).
     /// DepthSplat's DL3DV chunks use twice as much (`src/scripts/convert_dl3dv_test.py:44`). The original tools measure a
     /// scene's folder with `du -b`, which adds the folder's own 4096 bytes.
     pub const TARGET_BYTES: u64 = 100_000_000;
@@ -64,7 +64,7 @@ impl ChunkWriter {
     /// Adds a scene, and writes a chunk if it is full.
     ///
     /// # Errors
-    /// [`SceneError::Torch`] if the scene's lengths differ, its key is repeated, a picture is neither JPEG, PNG nor WebP,
+    /// [`SceneError::Torch`] if the scene's lengths differ, its key is repeated, an image is neither JPEG, PNG nor WebP,
     /// or a camera overflows f32: the scene is skipped, and writing may continue. [`SceneError::Io`] if a chunk cannot be
     /// written.
     pub fn push(&mut self, scene: ChunkScene) -> Result<(), SceneError> {
@@ -117,7 +117,7 @@ impl ChunkWriter {
         }
         for (position, image) in scene.images.iter().enumerate() {
             image.verify()?;
-            if !is_picture(image) {
+            if !is_image(image) {
                 let start = atsplat_files::hexadecimal(image.get(..8).unwrap_or(image));
                 let location = format!("scene {:?}, field images[{position}]", scene.key);
                 return Err(TorchError::malformed(location, "a JPEG, PNG or WebP file", format!("bytes {start}")));
@@ -167,7 +167,7 @@ pub struct ExportedChunks {
     pub skipped: u64,
 }
 
-/// Writes every scene of a dataset into chunks in `folder`, each full at `target_bytes` of pictures, calling `progress`
+/// Writes every scene of a dataset into chunks in `folder`, each full at `target_bytes` of images, calling `progress`
 /// after each scene. If no scene can be read, not even an index is written.
 ///
 /// # Errors
@@ -214,7 +214,7 @@ fn zip_options(len: usize) -> SimpleFileOptions {
         .with_alignment(ALIGNMENT)
 }
 
-fn is_picture(bytes: &[u8]) -> bool {
+fn is_image(bytes: &[u8]) -> bool {
     let is_webp = bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP");
     bytes.starts_with(b"\xff\xd8\xff") || bytes.starts_with(b"\x89PNG\r\n\x1a\n") || is_webp
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::support::{fixture, fixture_bytes};
 use atsplat_numeric::Tolerance;
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter, TorchChunks};
-use atsplat_scene::{Picture, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use atsplat_scene::{FrameImage, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -268,11 +268,7 @@ fn writing_what_was_read_gives_the_same_bytes() {
         assert!(fs::read(first.path().join(name)).unwrap() == fs::read(second.path().join(name)).unwrap(), "{name}");
     }
     let counts: Vec<_> = warnings.counts().collect();
-    assert_eq!(
-        counts,
-        [(WarningKind::UnexpectedSize, 6)],
-        "the fixture's pictures do not have the shape of its cameras"
-    );
+    assert_eq!(counts, [(WarningKind::UnexpectedSize, 6)], "the fixture's images do not have the shape of its cameras");
 }
 
 #[test]
@@ -289,7 +285,7 @@ fn storages_are_aligned_and_entries_stored() {
 }
 
 #[test]
-fn chunks_are_written_when_their_pictures_reach_the_target() {
+fn chunks_are_written_when_their_images_reach_the_target() {
     let folder = TempDir::new().unwrap();
     let names = write(
         folder.path(),
@@ -350,7 +346,7 @@ fn scenes_that_a_chunk_cannot_store_are_rejected() {
 }
 
 #[test]
-fn frames_without_a_picture_or_number_cannot_be_stored() {
+fn frames_without_an_image_or_number_cannot_be_stored() {
     let chunk = Chunk::open(fixture("zip.torch"), &mut Warnings::new()).unwrap();
     let scene = chunk.load(KEYS[0]).unwrap();
     let with = |change: &dyn Fn(&mut atsplat_scene::Frame)| {
@@ -358,12 +354,12 @@ fn frames_without_a_picture_or_number_cannot_be_stored() {
         change(&mut scene.frames[1]);
         ChunkScene::from_scene(&scene, &mut Warnings::new())
     };
-    assert!(matches!(with(&|frame| frame.picture = Picture::Absent), Err(SceneError::NoPicture { frame: 1, .. })));
+    assert!(matches!(with(&|frame| frame.image = FrameImage::Absent), Err(SceneError::NoImage { frame: 1, .. })));
     assert!(matches!(
-        with(&|frame| frame.picture = Picture::Missing("x.png".into())),
-        Err(SceneError::NoPicture { .. })
+        with(&|frame| frame.image = FrameImage::Missing("x.png".into())),
+        Err(SceneError::NoImage { .. })
     ));
-    assert!(matches!(with(&|frame| frame.picture = Picture::File("/nowhere/x.png".into())), Err(SceneError::Io(_))));
+    assert!(matches!(with(&|frame| frame.image = FrameImage::File("/nowhere/x.png".into())), Err(SceneError::Io(_))));
     let unnumbered = |frame: &mut atsplat_scene::Frame| {
         frame.timestamp_micros = None;
         frame.name = "first".to_owned();
@@ -371,7 +367,7 @@ fn frames_without_a_picture_or_number_cannot_be_stored() {
     let error = with(&unnumbered).unwrap_err();
     assert!(matches!(error, SceneError::NoTimestamp { frame: 1, .. }), "{error}");
     let text = error.to_string();
-    assert!(text.ends_with("or ends in _ and one, found the name \"first\"") && !text.contains("picture"), "{text}");
+    assert!(text.ends_with("or ends in _ and one, found the name \"first\"") && !text.contains("image"), "{text}");
     let named = with(&|frame| {
         frame.timestamp_micros = None;
         frame.name = "frame_00042".to_owned();

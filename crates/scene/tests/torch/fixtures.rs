@@ -3,7 +3,7 @@
 use crate::support::{fixture, fixture_bytes};
 use atsplat_files::Sha256Digest;
 use atsplat_scene::torch::{self, Chunk, DType, Key, Tensor, Value};
-use atsplat_scene::{Picture, SceneError, Warnings};
+use atsplat_scene::{FrameImage, SceneError, Warnings};
 use serde_json::Value as Json;
 
 fn golden(file: &str) -> Json {
@@ -92,7 +92,7 @@ fn chunks_hold_posed_scenes() {
             for (position, frame) in scene.frames.iter().enumerate() {
                 let timestamp = start + 33_000 * i64::try_from(position).unwrap();
                 assert_eq!((frame.name.as_str(), frame.timestamp_micros), (&*timestamp.to_string(), Some(timestamp)));
-                let Picture::Encoded(bytes) = &frame.picture else { panic!("{:?}", frame.picture) };
+                let FrameImage::Encoded(bytes) = &frame.image else { panic!("{:?}", frame.image) };
                 assert!(bytes.starts_with(magic), "{file} {key} {position}");
             }
         }
@@ -101,13 +101,13 @@ fn chunks_hold_posed_scenes() {
 }
 
 #[test]
-fn pictures_are_slices_of_the_mapped_file() {
+fn images_are_slices_of_the_mapped_file() {
     let file = crate::support::shared(fixture_bytes("zip.torch"));
     let inside = file.as_ptr_range();
     let chunk = Chunk::from_bytes(file.clone(), "zip.torch".as_ref(), &mut Warnings::new()).unwrap();
     for key in chunk.keys() {
         for image in chunk.record(key).unwrap().images {
-            assert!(inside.contains(&image.as_ptr()), "{key}: the picture was copied");
+            assert!(inside.contains(&image.as_ptr()), "{key}: the image was copied");
         }
     }
 }

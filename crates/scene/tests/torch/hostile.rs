@@ -7,7 +7,7 @@ use atsplat_scene::torch::{self, Chunk, ChunkScene, ChunkWriter, MAX_DEPTH, Torc
 use atsplat_scene::{SceneError, SharedBytes, Warnings};
 use proptest::prelude::*;
 
-/// Reads all scenes, cameras and pictures.
+/// Reads all scenes, cameras and images.
 pub(crate) fn read_all(bytes: SharedBytes) -> Result<usize, SceneError> {
     let chunk = Chunk::from_bytes(bytes, "hostile.torch".as_ref(), &mut Warnings::new())?;
     let mut touched = 0;
@@ -78,10 +78,10 @@ fn a_flipped_bit_is_an_error_of_its_entry_alone_when_it_is_read() {
     assert!(error.contains(r#"zip entry "zip/data/6""#) && error.contains("CRC-32"), "{error}");
     assert_eq!(of_camera.load(first).unwrap().frames.len(), 3);
 
-    let of_picture = damaged(whole.clone(), "zip/data/3").unwrap();
-    let scene = of_picture.load(first).unwrap();
+    let of_image = damaged(whole.clone(), "zip/data/3").unwrap();
+    let scene = of_image.load(first).unwrap();
     let read = |frame: usize| scene.frames[frame].bytes(first, frame).map(|bytes| bytes.len());
-    assert_eq!((read(0).unwrap(), read(2).unwrap()), (663, 667), "other pictures");
+    assert_eq!((read(0).unwrap(), read(2).unwrap()), (663, 667), "other images");
     let error = read(1).unwrap_err().to_string();
     assert!(error.starts_with(r#"frame 1 of scene "aaaa000000000001": zip entry "zip/data/3""#), "{error}");
     // Written again, the damage would have a CRC-32 of its own.
@@ -89,7 +89,7 @@ fn a_flipped_bit_is_an_error_of_its_entry_alone_when_it_is_read() {
     assert!(matches!(stored, Err(SceneError::Damaged { frame: 1, .. })), "{stored:?}");
     let folder = tempfile::tempdir().unwrap();
     let mut writer = ChunkWriter::create(folder.path(), ChunkWriter::TARGET_BYTES).unwrap();
-    assert!(writer.push(of_picture.record(first).unwrap()).is_err());
+    assert!(writer.push(of_image.record(first).unwrap()).is_err());
 
     for entry in ["zip/data/3", "zip/data/6"] {
         let chunk = damaged(without_crcs(whole.clone()), entry).unwrap();

@@ -4,7 +4,7 @@
     cargo bench -p atsplat-splat --bench gpu --no-run     # prints the executable
     python gsplat_cuda.py <executable> [turns]
 
-`read` copies the picture to the host, as "forward on the device" does here; `kept` leaves it on the card. `derivative`
+`read` copies the image to the host, as "forward on the device" does here; `kept` leaves it on the card. `derivative`
 renders and goes back to means, rotations, scales, opacities and colours, as "backward on the device" does.
 """
 

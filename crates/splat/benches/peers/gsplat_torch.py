@@ -88,12 +88,12 @@ def main():
         render(tensors, width, height)
         for _ in range(rounds):
             start = time.perf_counter()
-            picture = render(tensors, width, height)
+            image = render(tensors, width, height)
             theirs.append(1e3 * (time.perf_counter() - start))
             own.append(ours(atsplat, Path(folder)))
     theirs, own = statistics.median(theirs), statistics.median(own)
     print(f"{count} Gaussians to {width}x{height}, medians of {rounds} turns, two threads")
-    print(f"gsplat's functions in PyTorch: {theirs:.0f} ms, mean of the picture {picture.mean():.4f}")
+    print(f"gsplat's functions in PyTorch: {theirs:.0f} ms, mean of the image {image.mean():.4f}")
     print(f"atsplat: {own:.1f} ms, {theirs / own:.0f} times as fast")
 
 

@@ -260,7 +260,7 @@ impl Screen {
             return Err(Culled::OutsideDepth);
         }
         if !self.visible[lane] {
-            return Err(Culled::OutsidePicture);
+            return Err(Culled::OutsideImage);
         }
         let centre = DVec2::new(self.centre[0][lane], self.centre[1][lane]);
         let determinant = self.determinants[1][lane];
@@ -278,7 +278,7 @@ impl Screen {
             Extent::ThreeSigmaTiles => reach(centre, [xx, self.cov2d[1][lane], yy], opacity, view.size, constants)
                 .map(|reach| reach.map(|range| range.map(|pixel| pixel as u16))),
         };
-        reach.ok_or(Culled::OutsidePicture)
+        reach.ok_or(Culled::OutsideImage)
     }
 
     #[inline(always)]

@@ -91,7 +91,7 @@ fn an_endless_oblique_needle_has_no_holes() {
         let gaussians = Gaussians::new(parts).unwrap();
         let expected = reference::render(&gaussians, &view, &options).unwrap();
         let opaque = expected.alpha.iter().filter(|alpha| **alpha > 0.5).count();
-        assert!(opaque > 150, "across the picture: {opaque} pixels");
+        assert!(opaque > 150, "across the image: {opaque} pixels");
         for simd in SimdLevel::available() {
             for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
                 let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };

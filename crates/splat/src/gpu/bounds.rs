@@ -17,7 +17,7 @@ const LEAST_PAIRS: u64 = 1 << 14;
 const PAIRS_PER_GAUSSIAN: u64 = 2;
 /// Length of a tile's list that it composites.
 const FIRST_ENTRIES: u64 = 4096;
-/// Sizes of scenes and pictures that are remembered; beyond that, all are forgotten.
+/// Sizes of scenes and images that are remembered; beyond that, all are forgotten.
 const MOST_KEYS: usize = 256;
 
 /// What bounds are learnt for: the numbers of Gaussians and pixels, and whether there is a backward pass.
@@ -76,10 +76,10 @@ impl Bounds {
     ) -> (Plan, Vec<Window>) {
         let known = self.0.get(&key).or_else(|| self.0.get(&Key { backward: false, ..key }));
         let halvings = known.map_or(0, |known| known.halvings);
-        let (view, pictures) = (job.view(), job.pictures());
-        let windows = match pictures {
+        let (view, images) = (job.view(), job.images());
+        let windows = match images {
             1 => windows(strips, view, context.tiles_per_window, halvings),
-            _ => vec![window_of_batch(view, pictures)],
+            _ => vec![window_of_batch(view, images)],
         };
         let tiles = windows.iter().map(Window::tiles).max().unwrap_or(0);
         let possible = key.gaussians.saturating_mul(tiles);
@@ -89,7 +89,7 @@ impl Bounds {
         let entries = known.map_or(FIRST_ENTRIES, |known| known.entries);
         let passes = entries.min(key.gaussians).min(capacity).div_ceil(each).max(1);
         let passes = u32::try_from(passes).unwrap_or(u32::MAX);
-        let plan = Plan { key, capacity, most, passes, halvings, is_finest: tiles <= 1, is_batch: pictures > 1 };
+        let plan = Plan { key, capacity, most, passes, halvings, is_finest: tiles <= 1, is_batch: images > 1 };
         (plan, windows)
     }
 

@@ -11,7 +11,7 @@ use crate::{Census, Channels, Rendering, SplatError, View};
 /// Images in device memory, split into strips of rows that the adapter can bind.
 #[derive(Clone, Debug)]
 pub struct GpuRendering {
-    /// In pixels; of a batch, that of its pictures stacked vertically.
+    /// In pixels; of a batch, that of its images stacked vertically.
     pub size: ImageSize,
     /// From top to bottom.
     pub strips: Vec<GpuStrip>,
@@ -34,18 +34,18 @@ pub struct GpuStrip {
 /// Bytes of the largest per-pixel record.
 const PIXEL_BYTES: u64 = 32;
 
-/// First row and number of rows of each strip of a picture, or of the stacked pictures of a batch, which have to fit one.
-pub(super) fn strips(context: &Context, view: &View, pictures: u32) -> Result<Vec<[u32; 2]>, SplatError> {
+/// First row and number of rows of each strip of an image, or of the stacked images of a batch, which have to fit one.
+pub(super) fn strips(context: &Context, view: &View, images: u32) -> Result<Vec<[u32; 2]>, SplatError> {
     view.check_size()?;
-    let bytes = PIXEL_BYTES * u64::from(pictures) * view.pixels() as u64;
-    if pictures > 1 && bytes > context.binding_limit {
+    let bytes = PIXEL_BYTES * u64::from(images) * view.pixels() as u64;
+    if images > 1 && bytes > context.binding_limit {
         let (adapter, limit) = (context.name.clone(), context.binding_limit);
         return Err(
             GpuError::TooLarge { adapter, what: "pixels of a batch", unit: "bytes", needed: bytes, limit }.into()
         );
     }
-    if pictures > 1 {
-        return Ok(vec![[0, pictures * view.size.height]]);
+    if images > 1 {
+        return Ok(vec![[0, images * view.size.height]]);
     }
     let row_of_tiles = PIXEL_BYTES * u64::from(TILE) * u64::from(view.size.width);
     let fitting = u32::try_from(context.binding_limit / row_of_tiles).unwrap_or(u32::MAX).min(u32::MAX / TILE);

@@ -37,14 +37,14 @@ impl<'a> Job<'a> {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "checked to be at most `MOST_VIEWS`")]
-    pub(super) const fn pictures(&self) -> u32 {
+    pub(super) const fn images(&self) -> u32 {
         self.views.len() as u32
     }
 
-    /// The size of the pictures below each other.
+    /// The size of the images below each other.
     pub(super) const fn size(&self) -> ImageSize {
         let ImageSize { width, height } = self.view().size;
-        ImageSize { width, height: height.saturating_mul(self.pictures()) }
+        ImageSize { width, height: height.saturating_mul(self.images()) }
     }
 
     pub(super) fn pixels(&self) -> u64 {
@@ -57,16 +57,16 @@ impl<'a> Job<'a> {
     }
 
     pub(super) fn splats(&self) -> u64 {
-        self.gaussians_of_scene() * u64::from(self.pictures())
+        self.gaussians_of_scene() * u64::from(self.images())
     }
 
     pub(super) const fn views_of_scene(&self) -> u32 {
         let scenes = if self.scenes > 1 { self.scenes } else { 1 };
-        self.pictures() / scenes
+        self.images() / scenes
     }
 
     pub(super) fn strips(&self, context: &Context) -> Result<Vec<[u32; 2]>, SplatError> {
-        images::strips(context, self.view(), self.pictures())
+        images::strips(context, self.view(), self.images())
     }
 
     /// Rejects jobs that cannot be rendered; does not check their size in memory.
@@ -95,7 +95,7 @@ impl<'a> Job<'a> {
         let limits = [
             ("views of a batch", "views", views as u64, MOST_VIEWS as u64),
             ("parts of the Gaussians of a batch", "parts", self.gaussians.parts.len() as u64, 1),
-            ("tiles of a picture of a batch", "tiles", tiles, context.tiles_per_window),
+            ("tiles of an image of a batch", "tiles", tiles, context.tiles_per_window),
         ];
         match limits.into_iter().find(|(.., needed, limit)| needed > limit) {
             Some((what, unit, needed, limit)) => {
@@ -113,7 +113,7 @@ impl<'a> Job<'a> {
             let block = flags.iter().fold(block, |block, (flag, on)| block.with_flag(*flag, *on));
             Ok(if self.is_batch() {
                 let splats = u32::try_from(self.gaussians_of_scene()).unwrap_or(u32::MAX);
-                block.in_batch(splats, self.views_of_scene(), self.pictures())
+                block.in_batch(splats, self.views_of_scene(), self.images())
             } else {
                 block
             })

@@ -100,7 +100,7 @@ impl GpuRenderer {
     }
 
     /// As [`Self::render_resident`] for several scenes at once: equal numbers of Gaussians, stored scene by scene, and equal numbers
-    /// of views, all of one size, those of the first scene first. Every kernel runs once for all of them. Pictures are stacked
+    /// of views, all of one size, those of the first scene first. Every kernel runs once for all of them. Images are stacked
     /// vertically; the census counts Gaussians of all views together.
     ///
     /// # Errors

@@ -57,7 +57,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
         other => GpuError::Refused { adapter: adapter.clone(), reason: other.to_string() },
     };
     let Case { gaussians, view, options, images } = Case::new().map_err(into_gpu_error)?;
-    begins(ProbeStage::Picture);
+    begins(ProbeStage::Image);
     let expected = reference::render(&gaussians, &view, &options).map_err(into_gpu_error)?;
     let actual = renderer.render(&gaussians, &view, &options).map_err(into_gpu_error)?;
     let check = |what: &str, difference: f64, bound: f64| {
@@ -66,7 +66,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
         if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
     };
     let counts =
-        [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_picture]);
+        [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_image]);
     let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
     check("census", miscounted as f64, 0.0)?;
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
@@ -158,7 +158,7 @@ mod tests {
         "fallback.rs",
         "panics.rs",
         "pending.rs",
-        "picture.rs",
+        "image.rs",
         "tests.rs",
         "verdict_cache.rs",
     ];

@@ -20,11 +20,11 @@ pub(super) struct Status {
 impl Status {
     pub(super) fn parse(adapter: &str, bytes: &[u8]) -> Result<Self, GpuError> {
         let words: Vec<u64> = bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word).into()).collect();
-        let [drawn, invalid, outside_depth, faint, outside_picture, incomplete, pairs, longest] = *words else {
+        let [drawn, invalid, outside_depth, faint, outside_image, incomplete, pairs, longest] = *words else {
             let reason = format!("status: expected {BYTES} bytes, found {}", bytes.len());
             return Err(GpuError::Device { adapter: adapter.to_owned(), reason });
         };
-        let census = Census { drawn, invalid, outside_depth, faint, outside_picture };
+        let census = Census { drawn, invalid, outside_depth, faint, outside_image };
         Ok(Self { census, is_incomplete: incomplete != 0, pairs, longest })
     }
 }

@@ -66,7 +66,7 @@ fn limiting_iterations_does_not_change_results() {
     }
 }
 
-/// One needle of this length at an angle in the picture's plane, in units of depth 3.
+/// One needle of this length at an angle in the image's plane, in units of depth 3.
 fn needle(length: f32, degrees: u16) -> Gaussians {
     let half = f32::from(degrees).to_radians() / 2.0;
     let parts = GaussianParts {

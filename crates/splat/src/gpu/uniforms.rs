@@ -107,15 +107,15 @@ impl ViewBlock {
             part: [0; 4],
             tiles: [0; 4],
             window: [0; 4],
-            // No index reaches a second picture.
+            // No index reaches a second image.
             batch: [u32::MAX, u32::MAX, 1, 1],
         }
     }
 
-    /// As a view in a batch of `pictures` with `splats` each.
-    pub(super) const fn in_batch(mut self, splats: u32, views_of_scene: u32, pictures: u32) -> Self {
+    /// As a view in a batch of `images` with `splats` each.
+    pub(super) const fn in_batch(mut self, splats: u32, views_of_scene: u32, images: u32) -> Self {
         let [width, height, ..] = self.image;
-        self.batch = [splats, width.div_ceil(TILE) * height.div_ceil(TILE), pictures, views_of_scene];
+        self.batch = [splats, width.div_ceil(TILE) * height.div_ceil(TILE), images, views_of_scene];
         self
     }
 

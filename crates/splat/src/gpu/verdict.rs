@@ -44,7 +44,7 @@ pub enum ProbeStage {
     /// The device is opened and its loop limit is probed.
     Opening,
     /// An image is rendered and compared.
-    Picture,
+    Image,
     /// Its gradients are computed and compared.
     Derivative,
 }

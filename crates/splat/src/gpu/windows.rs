@@ -11,13 +11,13 @@ pub(super) struct Window {
     /// Index of the image strip that contains it, and the strip's first pixel row.
     pub(super) strip: usize,
     pub(super) first_row: u32,
-    /// Pictures that have these tiles.
-    pub(super) pictures: u32,
+    /// Images that have these tiles.
+    pub(super) images: u32,
 }
 
 impl Window {
     pub(super) const fn tiles(&self) -> u64 {
-        (self.columns[1] - self.columns[0]) as u64 * (self.rows[1] - self.rows[0]) as u64 * self.pictures as u64
+        (self.columns[1] - self.columns[0]) as u64 * (self.rows[1] - self.rows[0]) as u64 * self.images as u64
     }
 
     /// Splits the window in two, the upper or left half first; `None` for a single tile.
@@ -54,15 +54,15 @@ pub(super) fn windows(strips: &[[u32; 2]], view: &View, most: u64, halvings: u32
         rows: [first_row / TILE, (first_row + rows).div_ceil(TILE)],
         strip,
         first_row: *first_row,
-        pictures: 1,
+        images: 1,
     };
     strips.iter().enumerate().map(of).flat_map(|window| window.split(most, halvings)).collect()
 }
 
-/// The window of a batch: all tiles of each picture.
-pub(super) const fn window_of_batch(view: &View, pictures: u32) -> Window {
+/// The window of a batch: all tiles of each image.
+pub(super) const fn window_of_batch(view: &View, images: u32) -> Window {
     let ImageSize { width, height } = view.size;
-    Window { columns: [0, width.div_ceil(TILE)], rows: [0, height.div_ceil(TILE)], strip: 0, first_row: 0, pictures }
+    Window { columns: [0, width.div_ceil(TILE)], rows: [0, height.div_ceil(TILE)], strip: 0, first_row: 0, images }
 }
 
 #[cfg(test)]
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn windows_cover_every_tile_once_in_order() {
-        let whole = Window { columns: [2, 5], rows: [1, 6], strip: 1, first_row: 16, pictures: 1 };
+        let whole = Window { columns: [2, 5], rows: [1, 6], strip: 1, first_row: 16, images: 1 };
         assert_eq!(whole.split(u64::MAX, 0), [whole]);
         assert_eq!(
             whole.split(u64::MAX, 1).iter().map(|window| window.rows).collect::<Vec<_>>(),

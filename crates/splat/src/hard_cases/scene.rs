@@ -151,7 +151,7 @@ impl HardCase {
     }
 
     /// Sets the expected counts: drawn, invalid, outside depth, faint, outside the image.
-    pub(super) fn with_census(self, [drawn, invalid, outside_depth, faint, outside_picture]: [u64; 5]) -> Self {
-        Self { census: Some(Census { drawn, invalid, outside_depth, faint, outside_picture }), ..self }
+    pub(super) fn with_census(self, [drawn, invalid, outside_depth, faint, outside_image]: [u64; 5]) -> Self {
+        Self { census: Some(Census { drawn, invalid, outside_depth, faint, outside_image }), ..self }
     }
 }

@@ -96,7 +96,7 @@ pub(crate) fn project(
         None => (focal * true_slope + optics.principal, focal),
         Some(lens) => match (lens.distorted_from_undistorted(true_slope), lens.jacobian(slope)) {
             (Ok(distorted), Ok(jacobian)) => (focal * distorted + optics.principal, focal * jacobian),
-            _ => return Err(Culled::OutsidePicture),
+            _ => return Err(Culled::OutsideImage),
         },
     };
     let jacobian = jacobian(pixel_from_slope, slope, in_camera.z);
@@ -128,7 +128,7 @@ pub(crate) fn project(
         return Err(Culled::Faint);
     }
     let covariance = [cov2d_blurred.x_axis.x, cov2d_blurred.x_axis.y, cov2d_blurred.y_axis.y];
-    let Some(reach) = reach(centre, covariance, opacity, size, constants) else { return Err(Culled::OutsidePicture) };
+    let Some(reach) = reach(centre, covariance, opacity, size, constants) else { return Err(Culled::OutsideImage) };
 
     let offset = mean - optics.centre;
     let distance = offset.length();

@@ -44,7 +44,7 @@ fn joined(scenes: &[Gaussians]) -> Gaussians {
     Gaussians::new(all).unwrap()
 }
 
-/// Image gradients of pictures below each other, on the device.
+/// Image gradients of images below each other, on the device.
 fn uploaded(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradients {
     let buffer = |values: Vec<[f32; 4]>| {
         let bytes: Vec<u8> = values.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
@@ -73,7 +73,7 @@ fn uploaded(gpu: &GpuRenderer, images: &[ImageGradients<f32>]) -> GpuImageGradie
 
 type Field = fn(&Gradients<f32>) -> &[f32];
 
-/// Three scenes with two views each: pictures, and gradients summed over the views of each scene.
+/// Three scenes with two views each: images, and gradients summed over the views of each scene.
 #[test]
 fn a_batch_equals_its_views_one_by_one() {
     let Some(mut gpu) = gpu() else { return };
@@ -95,7 +95,7 @@ fn a_batch_equals_its_views_one_by_one() {
             "view {at}"
         );
         assert!(batch.scalar.as_ref().unwrap()[own] == *alone.scalar.as_ref().unwrap(), "view {at}");
-        assert!(alone.census.drawn > 100 && alone.census.outside_picture > 0, "{:?}", alone.census);
+        assert!(alone.census.drawn > 100 && alone.census.outside_image > 0, "{:?}", alone.census);
         drawn += alone.census.drawn;
     }
     assert_eq!(batch.census.drawn, drawn);

@@ -130,12 +130,12 @@ fn matches_the_reference_for_extreme_shapes() {
     check(&mut gpu, &gaussians, &view, &everything(), "coincident");
 }
 
-/// Gaussians that cover the picture, with centres on both sides of the limits that every renderer has.
+/// Gaussians that cover the image, with centres on both sides of the limits that every renderer has.
 #[test]
 fn culls_centres_too_far_aside_or_too_deep() {
     let Some(mut gpu) = gpu() else { return };
     let view = straight(24, 18);
-    for (preset, mean, log_scale, [drawn, outside_depth, outside_picture]) in [
+    for (preset, mean, log_scale, [drawn, outside_depth, outside_image]) in [
         ("exact", [1e6, 0.0, 0.02], 25.0, [1, 0, 0]),
         ("exact", [1e9, 0.0, 0.02], 25.0, [0, 0, 1]),
         ("exact", [0.0, -1e9, 0.02], 25.0, [0, 0, 1]),
@@ -151,8 +151,8 @@ fn culls_centres_too_far_aside_or_too_deep() {
         let gaussians = Gaussians::new(parts).unwrap();
         let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };
         let expected = CpuRenderer::default().render(&gaussians, &view, &options).unwrap().census;
-        let counts = [expected.drawn, expected.outside_depth, expected.outside_picture];
-        assert_eq!(counts, [drawn, outside_depth, outside_picture], "{preset}, {mean:?}");
+        let counts = [expected.drawn, expected.outside_depth, expected.outside_image];
+        assert_eq!(counts, [drawn, outside_depth, outside_image], "{preset}, {mean:?}");
         let actual = gpu.render(&gaussians, &view, &options).unwrap();
         assert_eq!(actual.census, expected, "{preset}, {mean:?}");
         check(&mut gpu, &gaussians, &view, &options, &format!("{preset}, {mean:?}"));

@@ -71,21 +71,20 @@ fn splitting_into_parts_and_strips_changes_nothing() {
     let (gaussians, view) = (cloud(2000, 3, 19), view(97, 71));
     let resident = limited.upload(&gaussians).unwrap();
     let rendering = limited.render_resident(&resident, &view, &everything()).unwrap();
-    let picture_strips = &limited.settle(&rendering).unwrap().result.strips;
-    assert!(resident.parts().len() > 2 && picture_strips.len() > 2);
-    let picture = gpu.render(&gaussians, &view, &everything()).unwrap();
-    assert!(limited.read(&rendering).unwrap() == picture);
+    let image_strips = &limited.settle(&rendering).unwrap().result.strips;
+    assert!(resident.parts().len() > 2 && image_strips.len() > 2);
+    let image = gpu.render(&gaussians, &view, &everything()).unwrap();
+    assert!(limited.read(&rendering).unwrap() == image);
 
     let has_extras = |strip: usize| strip % 2 == 1;
-    let strips = picture_strips.iter().enumerate().map(|(n, strip)| GpuStripGradients {
+    let strips = image_strips.iter().enumerate().map(|(n, strip)| GpuStripGradients {
         colours: strip.colours.clone(),
         extras: strip.extras.clone().filter(|_| has_extras(n)),
     });
     let strips = GpuImageGradients { strips: strips.collect() };
     let gradients = limited.backward_resident(&resident, &view, &everything(), &strips).unwrap();
-    let mut own =
-        ImageGradients { rgb: picture.rgb, alpha: Some(picture.alpha), depth: picture.depth, scalar: picture.scalar };
-    for (n, strip) in picture_strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
+    let mut own = ImageGradients { rgb: image.rgb, alpha: Some(image.alpha), depth: image.depth, scalar: image.scalar };
+    for (n, strip) in image_strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
         let [from, past] = [strip.first_row, strip.first_row + strip.rows].map(|row| (row * view.size.width) as usize);
         for values in own.depth.iter_mut().chain(&mut own.scalar) {
             values[from..past].fill(0.0);

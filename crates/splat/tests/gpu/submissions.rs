@@ -2,7 +2,7 @@
 
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{
-    GpuCounts, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, PictureFormat, PictureNumbers,
+    GpuCounts, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients, ImageFormat, ImageNumbers,
 };
 use atsplat_splat::{Gaussians, RenderOptions, Renderer};
 
@@ -20,23 +20,23 @@ fn asked(counts: GpuCounts) -> [u64; 3] {
 }
 
 #[test]
-fn a_resident_picture_is_one_submission_and_reading_it_one_wait() {
+fn a_resident_image_is_one_submission_and_reading_it_one_wait() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     let resident = gpu.upload(&gaussians).unwrap();
     let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
 
-    let (picture, counts) = counted(&mut gpu, |gpu| gpu.render_resident(&resident, &view, &everything()).unwrap());
+    let (image, counts) = counted(&mut gpu, |gpu| gpu.render_resident(&resident, &view, &everything()).unwrap());
     assert_eq!(asked(counts), [1, 0, 0], "{counts:?}");
     assert!(counts.dispatches > 10 && counts.bytes_down == 0, "{counts:?}");
     assert!(counts.bytes_up < 64 << 10, "only uniform blocks: {counts:?}");
-    let (read, counts) = counted(&mut gpu, |gpu| gpu.read(&picture).unwrap());
+    let (read, counts) = counted(&mut gpu, |gpu| gpu.read(&image).unwrap());
     assert_eq!((asked(counts), counts.dispatches), ([1, 1, 0], 0), "{counts:?}");
     assert!(read == expected);
-    let (census, counts) = counted(&mut gpu, |gpu| gpu.settle(&picture).unwrap().census);
+    let (census, counts) = counted(&mut gpu, |gpu| gpu.settle(&image).unwrap().census);
     assert_eq!((asked(counts), census), ([0, 0, 0], expected.census), "known from reading");
 
-    let strip = &picture.unsettled().strips[0];
+    let strip = &image.unsettled().strips[0];
     let images = GpuImageGradients {
         strips: vec![GpuStripGradients { colours: strip.colours.clone(), extras: strip.extras.clone() }],
     };
@@ -50,22 +50,22 @@ fn a_resident_picture_is_one_submission_and_reading_it_one_wait() {
 }
 
 #[test]
-fn a_picture_for_the_host_is_one_submission_and_one_wait() {
+fn an_image_for_the_host_is_one_submission_and_one_wait() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
     let images = narrow(&image_gradients(&view));
     let mut both = || {
-        let (_, picture) = counted(&mut gpu, |gpu| gpu.render(&gaussians, &view, &everything()).unwrap());
+        let (_, image) = counted(&mut gpu, |gpu| gpu.render(&gaussians, &view, &everything()).unwrap());
         let (_, gradients) = counted(&mut gpu, |gpu| gpu.backward(&gaussians, &view, &everything(), &images).unwrap());
-        [picture, gradients]
+        [image, gradients]
     };
     both();
-    let [picture, gradients] = both();
-    assert_eq!([asked(picture), asked(gradients)], [[1, 1, 0]; 2], "{picture:?} {gradients:?}");
+    let [image, gradients] = both();
+    assert_eq!([asked(image), asked(gradients)], [[1, 1, 0]; 2], "{image:?} {gradients:?}");
     // Means, quaternions, scales, opacities, four coefficients, scalars; and uniform blocks.
     let uploaded = 4 * 3000 * (3 + 4 + 3 + 1 + 12 + 1);
-    assert!((uploaded..uploaded + (64 << 10)).contains(&picture.bytes_up), "{picture:?}");
-    assert!(picture.bytes_down >= 32 * 97 * 71, "two images of four f32: {picture:?}");
+    assert!((uploaded..uploaded + (64 << 10)).contains(&image.bytes_up), "{image:?}");
+    assert!(image.bytes_down >= 32 * 97 * 71, "two images of four f32: {image:?}");
 }
 
 /// Of many pairs, of lists longer than a loop allows, and of both; a single wait for several results.
@@ -90,17 +90,17 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
 
     let Some(mut short) = open(short) else { return };
     let resident = short.upload(&gaussians).unwrap();
-    let (pictures, counts) =
+    let (images, counts) =
         counted(&mut short, |gpu| [(); 2].map(|()| gpu.render_resident(&resident, &view, &everything()).unwrap()));
     assert_eq!(asked(counts), [2, 0, 0], "{counts:?}");
     let (settled, counts) = counted(&mut short, |gpu| {
-        let settled = gpu.settle_all(&[&pictures[0], &pictures[1]]).unwrap();
+        let settled = gpu.settle_all(&[&images[0], &images[1]]).unwrap();
         settled.iter().map(|settled| (settled.was_repeated, settled.census)).collect::<Vec<_>>()
     });
     assert_eq!(settled, [(true, expected.census); 2]);
     assert_eq!((counts.waits, counts.repeats), (2, 2), "one wait for both, and one for both repeated: {counts:?}");
-    for picture in &pictures {
-        assert!(short.read(picture).unwrap() == expected);
+    for image in &images {
+        assert!(short.read(image).unwrap() == expected);
     }
     let (next, counts) = counted(&mut short, |gpu| {
         let next = gpu.render_resident(&resident, &view, &everything()).unwrap();
@@ -111,7 +111,7 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
 
 /// Converted on the device; of several strips, whose lengths are no whole words; after a repeat, too.
 #[test]
-fn pictures_are_read_in_the_format_asked_for() {
+fn images_are_read_in_the_format_asked_for() {
     let short = GpuOptions { binding_limit: 64 << 10, first_pairs: 100, ..GpuOptions::default() };
     let (Some(mut gpu), Some(mut limited)) = (gpu(), open(short)) else { return };
     let mut parts = cloud(2000, 0, 7).into_parts();
@@ -122,35 +122,34 @@ fn pictures_are_read_in_the_format_asked_for() {
     // With the bytes of a staging buffer: one wait each time it is filled.
     for (gpu, staging) in [(&mut *gpu, 64 << 20), (&mut limited, 64 << 10)] {
         let resident = gpu.upload(&gaussians).unwrap();
-        for (numbers, alpha) in [PictureNumbers::U8, PictureNumbers::F16, PictureNumbers::F32]
-            .into_iter()
-            .flat_map(|n| [(n, false), (n, true)])
+        for (numbers, alpha) in
+            [ImageNumbers::U8, ImageNumbers::F16, ImageNumbers::F32].into_iter().flat_map(|n| [(n, false), (n, true)])
         {
             let rendering = gpu.render_resident(&resident, &view, &RenderOptions::default()).unwrap();
-            let format = PictureFormat { numbers, alpha };
-            let (picture, counts) = counted(gpu, |gpu| gpu.read_picture(&rendering, format).unwrap());
+            let format = ImageFormat { numbers, alpha };
+            let (image, counts) = counted(gpu, |gpu| gpu.read_image(&rendering, format).unwrap());
             let colours = expected.rgb.iter().zip(&expected.alpha);
             let values: Vec<f32> =
                 colours.flat_map(|(rgb, own)| rgb.iter().copied().chain(alpha.then_some(*own))).collect();
-            let bytes = picture.bytes.as_slice();
+            let bytes = image.bytes.as_slice();
             match numbers {
-                PictureNumbers::U8 => {
+                ImageNumbers::U8 => {
                     // The nearest level, or either of two between which a value lies.
                     let levels = values.iter().map(|value| 255.0 * f64::from(value.clamp(0.0, 1.0)));
                     Tolerance::absolute(0.5 + 1e-4).assert(bytes.iter().map(|byte| f64::from(*byte)), levels, "levels");
                 }
-                PictureNumbers::F16 => {
+                ImageNumbers::F16 => {
                     let halves: Vec<f64> =
                         bytes.as_chunks().0.iter().map(|two| half(u16::from_le_bytes(*two))).collect();
                     let near = Tolerance { absolute: 1e-7, relative: 1.0 / 1024.0 };
                     near.assert(halves, values.iter().map(|value| f64::from(*value)), "halves");
                 }
-                PictureNumbers::F32 => {
+                ImageNumbers::F32 => {
                     let words = bytes.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word).to_bits());
                     assert!(words.eq(values.iter().map(|value| value.to_bits())), "alpha {alpha}");
                 }
             }
-            assert_eq!(picture.census, expected.census);
+            assert_eq!(image.census, expected.census);
             if counts.repeats == 0 {
                 let loads = counts.bytes_down.div_ceil(staging);
                 assert_eq!(asked(counts), [loads, loads, 0], "{counts:?}");
@@ -168,7 +167,7 @@ fn half(bits: u16) -> f64 {
     if sign == 1 { -size } else { size }
 }
 
-/// Where memory holds fewer pairs than a picture has, it is rendered in windows; their number is learnt, too.
+/// Where memory holds fewer pairs than an image has, it is rendered in windows; their number is learnt, too.
 #[test]
 fn windows_are_learnt() {
     let small = GpuOptions { binding_limit: 64 << 10, ..GpuOptions::default() };

@@ -79,7 +79,7 @@ impl TrainConfig {
         Ok(NonZeroUsize::new(model.coarse.patch_size * model.coarse.image_downscale))
     }
 
-    /// Checks the configuration against its network: patches divide the pictures of every source of known picture size,
+    /// Checks the configuration against its network: patches divide the images of every source of known image size,
     /// those of the training have the scale of the network's resolution, samples that go together expand as many tokens, only a
     /// frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
@@ -97,7 +97,7 @@ impl TrainConfig {
         for (at, (field, source)) in self.sources().enumerate() {
             let (field, Some(size)) = sized(&field, source)? else { continue };
             check_size(&field, size, model)?;
-            // Inference resizes pictures to the scale of the model's resolution, so those of the training must have that scale too.
+            // Inference resizes images to the scale of the model's resolution, so those of the training must have that scale too.
             if at < self.data.len() && shorter(size) != shorter(model.resolution) {
                 let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
                 return refuse(field, &expected, size);
@@ -114,7 +114,7 @@ impl TrainConfig {
     }
 }
 
-/// The field that decides the size of a source's pictures, and that size, if it is known before one is read.
+/// The field that decides the size of a source's images, and that size, if it is known before one is read.
 fn sized(field: &str, source: &SourceConfig) -> Result<(String, Option<ImageSize>), TrainError> {
     Ok(match source {
         SourceConfig::Rooms(rooms) => (format!("{field}.rooms.size"), Some(rooms.size)),
@@ -124,7 +124,7 @@ fn sized(field: &str, source: &SourceConfig) -> Result<(String, Option<ImageSize
     })
 }
 
-/// Size of a protocol's preprocessed pictures, if the protocol states the source size or crops any picture to one size.
+/// Size of a protocol's preprocessed images, if the protocol states the source size or crops any image to one size.
 fn size_of(preset: &Preset) -> Option<ImageSize> {
     let preprocessing = &preset.preprocessing;
     let size = match (preprocessing.expected_size, preprocessing.steps.last()) {
@@ -224,9 +224,9 @@ fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, T
 mod tests {
     use super::*;
 
-    /// By the shorter side, as inference resizes; of any picture, as the preset scales and crops it to that size.
+    /// By the shorter side, as inference resizes; of any image, as the preset scales and crops it to that size.
     #[test]
-    fn pictures_of_a_dataset_have_the_scale_of_the_models_resolution() {
+    fn images_of_a_dataset_have_the_scale_of_the_models_resolution() {
         let check = |model: &str, preset: &str| {
             let text = format!(
                 "title = 'a dataset'\nseed = 1\nsteps = 8\nbatch = 3\nmodel = {{ base = '{model}' }}\n[[data]]\n\
@@ -246,10 +246,10 @@ mod tests {
         assert!(error.contains("128x128, found 256x256"), "{error}");
     }
 
-    /// Of several sources, the one that is wrong is named, and so is the file when the configuration is read from one. Pictures of an
+    /// Of several sources, the one that is wrong is named, and so is the file when the configuration is read from one. Images of an
     /// evaluation may have another scale, but patches must divide them.
     #[test]
-    fn the_source_with_pictures_of_another_scale_is_named() {
+    fn the_source_with_images_of_another_scale_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.toml");
         let read = |first: &str, second: &str, evaluation: &str, share: &str| {

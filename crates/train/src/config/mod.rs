@@ -185,7 +185,7 @@ impl TrainConfig {
     ///
     /// # Errors
     /// [`TrainError::Io`]; [`TrainError::Malformed`] with file and field if the text is not a configuration or cannot
-    /// train: views that no clip offers, pictures that the network's patches do not divide or of another scale than its
+    /// train: views that no clip offers, images that the network's patches do not divide or of another scale than its
     /// resolution; [`TrainError::InFile`] around errors of the network's configuration and of presets.
     pub fn read(path: &Path) -> Result<Self, TrainError> {
         let config: Self = derived::read(path)?;

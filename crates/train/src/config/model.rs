@@ -17,8 +17,8 @@ pub struct ModelChoice {
     /// weights file, which must be the same up to the rounding of that file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backbone: Option<PathBuf>,
-    /// Folder that caches the frozen backbone's features, so that each picture goes through it once. It grows with every new
-    /// picture drawn: at 256×256 with ViT-B, by 0.8 MB each.
+    /// Folder that caches the frozen backbone's features, so that each image goes through it once. It grows with every new
+    /// image drawn: at 256×256 with ViT-B, by 0.8 MB each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feature_cache: Option<PathBuf>,
     /// Fields of the model's configuration to be changed.

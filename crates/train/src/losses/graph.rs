@@ -1,4 +1,4 @@
-//! The losses as operations of burn's graph, on whatever device the pictures are: for graphics adapters, where copying pictures to
+//! The losses as operations of burn's graph, on whatever device the images are: for graphics adapters, where copying images to
 //! the host takes longer than their losses. On the CPU, the closed forms beside this file are faster.
 
 use atsplat_metrics::ssim::gaussian;
@@ -7,7 +7,7 @@ use burn::tensor::{Device, TensorData};
 
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
-/// Subtracted from the pictures, so that their variances keep more digits.
+/// Subtracted from the images, so that their variances keep more digits.
 const GREY: f64 = 0.5;
 
 /// The mean of each sample's values; samples follow each other along the first dimension, with equal numbers of values.
@@ -44,19 +44,19 @@ pub fn log_distance(predicted: Tensor<2>, exact: &[&[f32]]) -> Tensor<1> {
     ((known.log() - exact.log()).abs() * weight).sum_dim(1).squeeze_dim::<1>(1) / counts
 }
 
-/// `1 − SSIM` as 3DGS's training computes it, of pictures of one size.
+/// `1 − SSIM` as 3DGS's training computes it, of images of one size.
 #[derive(Clone, Debug)]
 pub struct DSsim {
     /// The window down the columns, `[1, 1, height, height]`.
     down: Tensor<4>,
     /// The window along the rows, `[1, 1, width, width]`.
     along: Tensor<4>,
-    /// What of each pixel's window is outside the picture, which is black there.
+    /// What of each pixel's window is outside the image, which is black there.
     outside: Tensor<4>,
 }
 
 impl DSsim {
-    /// For pictures of `height × width` pixels on a device.
+    /// For images of `height × width` pixels on a device.
     pub fn new([height, width]: [usize; 2], device: &Device) -> Self {
         let [down, along] = [height, width]
             .map(|side| Tensor::<4>::from_data(TensorData::new(window(side), [1, 1, side, side]), device));
@@ -64,9 +64,9 @@ impl DSsim {
         Self { down, along, outside: inside * -1.0 + 1.0 }
     }
 
-    /// `1 − SSIM` of pictures `[views, height, width, 3]` at each pixel and channel, `[views, 3, height, width]`.
+    /// `1 − SSIM` of images `[views, height, width, 3]` at each pixel and channel, `[views, 3, height, width]`.
     pub fn map(&self, render: Tensor<4>, truth: Tensor<4>) -> Tensor<4> {
-        let [x, y] = [render, truth].map(|pictures| pictures.permute([0, 3, 1, 2]) - GREY);
+        let [x, y] = [render, truth].map(|images| images.permute([0, 3, 1, 2]) - GREY);
         let [views, ..] = x.dims();
         let products = [x.clone().square() + y.clone().square(), x.clone() * y.clone()];
         let [squares, both] = products;
@@ -86,7 +86,7 @@ impl DSsim {
     }
 }
 
-/// The window around each of `side` pixels as a matrix, symmetric; zeros around the picture are left out.
+/// The window around each of `side` pixels as a matrix, symmetric; zeros around the image are left out.
 #[expect(clippy::cast_possible_truncation, reason = "the window in f32")]
 fn window(side: usize) -> Vec<f32> {
     let taps = gaussian();

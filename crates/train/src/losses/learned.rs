@@ -66,7 +66,7 @@ impl Learned {
         sha256: String,
         device: &Device,
     ) -> Result<Self, TrainError> {
-        // Weights are constants; only the picture has a gradient.
+        // Weights are constants; only the image has a gradient.
         let numbers = |stored: &StoredTensors, name: &str, shape: &[usize]| {
             let tensor = stored.tensors.get(name).filter(|tensor| tensor.shape() == shape);
             let absent = || TrainError::malformed(network.name(), name, format!("a tensor of shape {shape:?}"), "none");
@@ -96,8 +96,8 @@ impl Learned {
         format!("{}, weights {}", self.network.name(), self.sha256)
     }
 
-    /// The distance of pictures `[pictures, height, width, 3]`, mean over the views of each sample, the same number in all; no
-    /// gradient reaches the second. Pictures are not clamped, as in the training of LPIPS itself.
+    /// The distance of images `[images, height, width, 3]`, mean over the views of each sample, the same number in all; no
+    /// gradient reaches the second. Images are not clamped, as in the training of LPIPS itself.
     pub fn distance(&self, render: Tensor<4>, truth: Tensor<4>, samples: usize) -> Tensor<1> {
         let mut distance = Tensor::<1>::zeros([samples], &render.device());
         for ((ours, theirs), head) in self.features(render).into_iter().zip(self.features(truth)).zip(&self.heads) {
@@ -115,22 +115,22 @@ impl Learned {
         let Stack { views, height, width } = stack;
         #[expect(clippy::expect_used, reason = "every network has five heads")]
         let device = self.heads.first().expect("a head").device();
-        let pictures = |values: &[f32]| {
+        let images = |values: &[f32]| {
             Tensor::<4>::from_data(TensorData::new(values.to_vec(), [views, height, width, 3]), &device)
         };
-        let render = pictures(render).require_grad();
-        let distance = self.distance(render.clone(), pictures(truth), 1);
+        let render = images(render).require_grad();
+        let distance = self.distance(render.clone(), images(truth), 1);
         let value = f64::from(distance.clone().into_scalar::<f32>());
         #[expect(clippy::expect_used, reason = "the distance depends on the render")]
         let gradient = render.grad(&distance.backward()).expect("a gradient of the render");
         Loss { value, gradient: f32_values(gradient) }
     }
 
-    /// Five feature maps of pictures `[views, height, width, 3]`, normalised over the channels of each pixel.
-    fn features(&self, pictures: Tensor<4>) -> Vec<Tensor<4>> {
-        let device = pictures.device();
+    /// Five feature maps of images `[views, height, width, 3]`, normalised over the channels of each pixel.
+    fn features(&self, images: Tensor<4>) -> Vec<Tensor<4>> {
+        let device = images.device();
         let [shift, scale] = SCALING.map(|numbers| Tensor::<1>::from_floats(numbers, &device).reshape([1, 1, 1, 3]));
-        let scaled = (pictures * 2.0 - 1.0 - shift) / scale;
+        let scaled = (images * 2.0 - 1.0 - shift) / scale;
         let mut at = scaled.permute([0, 3, 1, 2]);
         let mut maps = Vec::new();
         for layer in &self.layers {

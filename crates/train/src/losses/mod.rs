@@ -1,10 +1,10 @@
-//! The paper's losses as functions of pictures: value and gradient, in closed form where one exists.
+//! The paper's losses as functions of images: value and gradient, in closed form where one exists.
 //!
-//! A loss takes rendered pictures as plain values, and its gradient enters the graph at the renderer's output. So every term
+//! A loss takes rendered images as plain values, and its gradient enters the graph at the renderer's output. So every term
 //! is checked for NaN before anything is propagated, and a stop-gradient cannot leak: the error map of the uncertainty loss
-//! has no graph behind it. On graphics adapters the losses are part of the graph instead ([`graph`]), and pictures stay there.
+//! has no graph behind it. On graphics adapters the losses are part of the graph instead ([`graph`]), and images stay there.
 //!
-//! Pictures are view by view, row by row, red, green, blue. The order of sums is fixed, so that results do not depend on the
+//! Images are view by view, row by row, red, green, blue. The order of sums is fixed, so that results do not depend on the
 //! number of threads.
 
 mod d_ssim;
@@ -22,19 +22,19 @@ pub use mse::mse;
 pub use perceptual::Perceptual;
 pub use uncertainty::uncertainty;
 
-/// Dimensions of a stack of pictures.
+/// Dimensions of a stack of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stack {
-    /// Number of pictures.
+    /// Number of images.
     pub views: usize,
-    /// Rows of each picture.
+    /// Rows of each image.
     pub height: usize,
-    /// Columns of each picture.
+    /// Columns of each image.
     pub width: usize,
 }
 
 impl Stack {
-    /// Pixels of one picture.
+    /// Pixels of one image.
     pub const fn pixels(self) -> usize {
         self.height * self.width
     }
@@ -45,17 +45,17 @@ impl Stack {
     }
 }
 
-/// A loss and its gradient with respect to the rendered pictures.
+/// A loss and its gradient with respect to the rendered images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loss {
     /// Mean over all values.
     pub value: f64,
-    /// One number per value of the pictures.
+    /// One number per value of the images.
     pub gradient: Vec<f32>,
 }
 
 impl Loss {
-    /// Adds `weight` times another loss of the same pictures.
+    /// Adds `weight` times another loss of the same images.
     #[expect(clippy::cast_possible_truncation, reason = "weights are moderate numbers")]
     pub(crate) fn add(&mut self, other: &Self, weight: f64) {
         self.value += weight * other.value;

@@ -45,7 +45,7 @@ impl Perceptual {
         }
     }
 
-    /// The loss of pictures `[pictures, height, width, 3]` on their device, mean over the views of each sample.
+    /// The loss of images `[images, height, width, 3]` on their device, mean over the views of each sample.
     pub fn in_graph(&self, render: Tensor<4>, truth: Tensor<4>, d_ssim: &graph::DSsim, samples: usize) -> Tensor<1> {
         match self {
             Self::DSsim => graph::means(d_ssim.map(render, truth), samples),

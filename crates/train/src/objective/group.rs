@@ -55,7 +55,7 @@ impl Run {
         self.samples.len()
     }
 
-    /// The first targets of every sample, `[pictures, height, width, 3]`.
+    /// The first targets of every sample, `[images, height, width, 3]`.
     pub(super) fn truth(&self, views: usize) -> Tensor<4> {
         let Stack { height, width, .. } = self.stack;
         self.truth.clone().slice_dim(1, 0..views).reshape([self.count() * views, height, width, 3])
@@ -85,12 +85,12 @@ impl<'a> Group<'a> {
         #[expect(clippy::expect_used, reason = "`chunk_by` gives at least one")]
         let stack = samples.first().expect("a sample").targets.stack();
         let Stack { views, height, width } = stack;
-        let pictures = samples.iter().flat_map(|sample| sample.targets.pictures.iter().copied()).collect();
-        let pictures = TensorData::new::<f32, _>(pictures, [samples.len(), views, height, width, 3]);
+        let images = samples.iter().flat_map(|sample| sample.targets.images.iter().copied()).collect();
+        let images = TensorData::new::<f32, _>(images, [samples.len(), views, height, width, 3]);
         let of_size = |run: &&Run| (run.stack.height, run.stack.width) == (height, width);
         let known = self.runs.iter().find(of_size).map(|run| run.d_ssim.clone());
         let d_ssim = known.unwrap_or_else(|| graph::DSsim::new([height, width], &self.device));
-        Run { samples: range, stack, truth: Tensor::from_data(pictures, &self.device), d_ssim }
+        Run { samples: range, stack, truth: Tensor::from_data(images, &self.device), d_ssim }
     }
 
     /// Adds a loss with a known gradient with respect to an image.

@@ -1,7 +1,7 @@
 //! The loss of samples and its gradient with respect to every parameter.
 
 mod group;
-mod pictures;
+mod images;
 mod terms;
 
 use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, Views};
@@ -23,7 +23,7 @@ use terms::Clock;
 /// A group of samples, which go through the network together, and what else decides their losses.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupInput<'a> {
-    /// The samples, with equal numbers and sizes of context pictures.
+    /// The samples, with equal numbers and sizes of context images.
     pub samples: &'a [Sample],
     /// Cache of a frozen backbone's features.
     pub features: Option<&'a FeatureCache>,
@@ -67,7 +67,7 @@ pub struct FlatGradient {
 pub struct Objective {
     config: LossConfig,
     perceptual: Perceptual,
-    /// Whether losses are part of the graph, so that no picture leaves the device.
+    /// Whether losses are part of the graph, so that no image leaves the device.
     in_graph: bool,
 }
 
@@ -90,7 +90,7 @@ impl Objective {
         Ok(Self { config, perceptual, in_graph: false })
     }
 
-    /// The same loss as part of the graph on a device with gradients: rendered pictures do not leave it. Values and gradients are
+    /// The same loss as part of the graph on a device with gradients: rendered images do not leave it. Values and gradients are
     /// those of [`Self::new`] up to rounding.
     ///
     /// # Errors
@@ -144,7 +144,7 @@ impl Objective {
         let mut clock = Clock::start();
         let refused = |error: &dyn std::fmt::Display| FaultKind::Refused(error.to_string());
         let views = |sample: &Sample| {
-            finite_pictures(sample)?;
+            finite_images(sample)?;
             let views = features.map_or_else(|| sample.context.views(), |own| own.views(network, &sample.context));
             views.map_err(|error| refused(&error))
         };
@@ -289,11 +289,11 @@ pub(crate) fn target_views(sample: &Sample, count: usize) -> Vec<View> {
     sample.targets.cameras.iter().take(count).map(|&camera| View { camera, size }).collect()
 }
 
-fn finite_pictures(sample: &Sample) -> Result<(), FaultKind> {
+fn finite_images(sample: &Sample) -> Result<(), FaultKind> {
     for (what, posed) in [("context", &sample.context), ("target", &sample.targets)] {
-        let broken = (0..posed.cameras.len()).find(|view| posed.picture(*view).iter().any(|value| !value.is_finite()));
+        let broken = (0..posed.cameras.len()).find(|view| posed.image(*view).iter().any(|value| !value.is_finite()));
         if let Some(view) = broken {
-            return Err(FaultKind::Picture(format!("{what} picture {view}")));
+            return Err(FaultKind::Image(format!("{what} image {view}")));
         }
     }
     Ok(())

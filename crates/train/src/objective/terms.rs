@@ -65,7 +65,7 @@ pub struct PartSeconds {
     pub forward: f64,
     /// The splatter, forward, all sets.
     pub splat: f64,
-    /// Losses and their gradients with respect to the pictures.
+    /// Losses and their gradients with respect to the images.
     pub losses: f64,
     /// Splatter and network, backward.
     pub backward: f64,

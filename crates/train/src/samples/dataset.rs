@@ -15,7 +15,7 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
 use super::exclude::scene_name;
-use super::{ExcludedScenes, PosedPictures, RefusedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
+use super::{ExcludedScenes, PosedImages, RefusedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
 use crate::config::WHAT;
 
@@ -155,10 +155,10 @@ impl DatasetSource {
         }
     }
 
-    /// Counts a picture whose header or content cannot be read, unless an earlier sample had it.
+    /// Counts an image whose header or content cannot be read, unless an earlier sample had it.
     fn count_unreadable(&self, key: &str, reason: &str) {
         let mut warnings = Warnings::new();
-        warnings.push(WarningKind::UnreadablePicture, key, reason);
+        warnings.push(WarningKind::UnreadableImage, key, reason);
         self.count_trial(&warnings);
     }
 
@@ -177,17 +177,17 @@ impl DatasetSource {
         let (trial, truths) = match trial {
             Some(Ok(trial)) => trial,
             Some(Err(skipped)) => {
-                if skipped.reason == SkipReason::PictureUnreadable {
+                if skipped.reason == SkipReason::ImageUnreadable {
                     self.count_unreadable(key, &skipped.detail);
                 }
                 return Err(format!("{name}: {}", skipped.detail));
             }
             None => return Err(format!("{name}: no trial")),
         };
-        let context = trial.context().iter().map(|view| Ok((view.camera, view.picture()?)));
+        let context = trial.context().iter().map(|view| Ok((view.camera, view.image()?)));
         let targets = trial.targets().iter().zip(0..).filter_map(|(target, position)| {
-            let picture = truths.get(position)?;
-            Some(picture.map(|picture| (target.camera, picture)))
+            let image = truths.get(position)?;
+            Some(image.map(|image| (target.camera, image)))
         });
         let unreadable = |error: ProtocolError| {
             let reason = error.to_string();
@@ -198,21 +198,21 @@ impl DatasetSource {
         let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(unreadable)?);
         match (context, targets) {
             (Some(context), Some(targets)) => Ok(Sample { name, context, targets, distances: None }),
-            _ => Err(format!("{name}: expected pictures of one size")),
+            _ => Err(format!("{name}: expected images of one size")),
         }
     }
 }
 
-/// `None` if pictures differ in size or there are none.
-fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<PosedPictures> {
-    let size_of = |picture: &ImageU8| ImageSize::new(picture.height() as usize, picture.width() as usize);
-    let size = views.first().map(|(_, picture)| size_of(picture))?;
-    if views.iter().any(|(_, picture)| size_of(picture) != size) {
+/// `None` if images differ in size or there are none.
+fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<PosedImages> {
+    let size_of = |image: &ImageU8| ImageSize::new(image.height() as usize, image.width() as usize);
+    let size = views.first().map(|(_, image)| size_of(image))?;
+    if views.iter().any(|(_, image)| size_of(image) != size) {
         return None;
     }
-    let bytes = views.iter().flat_map(|(_, picture)| picture.samples());
-    let pictures = bytes.map(|byte| f32::from(*byte) / 255.0).collect();
-    Some(PosedPictures { size, pictures, cameras: views.iter().map(|(camera, _)| *camera).collect() })
+    let bytes = views.iter().flat_map(|(_, image)| image.samples());
+    let images = bytes.map(|byte| f32::from(*byte) / 255.0).collect();
+    Some(PosedImages { size, images, cameras: views.iter().map(|(camera, _)| *camera).collect() })
 }
 
 impl Source for DatasetSource {

@@ -42,7 +42,7 @@ pub(super) fn of_view(camera: &Camera, size: ImageSize, depth: &[f32], patch: us
         // The lower of the two middle values: a mean of a wall and the sky would be neither.
         let middle = distances.get(distances.len().saturating_sub(1) / 2).copied();
         #[expect(clippy::cast_possible_truncation, clippy::expect_used, reason = "f32 is stored; patches have pixels")]
-        let middle = middle.expect("a patch inside the picture") as f32;
+        let middle = middle.expect("a patch inside the image") as f32;
         middle
     };
     (0..height / patch)

@@ -1,22 +1,22 @@
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, Distortion, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
 
-use super::{PatchDistances, PosedPictures, Sample};
+use super::{PatchDistances, PosedImages, Sample};
 
 /// x ↦ −x, of the world and of every camera.
 const MIRROR: DMat3 = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
 
-/// The mirrored scene: pictures swap left and right, and cameras move to their mirror images. A pose is mirrored on both
+/// The mirrored scene: images swap left and right, and cameras move to their mirror images. A pose is mirrored on both
 /// sides (world and camera), so that its rotation stays a rotation.
 ///
 /// # Errors
 /// [`CameraError`] for invalid poses.
 pub fn mirrored(sample: &Sample) -> Result<Sample, CameraError> {
-    let posed = |posed: &PosedPictures| -> Result<PosedPictures, CameraError> {
+    let posed = |posed: &PosedImages| -> Result<PosedImages, CameraError> {
         let row = (posed.size.width * 3).max(1);
-        let pictures = posed.pictures.chunks_exact(row).flat_map(|row| row.as_chunks::<3>().0.iter().rev().flatten());
+        let images = posed.images.chunks_exact(row).flat_map(|row| row.as_chunks::<3>().0.iter().rev().flatten());
         let cameras: Result<Vec<Camera>, CameraError> = posed.cameras.iter().map(mirrored_camera).collect();
-        Ok(PosedPictures { size: posed.size, pictures: pictures.copied().collect(), cameras: cameras? })
+        Ok(PosedImages { size: posed.size, images: images.copied().collect(), cameras: cameras? })
     };
     Ok(Sample {
         name: format!("{}, mirrored", sample.name),

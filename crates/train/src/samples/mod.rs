@@ -30,27 +30,27 @@ use crate::TrainError;
 use crate::fault::{FaultKind, SampleFault};
 use crate::losses::Stack;
 
-/// Context views and target views with their pictures, in the network's frame.
+/// Context views and target views with their images, in the network's frame.
 #[derive(Clone, Debug)]
 pub struct Sample {
     /// Scene and frames, for messages.
     pub name: String,
     /// Input of the network.
-    pub context: PosedPictures,
+    pub context: PosedImages,
     /// Ground truth of the renders.
-    pub targets: PosedPictures,
+    pub targets: PosedImages,
     /// Exact distances behind the context's patches, if the source knows them and the loss needs them.
     pub distances: Option<PatchDistances>,
 }
 
-/// Pictures of one size with their cameras.
+/// Images of one size with their cameras.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PosedPictures {
-    /// Size of every picture.
+pub struct PosedImages {
+    /// Size of every image.
     pub size: ImageSize,
     /// View by view, row by row, red, green, blue in 0…1.
-    pub pictures: Vec<f32>,
-    /// One camera per picture.
+    pub images: Vec<f32>,
+    /// One camera per image.
     pub cameras: Vec<Camera>,
 }
 
@@ -98,27 +98,27 @@ pub trait Source: Send + Sync + std::fmt::Debug {
     }
 }
 
-impl PosedPictures {
-    /// Dimensions of the pictures.
+impl PosedImages {
+    /// Dimensions of the images.
     pub fn stack(&self) -> Stack {
         Stack { views: self.cameras.len(), height: self.size.height, width: self.size.width }
     }
 
-    /// The pictures as the network's input.
+    /// The images as the network's input.
     ///
     /// # Errors
-    /// [`atsplat_model::ModelError`] for pictures with NaN.
+    /// [`atsplat_model::ModelError`] for images with NaN.
     pub fn views(&self) -> Result<Views, TrainError> {
-        Ok(Views::new(self.size, self.pictures.clone(), self.cameras.clone())?)
+        Ok(Views::new(self.size, self.images.clone(), self.cameras.clone())?)
     }
 
-    /// One picture.
+    /// One image.
     ///
     /// # Panics
     /// If there is no such view.
-    pub fn picture(&self, view: usize) -> &[f32] {
+    pub fn image(&self, view: usize) -> &[f32] {
         let length = self.stack().pixels() * 3;
-        &self.pictures[view * length..(view + 1) * length]
+        &self.images[view * length..(view + 1) * length]
     }
 }
 
@@ -169,11 +169,11 @@ fn first_sample(
     Err(TrainError::NoSample { source_name: source.name(), attempts: ATTEMPTS, reason })
 }
 
-/// A size for the renderer and pictures, which count in 32 bits.
+/// A size for the renderer and images, which count in 32 bits.
 #[expect(clippy::expect_used, reason = "2³² pixels a side would not fit into memory")]
 pub(crate) fn pixel_size(size: ImageSize) -> atsplat_camera::ImageSize {
     let [height, width] =
-        [size.height, size.width].map(|side| u32::try_from(side).expect("a picture of fewer than 2³² pixels a side"));
+        [size.height, size.width].map(|side| u32::try_from(side).expect("an image of fewer than 2³² pixels a side"));
     atsplat_camera::ImageSize { width, height }
 }
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    NormalisedCameras, PatchDistances, PosedPictures, RefusedDraws, Sample, SampleId, Source, ViewChoice, distances,
+    NormalisedCameras, PatchDistances, PosedImages, RefusedDraws, Sample, SampleId, Source, ViewChoice, distances,
     first_sample, normalised, pixel_size,
 };
 use crate::TrainError;
@@ -31,7 +31,7 @@ pub struct RoomsConfig {
     /// Index of the first scene.
     #[serde(default)]
     pub first: u32,
-    /// Height and width of pictures, in pixels.
+    /// Height and width of images, in pixels.
     pub size: ImageSize,
     /// Rays per pixel.
     #[serde(default = "four")]
@@ -52,7 +52,7 @@ impl RoomsConfig {
         self.first.saturating_add(self.scenes.get() - 1)
     }
 
-    /// The scenes and the size of their pictures. The text is the key of the stream of draws: another one gives other samples.
+    /// The scenes and the size of their images. The text is the key of the stream of draws: another one gives other samples.
     fn scenes_and_size(&self) -> String {
         format!("{} {} {} to {} at {}", self.scenes_of, self.split, self.first, self.last(), self.size)
     }
@@ -93,7 +93,7 @@ struct Clip {
     frames: Vec<usize>,
     cameras: Vec<Camera>,
     /// 8-bit samples, as in a file.
-    pictures: Vec<OnceLock<Vec<u8>>>,
+    images: Vec<OnceLock<Vec<u8>>>,
     /// Distances of each frame's patches, in metres.
     distances: Vec<OnceLock<Vec<f32>>>,
 }
@@ -111,14 +111,14 @@ impl Clip {
     fn new(simulation: Simulation, stride: usize) -> Result<Self, TrainError> {
         let frames: Vec<usize> = (0..simulation.shots().len()).step_by(stride).collect();
         let cameras = frames.iter().map(|frame| simulation.camera(*frame)).collect::<Result<_, _>>()?;
-        let (pictures, distances) = frames.iter().map(|_| (OnceLock::new(), OnceLock::new())).unzip();
-        Ok(Self { simulation, frames, cameras, pictures, distances })
+        let (images, distances) = frames.iter().map(|_| (OnceLock::new(), OnceLock::new())).unzip();
+        Ok(Self { simulation, frames, cameras, images, distances })
     }
 
     /// Samples of an offered frame.
-    fn picture(&self, at: usize) -> Result<&[u8], TrainError> {
-        let render = || Ok(self.simulation.picture(self.frames[at])?.to_u8(Rounding::Nearest)?.into_samples());
-        kept(&self.pictures[at], render).map(Vec::as_slice)
+    fn image(&self, at: usize) -> Result<&[u8], TrainError> {
+        let render = || Ok(self.simulation.image(self.frames[at])?.to_u8(Rounding::Nearest)?.into_samples());
+        kept(&self.images[at], render).map(Vec::as_slice)
     }
 
     /// Distances of an offered frame's patches of so many pixels a side.
@@ -229,7 +229,7 @@ impl RoomsSource {
             Err(error) => return Ok(Err(self.refuse(&key, &error))),
         };
         let needed: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
-        needed.into_par_iter().try_for_each(|frame| clip.picture(frame).map(drop))?;
+        needed.into_par_iter().try_for_each(|frame| clip.image(frame).map(drop))?;
         Ok(Ok(Sample {
             name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
             context: self.posed(&clip, &entry.context, context)?,
@@ -249,13 +249,13 @@ impl RoomsSource {
         Ok(PatchDistances { columns, distances: frames.concat() }.scaled(scale))
     }
 
-    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> Result<PosedPictures, TrainError> {
+    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> Result<PosedImages, TrainError> {
         let size = self.config.size;
-        let mut pictures = Vec::with_capacity(frames.len() * 3 * size.width * size.height);
+        let mut images = Vec::with_capacity(frames.len() * 3 * size.width * size.height);
         for frame in frames {
-            pictures.extend(clip.picture(*frame)?.iter().map(|byte| f32::from(*byte) / 255.0));
+            images.extend(clip.image(*frame)?.iter().map(|byte| f32::from(*byte) / 255.0));
         }
-        Ok(PosedPictures { size, pictures, cameras })
+        Ok(PosedImages { size, images, cameras })
     }
 }
 

@@ -119,7 +119,7 @@ impl Trainer {
     }
 
     /// What `compute` makes of the samples with these consecutive numbers, which go through the network together as far as their
-    /// pictures are as many and as large.
+    /// images are as many and as large.
     fn groups<T>(
         &self,
         numbers: &[u64],

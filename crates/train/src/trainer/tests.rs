@@ -1,12 +1,12 @@
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
-use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::WarningKind;
 
 use super::*;
 
 const CONFIG: &str = r#"
-    title = "a dataset with a missing picture"
+    title = "a dataset with a missing image"
     seed = 1
     steps = 6
     batch = 2
@@ -42,7 +42,7 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
 
     let mut trainer = Trainer::new(config, &folder.path().join("run"), &Start::Fresh).unwrap();
-    assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 1, "the evaluation's source");
+    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 1, "the evaluation's source");
     let mut notices = Vec::new();
     let mut evaluated = Vec::new();
     let mut on_event = |event: &Event<'_>| match event {
@@ -52,11 +52,11 @@ fn warnings_of_datasets_reach_the_caller_once_per_scene() {
     };
     assert!(trainer.run(Limits::default(), &mut on_event).unwrap());
     assert_evaluated_before_and_after(&trainer, &evaluated, &folder.path().join("run"));
-    assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 2, "both sources, however often they are read");
+    assert_eq!(trainer.warnings().count(WarningKind::MissingImage), 2, "both sources, however often they are read");
     assert_eq!(notices.len(), 2, "{notices:?}");
     for (notice, count) in notices.iter().zip(1..) {
         let expected =
-            format!("warning: {count} × missing-picture; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
+            format!("warning: {count} × missing-image; the first: {}: frame 2: no ", seed.key(SceneKind::Rooms));
         assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
     }
 }
@@ -169,18 +169,18 @@ fn training_on_chunks_beside_test_scenes_is_allowed() {
     samples_of(&train).unwrap();
 }
 
-/// Simulated scenes as folders of pictures in `train`.
+/// Simulated scenes as folders of images in `train`.
 fn write_scenes(folder: &Path, count: u32) {
     let size = atsplat_camera::ImageSize { width: 32, height: 32 };
     let scenes = (0..count).map(|number| {
         let seed = SceneSeed { split: Split::Train, number };
         Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
     });
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
     write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }
 
-/// Path of a preset for their pictures: the published one at their size, so that nothing is cropped.
+/// Path of a preset for their images: the published one at their size, so that nothing is cropped.
 fn tiny_preset(folder: &Path) -> String {
     let text = Preset::text_of("re10k-2v-256").unwrap();
     let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
@@ -197,7 +197,7 @@ fn write_chunks(folder: &Path, splits: &[Split]) {
         let seed = SceneSeed { split: *split, number: 0 };
         Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
     });
-    let options = WriteOptions { layout: Layout::Chunks, coding: PictureEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Chunks, coding: ImageEncoding::Png, depth: false };
     write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }
 
@@ -213,7 +213,7 @@ fn assert_evaluated_before_and_after(trainer: &Trainer, reported: &[EvaluationRe
     let evaluation = trainer.evaluation().unwrap();
     let [sample] = evaluation.samples() else { panic!("{} samples", evaluation.samples().len()) };
     let render = evaluation.renders(&trainer.network().unwrap(), sample).unwrap().remove(0);
-    let pairs = || render.samples().iter().zip(sample.targets.picture(0));
+    let pairs = || render.samples().iter().zip(sample.targets.image(0));
     let squares: f64 = pairs().map(|(a, b)| (f64::from(a.clamp(0.0, 1.0)) - f64::from(*b)).powi(2)).sum();
     let psnr = -10.0 * (squares / pairs().count() as f64).log10();
     Tolerance::absolute(1e-6).assert([record.psnr], [psnr], "PSNR of the only target");

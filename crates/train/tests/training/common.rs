@@ -5,7 +5,7 @@ use std::path::Path;
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::ImageSize;
 use atsplat_numeric::SplitMix64;
-use atsplat_train::samples::{PosedPictures, Sample, SampleId, Source};
+use atsplat_train::samples::{PosedImages, Sample, SampleId, Source};
 use atsplat_train::{Start, TrainConfig, TrainError, Trainer};
 use glam::{DMat3, DVec3};
 
@@ -74,8 +74,8 @@ pub(crate) fn sample(number: u64) -> Sample {
     let posed = |name: &str, places: [f64; 2]| {
         let mut random = SplitMix64::for_scene(number, name);
         let count = 2 * SIZE.height * SIZE.width * 3;
-        let pictures = (0..count).map(|_| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32).collect();
-        PosedPictures { size: SIZE, pictures, cameras: places.map(camera).to_vec() }
+        let images = (0..count).map(|_| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32).collect();
+        PosedImages { size: SIZE, images, cameras: places.map(camera).to_vec() }
     };
     Sample {
         name: format!("noise {number}"),

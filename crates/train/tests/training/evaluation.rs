@@ -9,7 +9,7 @@ use atsplat_train::{Evaluation, Parameters, TrainError};
 
 use crate::common::{SIZE, config, sample};
 
-/// Values of a picture.
+/// Values of an image.
 const LENGTH: usize = SIZE.height * SIZE.width * 3;
 
 fn evaluate(sample: Sample) -> Result<EvaluationRecord, TrainError> {
@@ -23,8 +23,8 @@ fn evaluate(sample: Sample) -> Result<EvaluationRecord, TrainError> {
 fn with_copies(count: usize) -> Sample {
     let mut sample = sample(2);
     for (target, nearest) in sample.nearest().into_iter().enumerate().take(count) {
-        let copy = sample.context.picture(nearest).to_vec();
-        sample.targets.pictures[target * LENGTH..(target + 1) * LENGTH].copy_from_slice(&copy);
+        let copy = sample.context.image(nearest).to_vec();
+        sample.targets.images[target * LENGTH..(target + 1) * LENGTH].copy_from_slice(&copy);
     }
     sample
 }
@@ -33,7 +33,7 @@ fn with_copies(count: usize) -> Sample {
 fn copies_of_context_views_are_counted_and_left_out_of_the_means() {
     let mut second = sample(2);
     second.targets.cameras.remove(0);
-    second.targets.pictures.drain(..LENGTH);
+    second.targets.images.drain(..LENGTH);
     let [all, expected, found] = [with_copies(0), second, with_copies(1)].map(|sample| evaluate(sample).unwrap());
     assert_eq!([&all, &expected, &found].map(|record| (record.targets, record.identical)), [(2, 0), (1, 0), (1, 1)]);
     let means = |of: &EvaluationRecord| [of.psnr, of.ssim, of.nearest_view_psnr, of.nearest_view_ssim];

@@ -18,7 +18,7 @@ fn experiments() -> Vec<PathBuf> {
     paths
 }
 
-/// The same experiment with a tiny network and tiny pictures.
+/// The same experiment with a tiny network and tiny images.
 fn tiny(mut config: TrainConfig) -> TrainConfig {
     let changes =
         "resolution = [32, 32]\ntransformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1"
@@ -303,7 +303,7 @@ fn errors_of_a_configuration_name_file_and_field() {
             "losses.distance-until",
             "a share of the run, above 0, at most 1, found 0",
         ),
-        // White, as 8-bit pictures have it.
+        // White, as 8-bit images have it.
         ("[losses]", "[losses]\nbackground = [1, 1, 255]", "losses.background", "channels from 0 to 1, found 255"),
     ]);
     // After a list of all fields, its table would be cut off.

@@ -52,7 +52,7 @@ fn features_from_disk_equal_the_backbones() {
     let cache = open(&backbone(&weights));
     assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "when written");
     let kept = files(folder.path());
-    assert_eq!(kept.len(), sample.context.cameras.len(), "one file per picture");
+    assert_eq!(kept.len(), sample.context.cameras.len(), "one file per image");
     let written = || kept.iter().map(|path| path.metadata().unwrap().modified().unwrap()).collect::<Vec<_>>();
     let first = written();
     assert_eq!(means(open(&backbone(&weights)).views(&network, &sample.context).unwrap()), expected, "from disk");

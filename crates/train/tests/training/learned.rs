@@ -40,8 +40,8 @@ fn weights(network: Network) -> [StoredTensors; 2] {
 fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
     const SIDE: usize = 36;
     let stack = Stack { views: 1, height: SIDE, width: SIDE };
-    let picture = |name: &str| -> Vec<f32> { numbers(name, stack.samples(), 0.5).iter().map(|v| v + 0.5).collect() };
-    let (render, truth) = (picture("render"), picture("truth"));
+    let image = |name: &str| -> Vec<f32> { numbers(name, stack.samples(), 0.5).iter().map(|v| v + 0.5).collect() };
+    let (render, truth) = (image("render"), image("truth"));
     let image = |samples: &[f32]| Image::new(36, 36, samples.to_vec()).unwrap();
     for network in Network::ALL {
         let [weights, heads] = weights(network);
@@ -56,7 +56,7 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
 
         let length = evaluated.gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
         let at = |step: f64| {
-            #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+            #[expect(clippy::cast_possible_truncation, reason = "images are f32")]
             let moved: Vec<f32> = render
                 .iter()
                 .zip(&evaluated.gradient)
@@ -70,13 +70,13 @@ fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
 }
 
 #[test]
-fn identical_pictures_have_distance_0_and_a_finite_gradient() {
+fn identical_images_have_distance_0_and_a_finite_gradient() {
     let stack = Stack { views: 2, height: 36, width: 36 };
     let [weights, heads] = weights(Network::LpipsAlex);
     let loss = Learned::new(Network::LpipsAlex, &weights, &heads, String::new(), &Device::flex().autodiff()).unwrap();
     for value in [0.0, 0.7] {
-        let picture = vec![value; stack.samples()];
-        let evaluated = loss.evaluate(&picture, &picture, stack);
+        let image = vec![value; stack.samples()];
+        let evaluated = loss.evaluate(&image, &image, stack);
         Tolerance::EXACT.assert([evaluated.value], [0.0], "distance");
         assert!(evaluated.gradient.len() == stack.samples() && evaluated.gradient.iter().all(|g| g.is_finite()));
     }

@@ -64,14 +64,14 @@ fn losses_in_the_graph_agree_with_pytorch() {
     let device = Device::flex().autodiff();
     let cases: Vec<Case> = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
     for case in &cases {
-        let pictures = |values: &[f32]| {
+        let images = |values: &[f32]| {
             Tensor::<4>::from_data(TensorData::new(values.to_vec(), [case.views, case.height, case.width, 3]), &device)
         };
-        let render = pictures(&case.render).require_grad();
+        let render = images(&case.render).require_grad();
         let gradient = |loss: &Tensor<1>| f32_values(render.grad(&loss.backward()).unwrap());
-        let error = graph::mse(render.clone(), pictures(&case.truth), 1);
+        let error = graph::mse(render.clone(), images(&case.truth), 1);
         close(REACHED_F32, &gradient(&error), &case.mse_gradient, "MSE's gradient");
-        let map = graph::DSsim::new([case.height, case.width], &device).map(render.clone(), pictures(&case.truth));
+        let map = graph::DSsim::new([case.height, case.width], &device).map(render.clone(), images(&case.truth));
         let dissimilarity = map.clone().mean();
         close(REACHED_F32, &gradient(&dissimilarity), &case.d_ssim_gradient, "D-SSIM's gradient");
         let map = map.mean_dim(1).squeeze_dim::<3>(1);
@@ -112,15 +112,15 @@ fn distances_in_the_graph_are_those_beside_it() {
 }
 
 #[test]
-fn equal_pictures_have_loss_and_gradient_0() {
+fn equal_images_have_loss_and_gradient_0() {
     let stack = Stack { views: 1, height: 12, width: 13 };
     for value in [0.0, 0.5, 1.0] {
-        let picture = vec![value; stack.samples()];
-        let dissimilarity = d_ssim(&picture, &picture, stack);
-        Tolerance::F64.assert([dissimilarity.loss.value], [0.0], "D-SSIM of a picture with itself");
+        let image = vec![value; stack.samples()];
+        let dissimilarity = d_ssim(&image, &image, stack);
+        Tolerance::F64.assert([dissimilarity.loss.value], [0.0], "D-SSIM of an image with itself");
         let gradient = dissimilarity.loss.gradient.iter().copied().map(f64::from);
         Tolerance::absolute(1e-9).assert(gradient, vec![0.0; stack.samples()], "its gradient");
-        Tolerance::EXACT.assert([mse(&picture, &picture).value], [0.0], "MSE");
+        Tolerance::EXACT.assert([mse(&image, &image).value], [0.0], "MSE");
     }
 }
 

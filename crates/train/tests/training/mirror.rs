@@ -1,4 +1,4 @@
-//! A mirrored scene with mirrored cameras renders the mirrored picture.
+//! A mirrored scene with mirrored cameras renders the mirrored image.
 
 use crate::common::sample;
 use atsplat_camera::{Camera, Distortion, ImageSize, PoseNormalisation, WorldFromCamera, normalise};
@@ -52,7 +52,7 @@ fn a_mirrored_scene_renders_mirrored() {
 fn two_mirrors_change_nothing() {
     let sample = sample(2);
     let twice = mirrored(&mirrored(&sample).unwrap()).unwrap();
-    assert_eq!((twice.context.pictures, twice.targets.pictures), (sample.context.pictures, sample.targets.pictures));
+    assert_eq!((twice.context.images, twice.targets.images), (sample.context.images, sample.targets.images));
     for (back, camera) in twice.targets.cameras.iter().zip(&sample.targets.cameras) {
         Tolerance::F64.assert(back.camera_from_world.to_rows(), camera.camera_from_world.to_rows(), "pose");
         let centre = |camera: &Camera| [camera.intrinsics.cx, camera.intrinsics.cy];
@@ -79,10 +79,10 @@ fn mirroring_commutes_with_pose_normalisation() {
     }
 }
 
-/// A lens with every term, including tangential ones, mirrors with its picture: the mirrored camera projects the mirrored
+/// A lens with every term, including tangential ones, mirrors with its image: the mirrored camera projects the mirrored
 /// point to the mirrored position.
 #[test]
-fn lenses_mirror_with_their_pictures() {
+fn lenses_mirror_with_their_images() {
     let lenses = [
         Distortion::OpenCv { k1: -0.12, k2: 0.03, k3: -0.005, p1: 0.011, p2: -0.017 },
         Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.02, p2: 0.0 },

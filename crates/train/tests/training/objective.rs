@@ -66,7 +66,7 @@ fn every_parameter_has_a_gradient_and_the_total_is_the_weighted_sum() {
 fn the_uncertainty_loss_reaches_only_the_score_heads() {
     let mut sample = sample(2);
     let renders = Evaluation::from_samples(Vec::new(), [0.0; 3]).renders(&network(), &sample).unwrap();
-    sample.targets.pictures = renders.into_iter().flat_map(atsplat_pixels::Image::into_samples).collect();
+    sample.targets.images = renders.into_iter().flat_map(atsplat_pixels::Image::into_samples).collect();
     assert!(moved(&gradients(NOTHING, &sample).unwrap()).is_empty());
     let result = gradients(LossConfig { uncertainty_weight: 1.0, ..NOTHING }, &sample).unwrap();
     let heads = result.gradients.keys().filter(|name| name.contains("expansion.score"));
@@ -122,14 +122,14 @@ fn with(change: impl Fn(&mut Sample)) -> Sample {
 }
 
 #[test]
-fn black_pictures_and_identical_views_give_finite_gradients() {
+fn black_images_and_identical_views_give_finite_gradients() {
     let black = with(|sample| {
-        sample.context.pictures.fill(0.0);
-        sample.targets.pictures.fill(0.0);
+        sample.context.images.fill(0.0);
+        sample.targets.images.fill(0.0);
     });
     let one_view = with(|sample| {
-        let (picture, camera) = (sample.context.picture(0).to_vec(), sample.context.cameras[0]);
-        sample.context.pictures = [picture.clone(), picture].concat();
+        let (image, camera) = (sample.context.image(0).to_vec(), sample.context.cameras[0]);
+        sample.context.images = [image.clone(), image].concat();
         sample.context.cameras = vec![camera; 2];
     });
     let same_targets = with(|sample| sample.targets = sample.context.clone());
@@ -141,13 +141,13 @@ fn black_pictures_and_identical_views_give_finite_gradients() {
 }
 
 #[test]
-fn a_picture_that_is_not_finite_is_named() {
+fn an_image_that_is_not_finite_is_named() {
     for broken in [f32::NAN, f32::INFINITY] {
-        let context = with(|sample| sample.context.pictures[40] = broken);
-        let target = with(|sample| *sample.targets.pictures.last_mut().unwrap() = broken);
+        let context = with(|sample| sample.context.images[40] = broken);
+        let target = with(|sample| *sample.targets.images.last_mut().unwrap() = broken);
         let default = LossConfig::default;
-        assert_eq!(gradients(default(), &context).unwrap_err(), FaultKind::Picture("context picture 0".to_owned()));
-        assert_eq!(gradients(default(), &target).unwrap_err(), FaultKind::Picture("target picture 1".to_owned()));
+        assert_eq!(gradients(default(), &context).unwrap_err(), FaultKind::Image("context image 0".to_owned()));
+        assert_eq!(gradients(default(), &target).unwrap_err(), FaultKind::Image("target image 1".to_owned()));
     }
 }
 
@@ -178,9 +178,9 @@ fn samples_together_have_their_own_terms_and_the_sum_of_their_gradients() {
         Tolerance::absolute(2e-5 * largest).assert(found.iter().copied().map(f64::from), sums, name);
     }
     let mut broken = samples;
-    broken[1].targets.pictures[3] = f32::NAN;
+    broken[1].targets.images[3] = f32::NAN;
     let fault = objective.gradients(&network, &GroupInput::new(&broken)).unwrap_err();
-    assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Picture("target picture 0".to_owned())));
+    assert_eq!((fault.sample.as_str(), fault.what), ("noise 8", FaultKind::Image("target image 0".to_owned())));
 }
 
 /// Three samples in one group, the last with one target less, every term switched on: losses in the graph give the terms and
@@ -190,7 +190,7 @@ fn losses_in_the_graph_have_the_same_terms_and_gradients() {
     let mut samples = [sample(6), sample(7), sample(8)];
     let fewer = &mut samples[2].targets;
     fewer.cameras.pop();
-    fewer.pictures.truncate(fewer.pictures.len() / 2);
+    fewer.images.truncate(fewer.images.len() / 2);
     let network = network();
     let views = samples.each_ref().map(|sample| sample.context.views().unwrap());
     let depths = f32_values(network.forward(&views, 0).unwrap().initial.depths.unwrap());

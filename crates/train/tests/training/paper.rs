@@ -1,5 +1,5 @@
 //! The configurations at the paper's scale (`eval/experiments/paper/`): each reads, stands for a row of a table, keeps test
-//! scenes out, and does two steps on pictures of its shape with a network that a test has time for.
+//! scenes out, and does two steps on images of its shape with a network that a test has time for.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use atsplat_camera::ImageSize;
 use atsplat_files::Sha256Digest;
 use atsplat_model::config::{AnchorDesign, Selection};
 use atsplat_protocol::{KNOWN_INDICES, Preset};
-use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
 use atsplat_train::samples::{DatasetConfig, DatasetSource, ExcludedScenes};
 use atsplat_train::{PerceptualChoice, SourceConfig, Start, TrainConfig, Trainer};
@@ -98,7 +98,7 @@ fn test_scenes_are_excluded_by_the_hash_of_their_index() {
 }
 
 #[test]
-fn every_setting_does_two_steps_on_pictures_of_its_shape() {
+fn every_setting_does_two_steps_on_images_of_its_shape() {
     for name in SETTINGS {
         let config = config(name);
         let folder = tempdir().unwrap();
@@ -126,7 +126,7 @@ fn every_setting_does_two_steps_on_pictures_of_its_shape() {
     }
 }
 
-/// Two scenes of the pictures that the protocol takes, one of them excluded; windows and targets as small as a test's clips.
+/// Two scenes of the images that the protocol takes, one of them excluded; windows and targets as small as a test's clips.
 fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
     let size = Preset::resolve(&dataset.preset).unwrap().preprocessing.expected_size.unwrap();
     let request = |number| {
@@ -135,7 +135,7 @@ fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
         (request.samples, request.frames) = (1, FRAMES);
         request
     };
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
     write_dataset(folder, vec![request(0), request(1)], &options, &mut Warnings::new(), |_, _| ()).unwrap();
     let index = folder.join("index.json");
     let json = r#"{"rooms-train-00000001": {"context": [0, 3], "target": [1]}}"#;
@@ -145,7 +145,7 @@ fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
     let gaps = &mut dataset.views.gaps;
     (gaps.min, gaps.max, gaps.initial_min, gaps.initial_max) = (6, 9, 6, 9);
     dataset.views.targets = 1.try_into().unwrap();
-    // Twelve pictures of 512x960 are for a graphics card.
+    // Twelve images of 512x960 are for a graphics card.
     dataset.views.context = dataset.views.context.map(|views| views.min(6.try_into().unwrap()));
     if size.width > 640 {
         dataset.views.context = [2.try_into().unwrap(); 2];

@@ -94,7 +94,7 @@ fn a_broken_sample_is_skipped_and_counted() {
     let broken = Noise {
         corrupt: |number, sample| {
             if number == 5 {
-                sample.targets.pictures[9] = f32::NAN;
+                sample.targets.images[9] = f32::NAN;
             }
         },
     };
@@ -105,7 +105,7 @@ fn a_broken_sample_is_skipped_and_counted() {
     assert!(trainer.state().parameters.non_finite().is_empty());
     let records = steps(folder.path());
     let fault = records[2].fault.as_ref().unwrap();
-    assert!(fault.contains("target picture 0") && fault.contains("noise 5") && fault.contains("step 2"), "{fault}");
+    assert!(fault.contains("target image 0") && fault.contains("noise 5") && fault.contains("step 2"), "{fault}");
     assert!(records[2].terms.is_none() && records[3].terms.is_some());
 }
 
@@ -114,7 +114,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     let broken = Noise {
         corrupt: |number, sample| {
             if number >= 6 {
-                sample.context.pictures[0] = f32::INFINITY;
+                sample.context.images[0] = f32::INFINITY;
             }
         },
     };
@@ -127,7 +127,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     assert_eq!(diagnosis.in_a_row, 3);
     assert!(diagnosis.parameters.is_empty());
     let text = error.to_string();
-    assert!(text.contains("context picture 0") && text.contains("all weights are finite"), "{text}");
+    assert!(text.contains("context image 0") && text.contains("all weights are finite"), "{text}");
     assert!(text.contains("3 steps in a row could not be used\n"), "{text}");
     drop(stopped);
     // The checkpoint before the faults is kept.
@@ -333,7 +333,7 @@ fn logs_are_converted_to_parquet() {
     let broken = Noise {
         corrupt: |number, sample| {
             if number == 4 {
-                sample.targets.pictures[9] = f32::NAN;
+                sample.targets.images[9] = f32::NAN;
             }
         },
     };

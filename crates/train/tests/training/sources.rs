@@ -8,7 +8,7 @@ use atsplat_camera::{ImageSize, MeanCameraScale, PoseNormalisation};
 use atsplat_files::Sha256Digest;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_protocol::Preset;
-use atsplat_rooms::{Layout, PictureEncoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::{WarningKind, Warnings};
 use atsplat_train::samples::{
     DatasetConfig, DatasetSource, ExcludedScenes, Mixture, PatchDistances, RefusedDraws, RoomsConfig, RoomsSource,
@@ -73,7 +73,7 @@ fn distances_of_both_views_agree_about_the_scene() {
         let k = second.intrinsics.pixel_from_normalized(size);
         let [x, y] = [k.fx * seen.x / seen.z + k.cx, k.fy * seen.y / seen.z + k.cy];
         if seen.z > 0.0 && (0.0..32.0).contains(&x) && (0.0..32.0).contains(&y) {
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a pixel of the picture")]
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a pixel of the image")]
             let there = f64::from(distances[32 * 32 + y as usize * 32 + x as usize]);
             errors.push((there / seen.length()).ln().abs());
         }
@@ -91,7 +91,7 @@ fn training_and_test_scenes_differ() {
     let train = rooms(1, "").sample(id(0)).unwrap();
     let test = rooms(1, "split = 'test'").sample(id(0)).unwrap();
     assert!(train.name.contains("train") && test.name.contains("test"));
-    assert_ne!(train.context.pictures, test.context.pictures);
+    assert_ne!(train.context.images, test.context.images);
 }
 
 #[test]
@@ -166,8 +166,8 @@ fn a_dataset_on_disk_gives_samples() {
         assert_eq!((sample.context.cameras.len(), sample.targets.cameras.len()), (2, 3));
         assert_eq!((sample.context.size, sample.targets.size), (simulated.context.size, simulated.targets.size));
         assert_normalised(&sample);
-        assert!(sample.context.pictures.iter().all(|value| (0.0..=1.0).contains(value)));
-        assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
+        assert!(sample.context.images.iter().all(|value| (0.0..=1.0).contains(value)));
+        assert!(sample.context.images.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
     }
     let (before, moved) = (open().sample(id(1)).unwrap(), folder.path().join("moved"));
@@ -223,12 +223,12 @@ fn scenes_are_excluded_with_and_without_the_prefix_of_dl3dv() {
     }
 }
 
-/// Whether its header or its content is damaged, a picture is counted once, and the samples are of other frames.
+/// Whether its header or its content is damaged, an image is counted once, and the samples are of other frames.
 #[test]
-fn unreadable_pictures_of_a_dataset_are_counted_once_each() {
+fn unreadable_images_of_a_dataset_are_counted_once_each() {
     let folder = tempdir().unwrap();
     let config = rooms_on_disk(folder.path());
-    let picture = |key: &str, frame: usize| -> PathBuf {
+    let image = |key: &str, frame: usize| -> PathBuf {
         let entries = std::fs::read_dir(config.path.join(key)).unwrap().map(|entry| entry.unwrap().path());
         let numbered = |path: PathBuf| Some((path.file_stem()?.to_str()?.parse::<u64>().ok()?, path));
         let frames: BTreeMap<u64, PathBuf> = entries.filter_map(numbered).collect();
@@ -236,16 +236,16 @@ fn unreadable_pictures_of_a_dataset_are_counted_once_each() {
         frames.into_values().nth(frame).unwrap()
     };
     let keys = ["rooms-train-00000000", "rooms-train-00000001"];
-    std::fs::write(picture(keys[0], 5), b"no picture").unwrap();
-    let (cut, whole) = (picture(keys[1], 6), std::fs::read(picture(keys[1], 6)).unwrap());
+    std::fs::write(image(keys[0], 5), b"no image").unwrap();
+    let (cut, whole) = (image(keys[1], 6), std::fs::read(image(keys[1], 6)).unwrap());
     std::fs::write(cut, &whole[..whole.len() / 2]).unwrap();
     let source = DatasetSource::open(config, RULE, &mut Warnings::new()).unwrap();
     let before = source.warnings().total();
     let names: Vec<String> = (0..40).map(|number| source.sample(id(number)).unwrap().name).collect();
     assert!(keys.iter().all(|key| names.iter().any(|name| name.starts_with(*key))), "{names:?}");
     let warnings = source.warnings();
-    assert_eq!((before, warnings.count(WarningKind::UnreadablePicture)), (0, 2), "{:?}", warnings.kept());
-    let unreadable = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnreadablePicture);
+    assert_eq!((before, warnings.count(WarningKind::UnreadableImage)), (0, 2), "{:?}", warnings.kept());
+    let unreadable = warnings.kept().iter().filter(|warning| warning.kind == WarningKind::UnreadableImage);
     let mut found: Vec<(&str, bool)> = unreadable
         .map(|warning| {
             let frame = if warning.scene == keys[0] { "frame 5 " } else { "frame 6 " };
@@ -274,7 +274,7 @@ fn draws_of_scenes_with_too_few_frames_are_counted() {
     assert_eq!(mixture.refused(), refused, "of a run's data");
 }
 
-/// Two scenes of 12 frames in `data`, and a preset for their pictures.
+/// Two scenes of 12 frames in `data`, and a preset for their images.
 fn rooms_on_disk(folder: &Path) -> DatasetConfig {
     rooms_of(folder, [12, 12])
 }
@@ -283,7 +283,7 @@ fn rooms_on_disk(folder: &Path) -> DatasetConfig {
 fn rooms_of(folder: &Path, frames: [usize; 2]) -> DatasetConfig {
     let (data, preset) = (folder.join("data"), folder.join("tiny.toml"));
     write_rooms(&data, frames);
-    // The published preset at the test's picture size, so that nothing is cropped.
+    // The published preset at the test's image size, so that nothing is cropped.
     let text = Preset::text_of("re10k-2v-256").unwrap();
     let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
     let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
@@ -307,6 +307,6 @@ fn write_rooms(folder: &Path, frames: [usize; 2]) {
             request
         })
         .into();
-    let options = WriteOptions { layout: Layout::Re10k, coding: PictureEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
     write_dataset(folder, requests, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }

@@ -71,7 +71,7 @@ fn a_step_updates_every_weight_by_the_clipped_mean_gradient() {
     }
 }
 
-/// Every second sample has one context picture less, so that of three samples that may go together none can; without that, two go
+/// Every second sample has one context image less, so that of three samples that may go together none can; without that, two go
 /// together and the third alone.
 #[test]
 fn a_step_sees_the_same_samples_however_many_go_together() {
@@ -79,7 +79,7 @@ fn a_step_sees_the_same_samples_however_many_go_together() {
         corrupt: |number, sample| {
             if number % 2 == 1 {
                 sample.context.cameras.pop();
-                sample.context.pictures.truncate(sample.context.cameras.len() * SIZE.height * SIZE.width * 3);
+                sample.context.images.truncate(sample.context.cameras.len() * SIZE.height * SIZE.width * 3);
             }
         },
     };

@@ -5,8 +5,7 @@ use atsplat_splat::Gaussians;
 use serde::Serialize;
 
 use super::outputs::{
-    context, mean_scores, of_gaussians, of_pictures, of_renders, of_scores, of_views, rendered, resized, scored,
-    targets,
+    context, mean_scores, of_gaussians, of_images, of_renders, of_scores, of_views, rendered, resized, scored, targets,
 };
 use super::sheet::sheet_view;
 use super::{Outputs, Stage, Stages, View};
@@ -90,7 +89,7 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     let renders = rendered(stages, &baseline.gaussians, targets(inputs, views))?;
     let scores = scored(stages, &baseline.renders, targets(inputs, views))?;
     let alone = [
-        of_pictures(&decoded),
+        of_images(&decoded),
         of_views(&resized_alone),
         of_gaussians(&gaussians),
         of_renders(&renders, &stages.splat(&inputs.sheet, &sheet_view()?)?),

@@ -17,11 +17,11 @@ pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
         file.put(&format!("file.{at}"), DType::U8, vec![bytes.len()], bytes.clone())?;
         file.doubles(&format!("camera.{at}"), &numbers(camera))?;
     }
-    for (at, picture) in outputs.decoded.iter().enumerate() {
-        file.picture(&format!("decode.{at}"), picture)?;
+    for (at, image) in outputs.decoded.iter().enumerate() {
+        file.image(&format!("decode.{at}"), image)?;
     }
     for (at, view) in outputs.views.iter().enumerate() {
-        file.picture(&format!("resize.{at}"), &view.picture)?;
+        file.image(&format!("resize.{at}"), &view.image)?;
         file.doubles(&format!("resize.{at}.camera"), &numbers(&view.camera))?;
     }
     file.gaussians("model", &outputs.gaussians)?;
@@ -52,9 +52,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
     for at in 0..views {
         inputs.files.push(file.get(&format!("file.{at}"), DType::U8)?.bytes().to_vec());
         inputs.cameras.push(file.camera(&format!("camera.{at}"))?);
-        decoded.push(file.picture(&format!("decode.{at}"))?);
-        let picture = file.picture(&format!("resize.{at}"))?;
-        resized.push(View { picture, camera: file.camera(&format!("resize.{at}.camera"))? });
+        decoded.push(file.image(&format!("decode.{at}"))?);
+        let image = file.image(&format!("resize.{at}"))?;
+        resized.push(View { image, camera: file.camera(&format!("resize.{at}.camera"))? });
     }
     let (mut renders, mut scores) = (Vec::new(), Vec::new());
     for at in 0..file.count("splatter") {
@@ -119,9 +119,9 @@ impl Writer {
         self.floats(name, shape, render.samples())
     }
 
-    fn picture(&mut self, name: &str, picture: &ImageU8) -> Result<(), DriftError> {
-        let shape = vec![picture.height() as usize, picture.width() as usize, 3];
-        self.put(name, DType::U8, shape, picture.samples().to_vec())
+    fn image(&mut self, name: &str, image: &ImageU8) -> Result<(), DriftError> {
+        let shape = vec![image.height() as usize, image.width() as usize, 3];
+        self.put(name, DType::U8, shape, image.samples().to_vec())
     }
 }
 
@@ -170,7 +170,7 @@ impl Reader {
             _ => None,
         };
         let sides =
-            sides.ok_or_else(|| DriftError::invalid(WHAT, format!("a picture in {name:?}"), format!("{shape:?}")))?;
+            sides.ok_or_else(|| DriftError::invalid(WHAT, format!("an image in {name:?}"), format!("{shape:?}")))?;
         Ok(sides.into())
     }
 
@@ -199,12 +199,12 @@ impl Reader {
     fn render(&self, name: &str) -> Result<Image, DriftError> {
         let [height, width] = self.size(name, DType::F32)?;
         let render = Image::new(width, height, self.floats(name)?);
-        render.map_err(|error| DriftError::invalid(WHAT, format!("a picture in {name:?}"), error))
+        render.map_err(|error| DriftError::invalid(WHAT, format!("an image in {name:?}"), error))
     }
 
-    fn picture(&self, name: &str) -> Result<ImageU8, DriftError> {
+    fn image(&self, name: &str) -> Result<ImageU8, DriftError> {
         let [height, width] = self.size(name, DType::U8)?;
-        let picture = ImageU8::new(width, height, self.get(name, DType::U8)?.bytes().to_vec());
-        picture.map_err(|error| DriftError::invalid(WHAT, format!("a picture in {name:?}"), error))
+        let image = ImageU8::new(width, height, self.get(name, DType::U8)?.bytes().to_vec());
+        image.map_err(|error| DriftError::invalid(WHAT, format!("an image in {name:?}"), error))
     }
 }

@@ -10,7 +10,7 @@ use crate::drift::DriftError;
 /// Input of the first stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inputs {
-    /// Picture files, context views first.
+    /// Image files, context views first.
     pub files: Vec<Vec<u8>>,
     /// Their cameras in the network's world frame.
     pub cameras: Vec<Camera>,
@@ -20,19 +20,19 @@ pub struct Inputs {
     pub sheet: Gaussians,
 }
 
-/// A picture and its camera.
+/// An image and its camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// The picture.
-    pub picture: ImageU8,
-    /// Pose and the picture's intrinsics.
+    /// The image.
+    pub image: ImageU8,
+    /// Pose and the image's intrinsics.
     pub camera: Camera,
 }
 
 impl View {
     /// Size in pixels.
     pub fn size(&self) -> ImageSize {
-        ImageSize { width: self.picture.width(), height: self.picture.height() }
+        ImageSize { width: self.image.width(), height: self.image.height() }
     }
 }
 
@@ -41,14 +41,14 @@ impl Inputs {
     /// fine stripes and smooth colours at distance 7; and Gaussians that are sensitive to every renderer constant.
     ///
     /// # Errors
-    /// [`DriftError::Stage`] if pictures cannot be encoded.
+    /// [`DriftError::Stage`] if images cannot be encoded.
     pub fn pattern(constants: &RendererConstants) -> Result<Self, DriftError> {
         let failed = |error: &dyn std::fmt::Display| Stage::Decode.failed()(error);
         let places = [-1.0, 1.0, 0.25];
         let mut inputs = Self { files: Vec::new(), cameras: Vec::new(), context: 2, sheet: sheet(constants)? };
         for (at, x) in places.into_iter().enumerate() {
-            let picture = plane_picture(x).map_err(|error| failed(&error))?;
-            let file = if at == 0 { encode_jpeg(&picture, 92) } else { encode_png(&picture) };
+            let image = plane_image(x).map_err(|error| failed(&error))?;
+            let file = if at == 0 { encode_jpeg(&image, 92) } else { encode_png(&image) };
             inputs.files.push(file.map_err(|error| failed(&error))?);
             let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0));
             let intrinsics = NormalizedIntrinsics::new(FOCAL, FOCAL * f64::from(WIDTH) / f64::from(HEIGHT), 0.5, 0.5);
@@ -68,7 +68,7 @@ const FOCAL: f64 = 0.9;
 const DISTANCE: f64 = 7.0;
 
 /// The plane as seen by a camera at `x`, computed in integers so that it is equal on all machines.
-fn plane_picture(x: f64) -> Result<ImageU8, atsplat_pixels::PixelError> {
+fn plane_image(x: f64) -> Result<ImageU8, atsplat_pixels::PixelError> {
     let shift = x * FOCAL * f64::from(WIDTH) / DISTANCE;
     #[expect(clippy::cast_possible_truncation, reason = "a few dozen pixels")]
     let shift = (shift * 4.0).round() as i64;

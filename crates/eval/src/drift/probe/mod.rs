@@ -34,9 +34,9 @@ use super::DriftError;
 pub enum Stage {
     /// The input files; not part of the probe, whose inputs are embedded.
     Data,
-    /// Decodes files to pictures.
+    /// Decodes files to images.
     Decode,
-    /// Resizes pictures and intrinsics as the protocol says.
+    /// Resizes images and intrinsics as the protocol says.
     Resize,
     /// Reconstructs Gaussians from context views.
     Model,
@@ -76,7 +76,7 @@ pub trait Stages {
     fn resize(&self, view: &View) -> Result<View, DriftError>;
     /// [`Stage::Model`].
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError>;
-    /// [`Stage::Splatter`]: renders the view of `target`, whose picture is ignored.
+    /// [`Stage::Splatter`]: renders the view of `target`, whose image is ignored.
     fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError>;
     /// [`Stage::Metric`]: finite scores by id.
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError>;

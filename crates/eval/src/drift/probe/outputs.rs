@@ -63,7 +63,7 @@ pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> 
 }
 
 pub(super) fn resized(stages: &dyn Stages, inputs: &Inputs, decoded: &[ImageU8]) -> Result<Vec<View>, DriftError> {
-    let view = |(picture, camera): (&ImageU8, _)| stages.resize(&View { picture: picture.clone(), camera });
+    let view = |(image, camera): (&ImageU8, _)| stages.resize(&View { image: image.clone(), camera });
     decoded.iter().zip(inputs.cameras.iter().copied()).map(view).collect()
 }
 
@@ -76,7 +76,7 @@ pub(super) fn scored(
     renders: &[Image],
     targets: &[View],
 ) -> Result<Vec<BTreeMap<String, f64>>, DriftError> {
-    renders.iter().zip(targets).map(|(render, target)| stages.score(render, &target.picture)).collect()
+    renders.iter().zip(targets).map(|(render, target)| stages.score(render, &target.image)).collect()
 }
 
 /// The context views; none if the inputs have fewer views than they claim.
@@ -120,7 +120,7 @@ impl Outputs {
     pub(super) fn values(&self, stage: Stage) -> Vec<f64> {
         match stage {
             Stage::Data => self.inputs.files.iter().flatten().map(|&byte| f64::from(byte)).collect(),
-            Stage::Decode => of_pictures(&self.decoded),
+            Stage::Decode => of_images(&self.decoded),
             Stage::Resize => of_views(&self.views),
             Stage::Model => of_gaussians(&self.gaussians),
             Stage::Splatter => of_renders(&self.renders, &self.sheet),
@@ -137,8 +137,8 @@ pub(super) fn mean_scores(scores: &[BTreeMap<String, f64>]) -> BTreeMap<String, 
     means
 }
 
-pub(super) fn of_pictures(pictures: &[ImageU8]) -> Vec<f64> {
-    pictures.iter().flat_map(ImageU8::samples).map(|&sample| f64::from(sample)).collect()
+pub(super) fn of_images(images: &[ImageU8]) -> Vec<f64> {
+    images.iter().flat_map(ImageU8::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 /// Samples, then intrinsics; the stage changes both.
@@ -147,7 +147,7 @@ pub(super) fn of_views(views: &[View]) -> Vec<f64> {
         let k = view.camera.intrinsics;
         [k.fx, k.fy, k.cx, k.cy]
     };
-    let samples = views.iter().flat_map(|view| view.picture.samples()).map(|&sample| f64::from(sample));
+    let samples = views.iter().flat_map(|view| view.image.samples()).map(|&sample| f64::from(sample));
     samples.chain(views.iter().flat_map(k)).collect()
 }
 

@@ -17,7 +17,7 @@ use crate::network_views;
 /// The current implementation of the stages, on the CPU.
 #[derive(Debug)]
 pub struct Pipeline {
-    /// Preprocessing of pictures and intrinsics.
+    /// Preprocessing of images and intrinsics.
     pub preprocessing: Preprocessing,
     /// Reconstructs Gaussians.
     pub network: Network,
@@ -83,7 +83,7 @@ impl Stages for Pipeline {
     fn resize(&self, view: &View) -> Result<View, DriftError> {
         let resized = || {
             let plan = self.preprocessing.plan(view.size())?;
-            Ok(View { picture: plan.apply(&view.picture)?, camera: plan.camera(&view.camera)? })
+            Ok(View { image: plan.apply(&view.image)?, camera: plan.camera(&view.camera)? })
         };
         resized().map_err(|error: atsplat_scene::preprocess::PreprocessError| Stage::Resize.failed()(&error))
     }
@@ -91,7 +91,7 @@ impl Stages for Pipeline {
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
         let reconstruct = || {
             let cameras = context.iter().map(|view| view.camera).collect();
-            let views = network_views(context.iter().map(|view| &view.picture), cameras)?;
+            let views = network_views(context.iter().map(|view| &view.image), cameras)?;
             self.network.reconstruct(&views, 0)
         };
         reconstruct().map(|reconstruction| reconstruction.gaussians).map_err(|error| Stage::Model.failed()(&error))

@@ -14,7 +14,7 @@ pub struct Recipe {
     pub model: String,
     /// Its weights.
     pub weights: ProbeWeights,
-    /// Preprocessing of the 112×96 pictures; the network's patches must divide the resulting size.
+    /// Preprocessing of the 112×96 images; the network's patches must divide the resulting size.
     pub preprocessing: Preprocessing,
     /// Name of a preset of [`atsplat_splat::RendererConstants`].
     pub constants: String,

@@ -6,7 +6,7 @@ use atsplat_splat::{GaussianParts, Gaussians, RendererConstants};
 use super::{Stage, View};
 use crate::drift::DriftError;
 
-/// Side of the sheet's picture in pixels; the focal length equals the side.
+/// Side of the sheet's image in pixels; the focal length equals the side.
 const SIDE: u32 = 64;
 
 /// A sheet of synthetic Gaussians, some of which are at the limit set by each renderer constant. A network's own Gaussians may
@@ -32,7 +32,7 @@ pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftErr
         let centre = |pixel: i32| (f64::from(pixel) + 0.5) / f64::from(SIDE) - 0.5;
         sheet.add([centre(36 + 4 * (dot % 6)), centre(10 + 6 * (dot / 6))], 1.5, 1.5, 12.0);
     }
-    // Centres outside the border and the margin, whose tails reach the picture.
+    // Centres outside the border and the margin, whose tails reach the image.
     for _ in 0..20 {
         sheet.add([between(0.68, 0.75), between(-0.4, 0.4)], 3.0, 9.0, -2.0);
     }
@@ -50,10 +50,10 @@ pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftErr
 
 /// The view of the sheet.
 pub(super) fn sheet_view() -> Result<View, DriftError> {
-    let picture = ImageU8::new(SIDE, SIDE, vec![0; (SIDE * SIDE * 3) as usize]);
+    let image = ImageU8::new(SIDE, SIDE, vec![0; (SIDE * SIDE * 3) as usize]);
     let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5);
     Ok(View {
-        picture: picture.map_err(|error| Stage::Splatter.failed()(&error))?,
+        image: image.map_err(|error| Stage::Splatter.failed()(&error))?,
         camera: Camera::pinhole(
             CameraFromWorld::IDENTITY,
             intrinsics.map_err(|error| Stage::Splatter.failed()(&error))?,

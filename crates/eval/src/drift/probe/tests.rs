@@ -128,10 +128,10 @@ struct Changed {
 
 impl Stages for Changed {
     fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError> {
-        let picture = self.pipeline.decode(bytes)?;
+        let image = self.pipeline.decode(bytes)?;
         let step = u8::from(self.stages.contains(&Stage::Decode));
-        let samples = picture.samples().iter().map(|sample| sample ^ step).collect();
-        Ok(ImageU8::new(picture.width(), picture.height(), samples).unwrap())
+        let samples = image.samples().iter().map(|sample| sample ^ step).collect();
+        Ok(ImageU8::new(image.width(), image.height(), samples).unwrap())
     }
 
     fn resize(&self, view: &View) -> Result<View, DriftError> {
@@ -192,7 +192,7 @@ fn another_machine_may_round_differently() {
     outputs.renders[0] = Image::new(render.width(), render.height(), samples).unwrap();
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     // The scores must belong to the modified render.
-    outputs.scores = vec![pipeline.score(&outputs.renders[0], &outputs.views[2].picture).unwrap()];
+    outputs.scores = vec![pipeline.score(&outputs.renders[0], &outputs.views[2].image).unwrap()];
     assert_eq!(attribute(&pipeline, &outputs, true).unwrap().first(), Some(Stage::Splatter));
     assert_eq!(attribute(&pipeline, &outputs, false).unwrap().first(), None);
 }

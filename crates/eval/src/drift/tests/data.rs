@@ -1,14 +1,14 @@
-//! Changed pictures are reported by scene and frame.
+//! Changed images are reported by scene and frame.
 
 use super::*;
 use crate::drift::probe::{Attribution, StageChange, StageVerdict};
 
-fn roles(picture: &ChangedPicture) -> Vec<&'static str> {
-    picture.roles.iter().copied().map(PictureRole::name).collect()
+fn roles(image: &ChangedImage) -> Vec<&'static str> {
+    image.roles.iter().copied().map(ImageRole::name).collect()
 }
 
 #[test]
-fn a_changed_context_picture_is_named_by_scene_and_frame() {
+fn a_changed_context_image_is_named_by_scene_and_frame() {
     let base = store(true, 6, 0.0, 1);
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 has both roles.
@@ -23,7 +23,7 @@ fn a_changed_context_picture_is_named_by_scene_and_frame() {
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(Stage::Data)), "{report}");
     let text = report.to_string();
     for part in [
-        "pictures have changed: 2, such as scene scene 003, frame 2 (target)",
+        "images have changed: 2, such as scene scene 003, frame 2 (target)",
         "sampled: scene scene 003, frame 9 (context)",
         "The first stage that changed is the data.",
     ] {
@@ -32,7 +32,7 @@ fn a_changed_context_picture_is_named_by_scene_and_frame() {
 }
 
 #[test]
-fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
+fn an_image_of_two_roles_and_several_methods_is_one_image() {
     let mut base = store(true, 2, 0.0, 1);
     let mut other = base.clone();
     other.trials.iter_mut().for_each(|row| row.key.method = "n".to_owned());
@@ -40,7 +40,7 @@ fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
     base.trials.extend(other.trials);
     base.targets.extend(other.targets);
     let baseline = Baseline::new(&base, &[], acceptance("first"));
-    assert_eq!(baseline.pictures.len(), 2 * 4);
+    assert_eq!(baseline.images.len(), 2 * 4);
     let mut now = base.clone();
     for row in now.trials.iter_mut().filter(|row| row.key.scene == "scene 001") {
         row.context_hashes[0] = "other".to_owned();
@@ -48,8 +48,8 @@ fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
     for row in now.targets.iter_mut().filter(|row| row.key.scene == "scene 001" && row.frame == 0) {
         row.truth_hash = Some("other".to_owned());
     }
-    let [picture] = &compare(&now, &baseline).data.changed[..] else { panic!("one picture") };
-    assert_eq!((picture.frame, roles(picture)), (0, vec!["context", "target"]));
+    let [image] = &compare(&now, &baseline).data.changed[..] else { panic!("one image") };
+    assert_eq!((image.frame, roles(image)), (0, vec!["context", "target"]));
     // Methods run before and after the change in one store still count as a change.
     let mut mixed = base.clone();
     mixed.trials[1].context_hashes[1] = "other".to_owned();
@@ -68,39 +68,39 @@ fn scenes_missing_on_one_side_are_not_changed_data() {
     }
 }
 
-/// Rows without digests of context pictures, on either side.
+/// Rows without digests of context images, on either side.
 #[test]
-fn pictures_without_a_digest_are_counted_as_unknown() {
+fn images_without_a_digest_are_counted_as_unknown() {
     let base = store(true, 3, 0.0, 1);
     let mut old = base.clone();
     old.trials.iter_mut().for_each(|row| row.context_hashes.clear());
     for (then, now) in [(&base, &old), (&old, &base)] {
         let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
         assert_eq!(report.data, DataComparison { compared: 3 * 3, changed: vec![], unknown: 3 }, "frame 9 of each");
-        assert!(report.to_string().contains("3 pictures have a digest on one side only"), "{report}");
+        assert!(report.to_string().contains("3 images have a digest on one side only"), "{report}");
     }
     let mut unknown = old.clone();
     unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
     let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
     assert_eq!((report.data.verdict(), report.first_stage()), (StageVerdict::Empty, None));
     assert!(
-        report.to_string().contains("No picture of the dataset could be compared; stages were not probed."),
+        report.to_string().contains("No image of the dataset could be compared; stages were not probed."),
         "{report}"
     );
 }
 
 #[test]
-fn an_older_format_without_pictures_has_those_of_its_targets() {
+fn an_older_format_without_images_has_those_of_its_targets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.json");
     let base = store(true, 3, 0.0, 1);
     Baseline::new(&base, &[], acceptance("first")).write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap().replace("\"format\": 3", "\"format\": 2");
-    let (head, rest) = text.split_once("  \"pictures\": [").unwrap();
+    let (head, rest) = text.split_once("  \"images\": [").unwrap();
     let (_, tail) = rest.split_once("],\n").unwrap();
     std::fs::write(&path, format!("{head}{tail}")).unwrap();
     let old = Baseline::read(&path).unwrap();
-    assert_eq!(old.pictures.len(), 3 * 3);
+    assert_eq!(old.images.len(), 3 * 3);
     let mut now = base.clone();
     now.targets[4].truth_hash = Some("other".to_owned());
     let data = compare(&now, &old).data;
@@ -120,10 +120,10 @@ fn probed(changed: &[Stage]) -> Attribution {
     Attribution { stages: stages.collect(), metrics: Vec::new() }
 }
 
-/// Pictures are compared after decoding and resizing, so a change of those stages may explain changed pictures; later stages
+/// Images are compared after decoding and resizing, so a change of those stages may explain changed images; later stages
 /// cannot.
 #[test]
-fn changed_pictures_are_attributed_to_data_unless_decoding_or_resizing_changed() {
+fn changed_images_are_attributed_to_data_unless_decoding_or_resizing_changed() {
     let base = store(true, 3, 0.0, 1);
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     let mut now = base.clone();

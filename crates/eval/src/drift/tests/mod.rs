@@ -314,7 +314,7 @@ fn baseline_files_are_exact_and_keep_the_history() {
     assert_eq!(reasons, ["first", "a better filter"]);
     let text = std::fs::read_to_string(&path).unwrap();
     let rows = text.lines().filter(|line| line.contains("\"scene 001\"")).count();
-    assert_eq!(rows, 4 + 1 + 3, "a row a line, and a line a picture:\n{text}");
+    assert_eq!(rows, 4 + 1 + 3, "a row a line, and a line an image:\n{text}");
     assert_eq!(second.read_probe(&path).unwrap(), None);
     let twice = |part: &str| {
         let row = text.lines().find(|line| line.contains(part)).unwrap();

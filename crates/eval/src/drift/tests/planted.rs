@@ -17,16 +17,16 @@ struct Planted<'a> {
 }
 
 impl Planted<'_> {
-    fn brighter(&self, picture: &ImageU8, stage: Stage) -> ImageU8 {
+    fn brighter(&self, image: &ImageU8, stage: Stage) -> ImageU8 {
         let by = if self.stage == Some(stage) { self.amount } else { 0.0 };
-        brighter(picture, by)
+        brighter(image, by)
     }
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "kept within a byte")]
-fn brighter(picture: &ImageU8, by: f32) -> ImageU8 {
-    let samples = picture.samples().iter().map(|sample| (f32::from(*sample) + 255.0 * by).clamp(0.0, 255.0) as u8);
-    ImageU8::new(picture.width(), picture.height(), samples.collect()).unwrap()
+fn brighter(image: &ImageU8, by: f32) -> ImageU8 {
+    let samples = image.samples().iter().map(|sample| (f32::from(*sample) + 255.0 * by).clamp(0.0, 255.0) as u8);
+    ImageU8::new(image.width(), image.height(), samples.collect()).unwrap()
 }
 
 impl Stages for Planted<'_> {
@@ -36,7 +36,7 @@ impl Stages for Planted<'_> {
 
     fn resize(&self, view: &View) -> Result<View, DriftError> {
         let resized = self.pipeline.resize(view)?;
-        Ok(View { picture: self.brighter(&resized.picture, Stage::Resize), ..resized })
+        Ok(View { image: self.brighter(&resized.image, Stage::Resize), ..resized })
     }
 
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
@@ -70,7 +70,7 @@ impl Stages for Planted<'_> {
 /// The rows of a run with these outputs.
 fn rows(outputs: &Outputs) -> Results {
     let mut base = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
-    let digest = |view: &View| Sha256Digest::of(view.picture.samples()).to_string();
+    let digest = |view: &View| Sha256Digest::of(view.image.samples()).to_string();
     let digests: Vec<String> = outputs.views.iter().map(digest).collect();
     let [first, second, target] = &digests[..] else { panic!("two context views and a target") };
     (base.trials[0].context, base.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
@@ -87,8 +87,8 @@ fn inputs() -> Inputs {
 fn other_files(pipeline: &Pipeline, views: &[usize], by: f32) -> Inputs {
     let mut inputs = inputs();
     for view in views {
-        let picture = pipeline.decode(&inputs.files[*view]).unwrap();
-        inputs.files[*view] = encode_png(&brighter(&picture, by)).unwrap();
+        let image = pipeline.decode(&inputs.files[*view]).unwrap();
+        inputs.files[*view] = encode_png(&brighter(&image, by)).unwrap();
     }
     inputs
 }
@@ -127,7 +127,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
     }
 }
 
-/// Single pictures, then all of them: each is reported by its frame, and no stage of the probe has changed.
+/// Single images, then all of them: each is reported by its frame, and no stage of the probe has changed.
 #[test]
 fn changed_files_are_reported_by_frame_and_not_attributed_to_a_stage() {
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
@@ -136,7 +136,7 @@ fn changed_files_are_reported_by_frame_and_not_attributed_to_a_stage() {
     for (views, frames) in [(&[0][..], &[4][..]), (&[1], &[9]), (&[2], &[6]), (&[0, 1, 2], &[4, 6, 9])] {
         let now = run(&pipeline, &other_files(&pipeline, views, 0.02)).unwrap();
         let report = compare(&rows(&now), &baseline).with_attribution(attribute(&pipeline, &then, true));
-        let found: Vec<u64> = report.data.changed.iter().map(|picture| picture.frame).collect();
+        let found: Vec<u64> = report.data.changed.iter().map(|image| image.frame).collect();
         assert_eq!((found, report.first_stage()), (frames.to_vec(), Some(Stage::Data)), "{report}");
         assert_eq!(report.attribution.as_ref().unwrap().first(), None, "{report}");
     }

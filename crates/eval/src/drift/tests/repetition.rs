@@ -31,7 +31,7 @@ fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
         (|repeat| repeat.targets[11].target = 3, "found no target 2 of m on sampled, scene \"scene 003\", entry 0"),
         (
             |repeat| repeat.trials[2].data_hash = Some("e".to_owned()),
-            "other pictures or cameras in m on sampled, scene \"scene 002\", entry 0",
+            "other images or cameras in m on sampled, scene \"scene 002\", entry 0",
         ),
     ];
     for (change, expected) in cases {

@@ -15,15 +15,15 @@ use crate::method::{TrialInput, ply, renders};
 pub(super) struct TrialFolder(PathBuf);
 
 impl TrialFolder {
-    /// Writes the context pictures as `context-0.npy` and so on; also returns their paths.
+    /// Writes the context images as `context-0.npy` and so on; also returns their paths.
     pub(super) fn of(parent: &Path, trial: u64, input: &TrialInput<'_>) -> Result<(Self, Vec<String>), String> {
         let trial_folder = Self(parent.join(format!("trial-{trial}")));
         let failed = |error: std::io::Error| format!("{}: {error}", trial_folder.0.display());
         fs::create_dir_all(&trial_folder.0).map_err(failed)?;
-        let mut paths = Vec::with_capacity(input.pictures.len());
-        for (at, picture) in input.pictures.iter().enumerate() {
+        let mut paths = Vec::with_capacity(input.images.len());
+        for (at, image) in input.images.iter().enumerate() {
             let path = trial_folder.0.join(format!("context-{at}.npy"));
-            fs::write(&path, npy::of_picture(picture)).map_err(failed)?;
+            fs::write(&path, npy::of_image(image)).map_err(failed)?;
             paths.push(path.display().to_string());
         }
         Ok((trial_folder, paths))
@@ -33,9 +33,9 @@ impl TrialFolder {
         self.0.display().to_string()
     }
 
-    /// The pictures of an answer, in the order of the targets: from one array, or from a folder in which single
-    /// pictures may be missing or broken.
-    pub(super) fn pictures(&self, name: &str, input: &TrialInput<'_>) -> Result<Vec<Result<Image, String>>, String> {
+    /// The images of an answer, in the order of the targets: from one array, or from a folder in which single
+    /// images may be missing or broken.
+    pub(super) fn images(&self, name: &str, input: &TrialInput<'_>) -> Result<Vec<Result<Image, String>>, String> {
         let path = self.file(name)?;
         let targets = input.trial.targets();
         if path.is_dir() {
@@ -53,7 +53,7 @@ impl TrialFolder {
             return Err(format!("targets of {one} and of {another} do not fit into one array: answer with a folder"));
         }
         let shape = [targets.len(), first.size.height as usize, first.size.width as usize, 3];
-        Ok(npy::read_pictures(&path, shape)?.into_iter().map(Ok).collect())
+        Ok(npy::read_images(&path, shape)?.into_iter().map(Ok).collect())
     }
 
     /// The Gaussians of an answer, in the trial's world, and remarks on their file.

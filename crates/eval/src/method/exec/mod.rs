@@ -27,7 +27,7 @@ use process::Process;
 use scratch::Scratch;
 use wire::{Answer, Hello, OutputKind, Request, VERSION};
 
-/// A method that runs as a process: it is started once, given one trial after the other, and answers with pictures or with
+/// A method that runs as a process: it is started once, given one trial after the other, and answers with images or with
 /// Gaussians (`docs/methods.md`).
 ///
 /// If a process crashes, hangs or writes anything but an answer, the trial that it was given fails; the process is
@@ -188,7 +188,7 @@ fn record(
             record.parameters.insert("opacities-as-stored".to_owned(), true.into());
         }
     }
-    record.deterministic = hello.deterministic && (hello.gives == OutputKind::Pictures || record.deterministic);
+    record.deterministic = hello.deterministic && (hello.gives == OutputKind::Images || record.deterministic);
     Ok(record)
 }
 
@@ -202,7 +202,7 @@ impl Method for Exec {
     }
 
     fn timed(&self) -> Timed {
-        // Its pictures are finished when it answers.
+        // Its images are finished when it answers.
         Timed { encoding: true, rendering: self.hello.gives == OutputKind::Gaussians }
     }
 
@@ -217,9 +217,9 @@ impl Method for Exec {
         let request = Request::new(number, &input, trial_folder.path(), files);
         let (answer, cost) = self.ask(self.pool.take().slot(), &request)?;
         let why = match (answer, self.hello.gives) {
-            (Answer::Pictures(name), OutputKind::Pictures) => {
-                let pictures = trial_folder.pictures(&name, &input).map_err(MethodError::Failed)?;
-                return Ok(Box::new(Pictures { pictures, cost }));
+            (Answer::Images(name), OutputKind::Images) => {
+                let images = trial_folder.images(&name, &input).map_err(MethodError::Failed)?;
+                return Ok(Box::new(Images { images, cost }));
             }
             (Answer::Gaussians(name), OutputKind::Gaussians) => {
                 let read = trial_folder.gaussians(&name, self.opacities_as_stored, self.splatting.mode);
@@ -236,20 +236,20 @@ impl Method for Exec {
     }
 }
 
-/// Pictures of all targets, or why one is missing.
-struct Pictures {
-    pictures: Vec<Result<Image, String>>,
+/// Images of all targets, or why one is missing.
+struct Images {
+    images: Vec<Result<Image, String>>,
     cost: Cost,
 }
 
-impl Prediction for Pictures {
+impl Prediction for Images {
     fn cost(&self) -> Cost {
         self.cost.clone()
     }
 
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let one = |&target: &usize| {
-            let image = self.pictures.get(target).cloned().ok_or_else(|| format!("no target {target}"))??;
+            let image = self.images.get(target).cloned().ok_or_else(|| format!("no target {target}"))??;
             Ok(Rendered { image, drawn: None, effects: Vec::new() })
         };
         targets.iter().map(one).collect()

@@ -12,9 +12,9 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 /// The header ends at a multiple of this many bytes.
 const ALIGNMENT: usize = 64;
 
-/// An 8-bit picture as an array of `|u1`, H×W×3.
-pub(super) fn of_picture(picture: &ImageU8) -> Vec<u8> {
-    let shape = format!("({}, {}, 3)", picture.height(), picture.width());
+/// An 8-bit image as an array of `|u1`, H×W×3.
+pub(super) fn of_image(image: &ImageU8) -> Vec<u8> {
+    let shape = format!("({}, {}, 3)", image.height(), image.width());
     let mut header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
     // Magic, version and length take ten bytes, the line's end one.
     let padding = (ALIGNMENT - (10 + header.len() + 1) % ALIGNMENT) % ALIGNMENT;
@@ -25,22 +25,22 @@ pub(super) fn of_picture(picture: &ImageU8) -> Vec<u8> {
     // Two sizes of ten digits: the header is far below the 65535 bytes of version 1.
     bytes.extend((header.len() as u64).to_le_bytes().into_iter().take(2));
     bytes.extend(header.into_bytes());
-    bytes.extend(picture.samples());
+    bytes.extend(image.samples());
     bytes
 }
 
-/// The pictures of a file with the shape T×H×W×3: floats in [0, 1] with overshoots (`<f2` is not read, `<f4` and `<f8` are)
+/// The images of a file with the shape T×H×W×3: floats in [0, 1] with overshoots (`<f2` is not read, `<f4` and `<f8` are)
 /// or bytes.
 ///
 /// # Errors
 /// What was expected and what was found, with the file's name.
-pub(super) fn read_pictures(path: &Path, shape: [usize; 4]) -> Result<Vec<Image>, String> {
+pub(super) fn read_images(path: &Path, shape: [usize; 4]) -> Result<Vec<Image>, String> {
     let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let bytes = fs::read(path).map_err(|error| format!("{name}: {error}"))?;
-    pictures(&bytes, shape).map_err(|error| format!("{name}: {error}"))
+    images(&bytes, shape).map_err(|error| format!("{name}: {error}"))
 }
 
-fn pictures(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
+fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
     let (header, data) = split(bytes).ok_or("expected a .npy file, found other bytes")?;
     let field = |name: &str| field(header, name).ok_or_else(|| format!("expected {name} in the header {header:?}"));
     if field("fortran_order")? != "False" {
@@ -64,15 +64,15 @@ fn pictures(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
     }
     let [width, height] = [width, height].map(|side| u32::try_from(side).map_err(|error| error.to_string()));
     let (width, height) = (width?, height?);
-    let picture = |part: &[u8]| {
+    let image = |part: &[u8]| {
         let samples = part.chunks_exact(bytes_each).map(sample).collect();
         Image::new(width, height, samples).map_err(|error| error.to_string())
     };
-    let pictures: Vec<Image> = data.chunks_exact((each * bytes_each).max(1)).map(picture).collect::<Result<_, _>>()?;
-    for (at, picture) in pictures.iter().enumerate() {
-        check_range(picture).map_err(|error| format!("picture {at}: {error}"))?;
+    let images: Vec<Image> = data.chunks_exact((each * bytes_each).max(1)).map(image).collect::<Result<_, _>>()?;
+    for (at, image) in images.iter().enumerate() {
+        check_range(image).map_err(|error| format!("image {at}: {error}"))?;
     }
-    Ok(pictures)
+    Ok(images)
 }
 
 /// Header and data.
@@ -105,7 +105,7 @@ fn text(shape: &[usize]) -> String {
     format!("({})", sides.join(", "))
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+#[expect(clippy::cast_possible_truncation, reason = "images are f32")]
 const fn narrowed(value: f64) -> f32 {
     value as f32
 }
@@ -123,8 +123,8 @@ mod tests {
     /// The first bytes are those of `numpy.save` (NumPy 2.3) for `numpy.arange(12, dtype="u1").reshape(1, 4, 3)`.
     #[test]
     fn writes_what_numpy_writes() {
-        let picture = ImageU8::new(4, 1, (0..12).collect()).unwrap();
-        let bytes = of_picture(&picture);
+        let image = ImageU8::new(4, 1, (0..12).collect()).unwrap();
+        let bytes = of_image(&image);
         let header = b"\x93NUMPY\x01\x00v\x00{'descr': '|u1', 'fortran_order': False, 'shape': (1, 4, 3), }";
         assert!(bytes.starts_with(header), "{:?}", String::from_utf8_lossy(&bytes));
         assert_eq!((bytes.len(), bytes[127], &bytes[128..]), (140, b'\n', &(0..12).collect::<Vec<u8>>()[..]));
@@ -132,19 +132,19 @@ mod tests {
 
     #[test]
     fn reads_floats_and_bytes_row_by_row() {
-        // Two pictures of one row and two columns.
+        // Two images of one row and two columns.
         let values: Vec<f32> = (0..12u8).map(|at| f32::from(at) / 16.0).collect();
         let single: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         let double: Vec<u8> = values.iter().flat_map(|value| f64::from(*value).to_le_bytes()).collect();
         for bytes in [file("<f4", "False", "(2, 1, 2, 3)", &single), file("<f8", "False", "(2, 1, 2, 3)", &double)] {
-            let read = pictures(&bytes, [2, 1, 2, 3]).unwrap();
+            let read = images(&bytes, [2, 1, 2, 3]).unwrap();
             assert_eq!(read.iter().map(|image| (image.width(), image.height())).collect::<Vec<_>>(), [(2, 1); 2]);
             assert_eq!((read[0].samples(), read[1].samples()), (&values[..6], &values[6..]));
         }
-        let levels = pictures(&file("|u1", "False", "(1, 1, 1, 3)", &[0, 51, 255]), [1, 1, 1, 3]).unwrap();
+        let levels = images(&file("|u1", "False", "(1, 1, 1, 3)", &[0, 51, 255]), [1, 1, 1, 3]).unwrap();
         assert_eq!(levels[0].samples(), [0.0, 0.2, 1.0]);
-        let picture = ImageU8::new(2, 1, vec![9; 6]).unwrap();
-        assert!(pictures(&of_picture(&picture), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
+        let image = ImageU8::new(2, 1, vec![9; 6]).unwrap();
+        assert!(images(&of_image(&image), [1, 1, 2, 3]).unwrap_err().contains("found (1, 2, 3)"));
     }
 
     #[test]
@@ -152,17 +152,17 @@ mod tests {
         let of = |sample: fn(f32) -> f32| {
             let values = (0..12u8).map(|at| if at < 6 { 0.0 } else { sample(f32::from(at) / 16.0) });
             let data: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
-            pictures(&file("<f4", "False", "(2, 1, 2, 3)", &data), [2, 1, 2, 3])
+            images(&file("<f4", "False", "(2, 1, 2, 3)", &data), [2, 1, 2, 3])
         };
         assert_eq!(of(|x| x * 1.5).unwrap().len(), 2);
         let levels = of(|x| x * 255.0).unwrap_err();
-        assert!(levels.starts_with("picture 1: ") && levels.contains("seems to be 0…255"), "{levels}");
+        assert!(levels.starts_with("image 1: ") && levels.contains("seems to be 0…255"), "{levels}");
         assert!(of(|x| -x - 1.0).unwrap_err().contains("expected samples in [0, 1], found -1.69…-1.38"));
     }
 
     #[test]
     fn other_files_are_refused_with_what_was_found() {
-        let refused = |bytes: &[u8], shape| pictures(bytes, shape).unwrap_err();
+        let refused = |bytes: &[u8], shape| images(bytes, shape).unwrap_err();
         let four = [0; 4 * 6];
         let cases = [
             (refused(b"P6 2 2 255", [1, 1, 2, 3]), "a .npy file"),
@@ -177,7 +177,7 @@ mod tests {
         }
         let bytes = file("<f4", "False", "(1, 1, 2, 3)", &four);
         for end in 0..bytes.len() {
-            assert!(pictures(&bytes[..end], [1, 1, 2, 3]).is_err(), "the first {end} bytes");
+            assert!(images(&bytes[..end], [1, 1, 2, 3]).is_err(), "the first {end} bytes");
         }
     }
 }

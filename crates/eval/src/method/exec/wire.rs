@@ -41,13 +41,13 @@ pub(super) struct Hello {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum OutputKind {
-    /// Pictures of the targets.
-    Pictures,
+    /// Images of the targets.
+    Images,
     /// Gaussians, which atsplat renders.
     Gaussians,
 }
 
-/// A trial, without target pictures.
+/// A trial, without target images.
 #[derive(Debug, Serialize)]
 pub(super) struct Request<'a> {
     /// Number of the request.
@@ -56,7 +56,7 @@ pub(super) struct Request<'a> {
     preset: &'a str,
     scene: &'a str,
     entry: usize,
-    /// Where the pictures are, and where the answer's files go.
+    /// Where the images are, and where the answer's files go.
     folder: String,
     context: Vec<View>,
     targets: Vec<View>,
@@ -64,7 +64,7 @@ pub(super) struct Request<'a> {
     far: f64,
 }
 
-/// A camera with the size of its picture.
+/// A camera with the size of its image.
 #[derive(Debug, Serialize)]
 struct View {
     frame: usize,
@@ -74,16 +74,16 @@ struct View {
     intrinsics: [[f64; 3]; 3],
     /// Rows of the 4×4 matrix; OpenCV axes.
     world_from_camera: [[f64; 4]; 4],
-    /// The context picture's file.
+    /// The context image's file.
     #[serde(skip_serializing_if = "Option::is_none")]
-    picture: Option<String>,
+    image: Option<String>,
 }
 
 /// The answer of a process to a request.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Answer {
     /// The name of a `.npy` file or of a folder.
-    Pictures(String),
+    Images(String),
     /// The name of a file of Gaussians.
     Gaussians(String),
     /// It cannot do this kind of trial.
@@ -99,7 +99,7 @@ pub(super) type TimedAnswer = (Answer, BTreeMap<String, f64>);
 #[serde(deny_unknown_fields)]
 struct AnswerLine {
     trial: u64,
-    pictures: Option<String>,
+    images: Option<String>,
     gaussians: Option<String>,
     not_applicable: Option<String>,
     error: Option<String>,
@@ -122,7 +122,7 @@ impl Hello {
 }
 
 impl<'a> Request<'a> {
-    /// The message of a trial whose context pictures are the `files` in `folder`.
+    /// The message of a trial whose context images are the `files` in `folder`.
     pub(super) fn new(trial: u64, input: &TrialInput<'a>, folder: String, files: Vec<String>) -> Self {
         let context = input.trial.context().iter().zip(files);
         let context = context.map(|(view, file)| View::of(view.frame, &view.camera, view.size, Some(file)));
@@ -154,14 +154,14 @@ impl OutputKind {
     /// The name in messages.
     pub(super) const fn name(self) -> &'static str {
         match self {
-            Self::Pictures => "pictures",
+            Self::Images => "images",
             Self::Gaussians => "gaussians",
         }
     }
 }
 
 impl View {
-    fn of(frame: usize, camera: &Camera, size: ImageSize, picture: Option<String>) -> Self {
+    fn of(frame: usize, camera: &Camera, size: ImageSize, image: Option<String>) -> Self {
         let pixels = camera.intrinsics.pixel_from_normalized(size);
         let [a, b, c, x, d, e, f, y, g, h, i, z] = camera.camera_from_world.inverse().to_rows();
         Self {
@@ -170,7 +170,7 @@ impl View {
             height: size.height,
             intrinsics: [[pixels.fx, 0.0, pixels.cx], [0.0, pixels.fy, pixels.cy], [0.0, 0.0, 1.0]],
             world_from_camera: [[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]],
-            picture,
+            image,
         }
     }
 }
@@ -179,7 +179,7 @@ impl Answer {
     /// The name of its field.
     pub(super) const fn name(&self) -> &'static str {
         match self {
-            Self::Pictures(_) => OutputKind::Pictures.name(),
+            Self::Images(_) => OutputKind::Images.name(),
             Self::Gaussians(_) => OutputKind::Gaussians.name(),
             Self::NotApplicable(_) => "not_applicable",
             Self::Error(_) => "error",
@@ -188,7 +188,7 @@ impl Answer {
 
     /// The answer to the request of this number.
     pub(super) fn parse(line: &str, trial: u64) -> Result<TimedAnswer, String> {
-        let expected = format!("a line such as {{\"trial\": {trial}, \"pictures\": …}} on its standard output");
+        let expected = format!("a line such as {{\"trial\": {trial}, \"images\": …}} on its standard output");
         let answer: AnswerLine = parsed(line, &expected)?;
         if answer.trial != trial {
             return Err(format!("expected the answer to trial {trial}, found that to trial {}", answer.trial));
@@ -197,7 +197,7 @@ impl Answer {
             return Err(format!("expected seconds of {name} of at least 0, found {secs}"));
         }
         let parts = [
-            answer.pictures.map(Self::Pictures),
+            answer.images.map(Self::Images),
             answer.gaussians.map(Self::Gaussians),
             answer.not_applicable.map(Self::NotApplicable),
             answer.error.map(Self::Error),
@@ -205,7 +205,7 @@ impl Answer {
         let mut parts = parts.into_iter().flatten();
         match (parts.next(), parts.next()) {
             (Some(part), None) => Ok((part, answer.seconds)),
-            _ => Err(format!("expected one of pictures, gaussians, not_applicable and error, found {}", quoted(line))),
+            _ => Err(format!("expected one of images, gaussians, not_applicable and error, found {}", quoted(line))),
         }
     }
 }
@@ -234,22 +234,22 @@ mod tests {
         let refused = |line: &str| Hello::parse(line).unwrap_err();
         assert!(refused(r#"{"atsplat": 2, "names": ["a"]}"#).contains("\"atsplat\": 1"));
         assert!(refused(r#"{"atsplat": 1, "name": "a", "version": "2", "gives": "meshes"}"#).contains("meshes"));
-        assert!(refused(r#"{"atsplat": 1, "name": "a", "gives": "pictures"}"#).contains("version"));
+        assert!(refused(r#"{"atsplat": 1, "name": "a", "gives": "images"}"#).contains("version"));
         assert!(refused("Loading weights\n").contains("Loading weights\""));
     }
 
     #[test]
     fn an_answer_is_one_of_four_and_belongs_to_its_trial() {
         let (answer, seconds) =
-            Answer::parse(r#"{"trial": 3, "pictures": "a.npy", "seconds": {"encode": 0.5}}"#, 3).unwrap();
-        assert_eq!((answer, seconds["encode"]), (Answer::Pictures("a.npy".to_owned()), 0.5));
+            Answer::parse(r#"{"trial": 3, "images": "a.npy", "seconds": {"encode": 0.5}}"#, 3).unwrap();
+        assert_eq!((answer, seconds["encode"]), (Answer::Images("a.npy".to_owned()), 0.5));
         let refused = |line: &str| Answer::parse(line, 3).unwrap_err();
-        assert!(refused(r#"{"trial": 2, "pictures": "a.npy"}"#).contains("trial 2"));
-        assert!(refused(r#"{"trial": 3}"#).contains("one of pictures"));
-        assert!(refused(r#"{"trial": 3, "pictures": "a", "error": "b"}"#).contains("one of pictures"));
-        assert!(refused(r#"{"trial": 3, "pictures": "a", "time": 1}"#).contains("time"));
-        assert!(refused(r#"{"trial": 3, "pictures": "a", "seconds": {"encode": -1}}"#).contains("-1"));
-        assert!(refused(r#"{"trial": 3, "pictures": NaN}"#).contains("NaN"));
+        assert!(refused(r#"{"trial": 2, "images": "a.npy"}"#).contains("trial 2"));
+        assert!(refused(r#"{"trial": 3}"#).contains("one of images"));
+        assert!(refused(r#"{"trial": 3, "images": "a", "error": "b"}"#).contains("one of images"));
+        assert!(refused(r#"{"trial": 3, "images": "a", "time": 1}"#).contains("time"));
+        assert!(refused(r#"{"trial": 3, "images": "a", "seconds": {"encode": -1}}"#).contains("-1"));
+        assert!(refused(r#"{"trial": 3, "images": NaN}"#).contains("NaN"));
         let long = refused(&"x".repeat(1000));
         assert!(long.len() < 400 && long.contains('…'), "{long}");
     }

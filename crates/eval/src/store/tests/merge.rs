@@ -136,7 +136,7 @@ fn rows_of_other_data_are_not_merged() {
     };
     assert_eq!(merged_with("data a 0").unwrap().results.trials.len(), 2);
     let error = merged_with("data a 1").unwrap_err().to_string();
-    assert!(error.contains("different pictures or cameras: m on p, scene \"a\", entry 0"), "{error}");
+    assert!(error.contains("different images or cameras: m on p, scene \"a\", entry 0"), "{error}");
 }
 
 #[test]

@@ -147,7 +147,7 @@ fn rendered(
     Ok((scenes, images))
 }
 
-/// Copies of the Gaussians, counts, and pictures.
+/// Copies of the Gaussians, counts, and images.
 type Rendered = (Vec<Scenes>, Vec<Census>, FloatTensor<Cube>);
 
 /// All scenes by one launch of each kernel.
@@ -215,16 +215,16 @@ fn gaussians(renderer: &GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -
     GpuGaussians::from_parts(parts, request.sh_degree)
 }
 
-/// Pictures as `[pictures, height, width, channels]`.
+/// Images as `[images, height, width, channels]`.
 fn image(
     renderer: &GpuRenderer,
     rendering: &GpuRendering,
-    pictures: usize,
+    images: usize,
     request: &Request,
     like: &FloatTensor<Cube>,
 ) -> Result<FloatTensor<Cube>, SplatError> {
     let [_, height, width, _] = request.shape();
-    let shape = [pictures, height, width, 4];
+    let shape = [images, height, width, 4];
     let empty = || Cube::float_empty(Shape::from(shape), &like.device(), FloatDType::F32);
     let channels = request.options.channels;
     let colours = empty();
@@ -321,8 +321,8 @@ fn derivatives_one_by_one(
     for (Scenes { gaussians, .. }, own) in scenes.iter().zip(request.views_by_scene()) {
         let mut pending = Vec::new();
         for (at, view) in views.by_ref().take(own.len()) {
-            let picture = Cube::float_slice(images.clone(), &[Slice::from(at..at + 1)]);
-            let by_images = image_gradients(renderer, &picture, request)?;
+            let image = Cube::float_slice(images.clone(), &[Slice::from(at..at + 1)]);
+            let by_images = image_gradients(renderer, &image, request)?;
             pending.push(renderer.backward_resident(gaussians, view, &request.options, &by_images)?);
         }
         let settled = renderer.settle_all(&pending.iter().collect::<Vec<_>>())?;
@@ -348,14 +348,14 @@ fn joined(scenes: &[Inputs<Cube>]) -> Inputs<Cube> {
     std::array::from_fn(|input| Cube::float_cat(scenes.iter().map(|scene| scene[input].clone()).collect(), 0))
 }
 
-/// Gradients with respect to pictures, `[pictures, height, width, channels]`: of one, strip by strip, or of a batch.
+/// Gradients with respect to images, `[images, height, width, channels]`: of one, strip by strip, or of a batch.
 fn image_gradients(
     renderer: &GpuRenderer,
     pixels: &FloatTensor<Cube>,
     request: &Request,
 ) -> Result<GpuImageGradients, SplatError> {
     let channels = request.options.channels;
-    let [pictures, height, width] = [0, 1, 2].map(|dim| pixels.shape()[dim]);
+    let [images, height, width] = [0, 1, 2].map(|dim| pixels.shape()[dim]);
     let colours = flat(channel(pixels.clone(), 0, 4));
     let extras = (channels.depth || channels.scalar).then(|| {
         let nothing = || Cube::float_zeros(channel(pixels.clone(), 0, 1).shape(), &pixels.device(), FloatDType::F32);
@@ -365,8 +365,8 @@ fn image_gradients(
         flat(Cube::float_cat(vec![depth, scalar, nothing(), nothing()], 3))
     });
     let rows = match request.views.first() {
-        Some(view) if pictures == 1 => renderer.strips(view)?,
-        _ => vec![[0, in_u32(pictures * height)]],
+        Some(view) if images == 1 => renderer.strips(view)?,
+        _ => vec![[0, in_u32(images * height)]],
     };
     let mut copies = Copies::new(renderer);
     let mut strips = Vec::new();

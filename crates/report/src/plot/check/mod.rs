@@ -30,7 +30,7 @@ pub enum FaultKind {
     Outside,
     /// A text that ends in an ellipsis.
     Truncated,
-    /// A text over another text, a mark, a line or a picture.
+    /// A text over another text, a mark, a line or an image.
     Overprinted,
     /// A text in a size of its own.
     Font,
@@ -139,7 +139,7 @@ fn bounds(item: &Item) -> Option<Extent> {
         Shape::Disc { centre: [x, y], radius, .. } | Shape::Ring { centre: [x, y], radius, .. } => {
             around(&[[x - radius, y - radius], [x + radius, y + radius]])
         }
-        Shape::Picture { at, .. } => Some(*at),
+        Shape::Image { at, .. } => Some(*at),
         Shape::Text(text) => Some(text.extent()),
     }
 }

@@ -6,7 +6,7 @@ const TOUCH: f64 = 2.0;
 /// The empty edge of a text's box.
 const EMPTY: f64 = 1.5;
 
-/// Texts over other texts, over marks and lines, and over pictures.
+/// Texts over other texts, over marks and lines, and over images.
 pub(super) fn faults(drawing: &Drawing, texts: &[Printed<'_>]) -> Vec<PlotFault> {
     let mut faults = Vec::new();
     let overprinted = |what: String| fault(FaultKind::Overprinted, what);
@@ -26,7 +26,7 @@ pub(super) fn faults(drawing: &Drawing, texts: &[Printed<'_>]) -> Vec<PlotFault>
 fn covers(item: &Item, ink: Extent, text: &Role) -> bool {
     match (&item.shape, &item.role) {
         (Shape::Text(_), _) => false,
-        (Shape::Picture { at, .. }, _) => at.shared(ink) > TOUCH,
+        (Shape::Image { at, .. }, _) => at.shared(ink) > TOUCH,
         (Shape::Area { .. }, Role::Data(_)) if *text == Role::Inside => false,
         (shape, Role::Data(_) | Role::Frame | Role::Key(_)) => match shape {
             Shape::Line { points, .. } => points.windows(2).any(|pair| crosses(pair[0], pair[1], ink)),

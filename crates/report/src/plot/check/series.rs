@@ -104,7 +104,7 @@ fn colour_of(item: &Item) -> Option<RGBColor> {
     match &item.shape {
         Shape::Line { stroke, .. } | Shape::Ring { stroke, .. } => Some(stroke.colour),
         Shape::Disc { fill, .. } | Shape::Area { fill, .. } => Some(fill.colour),
-        Shape::Text(_) | Shape::Picture { .. } => None,
+        Shape::Text(_) | Shape::Image { .. } => None,
     }
 }
 

@@ -1,6 +1,6 @@
 use super::*;
 use crate::nerfstudio::{Focal, NerfstudioOptions, NerfstudioScenes};
-use crate::{Picture, PictureFolder, Scene, SceneSource, WarningKind, Warnings};
+use crate::{FrameImage, ImageFolder, Scene, SceneSource, WarningKind, Warnings};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
 use glam::DVec3;
@@ -30,8 +30,8 @@ fn message(root: &Value) -> String {
 }
 
 /// Loads `root` as a scene in a folder with `files`.
-fn load(root: &Value, files: &[&str], pictures: PictureFolder) -> Result<(Scene, Warnings), SceneError> {
-    load_with(root, files, NerfstudioOptions { pictures, ..NerfstudioOptions::default() })
+fn load(root: &Value, files: &[&str], images: ImageFolder) -> Result<(Scene, Warnings), SceneError> {
+    load_with(root, files, NerfstudioOptions { images, ..NerfstudioOptions::default() })
 }
 
 fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result<(Scene, Warnings), SceneError> {
@@ -40,8 +40,8 @@ fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result
     for file in files {
         let path = folder.path().join(file);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        let picture = image_bytes(8, 6);
-        fs::write(path, picture).unwrap();
+        let image = image_bytes(8, 6);
+        fs::write(path, image).unwrap();
     }
     let source = NerfstudioScenes::open(folder.path(), options, &mut Warnings::new()).unwrap();
     let mut warnings = Warnings::new();
@@ -67,9 +67,9 @@ fn crc32(bytes: &[u8]) -> u32 {
     })
 }
 
-fn file_name(picture: &Picture) -> &str {
-    match picture {
-        Picture::File(path) | Picture::Missing(path) => path.file_name().unwrap().to_str().unwrap(),
+fn file_name(image: &FrameImage) -> &str {
+    match image {
+        FrameImage::File(path) | FrameImage::Missing(path) => path.file_name().unwrap().to_str().unwrap(),
         _ => "",
     }
 }
@@ -84,10 +84,10 @@ fn opengl_axes_are_converted_and_the_world_is_unchanged() {
 }
 
 #[test]
-fn intrinsics_are_divided_by_the_stated_size_for_any_copy_of_the_pictures() {
+fn intrinsics_are_divided_by_the_stated_size_for_any_copy_of_the_images() {
     let root = transforms(|root| root["w"] = json!(200.0));
-    for pictures in [PictureFolder::Listed, PictureFolder::Downscaled(8)] {
-        let (scene, warnings) = load(&root, &["images/f_1.png", "images_8/f_1.png"], pictures).unwrap();
+    for images in [ImageFolder::Listed, ImageFolder::Downscaled(8)] {
+        let (scene, warnings) = load(&root, &["images/f_1.png", "images_8/f_1.png"], images).unwrap();
         let frame = &scene.frames[0];
         let k = frame.camera.intrinsics;
         Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.5], "normalised");
@@ -108,7 +108,7 @@ fn intrinsics_of_a_frame_override_the_global_ones() {
         root["frames"][1]["fl_x"] = json!(50);
         root["frames"][1]["cx"] = json!(80);
     });
-    let (scene, _) = load(&root, &[], PictureFolder::Listed).unwrap();
+    let (scene, _) = load(&root, &[], ImageFolder::Listed).unwrap();
     let [a, b] = [0, 1].map(|at: usize| scene.frames[at].camera.intrinsics);
     Tolerance::F64.assert([a.fx, a.fy, a.cx], [0.5, 1.1, 0.5], "global");
     Tolerance::F64.assert([b.fx, b.fy, b.cx], [0.25, 0.5, 0.4], "own fl_x for both axes, own cx, global cy");
@@ -117,7 +117,7 @@ fn intrinsics_of_a_frame_override_the_global_ones() {
 #[test]
 fn nerfstudios_list_of_coefficients_is_read() {
     let listed = |list: Value| transforms(|root| root["distortion_params"] = list);
-    let lens = |root: &Value| load(root, &[], PictureFolder::Listed).unwrap().0.frames[0].camera.distortion;
+    let lens = |root: &Value| load(root, &[], ImageFolder::Listed).unwrap().0.frames[0].camera.distortion;
     let list = json!([0.1, 0.02, 0.003, 0.0, 0.001, -0.002]);
     let expected = Distortion::OpenCv { k1: 0.1, k2: 0.02, k3: 0.003, p1: 0.001, p2: -0.002 };
     assert_eq!(lens(&listed(list.clone())), expected);
@@ -140,15 +140,11 @@ fn nerfstudios_list_of_coefficients_is_read() {
 #[test]
 fn angles_are_converted_to_focal_lengths() {
     let root = json!({ "camera_angle_x": std::f64::consts::FRAC_PI_2, "frames": [frame("./train/r_0")] });
-    let (scene, warnings) = load(&root, &["train/r_0.png"], PictureFolder::Listed).unwrap();
+    let (scene, warnings) = load(&root, &["train/r_0.png"], ImageFolder::Listed).unwrap();
     let frame = &scene.frames[0];
     let k = frame.camera.intrinsics;
-    Tolerance::F64.assert(
-        [k.fx, k.fy, k.cx, k.cy],
-        [0.5, 0.5 * 8.0 / 6.0, 0.5, 0.5],
-        "square pixels of an 8×6 picture",
-    );
-    assert_eq!((file_name(&frame.picture), frame.name.as_str()), ("r_0.png", "r_0"));
+    Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 0.5 * 8.0 / 6.0, 0.5, 0.5], "square pixels of an 8×6 image");
+    assert_eq!((file_name(&frame.image), frame.name.as_str()), ("r_0.png", "r_0"));
     assert_eq!(warnings.total(), 0, "names without extension are allowed: {:?}", warnings.kept());
 
     let degrees = transforms(|root| {
@@ -158,7 +154,7 @@ fn angles_are_converted_to_focal_lengths() {
         fields.insert("x_fov".to_owned(), json!(90.0));
         fields.insert("camera_angle_y".to_owned(), json!(std::f64::consts::FRAC_PI_2));
     });
-    let (scene, _) = load(&degrees, &[], PictureFolder::Listed).unwrap();
+    let (scene, _) = load(&degrees, &[], ImageFolder::Listed).unwrap();
     let k = scene.frames[0].camera.intrinsics;
     Tolerance::F64.assert([k.fx, k.fy], [0.5, 0.5], "instant-ngp's two notations");
 }
@@ -170,20 +166,20 @@ fn focal_lengths_in_pixels_override_angles() {
 }
 
 #[test]
-fn an_unknown_picture_size_is_an_error() {
+fn an_unknown_image_size_is_an_error() {
     let root = json!({ "camera_angle_x": 1.0, "frames": [frame("train/r_0")] });
-    let error = load(&root, &[], PictureFolder::Listed).unwrap_err().to_string();
-    assert!(error.contains("frames[0]") && error.contains("size of the pictures"), "{error}");
-    let downscaled = load(&root, &["train_8/r_0.png"], PictureFolder::Downscaled(8));
-    assert!(downscaled.is_err(), "a downscaled picture does not have the listed size");
+    let error = load(&root, &[], ImageFolder::Listed).unwrap_err().to_string();
+    assert!(error.contains("frames[0]") && error.contains("size of the images"), "{error}");
+    let downscaled = load(&root, &["train_8/r_0.png"], ImageFolder::Downscaled(8));
+    assert!(downscaled.is_err(), "a downscaled image does not have the listed size");
 }
 
-/// The picture's own height may be that of a scaled copy of the width that is stated.
+/// The image's own height may be that of a scaled copy of the width that is stated.
 #[test]
-fn half_a_size_is_not_completed_from_a_picture() {
+fn half_a_size_is_not_completed_from_an_image() {
     for (side, missing) in [("w", "frames[0]: h: expected a height"), ("h", "frames[0]: w: expected a width")] {
         let root = json!({ side: 640, "fl_x": 500, "frames": [frame("images/a.png")] });
-        let error = load(&root, &["images/a.png"], PictureFolder::Listed).unwrap_err().to_string();
+        let error = load(&root, &["images/a.png"], ImageFolder::Listed).unwrap_err().to_string();
         assert!(error.contains(missing), "{error}");
     }
 }
@@ -192,7 +188,7 @@ fn half_a_size_is_not_completed_from_a_picture() {
 fn camera_models_convert_to_lenses_or_are_unsupported() {
     let lens = |fields: Value| {
         let root = transforms(|root| root.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone()));
-        load(&root, &[], PictureFolder::Listed).map(|(scene, _)| scene.frames[0].camera.distortion)
+        load(&root, &[], ImageFolder::Listed).map(|(scene, _)| scene.frames[0].camera.distortion)
     };
     let open_cv = |k1, k2, k3, p1, p2| Distortion::OpenCv { k1, k2, k3, p1, p2 };
     assert_eq!(lens(json!({ "camera_model": "OPENCV", "k1": 0, "p1": 0 })).unwrap(), Distortion::None);
@@ -238,24 +234,24 @@ fn a_model_and_a_flag_that_contradict_each_other_are_an_error() {
 }
 
 #[test]
-fn pictures_with_another_extension_are_found_and_missing_ones_keep_their_position() {
+fn images_with_another_extension_are_found_and_missing_ones_keep_their_position() {
     let root =
         transforms(|root| root["frames"] = json!(["a", "b", "c"].map(|name| frame(&format!("images/{name}.png")))));
-    let (scene, warnings) = load(&root, &["images/a.png", "images/c.JPG"], PictureFolder::Listed).unwrap();
-    assert!(matches!(scene.frames[0].picture, Picture::File(_)));
-    assert!(matches!(scene.frames[1].picture, Picture::Missing(_)));
-    assert_eq!(file_name(&scene.frames[2].picture), "c.JPG");
+    let (scene, warnings) = load(&root, &["images/a.png", "images/c.JPG"], ImageFolder::Listed).unwrap();
+    assert!(matches!(scene.frames[0].image, FrameImage::File(_)));
+    assert!(matches!(scene.frames[1].image, FrameImage::Missing(_)));
+    assert_eq!(file_name(&scene.frames[2].image), "c.JPG");
     let counts: Vec<_> = warnings.counts().collect();
-    assert_eq!(counts, [(WarningKind::MissingPicture, 1), (WarningKind::PictureElsewhere, 1)]);
+    assert_eq!(counts, [(WarningKind::MissingImage, 1), (WarningKind::ImageElsewhere, 1)]);
 }
 
 #[test]
 fn without_the_listed_folder_the_largest_copy_is_used_and_reported() {
     let (scene, warnings) =
-        load(&transforms(|_| ()), &["images_8/f_1.png", "images_4/f_1.png"], PictureFolder::Listed).unwrap();
-    let Picture::File(path) = &scene.frames[0].picture else { panic!("{:?}", scene.frames[0].picture) };
+        load(&transforms(|_| ()), &["images_8/f_1.png", "images_4/f_1.png"], ImageFolder::Listed).unwrap();
+    let FrameImage::File(path) = &scene.frames[0].image else { panic!("{:?}", scene.frames[0].image) };
     assert!(path.ends_with("images_4/f_1.png"), "{}", path.display());
-    assert_eq!(warnings.count(WarningKind::PictureElsewhere), 1);
+    assert_eq!(warnings.count(WarningKind::ImageElsewhere), 1);
     assert_eq!(scene.frames[0].stated_size, Some(ImageSize { width: 200, height: 100 }));
 }
 
@@ -263,7 +259,7 @@ fn without_the_listed_folder_the_largest_copy_is_used_and_reported() {
 fn paths_outside_the_scene_are_errors() {
     for path in ["../../etc/passwd", "/etc/passwd", "images/../../x.png", r"..\x.png", ""] {
         let root = transforms(|root| root["frames"][0]["file_path"] = json!(path));
-        let error = load(&root, &[], PictureFolder::Listed).unwrap_err();
+        let error = load(&root, &[], ImageFolder::Listed).unwrap_err();
         assert!(matches!(error, SceneError::OutsideScene { .. }), "{path:?}: {error}");
     }
 }
@@ -272,7 +268,7 @@ fn paths_outside_the_scene_are_errors() {
 fn messages_name_the_field() {
     type Change = fn(&mut Value);
     let cases: [(&str, Change); 12] = [
-        ("frames[0].file_path: expected a picture's path, found nothing", |r| {
+        ("frames[0].file_path: expected an image's path, found nothing", |r| {
             r["frames"][0].as_object_mut().unwrap().remove("file_path");
         }),
         ("frames[0].file_path: expected text, found 7", |r| r["frames"][0]["file_path"] = json!(7)),
@@ -294,7 +290,7 @@ fn messages_name_the_field() {
         ("frames: expected at least one frame", |r| r["frames"] = json!([])),
         ("frames: expected a list, found an object", |r| r["frames"] = json!({})),
         ("frames[0]: expected an object, found 3", |r| r["frames"] = json!([3])),
-        ("w: expected a picture size in pixels, found 0", |r| r["w"] = json!(0)),
+        ("w: expected an image size in pixels, found 0", |r| r["w"] = json!(0)),
         ("frames[0].camera_angle_x: expected an angle between 0 and 180°", |r| {
             r["frames"][0]["camera_angle_x"] = json!(4);
         }),
@@ -303,7 +299,7 @@ fn messages_name_the_field() {
         let message = message(&transforms(change));
         assert!(message.contains(expected), "{message}\ndoes not contain {expected}");
     }
-    let zero_focal = load(&transforms(|r| r["fl_x"] = json!(0)), &[], PictureFolder::Listed).unwrap_err();
+    let zero_focal = load(&transforms(|r| r["fl_x"] = json!(0)), &[], ImageFolder::Listed).unwrap_err();
     assert!(matches!(zero_focal, SceneError::Camera { .. }), "{zero_focal}");
 }
 
@@ -339,25 +335,25 @@ fn two_focal_lengths_are_an_error() {
     );
 }
 
-/// `w` and `h` are 200 and 100: scaled pictures fit, cropped, rotated or stretched ones do not.
+/// `w` and `h` are 200 and 100: scaled images fit, cropped, rotated or stretched ones do not.
 #[test]
-fn a_picture_of_another_shape_is_not_decoded() {
+fn an_image_of_another_shape_is_not_decoded() {
     let decoded = |width: u32, height: u32, elsewhere: &str| {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("transforms.json"), transforms(|_| ()).to_string()).unwrap();
-        let picture = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
+        let image = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
         let path = folder.path().join(format!("images{elsewhere}/f_1.png"));
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, atsplat_pixels::encode_png(&picture).unwrap()).unwrap();
+        fs::write(path, atsplat_pixels::encode_png(&image).unwrap()).unwrap();
         let source = NerfstudioScenes::open(folder.path(), NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
         let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
-        scene.decode(0, &atsplat_pixels::DecodeLimits::default()).map(|picture| (picture.width(), picture.height()))
+        scene.decode(0, &atsplat_pixels::DecodeLimits::default()).map(|image| (image.width(), image.height()))
     };
     assert_eq!(decoded(200, 100, "").unwrap(), (200, 100));
     assert_eq!(decoded(50, 25, "").unwrap(), (50, 25));
     for (width, height) in [(100, 100), (100, 200), (200, 120)] {
         let error = decoded(width, height, "").unwrap_err();
-        assert!(matches!(error, SceneError::PictureMismatch { frame: 0, .. }), "{error}");
+        assert!(matches!(error, SceneError::ImageMismatch { frame: 0, .. }), "{error}");
         let message = error.to_string();
         assert!(message.contains("200×100") && message.contains(&format!("{width}×{height}")), "{message}");
     }
@@ -422,7 +418,7 @@ proptest! {
     }
 }
 
-/// The frame is the same picture at half size: the global lens applies to it, scaled to its pixels.
+/// The frame is the same image at half size: the global lens applies to it, scaled to its pixels.
 #[test]
 fn the_global_lens_is_scaled_to_a_frame_of_another_size() {
     let root = transforms(|root| {
@@ -430,18 +426,18 @@ fn the_global_lens_is_scaled_to_a_frame_of_another_size() {
         root["frames"][0]["w"] = json!(100);
         root["frames"][0]["h"] = json!(50);
     });
-    let (scene, _) = load(&root, &["images/f_1.png"], PictureFolder::default()).unwrap();
+    let (scene, _) = load(&root, &["images/f_1.png"], ImageFolder::default()).unwrap();
     let k = scene.frames[0].camera.intrinsics;
     Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.48], "normalised intrinsics");
 }
 
-/// What the warnings of a scene without pictures say, besides that those are missing.
+/// What the warnings of a scene without images say, besides that those are missing.
 fn warned(change: impl FnOnce(&mut Value)) -> Vec<(WarningKind, String)> {
     let root = transforms(|root| {
         root["fl_y"] = json!(100);
         change(root);
     });
-    let (_, warnings) = load(&root, &["images/f_1.png"], PictureFolder::Listed).unwrap();
+    let (_, warnings) = load(&root, &["images/f_1.png"], ImageFolder::Listed).unwrap();
     warnings.kept().iter().map(|warning| (warning.kind, warning.detail.clone())).collect()
 }
 

@@ -4,7 +4,7 @@ const DRAWN: u32 = 0u;
 const INVALID: u32 = 1u;
 const OUTSIDE_DEPTH: u32 = 2u;
 const FAINT: u32 = 3u;
-const OUTSIDE_PICTURE: u32 = 4u;
+const OUTSIDE_IMAGE: u32 = 4u;
 
 const LOG_SCALE_LIMIT: f32 = 43.5;
 
@@ -180,7 +180,7 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     g.pixel_from_slope = mat2x2(view.focal.x, 0.0, 0.0, view.focal.y);
     if has(LENS_OPENCV | LENS_FISHEYE) {
         if !lens_sees(g.true_slope) || !lens_sees(g.slope) {
-            g.outcome = OUTSIDE_PICTURE;
+            g.outcome = OUTSIDE_IMAGE;
             return g;
         }
         let bend = lens_bend(g.true_slope);
@@ -240,7 +240,7 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
         g.outcome = FAINT;
         return g;
     }
-    g.outcome = select(OUTSIDE_PICTURE, DRAWN, is_near_image(g.centre_x) && is_near_image(g.centre_y));
+    g.outcome = select(OUTSIDE_IMAGE, DRAWN, is_near_image(g.centre_x) && is_near_image(g.centre_y));
     return g;
 }
 

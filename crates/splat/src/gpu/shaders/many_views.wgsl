@@ -1,4 +1,4 @@
-// A batch: picture after picture, each with a splat of every Gaussian of its scene. As many views as `uniforms.rs` has.
+// A batch: image after image, each with a splat of every Gaussian of its scene. As many views as `uniforms.rs` has.
 @group(0) @binding(0) var<uniform> views: array<View, 160>;
 
 var<private> view: View;
@@ -11,7 +11,7 @@ fn splats() -> u32 {
 // Makes the view of a splat the current one; returns the splat's Gaussian.
 fn enter(splat: u32) -> u32 {
     let each = views[0].batch.x;
-    let picture = splat / each;
-    view = views[picture];
-    return picture / view.batch.w * each + splat % each;
+    let image = splat / each;
+    view = views[image];
+    return image / view.batch.w * each + splat % each;
 }

@@ -1,4 +1,4 @@
-// What a window's lists need, for the host: if they hold it, the picture is complete.
+// What a window's lists need, for the host: if they hold it, the image is complete.
 @group(0) @binding(1) var<storage, read> offsets: array<u32>;
 @group(0) @binding(2) var<storage, read_write> ranges: array<vec2<u32>>;
 // Five counts of Gaussians, whether lists were too short, most pairs of a window, most pairs of a tile.

@@ -12,7 +12,7 @@ struct Pack {
 @group(0) @binding(1) var<storage, read> colours: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> packed: array<u32>;
 
-// A number of the picture, row by row; 0 behind its end.
+// A number of the image, row by row; 0 behind its end.
 fn number(at: u32) -> f32 {
     let pixel = at / pack.channels;
     if pixel >= pack.pixels {

@@ -25,7 +25,7 @@ fn main(
     }
     let reach = reach_of(g);
     if (reach.x >> 16u) <= (reach.x & 0xffffu) || (reach.y >> 16u) <= (reach.y & 0xffffu) {
-        reaches[index] = vec2(OUTSIDE_PICTURE, 0u);
+        reaches[index] = vec2(OUTSIDE_IMAGE, 0u);
         return;
     }
     reaches[index] = reach;

@@ -3,7 +3,7 @@
 // A thread composites a block of pixels 4 wide and ROWS high (1 or 4; defined by `kernels.rs`), and a workgroup a tile.
 const THREADS: u32 = 64u / ROWS;
 
-// A thread's pixels: first column and row within the tile, and within the picture; the picture's first pixel.
+// A thread's pixels: first column and row within the tile, and within the image; the image's first pixel.
 struct Block {
     corner: vec2<u32>,
     pixel: vec2<u32>,
@@ -15,7 +15,7 @@ fn block_of(tile: u32, local: vec3<u32>) -> Block {
     return Block(corner, corner_of(tile) + corner, tile / view.batch.y * (view.image.x * view.image.y));
 }
 
-// Whether the picture has the pixel in row r and column n of a block.
+// Whether the image has the pixel in row r and column n of a block.
 fn is_inside(block: Block, r: u32, n: u32) -> bool {
     return block.pixel.y + r < view.image.y && block.pixel.x + n < view.image.x;
 }

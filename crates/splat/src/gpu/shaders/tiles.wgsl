@@ -1,10 +1,10 @@
-// First column and row of a tile within its picture, by its index in the window.
+// First column and row of a tile within its image, by its index in the window.
 fn corner_of(tile: u32) -> vec2<u32> {
     let own = tile % view.batch.y;
     return 16u * (view.tiles.xy + vec2(own % view.tiles.z, own / view.tiles.z));
 }
 
-// The window's tiles, of all pictures.
+// The window's tiles, of all images.
 fn all_tiles() -> u32 {
     return view.tiles.z * view.tiles.w * view.batch.z;
 }

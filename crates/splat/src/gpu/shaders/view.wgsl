@@ -33,7 +33,7 @@ struct View {
     // Pixels of the strip, pairs that the lists hold, first pixel row of the image buffers, total number of Gaussians.
     // Of more pairs none is listed: the host repeats the rendering with longer lists.
     window: vec4<u32>,
-    // Of a batch: splats and tiles of a picture, pictures, views of a scene. For a single picture, the first two are larger than
+    // Of a batch: splats and tiles of an image, images, views of a scene. For a single image, the first two are larger than
     // any index.
     batch: vec4<u32>,
 }

@@ -1,4 +1,4 @@
-//! Synthetic pictures for tests.
+//! Synthetic images for tests.
 
 use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
 use atsplat_pixels::ImageU8;
@@ -25,7 +25,7 @@ pub(crate) fn blobs(width: u32, height: u32) -> (ImageU8, Vec<DVec2>) {
             .sum();
         40.0 + 180.0 * light
     };
-    (picture(width, height, value), centres)
+    (image(width, height, value), centres)
 }
 
 /// Smooth noise: the window of an infinite texture that starts at (`column`, `row`).
@@ -34,10 +34,10 @@ pub(crate) fn shifted_noise(width: u32, height: u32, column: i32, row: i32) -> I
         let (x, y) = (f64::from(x) + f64::from(column), f64::from(y) + f64::from(row));
         [(5.0, 60.0), (9.0, 90.0), (21.0, 70.0)].iter().map(|(cell, gain)| gain * noise(x / cell, y / cell)).sum()
     };
-    picture(width, height, value)
+    image(width, height, value)
 }
 
-fn picture(width: u32, height: u32, value: impl Fn(u32, u32) -> f64) -> ImageU8 {
+fn image(width: u32, height: u32, value: impl Fn(u32, u32) -> f64) -> ImageU8 {
     let mut samples = Vec::new();
     for y in 0..height {
         for x in 0..width {

@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::runner::{is_picture_of, picture_path};
+use atsplat_eval::runner::{image_path, is_image_of};
 use atsplat_eval::{TargetRow, TrialKey};
 use atsplat_metrics::{Definition, Direction};
 use atsplat_pixels::{DecodeLimits, decode};
@@ -12,7 +12,7 @@ use super::PageStore;
 use crate::counted;
 use crate::figures::first_metric;
 
-/// The pictures of a page, up to a budget of bytes in base64. Protocols take turns, each with its worst, best and median
+/// The images of a page, up to a budget of bytes in base64. Protocols take turns, each with its worst, best and median
 /// trial first; a trial adds its context, its truths and the renders of all methods.
 #[derive(Debug, Default)]
 pub(super) struct Album {
@@ -28,7 +28,7 @@ pub(super) struct Album {
     context_left_out: BTreeSet<PathBuf>,
 }
 
-/// The method names under which a store keeps ground-truth and context pictures.
+/// The method names under which a store keeps ground-truth and context images.
 const TRUTH: &str = "truth";
 const CONTEXT: &str = "context";
 
@@ -38,14 +38,14 @@ impl Album {
         for (at, row) in in_turns(stores) {
             let Some(store) = stores.get(at) else { continue };
             let Some(folder) = store.folder else { continue };
-            let path = |method: &str, frame| picture_path(folder, &row.key.of_method(method), frame);
+            let path = |method: &str, frame| image_path(folder, &row.key.of_method(method), frame);
             let render = path(&row.key.method, row.frame);
             if !render.is_file() {
                 continue;
             }
             album.found += 1;
             let truth = uri(&path(TRUTH, row.frame), row.truth_hash.as_deref());
-            let pictures = match (truth, uri(&render, row.render_hash.as_deref())) {
+            let images = match (truth, uri(&render, row.render_hash.as_deref())) {
                 (Ok(truth), Ok(render)) => [truth, render],
                 (Err(Unusable::Replaced), _) | (_, Err(Unusable::Replaced)) => {
                     album.replaced += 1;
@@ -56,7 +56,7 @@ impl Album {
                     continue;
                 }
             };
-            let Some(places) = album.add(pictures) else {
+            let Some(places) = album.add(images) else {
                 album.over_budget += 1;
                 continue;
             };
@@ -69,7 +69,7 @@ impl Album {
                 let ends = frames.iter().enumerate().filter(|(at, _)| *at == 0 || at + 1 == frames.len());
                 let seen = ends.filter_map(|(at, &frame)| {
                     let file = path(CONTEXT, frame);
-                    let added = uri(&file, hash(at)).ok().and_then(|picture| album.add([picture]));
+                    let added = uri(&file, hash(at)).ok().and_then(|image| album.add([image]));
                     if added.is_none() && file.is_file() {
                         album.context_left_out.insert(file);
                     }
@@ -82,7 +82,7 @@ impl Album {
         album
     }
 
-    /// Every picture.
+    /// Every image.
     pub(super) fn uris(&self) -> &[String] {
         &self.uris
     }
@@ -92,18 +92,19 @@ impl Album {
         self.places.get(&(store, row.key.clone(), row.frame)).copied()
     }
 
-    /// Frame and position of the first and the last context picture of a trial.
+    /// Frame and position of the first and the last context image of a trial.
     pub(super) fn context(&self, store: usize, key: &TrialKey) -> &[(u64, usize)] {
         self.context.get(&(store, key.clone())).map_or(&[], Vec::as_slice)
     }
 
-    /// How many pictures the page contains, and why it contains no more.
+    /// How many images the page contains, and why it contains no more.
     pub(super) fn summary(&self) -> String {
         if self.found == 0 {
-            return "The stores contain no pictures: run with --keep-pictures to compare renders with the ground truth.".to_owned();
+            return "The stores contain no images: run with --keep-images to compare renders with the ground truth."
+                .to_owned();
         }
         let mut text = format!(
-            "{} of {} pictures are in this page, those of the worst, typical and best scenes first.",
+            "{} of {} images are in this page, those of the worst, typical and best scenes first.",
             self.places.len(),
             self.found
         );
@@ -117,17 +118,17 @@ impl Album {
             }
         }
         if !self.context_left_out.is_empty() {
-            let count = counted(self.context_left_out.len() as u64, "context picture");
+            let count = counted(self.context_left_out.len() as u64, "context image");
             text.push_str(&format!(" {count} left out: without room, unreadable, or of results that were replaced."));
         }
         text
     }
 
-    /// Positions of pictures, each stored once; `None` if they do not fit.
-    fn add<const N: usize>(&mut self, pictures: [String; N]) -> Option<[usize; N]> {
-        let new: usize = pictures.iter().filter(|uri| !self.known.contains_key(*uri)).map(String::len).sum();
+    /// Positions of images, each stored once; `None` if they do not fit.
+    fn add<const N: usize>(&mut self, images: [String; N]) -> Option<[usize; N]> {
+        let new: usize = images.iter().filter(|uri| !self.known.contains_key(*uri)).map(String::len).sum();
         self.left = self.left.checked_sub(new)?;
-        Some(pictures.map(|uri| {
+        Some(images.map(|uri| {
             let next = self.uris.len();
             *self.known.entry(uri).or_insert_with_key(|uri| {
                 self.uris.push(uri.clone());
@@ -140,11 +141,11 @@ impl Album {
 /// Targets, each with the number of its store.
 type Rows<'a> = Vec<(usize, &'a TargetRow)>;
 
-/// The targets of all stores with pictures, trial by trial under all methods.
+/// The targets of all stores with images, trial by trial under all methods.
 fn in_turns<'a>(stores: &[PageStore<'a>]) -> Vec<(usize, &'a TargetRow)> {
     let mut trials = BTreeMap::<(&str, &str, u32), Rows<'_>>::new();
     for (at, store) in stores.iter().enumerate() {
-        if store.folder.is_some_and(|folder| folder.join("pictures").is_dir()) {
+        if store.folder.is_some_and(|folder| folder.join("images").is_dir()) {
             for row in &store.source.results.targets {
                 trials.entry((&row.key.preset, &row.key.scene, row.key.entry)).or_default().push((at, row));
             }
@@ -192,7 +193,7 @@ fn quality(rows: &[(usize, &TargetRow)], metric: Option<&Definition>) -> f64 {
     }
 }
 
-/// Why a picture is not shown.
+/// Why an image is not shown.
 enum Unusable {
     /// It cannot be read or decoded.
     Unreadable,
@@ -200,14 +201,14 @@ enum Unusable {
     Replaced,
 }
 
-/// The picture file of a row with this hash as a data URI. The file must decode within limits, so that nothing but pictures is
+/// The image file of a row with this hash as a data URI. The file must decode within limits, so that nothing but images is
 /// embedded.
 fn uri(path: &Path, hash: Option<&str>) -> Result<String, Unusable> {
     let Ok(bytes) = std::fs::read(path) else { return Err(Unusable::Unreadable) };
     if !bytes.starts_with(b"\x89PNG") || decode(&bytes, &DecodeLimits::default()).is_err() {
         return Err(Unusable::Unreadable);
     }
-    if !is_picture_of(&bytes, hash) {
+    if !is_image_of(&bytes, hash) {
         return Err(Unusable::Replaced);
     }
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))

@@ -1,18 +1,18 @@
-//! The plots that show pictures.
+//! The plots that show images.
 
 use atsplat_pixels::ImageU8;
 
 use super::{SYNTHETIC, noise};
 use crate::plot::{
-    ContactRow, ContactSheet, Expansion, ExpansionStrip, ExpansionStrips, StripPicture, TokenExpansion, UncertaintyRow,
+    ContactRow, ContactSheet, Expansion, ExpansionStrip, ExpansionStrips, StripImage, TokenExpansion, UncertaintyRow,
     UncertaintyTriplets,
 };
 
 pub(super) fn contact_sheet() -> ContactSheet {
     let row = |at: u32| ContactRow {
         label: format!("rooms-test-{at:08}, 21.4 dB"),
-        context: vec![picture(1.0), picture(0.9)],
-        targets: vec![[picture(0.4), picture(1.0)], [picture(0.3), picture(0.9)]],
+        context: vec![image(1.0), image(0.9)],
+        targets: vec![[image(0.4), image(1.0)], [image(0.3), image(0.9)]],
     };
     ContactSheet {
         title: "Held-out samples of micro-rooms".to_owned(),
@@ -22,7 +22,7 @@ pub(super) fn contact_sheet() -> ContactSheet {
 }
 
 /// A scene of stripes and a disc; `detail` in [0, 1] is the contrast of the stripes.
-pub(super) fn picture(detail: f64) -> ImageU8 {
+pub(super) fn image(detail: f64) -> ImageU8 {
     painted(|x, y| {
         let stripes = if (x * 24.0 + y * 5.0).sin() > 0.0 { 0.25 * detail } else { -0.25 * detail };
         let disc = (x - 0.6).hypot(y - 0.45) < 0.22;
@@ -46,14 +46,14 @@ fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
 pub(super) fn strips() -> ExpansionStrips {
     let strip = |label: &str| ExpansionStrip {
         label: label.to_owned(),
-        pictures: [
+        images: [
             (0.1, "22.4 dB · 8K"),
             (0.4, "24.9 dB · 12K"),
             (0.7, "26.6 dB · 18K"),
             (0.9, "27.4 dB · 23K"),
             (1.0, ""),
         ]
-        .map(|(detail, caption)| StripPicture { image: picture(detail), caption: caption.to_owned() })
+        .map(|(detail, caption)| StripImage { image: image(detail), caption: caption.to_owned() })
         .to_vec(),
     };
     ExpansionStrips {
@@ -68,7 +68,7 @@ pub(super) fn uncertainty() -> UncertaintyTriplets {
     let heat = |value: f64| [value.sqrt(), value * value, 0.35 * (1.0 - value)];
     let row = |label: &str| UncertaintyRow {
         label: label.to_owned(),
-        render: picture(0.6),
+        render: image(0.6),
         error: painted(|x, y| heat(0.5 + 0.5 * (x * 24.0 + y * 5.0).sin())),
         predicted: painted(|x, y| heat(0.5 + 0.4 * (x * 24.0 + y * 5.0 + 0.4).sin())),
         brightest: 0.62,
@@ -93,7 +93,7 @@ pub(super) fn token_expansion() -> TokenExpansion {
     TokenExpansion {
         title: "Children around their parents".to_owned(),
         subtitle: format!("scene-0007 from its first context view; places are mean centres of Gaussians; {SYNTHETIC}"),
-        picture: Some(picture(1.0)),
+        image: Some(image(1.0)),
         size: [160.0, 90.0],
         expansions: (0..110).map(expansion).collect(),
     }

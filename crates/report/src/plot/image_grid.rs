@@ -5,8 +5,8 @@ use atsplat_pixels::ImageU8;
 use super::scale::own_label;
 use super::shape::{Drawing, Extent, MARGIN, Side, TextLine};
 
-/// Pictures in rows and columns, with a name above each column and a caption below each picture.
-pub(super) struct PictureGrid<'a> {
+/// Images in rows and columns, with a name above each column and a caption below each image.
+pub(super) struct ImageGrid<'a> {
     pub(super) title: &'a str,
     pub(super) subtitle: &'a str,
     pub(super) columns: Vec<String>,
@@ -37,7 +37,7 @@ const GAP: f64 = 8.0;
 /// The height of a colour bar.
 const BAR: f64 = 8.0;
 
-impl PictureGrid<'_> {
+impl ImageGrid<'_> {
     pub(super) fn draw(&self) -> Drawing {
         let columns = self.columns.len().clamp(1, usize::MAX) as f64;
         let cell = ((WIDTH - 2.0 * MARGIN - GAP * (columns - 1.0)) / columns).clamp(20.0, 320.0);
@@ -66,7 +66,7 @@ impl PictureGrid<'_> {
             for (column, own) in row.cells.iter().enumerate() {
                 let Some(own) = own else { continue };
                 let left = left_of(column);
-                drawing.picture(Extent::new(left, y, left + cell, y + cell * height(own)), own.image.clone());
+                drawing.image(Extent::new(left, y, left + cell, y + cell * height(own)), own.image.clone());
                 below = below.maximum_of(draw_below(&mut drawing, own, [left, left + cell], under));
             }
             y = below;
@@ -76,7 +76,7 @@ impl PictureGrid<'_> {
     }
 }
 
-/// The colour bar and the caption of a picture; returns their lower edge.
+/// The colour bar and the caption of an image; returns their lower edge.
 fn draw_below(drawing: &mut Drawing, cell: &GridCell<'_>, [left, right]: [f64; 2], top: f64) -> f64 {
     let mut y = top + 6.0;
     if let Some((map, most)) = cell.colours {
@@ -85,7 +85,7 @@ fn draw_below(drawing: &mut Drawing, cell: &GridCell<'_>, [left, right]: [f64; 2
         let most = most.side(Side::Right);
         let bar = Extent::new(zero.extent().right + 5.0, y, most.extent().left - 5.0, y + BAR);
         if let Some(colours) = colours(map) {
-            drawing.picture(bar, colours);
+            drawing.image(bar, colours);
         }
         drawing.text(zero);
         drawing.text(most);

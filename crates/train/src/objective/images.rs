@@ -15,7 +15,7 @@ impl Objective {
         perceptual_weight: f64,
         group: &mut Group<'_>,
     ) {
-        let truth = &group.samples[at].targets.pictures;
+        let truth = &group.samples[at].targets.images;
         let rgb = f32_values(images.rgb.clone());
         let mut loss = mse(&rgb, truth);
         let terms = &mut group.terms[at];
@@ -53,7 +53,7 @@ impl Objective {
         group: &mut Group<'_>,
     ) {
         #[expect(clippy::expect_used, reason = "the stack holds at most all of the sample's targets")]
-        let truth = group.samples[at].targets.pictures.get(..stack.samples()).expect("a prefix of the targets");
+        let truth = group.samples[at].targets.images.get(..stack.samples()).expect("a prefix of the targets");
         let rgb = f32_values(images.rgb.clone());
         let dissimilarity = d_ssim(&rgb, truth, stack);
         let mut loss = mse(&rgb, truth);

@@ -1,6 +1,6 @@
 use crate::PixelError;
 
-/// An RGB picture of 8-bit samples, as in files. Row-major, height × width × 3.
+/// An RGB image of 8-bit samples, as in files. Row-major, height × width × 3.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ImageU8 {
     pub(crate) width: u32,
@@ -8,7 +8,7 @@ pub struct ImageU8 {
     pub(crate) samples: Vec<u8>,
 }
 
-/// An RGB picture of f32 display-referred (sRGB-encoded) values, nominally in [0, 1], as in every paper of the field.
+/// An RGB image of f32 display-referred (sRGB-encoded) values, nominally in [0, 1], as in every paper of the field.
 /// Row-major, height × width × 3.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -17,10 +17,10 @@ pub struct Image {
     pub(crate) samples: Vec<f32>,
 }
 
-macro_rules! picture_methods {
-    ($picture:ident, $sample:ty) => {
-        impl $picture {
-            /// A picture from row-major interleaved RGB samples.
+macro_rules! image_methods {
+    ($image:ident, $sample:ty) => {
+        impl $image {
+            /// An image from row-major interleaved RGB samples.
             ///
             /// # Errors
             /// [`PixelError::SampleCount`] if there are not `width · height · 3` samples.
@@ -47,12 +47,12 @@ macro_rules! picture_methods {
                 &self.samples
             }
 
-            /// Converts the picture into its samples.
+            /// Converts the image into its samples.
             pub fn into_samples(self) -> Vec<$sample> {
                 self.samples
             }
 
-            /// The three samples of one pixel; `None` outside the picture.
+            /// The three samples of one pixel; `None` outside the image.
             pub fn pixel(&self, column: u32, row: u32) -> Option<[$sample; 3]> {
                 if column >= self.width || row >= self.height {
                     return None;
@@ -64,5 +64,5 @@ macro_rules! picture_methods {
     };
 }
 
-picture_methods!(ImageU8, u8);
-picture_methods!(Image, f32);
+image_methods!(ImageU8, u8);
+image_methods!(Image, f32);

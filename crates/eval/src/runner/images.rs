@@ -11,40 +11,40 @@ use crate::file_name::file_name;
 use crate::store::disk;
 use crate::{EvalError, TargetRow, TrialKey};
 
-/// The method name under which ground-truth pictures are stored.
+/// The method name under which ground-truth images are stored.
 pub const TRUTH: &str = "truth";
-/// The method name under which context pictures are stored.
+/// The method name under which context images are stored.
 pub const CONTEXT: &str = "context";
 
 /// Bytes of a PNG file before its first chunk after the header.
 const HEADER: usize = 33;
-/// The keyword of a PNG text that holds the hash of a picture's samples.
+/// The keyword of a PNG text that holds the hash of an image's samples.
 const KEYWORD: &[u8] = b"atsplat-samples\0";
 
-/// Which pictures a store keeps in addition to its rows.
+/// Which images a store keeps in addition to its rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum KeepPictures {
+pub enum KeepImages {
     /// None.
     #[default]
     Nothing,
     /// Those of each method's six trials with the lowest and two with the highest mean PSNR, and of the two nearest to the median
-    /// among eight random ones; also the other methods' pictures of these trials, where they were rendered.
+    /// among eight random ones; also the other methods' images of these trials, where they were rendered.
     Worst,
     /// All.
     All,
 }
 
-/// Path of a picture in a store: `pictures/<preset>/<method>/<scene>-<entry>/<frame>.png`, with `truth` or `context` in the
-/// place of the method for ground-truth and context pictures. Names that are invalid as file names or differ only in case
+/// Path of an image in a store: `images/<preset>/<method>/<scene>-<entry>/<frame>.png`, with `truth` or `context` in the
+/// place of the method for ground-truth and context images. Names that are invalid as file names or differ only in case
 /// are changed, so that no two keys share a path.
-pub fn picture_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
+pub fn image_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
     folder(store, key).join(format!("{frame:06}.png"))
 }
 
-/// Whether a store's PNG file is the picture of a row with this hash: [`TargetRow::render_hash`], [`TargetRow::truth_hash`] or
+/// Whether a store's PNG file is the image of a row with this hash: [`TargetRow::render_hash`], [`TargetRow::truth_hash`] or
 /// one of [`crate::TrialRow::context_hashes`]. Files say which hash they belong to, because in object storage a writer that is
-/// killed between two uploads leaves old pictures beside new rows. Files of older versions do not say it and are accepted.
-pub fn is_picture_of(png: &[u8], hash: Option<&str>) -> bool {
+/// killed between two uploads leaves old images beside new rows. Files of older versions do not say it and are accepted.
+pub fn is_image_of(png: &[u8], hash: Option<&str>) -> bool {
     stated_hash(png).is_none_or(|stated| hash.map(str::as_bytes) == Some(stated))
 }
 
@@ -54,87 +54,85 @@ fn stated_hash(png: &[u8]) -> Option<&[u8]> {
     text.strip_prefix(KEYWORD)
 }
 
-/// Whether a store has the picture of a row with this hash.
+/// Whether a store has the image of a row with this hash.
 pub(super) fn is_stored(store: &Path, key: &TrialKey, frame: u64, hash: Option<&str>) -> bool {
     /// The beginning of a file, with its hash.
     const BEGINNING: u64 = 256;
     let mut bytes = Vec::new();
-    let file = File::open(picture_path(store, key, frame));
-    file.and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes)).is_ok() && is_picture_of(&bytes, hash)
+    let file = File::open(image_path(store, key, frame));
+    file.and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes)).is_ok() && is_image_of(&bytes, hash)
 }
 
-/// Folder of a trial's pictures.
+/// Folder of a trial's images.
 pub(super) fn folder(store: &Path, key: &TrialKey) -> PathBuf {
     folder_of_method(store, &key.preset, &key.method).join(format!("{}-{}", file_name(&key.scene), key.entry))
 }
 
-/// Folder of a method's pictures.
+/// Folder of a method's images.
 pub(super) fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
-    store.join("pictures").join(file_name(preset)).join(file_name(method))
+    store.join("images").join(file_name(preset)).join(file_name(method))
 }
 
-/// Decides which pictures are stored, and where.
+/// Decides which images are stored, and where.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct PictureSink<'a> {
-    pub(super) keep: KeepPictures,
+pub(super) struct ImageSink<'a> {
+    pub(super) keep: KeepImages,
     pub(super) store: &'a Path,
     pub(super) worst: &'a WorstSoFar,
 }
 
-impl<'a> PictureSink<'a> {
-    /// The store, if it keeps all pictures.
+impl<'a> ImageSink<'a> {
+    /// The store, if it keeps all images.
     pub(super) fn all(self) -> Option<&'a Path> {
-        (self.keep == KeepPictures::All).then_some(self.store)
+        (self.keep == KeepImages::All).then_some(self.store)
     }
 
-    /// The store, if it keeps the worst trials' pictures and a trial with these rows is among them so far.
+    /// The store, if it keeps the worst trials' images and a trial with these rows is among them so far.
     pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow], psnr: &str) -> Option<&'a Path> {
-        (self.keep == KeepPictures::Worst && self.worst.admits(key, rows, psnr)).then_some(self.store)
+        (self.keep == KeepImages::Worst && self.worst.admits(key, rows, psnr)).then_some(self.store)
     }
 }
 
 /// Stores the render of a row, rounded to 8 bits, under a temporary name until [`publish`]; a render with non-finite samples
 /// is not stored.
 pub(super) fn write_render(store: &Path, row: &TargetRow, render: &Image) -> Result<(), EvalError> {
-    let path = picture_path(store, &row.key, row.frame).with_extension(format!("png.{PARTIAL}"));
+    let path = image_path(store, &row.key, row.frame).with_extension(format!("png.{PARTIAL}"));
     match render.to_u8(Rounding::Nearest) {
-        Ok(picture) => write(&path, &picture, row.render_hash.as_deref()),
+        Ok(image) => write(&path, &image, row.render_hash.as_deref()),
         Err(_non_finite) => Ok(()),
     }
 }
 
-/// Gives the renders of a trial their names, after its rows were stored: a run that is killed before leaves no picture beside the
+/// Gives the renders of a trial their names, after its rows were stored: a run that is killed before leaves no image beside the
 /// rows of an earlier one.
 pub(super) fn publish(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
     for path in disk::files(&folder(store, key))? {
         if path.extension().is_some_and(|extension| extension == PARTIAL) {
-            fs::rename(&path, path.with_extension("")).map_err(EvalError::io("storing a picture", &path))?;
+            fs::rename(&path, path.with_extension("")).map_err(EvalError::io("storing an image", &path))?;
         }
     }
     Ok(())
 }
 
-/// Removes a trial's pictures, if there are any.
+/// Removes a trial's images, if there are any.
 pub(super) fn remove(store: &Path, key: &TrialKey) -> Result<(), EvalError> {
     let folder = folder(store, key);
     match fs::remove_dir_all(&folder) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            Err(EvalError::io("removing pictures", &folder)(error))
-        }
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(EvalError::io("removing images", &folder)(error)),
         _ => Ok(()),
     }
 }
 
-/// Stores an 8-bit picture.
-pub(super) fn write_picture(store: &Path, key: &TrialKey, frame: u64, picture: &ImageU8) -> Result<(), EvalError> {
-    write(&picture_path(store, key, frame), picture, Some(&hash_of_bytes(picture)))
+/// Stores an 8-bit image.
+pub(super) fn write_image(store: &Path, key: &TrialKey, frame: u64, image: &ImageU8) -> Result<(), EvalError> {
+    write(&image_path(store, key, frame), image, Some(&hash_of_bytes(image)))
 }
 
-fn write(path: &Path, picture: &ImageU8, hash: Option<&str>) -> Result<(), EvalError> {
+fn write(path: &Path, image: &ImageU8, hash: Option<&str>) -> Result<(), EvalError> {
     let folder = path.parent().unwrap_or(path);
-    fs::create_dir_all(folder).map_err(EvalError::io("creating a folder for pictures", folder))?;
-    let png = encode_png(picture);
-    let png = png.map_err(|error| EvalError::malformed(path, "picture", "one that PNG can store", error))?;
+    fs::create_dir_all(folder).map_err(EvalError::io("creating a folder for images", folder))?;
+    let png = encode_png(image);
+    let png = png.map_err(|error| EvalError::malformed(path, "image", "one that PNG can store", error))?;
     match hash {
         Some(hash) => disk::write_unsynced(path, &with_hash(&png, hash)),
         None => disk::write_unsynced(path, &png),
@@ -159,19 +157,19 @@ mod tests {
     use crate::sample_rows;
 
     #[test]
-    fn a_picture_says_which_row_it_belongs_to() {
+    fn an_image_says_which_row_it_belongs_to() {
         let root = tempfile::tempdir().unwrap();
         let key = sample_rows::key("m", "x", 0);
-        let picture = ImageU8::new(1, 1, vec![10, 20, 30]).unwrap();
-        write_picture(root.path(), &key, 4, &picture).unwrap();
-        let png = fs::read(picture_path(root.path(), &key, 4)).unwrap();
-        assert_eq!(decode(&png, &DecodeLimits::default()).unwrap(), picture);
-        let own = hash_of_bytes(&picture);
-        let is_of = |hash: Option<&str>| (is_picture_of(&png, hash), is_stored(root.path(), &key, 4, hash));
+        let image = ImageU8::new(1, 1, vec![10, 20, 30]).unwrap();
+        write_image(root.path(), &key, 4, &image).unwrap();
+        let png = fs::read(image_path(root.path(), &key, 4)).unwrap();
+        assert_eq!(decode(&png, &DecodeLimits::default()).unwrap(), image);
+        let own = hash_of_bytes(&image);
+        let is_of = |hash: Option<&str>| (is_image_of(&png, hash), is_stored(root.path(), &key, 4, hash));
         assert_eq!(is_of(Some(&own)), (true, true));
         assert_eq!([Some("another"), None].map(is_of), [(false, false); 2]);
         assert!(!is_stored(root.path(), &key, 5, Some(&own)));
-        assert!(is_picture_of(&encode_png(&picture).unwrap(), Some("another")), "older versions do not say it");
+        assert!(is_image_of(&encode_png(&image).unwrap(), Some("another")), "older versions do not say it");
     }
 
     #[test]
@@ -179,7 +177,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let [key, other] = ["x", "y"].map(|scene| sample_rows::key("m", scene, 0));
         let render = |samples: [f32; 3]| Image::new(1, 1, samples.to_vec()).unwrap();
-        let path = picture_path(root.path(), &key, 7);
+        let path = image_path(root.path(), &key, 7);
         let row = |frame| TargetRow { frame, ..sample_rows::target("m", "x", 0, 0, "psnr", 20.0) };
         write_render(root.path(), &row(7), &render([0.0, 0.5, 1.0])).unwrap();
         write_render(root.path(), &row(8), &render([f32::NAN; 3])).unwrap();

@@ -1,37 +1,37 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::files::{PictureListing, inside, split_picture_name};
-use crate::{Picture, PictureFolder, SceneError, WarningKind, Warnings};
+use crate::files::{ImageListing, inside, split_image_name};
+use crate::{FrameImage, ImageFolder, SceneError, WarningKind, Warnings};
 
-/// Finds the pictures that a `transforms.json` or COLMAP model refers to; each folder is listed once.
+/// Finds the images that a `transforms.json` or COLMAP model refers to; each folder is listed once.
 #[derive(Debug)]
-pub(crate) struct PictureFinder<'a> {
+pub(crate) struct ImageFinder<'a> {
     root: &'a Path,
     file: &'a Path,
-    choice: PictureFolder,
+    choice: ImageFolder,
     folders: BTreeMap<String, Folder>,
 }
 
-/// Where a listed picture is.
+/// Where a listed image is.
 #[derive(Debug)]
-pub(crate) struct FoundPicture {
-    pub(crate) picture: Picture,
-    /// How the picture's path differs from the listed one, if it does.
+pub(crate) struct FoundImage {
+    pub(crate) image: FrameImage,
+    /// How the image's path differs from the listed one, if it does.
     pub(crate) elsewhere: Option<String>,
     /// Whether the folder is the listed one, not a downscaled copy.
     pub(crate) as_listed: bool,
 }
 
-impl FoundPicture {
-    /// Warns if the picture of the frame at `position` is missing or not where it is listed.
+impl FoundImage {
+    /// Warns if the image of the frame at `position` is missing or not where it is listed.
     pub(crate) fn report(&self, scene: &str, position: usize, warnings: &mut Warnings) {
-        if let Picture::Missing(path) = &self.picture {
+        if let FrameImage::Missing(path) = &self.image {
             let detail = format!("frame {position}: no {}", path.display());
-            warnings.push(WarningKind::MissingPicture, scene, detail);
+            warnings.push(WarningKind::MissingImage, scene, detail);
         }
         if let Some(detail) = &self.elsewhere {
-            warnings.push(WarningKind::PictureElsewhere, scene, format!("frame {position}: {detail}"));
+            warnings.push(WarningKind::ImageElsewhere, scene, format!("frame {position}: {detail}"));
         }
     }
 }
@@ -39,48 +39,43 @@ impl FoundPicture {
 #[derive(Debug)]
 struct Folder {
     path: PathBuf,
-    listing: Option<PictureListing>,
+    listing: Option<ImageListing>,
     as_listed: bool,
 }
 
-impl<'a> PictureFinder<'a> {
+impl<'a> ImageFinder<'a> {
     /// Paths are relative to `root`; `file` lists them and is for messages.
-    pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: PictureFolder) -> Self {
+    pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: ImageFolder) -> Self {
         Self { root, file, choice, folders: BTreeMap::new() }
     }
 
-    /// The picture listed as `listed`, relative to `folder`, which it must not leave.
-    pub(crate) fn find_below(
-        &mut self,
-        folder: &str,
-        listed: &str,
-        location: &str,
-    ) -> Result<FoundPicture, SceneError> {
+    /// The image listed as `listed`, relative to `folder`, which it must not leave.
+    pub(crate) fn find_below(&mut self, folder: &str, listed: &str, location: &str) -> Result<FoundImage, SceneError> {
         let below = inside(&self.root.join(folder), listed).map(|parts| parts.join("/"));
         let below = below.ok_or_else(|| outside(listed, location, self.file))?;
         self.find(&format!("{folder}/{below}"), location)
     }
 
-    /// The picture listed as `listed` at `location` of the file.
-    pub(crate) fn find(&mut self, listed: &str, location: &str) -> Result<FoundPicture, SceneError> {
+    /// The image listed as `listed` at `location` of the file.
+    pub(crate) fn find(&mut self, listed: &str, location: &str) -> Result<FoundImage, SceneError> {
         let outside = || outside(listed, location, self.file);
         let parts = inside(self.root, listed).ok_or_else(outside)?;
         let (name, folders) = parts.split_last().ok_or_else(outside)?;
         let choice = self.choice;
         let folder = self.folder(&folders.join("/"))?;
-        let split_name = split_picture_name(name);
+        let split_name = split_image_name(name);
         let stem = split_name.map_or(*name, |(stem, _)| stem);
         let found = folder.listing.as_ref().and_then(|listing| listing.by_name(name).or_else(|| listing.by_stem(stem)));
         let Some(path) = found else {
-            let picture = Picture::Missing(folder.path.join(name));
-            return Ok(FoundPicture { picture, elsewhere: None, as_listed: folder.as_listed });
+            let image = FrameImage::Missing(folder.path.join(name));
+            return Ok(FoundImage { image, elsewhere: None, as_listed: folder.as_listed });
         };
         // Blender and instant-ngp list names without an extension.
         let same_name = split_name.is_none() || path.file_name().is_some_and(|found| found == *name);
-        let chosen = folder.as_listed || matches!(choice, PictureFolder::Downscaled(_));
+        let chosen = folder.as_listed || matches!(choice, ImageFolder::Downscaled(_));
         let as_listed = folder.as_listed;
         let elsewhere = (!same_name || !chosen).then(|| format!("{listed} found as {}", path.display()));
-        Ok(FoundPicture { picture: Picture::File(path), elsewhere, as_listed })
+        Ok(FoundImage { image: FrameImage::File(path), elsewhere, as_listed })
     }
 
     fn folder(&mut self, listed: &str) -> Result<&Folder, SceneError> {
@@ -88,23 +83,23 @@ impl<'a> PictureFinder<'a> {
             let folder = self.choose(listed)?;
             self.folders.insert(listed.to_owned(), folder);
         }
-        self.folders.get(listed).ok_or_else(|| SceneError::unrecognized(self.root, "a folder of pictures", listed))
+        self.folders.get(listed).ok_or_else(|| SceneError::unrecognized(self.root, "a folder of images", listed))
     }
 
     /// The folder to use according to `choice`; if the listed one does not exist, its largest downscaled copy.
     fn choose(&self, listed: &str) -> Result<Folder, SceneError> {
         let downscaled = |factor: u32| self.root.join(downscaled(listed, factor));
         let candidates = match self.choice {
-            PictureFolder::Listed => {
+            ImageFolder::Listed => {
                 let mut candidates = vec![(self.root.join(listed), true)];
                 candidates.extend([2, 4, 8].map(|factor| (downscaled(factor), false)));
                 candidates
             }
-            PictureFolder::Downscaled(factor) => vec![(downscaled(factor), false)],
+            ImageFolder::Downscaled(factor) => vec![(downscaled(factor), false)],
         };
         let mut first = None;
         for (path, as_listed) in candidates {
-            let listing = PictureListing::read(&path)?;
+            let listing = ImageListing::read(&path)?;
             let found = listing.is_some();
             let folder = Folder { path, listing, as_listed };
             if found {
@@ -125,11 +120,11 @@ fn outside(listed: &str, location: &str, file: &Path) -> SceneError {
 }
 
 /// The downscaled copy of a folder: `images_8` for `images` and `images_4`, `images_8/left` for `images/left`. Without a
-/// component `images` the last one gets the factor; for pictures next to the file the folder is nerfstudio's `images_8`.
+/// component `images` the last one gets the factor; for images next to the file the folder is nerfstudio's `images_8`.
 fn downscaled(listed: &str, factor: u32) -> String {
     let mut components: Vec<&str> = listed.split('/').collect();
-    let pictures = components.iter().position(|name| without_factor(name) == "images");
-    let at = pictures.unwrap_or(components.len() - 1);
+    let images = components.iter().position(|name| without_factor(name) == "images");
+    let at = images.unwrap_or(components.len() - 1);
     let name = match components.get(at).map(|name| without_factor(name)) {
         Some(name) if !name.is_empty() => format!("{name}_{factor}"),
         _ => format!("images_{factor}"),
@@ -150,7 +145,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_factor_is_appended_to_the_folder_of_pictures() {
+    fn the_factor_is_appended_to_the_folder_of_images() {
         for (listed, expected) in [
             ("images", "images_8"),
             ("images_4", "images_8"),

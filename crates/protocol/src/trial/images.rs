@@ -5,9 +5,9 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_files::Sha256Digest;
 use atsplat_pixels::{DecodeLimits, ImageU8};
 use atsplat_scene::preprocess::Plan;
-use atsplat_scene::{Picture, Scene, SceneError};
+use atsplat_scene::{FrameImage, Scene, SceneError};
 
-use super::digests::{PendingDigest, PictureDigests, ReadDigest};
+use super::digests::{ImageDigests, PendingDigest, ReadDigest};
 use super::lazy::LazyValue;
 use super::prefetch::Reservation;
 use crate::ProtocolError;
@@ -17,59 +17,59 @@ use crate::ProtocolError;
 pub struct ContextView {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// Camera in the normalised world, with the intrinsics of the preprocessed picture.
+    /// Camera in the normalised world, with the intrinsics of the preprocessed image.
     pub camera: Camera,
-    /// Size of the preprocessed picture.
+    /// Size of the preprocessed image.
     pub size: ImageSize,
-    pub(super) picture: Arc<LazyPicture>,
+    pub(super) image: Arc<LazyImage>,
     pub(super) reservation: Option<Arc<Reservation>>,
 }
 
 impl ContextView {
-    /// The preprocessed picture, decoded on first use (or ahead, by [`super::Prefetch`]).
+    /// The preprocessed image, decoded on first use (or ahead, by [`super::Prefetch`]).
     ///
     /// # Errors
-    /// [`ProtocolError::Picture`] if the file cannot be read, decoded or preprocessed; the same error on every call.
-    pub fn picture(&self) -> Result<Arc<ImageU8>, ProtocolError> {
-        self.picture.get()
+    /// [`ProtocolError::Image`] if the file cannot be read, decoded or preprocessed; the same error on every call.
+    pub fn image(&self) -> Result<Arc<ImageU8>, ProtocolError> {
+        self.image.get()
     }
 }
 
-/// The target pictures of a trial, for scoring only.
+/// The target images of a trial, for scoring only.
 #[derive(Clone)]
-pub struct TargetPictures {
+pub struct TargetImages {
     pub(super) trial: Sha256Digest,
-    pub(super) pictures: Vec<Arc<LazyPicture>>,
+    pub(super) images: Vec<Arc<LazyImage>>,
     pub(super) reservation: Option<Arc<Reservation>>,
 }
 
-impl TargetPictures {
-    /// Hash of the trial that these pictures belong to.
+impl TargetImages {
+    /// Hash of the trial that these images belong to.
     pub const fn trial(&self) -> Sha256Digest {
         self.trial
     }
 
-    /// Number of pictures, equal to that of [`super::Trial::targets`].
+    /// Number of images, equal to that of [`super::Trial::targets`].
     pub fn len(&self) -> usize {
-        self.pictures.len()
+        self.images.len()
     }
 
-    /// Whether there are no target pictures.
+    /// Whether there are no target images.
     pub fn is_empty(&self) -> bool {
-        self.pictures.is_empty()
+        self.images.is_empty()
     }
 
-    /// The preprocessed picture of the target at `position` in [`super::Trial::targets`]; `None` past the last.
+    /// The preprocessed image of the target at `position` in [`super::Trial::targets`]; `None` past the last.
     ///
     /// # Errors
-    /// Those of [`ContextView::picture`].
+    /// Those of [`ContextView::image`].
     pub fn get(&self, position: usize) -> Option<Result<Arc<ImageU8>, ProtocolError>> {
-        self.pictures.get(position).map(|picture| picture.get())
+        self.images.get(position).map(|image| image.get())
     }
 }
 
-/// A picture that is decoded and preprocessed once. A frame that is both context and target shares one.
-pub(super) struct LazyPicture {
+/// An image that is decoded and preprocessed once. A frame that is both context and target shares one.
+pub(super) struct LazyImage {
     scene: Arc<Scene>,
     frame: usize,
     plan: Arc<Plan>,
@@ -77,59 +77,59 @@ pub(super) struct LazyPicture {
     decoded: LazyValue<Decoded>,
 }
 
-/// A preprocessed picture, and the bytes that it was decoded from.
+/// A preprocessed image, and the bytes that it was decoded from.
 #[derive(Clone)]
 struct Decoded {
-    picture: Result<Arc<ImageU8>, Arc<ProtocolError>>,
+    image: Result<Arc<ImageU8>, Arc<ProtocolError>>,
     /// `None` if there are no encoded bytes, or they cannot be read.
     bytes: Option<ReadDigest>,
 }
 
-impl LazyPicture {
+impl LazyImage {
     pub(super) const fn new(scene: Arc<Scene>, frame: usize, plan: Arc<Plan>, limits: DecodeLimits) -> Self {
         Self { scene, frame, plan, limits, decoded: LazyValue::new() }
     }
 
     pub(super) fn get(&self) -> Result<Arc<ImageU8>, ProtocolError> {
-        self.decoded.get(|| self.decode()).picture.map_err(ProtocolError::Picture)
+        self.decoded.get(|| self.decode()).image.map_err(ProtocolError::Image)
     }
 
     /// SHA-256 of the bytes that were or would be decoded; `None` if they cannot be read.
-    pub(super) fn digest(&self, digests: &PictureDigests) -> Option<Sha256Digest> {
+    pub(super) fn digest(&self, digests: &ImageDigests) -> Option<Sha256Digest> {
         if let Some(Decoded { bytes: Some(digest), .. }) = self.decoded.get_if_computed() {
             return Some(digests.add(digest));
         }
         digests.of(&self.scene, self.frame)
     }
 
-    /// Size of the preprocessed picture in bytes: three per pixel.
+    /// Size of the preprocessed image in bytes: three per pixel.
     pub(super) fn bytes(&self) -> u64 {
         let size = self.plan.output();
         u64::from(size.width) * u64::from(size.height) * 3
     }
 
     fn decode(&self) -> Decoded {
-        let (picture, bytes) = self.read();
-        let picture = picture.map_err(ProtocolError::from).and_then(|picture| {
-            self.plan.apply(&picture).map_err(|source| ProtocolError::Preprocess {
+        let (image, bytes) = self.read();
+        let image = image.map_err(ProtocolError::from).and_then(|image| {
+            self.plan.apply(&image).map_err(|source| ProtocolError::Preprocess {
                 scene: self.scene.key.clone(),
                 frame: self.frame,
                 source,
             })
         });
-        Decoded { picture: picture.map(Arc::new).map_err(Arc::new), bytes }
+        Decoded { image: image.map(Arc::new).map_err(Arc::new), bytes }
     }
 
-    /// The decoded picture before preprocessing. Bytes are read once, so that exactly the decoded bytes are hashed.
+    /// The decoded image before preprocessing. Bytes are read once, so that exactly the decoded bytes are hashed.
     fn read(&self) -> (Result<ImageU8, SceneError>, Option<ReadDigest>) {
         let (scene, position) = (&self.scene.key, self.frame);
         match self.scene.frames.get(position) {
-            Some(frame) if matches!(frame.picture, Picture::File(_) | Picture::Encoded(_)) => {
-                let pending = PendingDigest::of(&frame.picture);
+            Some(frame) if matches!(frame.image, FrameImage::File(_) | FrameImage::Encoded(_)) => {
+                let pending = PendingDigest::of(&frame.image);
                 match frame.bytes(scene, position) {
                     Ok(bytes) => {
-                        let picture = frame.decode_bytes(&bytes, scene, position, &self.limits);
-                        (picture, Some(pending.finish(&bytes)))
+                        let image = frame.decode_bytes(&bytes, scene, position, &self.limits);
+                        (image, Some(pending.finish(&bytes)))
                     }
                     Err(error) => (Err(error), None),
                 }
@@ -141,21 +141,18 @@ impl LazyPicture {
 
 impl fmt::Debug for ContextView {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frame, camera, size, picture, reservation: _ } = self;
+        let Self { frame, camera, size, image, reservation: _ } = self;
         f.debug_struct("ContextView")
             .field("frame", frame)
             .field("camera", camera)
             .field("size", size)
-            .field("decoded", &picture.decoded.get_if_computed().is_some())
+            .field("decoded", &image.decoded.get_if_computed().is_some())
             .finish()
     }
 }
 
-impl fmt::Debug for TargetPictures {
+impl fmt::Debug for TargetImages {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("TargetPictures")
-            .field("trial", &self.trial)
-            .field("pictures", &self.len())
-            .finish_non_exhaustive()
+        f.debug_struct("TargetImages").field("trial", &self.trial).field("images", &self.len()).finish_non_exhaustive()
     }
 }

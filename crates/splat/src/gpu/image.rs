@@ -1,4 +1,4 @@
-//! Pictures in the format that the host needs: what nobody asks for is not copied.
+//! Images in the format that the host needs: what nobody asks for is not copied.
 
 use atsplat_camera::ImageSize;
 
@@ -8,9 +8,9 @@ use super::sort::words;
 use super::{GpuError, GpuRenderer, GpuRendering, Pending};
 use crate::{Census, SplatError};
 
-/// The numbers of a picture.
+/// The numbers of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PictureNumbers {
+pub enum ImageNumbers {
     /// The nearest of 256 levels from 0 to 1.
     U8,
     /// The nearest f16, or its neighbour where the adapter rounds otherwise; at most 65 504 in magnitude.
@@ -19,38 +19,38 @@ pub enum PictureNumbers {
     F32,
 }
 
-/// The format of a picture: red, green, blue and perhaps alpha, pixel by pixel, row by row.
+/// The format of an image: red, green, blue and perhaps alpha, pixel by pixel, row by row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PictureFormat {
+pub struct ImageFormat {
     /// Its numbers.
-    pub numbers: PictureNumbers,
+    pub numbers: ImageNumbers,
     /// Whether alpha follows the colour of each pixel.
     pub alpha: bool,
 }
 
-/// A picture on the host.
+/// An image on the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
+pub struct GpuImage {
     /// In pixels.
     pub size: ImageSize,
     /// Its format.
-    pub format: PictureFormat,
+    pub format: ImageFormat,
     /// Its numbers, little-endian.
     pub bytes: Vec<u8>,
     /// Counts of drawn and culled Gaussians.
     pub census: Census,
 }
 
-impl PictureFormat {
+impl ImageFormat {
     const fn channels(self) -> u64 {
         if self.alpha { 4 } else { 3 }
     }
 
     const fn bytes_of_number(self) -> u64 {
         match self.numbers {
-            PictureNumbers::U8 => 1,
-            PictureNumbers::F16 => 2,
-            PictureNumbers::F32 => 4,
+            ImageNumbers::U8 => 1,
+            ImageNumbers::F16 => 2,
+            ImageNumbers::F32 => 4,
         }
     }
 
@@ -65,11 +65,11 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// [`SplatError::Gpu`].
-    pub fn read_picture(
+    pub fn read_image(
         &mut self,
         rendering: &Pending<GpuRendering>,
-        format: PictureFormat,
-    ) -> Result<Picture, SplatError> {
+        format: ImageFormat,
+    ) -> Result<GpuImage, SplatError> {
         let GpuRendering { size, strips, .. } = rendering.unsettled();
         let pixels: Vec<u64> = strips.iter().map(|strip| u64::from(strip.rows) * u64::from(size.width)).collect();
         let bytes: Vec<u64> = pixels.iter().map(|pixels| format.bytes(*pixels)).collect();
@@ -91,6 +91,6 @@ impl GpuRenderer {
             content.truncate(usize::try_from(*bytes).unwrap_or(usize::MAX));
         }
         let bytes = if contents.len() == 1 { contents.remove(0) } else { contents.concat() };
-        Ok(Picture { size: *size, format, bytes, census })
+        Ok(GpuImage { size: *size, format, bytes, census })
     }
 }

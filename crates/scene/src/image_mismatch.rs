@@ -1,39 +1,39 @@
-//! Checks whether a picture fits its camera's intrinsics.
+//! Checks whether an image fits its camera's intrinsics.
 //!
-//! Normalised intrinsics stay valid when a picture is scaled, but not when it is cropped, rotated or stretched. Such a
+//! Normalised intrinsics stay valid when an image is scaled, but not when it is cropped, rotated or stretched. Such a
 //! mistake distorts the scene without looking broken.
 
 use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use thiserror::Error;
 
-use crate::{Frame, PictureHeader, WarningKind, Warnings};
+use crate::{Frame, ImageHeader, WarningKind, Warnings};
 
 /// Difference of the two focal lengths in pixels above which a warning is due. Calibrations of one lens differ by a few
 /// thousandths.
 const SQUARE: Tolerance = Tolerance::relative(0.02);
-/// Difference above which the picture cannot belong to the intrinsics. The pixels of standard video (ITU-R BT.601) are
+/// Difference above which the image cannot belong to the intrinsics. The pixels of standard video (ITU-R BT.601) are
 /// 0.91 to 1.09 times as wide as high.
 const NEARLY_SQUARE: Tolerance = Tolerance::relative(0.1);
 /// Ratio of the focal lengths that no real camera has: the strongest anamorphic lenses squeeze by 2, and a film of
 /// 21 : 9 that is stretched to a square by 2.33.
 const WIDEST_PIXELS: f64 = 2.5;
 
-/// Why a picture does not fit its camera's intrinsics.
+/// Why an image does not fit its camera's intrinsics.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "the message explains the fields")]
-pub enum PictureMismatch {
-    /// It is not a scaled copy of the picture that the intrinsics are stated for.
+pub enum ImageMismatch {
+    /// It is not a scaled copy of the image that the intrinsics are stated for.
     #[error(
-        "expected a picture of {stated}, for which the intrinsics are stated, or a scaled copy of it, found {found}: \
+        "expected an image of {stated}, for which the intrinsics are stated, or a scaled copy of it, found {found}: \
         cropped, rotated or stretched without adapting the intrinsics?"
     )]
     Shape { stated: ImageSize, found: ImageSize },
     /// The intrinsics are impossible for the size that they are stated for.
     #[error(
         "expected focal lengths that differ by a factor of at most {} in pixels, found fx : fy of {ratio:.2} : 1 for a \
-        picture of {stated}",
+        image of {stated}",
         WIDEST_PIXELS
     )]
     Aspect {
@@ -43,7 +43,7 @@ pub enum PictureMismatch {
     },
     /// No size is stated, and with this one pixels would be far from square.
     #[error(
-        "expected a picture of about {fitting}, for which the intrinsics have square pixels, found {found}, for which \
+        "expected an image of about {fitting}, for which the intrinsics have square pixels, found {found}, for which \
         fx : fy is {ratio:.2} : 1: cropped, rotated or stretched without adapting the intrinsics?"
     )]
     Pixels {
@@ -55,8 +55,8 @@ pub enum PictureMismatch {
     },
 }
 
-impl PictureMismatch {
-    /// Whether the picture is unusable; otherwise the mismatch is within the range of real cameras.
+impl ImageMismatch {
+    /// Whether the image is unusable; otherwise the mismatch is within the range of real cameras.
     pub fn is_fatal(&self) -> bool {
         match self {
             Self::Shape { .. } | Self::Aspect { .. } => true,
@@ -66,31 +66,31 @@ impl PictureMismatch {
 }
 
 impl Frame {
-    /// How a picture of size `found` does not fit this frame's camera; `None` if it fits.
+    /// How an image of size `found` does not fit this frame's camera; `None` if it fits.
     ///
-    /// If a size is stated, the picture has to be a scaled copy of it; its pixels may have any shape that a real camera
+    /// If a size is stated, the image has to be a scaled copy of it; its pixels may have any shape that a real camera
     /// has. If none is, as in RE10K and `.torch` chunks, pixels have to be square.
-    pub fn mismatch(&self, found: ImageSize) -> Option<PictureMismatch> {
+    pub fn mismatch(&self, found: ImageSize) -> Option<ImageMismatch> {
         match self.stated_size {
-            Some(stated) if !is_scaled_copy(found, stated) => Some(PictureMismatch::Shape { stated, found }),
+            Some(stated) if !is_scaled_copy(found, stated) => Some(ImageMismatch::Shape { stated, found }),
             Some(stated) => {
                 let ratio = ratio_of_focal_lengths(&self.camera.intrinsics, stated);
                 let is_possible = ratio <= WIDEST_PIXELS && ratio >= WIDEST_PIXELS.recip();
-                (!is_possible).then_some(PictureMismatch::Aspect { stated, ratio })
+                (!is_possible).then_some(ImageMismatch::Aspect { stated, ratio })
             }
             None => pixel_mismatch(&self.camera.intrinsics, found),
         }
     }
 
-    /// Warns if the picture of this frame, the scene's at `position`, does not fit its camera, is turned by EXIF, or
+    /// Warns if the image of this frame, the scene's at `position`, does not fit its camera, is turned by EXIF, or
     /// has an alpha channel or 16-bit samples.
-    pub fn report(&self, scene: &str, position: usize, header: &PictureHeader, warnings: &mut Warnings) {
+    pub fn report(&self, scene: &str, position: usize, header: &ImageHeader, warnings: &mut Warnings) {
         if let Some(mismatch) = self.mismatch(header.size) {
             warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {mismatch}"));
         }
         if let Some(orientation) = header.orientation {
             let detail = format!("frame {position}: EXIF says that it is {orientation}; the stored pixels are used");
-            warnings.push(WarningKind::TurnedPicture, scene, detail);
+            warnings.push(WarningKind::TurnedImage, scene, detail);
         }
         if header.has_alpha {
             let detail =
@@ -104,7 +104,7 @@ impl Frame {
     }
 }
 
-/// fx / fy in pixels of a picture of this size.
+/// fx / fy in pixels of an image of this size.
 fn ratio_of_focal_lengths(k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
     (k.fx * f64::from(size.width)) / (k.fy * f64::from(size.height))
 }
@@ -114,23 +114,23 @@ pub(crate) fn stretched_pixels(k: &NormalizedIntrinsics, stated: ImageSize) -> O
     let ratio = ratio_of_focal_lengths(k, stated);
     let suspicion = "an anamorphic or stretched capture, or a wrong focal length?";
     (!NEARLY_SQUARE.accepts(ratio, 1.0))
-        .then(|| format!("fx : fy is {ratio:.2} : 1 in pixels of a picture of {stated}: {suspicion}"))
+        .then(|| format!("fx : fy is {ratio:.2} : 1 in pixels of an image of {stated}: {suspicion}"))
 }
 
-fn pixel_mismatch(k: &NormalizedIntrinsics, found: ImageSize) -> Option<PictureMismatch> {
+fn pixel_mismatch(k: &NormalizedIntrinsics, found: ImageSize) -> Option<ImageMismatch> {
     let (width, ratio) = (f64::from(found.width), ratio_of_focal_lengths(k, found));
     let square_width = (width / ratio).round();
-    // Half a pixel of rounding on either side moves the ratio of small pictures.
+    // Half a pixel of rounding on either side moves the ratio of small images.
     let is_rounded = (square_width - width).abs() <= 1.0;
     if is_rounded || SQUARE.accepts(ratio, 1.0) {
         return None;
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive; the cast saturates")]
     let fitting = ImageSize { width: square_width as u32, height: found.height };
-    Some(PictureMismatch::Pixels { fitting, found, ratio })
+    Some(ImageMismatch::Pixels { fitting, found, ratio })
 }
 
-/// Whether a picture is the stated one or a scaled copy of it with sides rounded to whole pixels, such as `images_4` next
+/// Whether an image is the stated one or a scaled copy of it with sides rounded to whole pixels, such as `images_4` next
 /// to a `transforms.json` that states the full size.
 pub(crate) fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
     let side =
@@ -157,7 +157,7 @@ mod tests {
             timestamp_micros: None,
             camera: Camera::pinhole(CameraFromWorld::IDENTITY, intrinsics),
             stated_size,
-            picture: crate::Picture::Absent,
+            image: crate::FrameImage::Absent,
         }
     }
 
@@ -176,7 +176,7 @@ mod tests {
         for fx in [0.5, 0.9] {
             assert_eq!(frame(fx, 0.9, stated).mismatch(size(320, 180)), None);
             let mismatch = frame(fx, 0.9, stated).mismatch(size(360, 360)).unwrap();
-            assert_eq!(mismatch, PictureMismatch::Shape { stated: size(640, 360), found: size(360, 360) });
+            assert_eq!(mismatch, ImageMismatch::Shape { stated: size(640, 360), found: size(360, 360) });
             assert!(mismatch.is_fatal());
         }
     }
@@ -195,12 +195,12 @@ mod tests {
 
     /// RE10K: intrinsics of 16 : 9 with square crops of its frames.
     #[test]
-    fn square_crops_do_not_fit_intrinsics_of_wide_pictures() {
+    fn square_crops_do_not_fit_intrinsics_of_wide_images() {
         let re10k = frame(0.482_334_223, 0.857_483_091, None);
         for fitting in [size(640, 360), size(1920, 1080), size(455, 256), size(57, 32)] {
             assert_eq!(re10k.mismatch(fitting), None, "{fitting}");
         }
-        let Some(mismatch @ PictureMismatch::Pixels { fitting, ratio, .. }) = re10k.mismatch(size(256, 256)) else {
+        let Some(mismatch @ ImageMismatch::Pixels { fitting, ratio, .. }) = re10k.mismatch(size(256, 256)) else {
             panic!()
         };
         assert_eq!(fitting, size(455, 256));

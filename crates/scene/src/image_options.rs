@@ -2,12 +2,12 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::{ColmapOptions, Format, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions};
+use crate::{ColmapOptions, Format, ImageFolder, NerfstudioOptions, OpenOptions, Re10kOptions};
 
-/// Where a dataset's pictures are, as users say it before the format is known.
+/// Where a dataset's images are, as users say it before the format is known.
 #[derive(Clone, Debug, Default)]
-pub struct PictureOptions {
-    /// Which copy of a capture's pictures: 1 for `images`, 2, 4 or 8 for `images_2` and so on.
+pub struct ImageOptions {
+    /// Which copy of a capture's images: 1 for `images`, 2, 4 or 8 for `images_2` and so on.
     pub images: Option<u32>,
     /// Folder of the frames, if they are not next to the poses.
     pub frames: Option<PathBuf>,
@@ -15,22 +15,22 @@ pub struct PictureOptions {
     pub prefer_undistorted: bool,
 }
 
-impl PictureOptions {
+impl ImageOptions {
     /// The same as options of every format.
     pub fn open_options(&self) -> OpenOptions {
-        let pictures = match self.images {
-            None => PictureFolder::default(),
-            Some(1) => PictureFolder::Listed,
-            Some(factor) => PictureFolder::Downscaled(factor),
+        let images = match self.images {
+            None => ImageFolder::default(),
+            Some(1) => ImageFolder::Listed,
+            Some(factor) => ImageFolder::Downscaled(factor),
         };
         OpenOptions {
             re10k: Re10kOptions { frames_root: self.frames.clone() },
             nerfstudio: NerfstudioOptions {
-                pictures,
+                images,
                 prefer_gaussian_splat: self.prefer_undistorted,
                 ..NerfstudioOptions::default()
             },
-            colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
+            colmap: ColmapOptions { images, images_root: self.frames.clone() },
             ..OpenOptions::default()
         }
     }
@@ -79,11 +79,11 @@ fn described(format: Option<Format>) -> String {
 mod tests {
     use super::*;
 
-    fn each() -> [PictureOptions; 3] {
+    fn each() -> [ImageOptions; 3] {
         [
-            PictureOptions { images: Some(8), ..PictureOptions::default() },
-            PictureOptions { frames: Some("frames".into()), ..PictureOptions::default() },
-            PictureOptions { prefer_undistorted: true, ..PictureOptions::default() },
+            ImageOptions { images: Some(8), ..ImageOptions::default() },
+            ImageOptions { frames: Some("frames".into()), ..ImageOptions::default() },
+            ImageOptions { prefer_undistorted: true, ..ImageOptions::default() },
         ]
     }
 
@@ -100,11 +100,11 @@ mod tests {
                 (Format::Colmap, format!("{:?}", options.colmap), format!("{:?}", defaults.colmap)),
             ] {
                 assert_eq!(given.check(Some(format)).is_ok(), found != default, "{given:?} {format}");
-                assert_eq!(PictureOptions::default().check(Some(format)), Ok(()));
+                assert_eq!(ImageOptions::default().check(Some(format)), Ok(()));
             }
             assert!(given.check(None).is_err(), "{given:?}");
         }
-        assert_eq!(PictureOptions::default().check(None), Ok(()));
+        assert_eq!(ImageOptions::default().check(None), Ok(()));
     }
 
     #[test]
@@ -135,11 +135,11 @@ mod tests {
     #[test]
     fn images_are_named_by_the_suffix_of_their_folder() {
         let folder = |images| {
-            let options = PictureOptions { images, ..PictureOptions::default() }.open_options();
-            (options.nerfstudio.pictures, options.colmap.pictures)
+            let options = ImageOptions { images, ..ImageOptions::default() }.open_options();
+            (options.nerfstudio.images, options.colmap.images)
         };
-        assert_eq!(folder(None), (PictureFolder::Listed, PictureFolder::Listed));
-        assert_eq!(folder(Some(1)), (PictureFolder::Listed, PictureFolder::Listed));
-        assert_eq!(folder(Some(4)), (PictureFolder::Downscaled(4), PictureFolder::Downscaled(4)));
+        assert_eq!(folder(None), (ImageFolder::Listed, ImageFolder::Listed));
+        assert_eq!(folder(Some(1)), (ImageFolder::Listed, ImageFolder::Listed));
+        assert_eq!(folder(Some(4)), (ImageFolder::Downscaled(4), ImageFolder::Downscaled(4)));
     }
 }
