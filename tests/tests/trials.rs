@@ -11,7 +11,7 @@ use atsplat_pixels::DecodeLimits;
 use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::overlap::EpipolarRays;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, SkipReason, TargetImages, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{DropReason, EvaluationIndex, Filters, IndexBuilder, IndexEntry, IndexFile, NearFar, Preset};
+use atsplat_protocol::{DropReason, EvaluationIndex, Filters, IndexEntry, IndexFile, NearFar, Preset, SamplingRule};
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::preprocess::Preprocessing;
 use atsplat_scene::{
@@ -110,19 +110,19 @@ fn overlap_pairs_of_a_real_scene_keep_their_promises() {
             "sampler = {{ sampler = 'overlap-pairs', seed = {seed}, targets = {{ side = {side}, count = 3 }} }}\n\
              overlap = {{ estimator = {{ estimator = 'epipolar-ray' }}, minimum = 0.6 }}"
         );
-        let builder: IndexBuilder = builder_of(&text);
-        let built = builder.build(source.as_ref(), &|| (), &mut Warnings::new());
+        let rule: SamplingRule = rule_of(&text);
+        let built = rule.build(source.as_ref(), &|| (), &mut Warnings::new());
         let entry = &built.index.scenes[RE10K_SCENE][0];
         let (a, b) = entry.window().unwrap();
         assert!((45..=136).contains(&(b - a)));
         let measured = EpipolarRays::default().overlap(&cameras[a], &cameras[b]).unwrap();
         Tolerance::EXACT.assert(entry.overlap.iter().map(|overlap| overlap.value), [measured], "overlap in the index");
-        let again = builder.build(source.as_ref(), &|| (), &mut Warnings::new());
+        let again = rule.build(source.as_ref(), &|| (), &mut Warnings::new());
         assert_eq!(again, built);
     }
 }
 
-fn builder_of(text: &str) -> IndexBuilder {
+fn rule_of(text: &str) -> SamplingRule {
     toml::from_str(text).unwrap()
 }
 
@@ -192,10 +192,10 @@ fn trials_of_the_six_view_protocol_from_a_sampled_index() {
     let nerfstudio = NerfstudioOptions { images: ImageFolder::Downscaled(8), ..NerfstudioOptions::default() };
     let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
     let source = Arc::new(open_with(data.join("dl3dv_like"), &options, &mut Warnings::new()).unwrap());
-    let builder: IndexBuilder = builder_of(
+    let rule: SamplingRule = rule_of(
         "sampler = { sampler = 'farthest-point', window = 50, context-views = 6, targets = { rule = 'window' } }",
     );
-    let built = builder.build(source.as_ref(), &|| (), &mut Warnings::new());
+    let built = rule.build(source.as_ref(), &|| (), &mut Warnings::new());
     assert_eq!((built.scenes, built.entries), (1, 1));
     let recipe = TrialRecipe::of(&Preset::named("dl3dv-6v-256x448").unwrap(), "ATSplat");
     let prefetch = Prefetch { decode: DecodeAhead::Context, ..Prefetch::default() };

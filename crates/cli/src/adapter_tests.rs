@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use atsplat_splat::gpu::{AdapterDescription, ProbeStage, SelfTestObserver, Verdict, VerdictCache, VerdictKey};
 use indicatif::ProgressBar;
 
-use crate::output::warn;
+use crate::print::{print_status, warn};
 
 /// Interval of log lines while a test is running.
 const LOG_INTERVAL: Duration = Duration::from_secs(10);
@@ -53,20 +53,20 @@ impl SelfTestObserver for AdapterTests {
         self.report(format!("{adapter}: {activity}"));
     }
 
-    fn recall(&self, key: &VerdictKey) -> Option<Verdict> {
+    fn cached(&self, key: &VerdictKey) -> Option<Verdict> {
         let cache = self.cache.as_ref().filter(|_| self.use_cache)?;
-        cache.recall(key).unwrap_or_else(|error| {
+        cache.get(key).unwrap_or_else(|error| {
             let file = cache.file().display();
-            warn(&format!("warning: the cached adapter tests are ignored: reading {file}: {error}"));
+            warn(&format!("the cached adapter tests are ignored: reading {file}: {error}"));
             None
         })
     }
 
-    fn keep(&self, key: &VerdictKey, verdict: &Verdict) {
+    fn store(&self, key: &VerdictKey, verdict: &Verdict) {
         let Some(cache) = &self.cache else { return };
-        if let Err(error) = cache.keep(key, verdict) {
+        if let Err(error) = cache.insert(key, verdict) {
             let file = cache.file().display();
-            warn(&format!("warning: the test of {} was not cached: writing {file}: {error}", key.adapter));
+            warn(&format!("the test of {} was not cached: writing {file}: {error}", key.adapter));
         }
     }
 }
@@ -88,7 +88,7 @@ impl Ticker {
             bar.enable_steady_tick(Duration::from_millis(200));
             return Self { bar, finished, logger: None };
         }
-        warn(&activity);
+        print_status(&activity);
         let shared = Arc::clone(&finished);
         #[expect(
             clippy::disallowed_methods,
@@ -102,7 +102,7 @@ impl Ticker {
                 let waited = signal.wait_timeout(is_finished, LOG_INTERVAL).unwrap_or_else(PoisonError::into_inner);
                 is_finished = waited.0;
                 if waited.1.timed_out() && !*is_finished {
-                    warn(&format!("{activity}, {} s so far", start.elapsed().as_secs()));
+                    print_status(&format!("{activity}, {} s so far", start.elapsed().as_secs()));
                 }
             }
         });
@@ -141,7 +141,7 @@ mod tests {
             AdapterTests { cache: Some(cache), use_cache, ticker: Mutex::default() }
         };
         let passed = Verdict { fault: None };
-        tests(true).keep(&key, &passed);
-        assert_eq!((tests(true).recall(&key), tests(false).recall(&key)), (Some(passed), None));
+        tests(true).store(&key, &passed);
+        assert_eq!((tests(true).cached(&key), tests(false).cached(&key)), (Some(passed), None));
     }
 }

@@ -6,7 +6,7 @@ use atsplat_splat::gpu::{ExaminedAdapter, examine};
 use serde::Serialize;
 
 use crate::adapter_tests::AdapterTests;
-use crate::output::print_report;
+use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -47,11 +47,11 @@ struct Row {
     /// `None` if image and gradients are correct.
     fault: Option<String>,
     /// Whether the verdict comes from an earlier test.
-    remembered: bool,
+    cached: bool,
 }
 
 impl Row {
-    fn of(number: usize, ExaminedAdapter { description, outcome, remembered }: ExaminedAdapter) -> Self {
+    fn of(number: usize, ExaminedAdapter { description, outcome, cached }: ExaminedAdapter) -> Self {
         Self {
             number,
             name: description.name,
@@ -60,7 +60,7 @@ impl Row {
             driver: description.driver,
             largest_binding_bytes: description.largest_binding,
             fault: outcome.err().map(|fault| fault.to_string()),
-            remembered,
+            cached,
         }
     }
 }
@@ -70,12 +70,12 @@ impl fmt::Display for Report {
         if self.adapters.is_empty() {
             return writeln!(f, "no graphics adapter: rendering runs on the CPU");
         }
-        for Row { number, name, backend, kind, driver, largest_binding_bytes, fault, remembered } in &self.adapters {
+        for Row { number, name, backend, kind, driver, largest_binding_bytes, fault, cached } in &self.adapters {
             let mebibytes = largest_binding_bytes >> 20;
             writeln!(f, "{number}  {name} ({backend}), {kind}, {driver}, buffers of {mebibytes} MiB")?;
             let verdict = fault.as_deref().unwrap_or("passes its test: an image and its gradients");
-            let cached = if *remembered { " (tested before; --again tests it again)" } else { "" };
-            writeln!(f, "   {verdict}{cached}")?;
+            let note = if *cached { " (tested before; --again tests it again)" } else { "" };
+            writeln!(f, "   {verdict}{note}")?;
         }
         Ok(())
     }

@@ -7,8 +7,8 @@ use atsplat_eval::budget::{BudgetCase, BudgetMeasurer, BudgetReport, BudgetRow, 
 use atsplat_model::ModelConfig;
 use atsplat_model::network::Processor;
 
-use crate::model_args::{ChangeArgs, model};
-use crate::output::{print_report, warn};
+use crate::model_args::{ConfigOverrideArgs, model};
+use crate::print::{print_report, print_status};
 use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
@@ -27,7 +27,7 @@ pub(crate) struct Args {
     size: Option<CameraSize>,
 
     #[command(flatten)]
-    changes: ChangeArgs,
+    changes: ConfigOverrideArgs,
 
     /// Run each row through a network with random weights, compare its counts with the formula, and print seconds and
     /// memory. The paper's high resolution takes minutes and 4 GiB.
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for case in cases {
         let measured = if args.run {
             let BudgetCase { config, views, size, .. } = &case;
-            warn(&format!("running {}, {views} views of {size}", config.name));
+            print_status(&format!("running {}, {views} views of {size}", config.name));
             let measured = measurer.run(config, *views, *size);
             Some(measured.with_context(|| format!("running {}", config.name))?)
         } else {

@@ -3,16 +3,17 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::expansion::{ExpansionReport, survey};
+use atsplat_eval::expansion::{ExpansionReport, measure_trial};
 use atsplat_eval::runner::{Dataset, MISSING_SCENES, Selection};
 use atsplat_scene::Warnings;
 
 use crate::embedded;
-use crate::model_args::ChangeArgs;
+use crate::model_args::ConfigOverrideArgs;
 use crate::objects::RemoteData;
-use crate::output::{print_json, print_report, print_warnings, warn};
+use crate::print::{print_json, print_report, warn};
 use crate::progress::Progress;
 use crate::run::protocols::ProtocolArgs;
+use crate::warnings::print_warnings;
 
 /// Label of random weights in every plot of their expansion.
 pub(crate) const UNTRAINED: &str = "UNTRAINED, random weights";
@@ -28,7 +29,7 @@ pub(crate) struct Args {
     weights: Option<PathBuf>,
 
     #[command(flatten)]
-    changes: ChangeArgs,
+    changes: ConfigOverrideArgs,
 
     /// Only N scenes of each dataset, spread evenly over the index.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
@@ -43,11 +44,11 @@ pub(crate) struct Args {
 fn has_all_scenes(dataset: &Dataset, selection: Selection) -> bool {
     let missing = selection.missing_in(dataset);
     let Some(first) = missing.first() else { return true };
-    warn(&format!("warning: {}: {} × {MISSING_SCENES}\n    {first}", dataset.name, missing.len()));
+    warn(&format!("{}: {} × {MISSING_SCENES}\n    {first}", dataset.name, missing.len()));
     false
 }
 
-/// Surveys a network under each protocol; `true` if no scene was missing and no trial skipped.
+/// Measures a network under each protocol; `true` if no scene was missing and no trial skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let trained = embedded::trained(args.weights.as_deref())?;
     let config = args.changes.applied(&trained.config)?;
@@ -61,12 +62,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         let index = selection.index_of(&dataset);
         let trials = dataset.trials(&index);
         let progress = Progress::new("trials", trials.size_hint().0);
-        let mut surveys = Vec::new();
+        let mut measurements = Vec::new();
         for outcome in trials {
             match outcome {
                 Ok((trial, truths)) => {
-                    let surveyed = survey(&network, (&trial, &truths), dataset.render_options(&trial), 0);
-                    surveys.push(surveyed.with_context(|| format!("scene {}", trial.scene()))?);
+                    let measured = measure_trial(&network, (&trial, &truths), dataset.render_options(&trial), 0);
+                    measurements.push(measured.with_context(|| format!("scene {}", trial.scene()))?);
                 }
                 Err(skipped) => {
                     warn(&skipped.to_string());
@@ -77,10 +78,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         }
         drop(progress);
         RemoteData::check(remote.as_ref())?;
-        if surveys.is_empty() {
+        if measurements.is_empty() {
             bail!("{}: none of its trials can be read", dataset.name);
         }
-        let report = ExpansionReport::new(&config.name, &dataset.name, &surveys);
+        let report = ExpansionReport::new(&config.name, &dataset.name, &measurements);
         if args.json {
             reports.push(report);
         } else {

@@ -16,9 +16,10 @@ mod fit;
 mod log;
 mod model_args;
 mod objects;
-mod output;
 mod parse;
+mod paths;
 mod plot;
+mod print;
 mod progress;
 mod protocol;
 mod reconstruct;
@@ -30,6 +31,7 @@ mod shell;
 mod stress;
 mod tradeoff;
 mod train;
+mod warnings;
 mod weights;
 
 use std::path::Path;
@@ -93,7 +95,8 @@ enum Command {
     Drift(drift::Args),
     /// Show which settings of a method are worth their time and their Gaussians.
     Tradeoff(tradeoff::Args),
-    /// Measure what token expansion does over a protocol: whether predicted uncertainty ranks errors, and where children lie.
+    /// Measure what token expansion does over a protocol: whether predicted uncertainty ranks errors, and how far
+    /// children are placed from their parents.
     Expansion(Box<WithStrict<expansion::Args>>),
     /// List and test graphics adapters.
     Adapters(adapters::Args),
@@ -112,11 +115,11 @@ fn main() -> ExitCode {
     match run(&cli) {
         Ok(exit) => exit.into(),
         Err(error) if error.is::<clap::Error>() => {
-            output::warn(&format!("{error}"));
+            print::print_status(&error.to_string());
             Exit::UsageError.into()
         }
         Err(error) => {
-            output::warn(&format!("error: {}", chain_text(&error)));
+            print::print_status(&format!("error: {}", chain_text(&error)));
             ExitCode::FAILURE
         }
     }

@@ -6,9 +6,9 @@ use atsplat_model::{ModelConfig, ModelError};
 
 use crate::parse::{first_given, name_or_path, not_negative};
 
-/// Changes to a configuration for one call; weights stay as they are.
+/// Overrides of a configuration for this run; weights stay as they are.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub(crate) struct ChangeArgs {
+pub(crate) struct ConfigOverrideArgs {
     /// Expand every token whose uncertainty exceeds its block's threshold, so that the scene determines the number of
     /// Gaussians; one number for each expanding block, such as `0.05,0.05,0.2`.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = not_negative, conflicts_with = "ratios")]
@@ -23,8 +23,8 @@ pub(crate) struct ChangeArgs {
     expand_first: Option<usize>,
 }
 
-impl ChangeArgs {
-    /// Applies the changes.
+impl ConfigOverrideArgs {
+    /// The configuration with these overrides.
     pub(crate) fn applied(&self, config: &ModelConfig) -> anyhow::Result<ModelConfig> {
         let mut config = config.clone();
         if !self.thresholds.is_empty() {
@@ -53,7 +53,7 @@ impl ChangeArgs {
         ])
     }
 
-    /// Whether nothing is changed.
+    /// Whether nothing is overridden.
     pub(crate) fn is_empty(&self) -> bool {
         self.given().is_none()
     }
@@ -73,19 +73,19 @@ fn ratio(text: &str) -> Result<SelectionRatio, String> {
 mod tests {
     use super::*;
 
-    fn changes(thresholds: &[f64], ratios: &[&str], expand_first: Option<usize>) -> ChangeArgs {
+    fn changes(thresholds: &[f64], ratios: &[&str], expand_first: Option<usize>) -> ConfigOverrideArgs {
         let ratios = ratios.iter().map(|text| ratio(text).unwrap()).collect();
-        ChangeArgs { thresholds: thresholds.to_vec(), ratios, expand_first }
+        ConfigOverrideArgs { thresholds: thresholds.to_vec(), ratios, expand_first }
     }
 
-    fn max_gaussians(changes: &ChangeArgs) -> usize {
+    fn max_gaussians(changes: &ConfigOverrideArgs) -> usize {
         let config = changes.applied(&ModelConfig::named("nano").unwrap()).unwrap();
-        atsplat_model::budget::budget(&config, 2, config.resolution).unwrap().most.gaussians
+        atsplat_model::budget::budget(&config, 2, config.resolution).unwrap().max.gaussians
     }
 
     #[test]
     fn changes_change_the_budget() {
-        assert_eq!(max_gaussians(&ChangeArgs::default()), 23_040);
+        assert_eq!(max_gaussians(&ConfigOverrideArgs::default()), 23_040);
         assert_eq!(max_gaussians(&changes(&[0.1, 0.1, 0.4], &[], None)), 65_536);
         assert_eq!(max_gaussians(&changes(&[], &["1", "0.5", "0"], None)), 24_576);
         assert_eq!(max_gaussians(&changes(&[], &[], Some(0))), 8192);

@@ -9,7 +9,7 @@ use atsplat_files::this_process;
 use atsplat_objects::{Mirror, ObjectError, StoreCopy, Traffic};
 use atsplat_scene::Fetch;
 
-use crate::output::warn;
+use crate::print::{note, print_status};
 
 /// Where copies of objects are kept.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -51,7 +51,7 @@ impl CacheArgs {
             match copy.claim() {
                 Ok(()) => {
                     if let Some(by) = copy.unfinished_writer() {
-                        warn(&format!("note: {url}: {by}, did not finish; if it is still running, it stops"));
+                        note(&format!("{url}: {by}, did not finish; if it is still running, it stops"));
                     }
                     return Ok((Output::Remote(url.to_owned(), Box::new(copy)), opened));
                 }
@@ -63,7 +63,7 @@ impl CacheArgs {
 }
 
 fn report(url: &str, traffic: Traffic) {
-    warn(&format!("object storage: {traffic} ({url})"));
+    print_status(&format!("object storage: {traffic} ({url})"));
 }
 
 /// A dataset in object storage. Prints the traffic when it is dropped.

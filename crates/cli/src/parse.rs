@@ -8,7 +8,7 @@ use atsplat_eval::EvalError;
 use atsplat_eval::runner::named_metrics;
 use atsplat_files::malformed_toml;
 use atsplat_protocol::overlap::{FeatureOverlap, OverlapEstimator};
-use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
+use atsplat_protocol::{BinRule, OverlapBins, Preset, ProtocolError, SamplingRule};
 use atsplat_splat::{RasterMode, RendererConstants};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -140,7 +140,7 @@ pub(crate) fn preset(text: &str) -> Result<String, ProtocolError> {
 
 /// The name or path of a sampling rule.
 pub(crate) fn sampler(text: &str) -> Result<String, ProtocolError> {
-    name_or_path(text, IndexBuilder::resolve)
+    name_or_path(text, SamplingRule::resolve)
 }
 
 /// Accepts paths as they are; names must resolve.
@@ -159,8 +159,8 @@ pub(crate) fn estimator(name: &str) -> anyhow::Result<OverlapEstimator> {
 }
 
 /// The sampling rule of a name or path.
-pub(crate) fn rule(sampler: &str) -> Result<IndexBuilder, ProtocolError> {
-    Ok(IndexBuilder::resolve(sampler)?.with_features(FEATURES))
+pub(crate) fn rule(sampler: &str) -> Result<SamplingRule, ProtocolError> {
+    Ok(SamplingRule::resolve(sampler)?.with_features(FEATURES))
 }
 
 /// The measurement of overlap by features, in builds that have it.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use atsplat_report::plot::{Drawing, PlotFormat};
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
-use crate::output::PendingFile;
+use crate::paths::PendingFile;
 
 /// Path and format of a plot.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::output::warn;
+use crate::print::print_status;
 
 /// Progress on standard error: a bar with the remaining time on a terminal, a plain line per tenth elsewhere.
 #[derive(Debug)]
@@ -47,7 +47,7 @@ impl Progress {
         let tenths = done * 10 / total.max(1);
         // Work on few items is not logged.
         if total >= 100 && reported.fetch_max(tenths, Ordering::Relaxed) < tenths {
-            warn(&format!("{}: {done}/{total}", self.what));
+            print_status(&format!("{}: {done}/{total}", self.what));
         }
     }
 }
@@ -84,13 +84,13 @@ impl StepProgress {
         self.bar.set_position(done);
         if self.plain && self.last_line.elapsed() >= Self::INTERVAL {
             self.last_line = Instant::now();
-            warn(&format!("step {done}/{steps} {line}"));
+            print_status(&format!("step {done}/{steps} {line}"));
         }
         self.bar.set_message(line);
     }
 
     pub(crate) fn print(&self, text: &str) {
-        if self.plain { warn(text) } else { self.bar.println(text) }
+        if self.plain { print_status(text) } else { self.bar.println(text) }
     }
 }
 

@@ -7,7 +7,8 @@ use clap::CommandFactory as _;
 use clap_complete::Shell;
 
 use crate::Cli;
-use crate::output::{NewFolders, print_text};
+use crate::paths::NewFolders;
+use crate::print::print_text;
 
 const BINARY: &str = "atsplat";
 

@@ -9,9 +9,9 @@ use atsplat_splat::stress::{self, RendererUnderTest, StressReport, StressRow};
 use serde::Serialize;
 
 use crate::adapter_tests::AdapterTests;
-use crate::output::{print_report, warn};
 use crate::parse::{once, usage_error};
 use crate::plot::PlotFile;
+use crate::print::{print_report, warn};
 use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]
@@ -23,10 +23,10 @@ pub(crate) struct Args {
     /// Renderer by its name or a part of it, such as `reference`, `cpu` or `avx2`; may be given several times; by
     /// default all that this machine supports.
     #[arg(long, value_name = "NAME")]
-    path: Vec<String>,
+    renderer: Vec<String>,
 
     /// List the cases and their descriptions without running them.
-    #[arg(long, conflicts_with_all = ["path", "plot"])]
+    #[arg(long, conflicts_with_all = ["renderer", "plot"])]
     list: bool,
 
     /// Plot the errors by case, .svg or .png.
@@ -40,7 +40,7 @@ pub(crate) struct Args {
 
 /// Runs the cases; `true` if all passed.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    for (option, values) in [("--case", &args.case), ("--path", &args.path)] {
+    for (option, values) in [("--case", &args.case), ("--renderer", &args.renderer)] {
         once(option, values).map_err(usage_error)?;
     }
     if args.list {
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         return Ok(true);
     }
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
-    let report = StressReport::of(run_cases(&args.case, &args.path)?);
+    let report = StressReport::of(run_cases(&args.case, &args.renderer)?);
     if let Some(plot) = plot {
         let errors = plotted_errors(&report.rows);
         plot.finish(|format| StressErrors { errors: &errors }.draw().encode(format))?;
@@ -61,7 +61,7 @@ fn plotted_errors(rows: &[StressRow]) -> Vec<StressError<'_>> {
     let errors = rows.iter().flat_map(|row| row.errors.iter().map(move |error| (row, error)));
     let plotted = errors.map(|(row, error)| StressError {
         case: &row.case,
-        path: &row.path,
+        renderer: &row.renderer,
         // Without compared values there is no error to show, but the case keeps its row.
         kind: if error.compared > 0 { error.name } else { "" },
         relative: error.relative,
@@ -92,12 +92,12 @@ fn run_cases(cases: &[String], names: &[String]) -> anyhow::Result<Vec<StressRow
         tests.finish();
         match gpu {
             Ok(gpu) => renderers.push(gpu),
-            Err(error) => warn(&format!("warning: no rows for a GPU: {error}")),
+            Err(error) => warn(&format!("the GPU is not tested: {error}")),
         }
     }
     if let Some(name) = names.iter().find(|name| !exists(&renderers, name)) {
         let known: Vec<String> = renderers.iter().map(|tested| tested.renderer.name()).collect();
-        return Err(usage_error(format!("--path {name}: this machine has {}", known.join("; "))).into());
+        return Err(usage_error(format!("--renderer {name}: this machine has {}", known.join("; "))).into());
     }
     renderers.retain(|tested| names.is_empty() || names.iter().any(|name| tested.renderer.name().contains(name)));
     let selected = selected(cases);

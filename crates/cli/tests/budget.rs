@@ -24,9 +24,9 @@ fn the_formula_gives_every_published_row() {
                 row["model"],
                 row["views"],
                 row["size"],
-                row["most"]["initial"],
-                row["most"]["final"],
-                row["most"]["gaussians"],
+                row["max"]["initial"],
+                row["max"]["final"],
+                row["max"]["gaussians"],
                 row["verdict"]
             ])
         })
@@ -59,7 +59,7 @@ fn other_settings_are_not_compared_with_published_rows() {
         assert_eq!((&row["verdict"], &row["published"]), (&json!("not-published"), &Value::Null), "{args:?}");
     }
     let dynamic = row(&["--model", "paper-re10k", "--thresholds", "0.1,0.1,0.4"]);
-    assert_eq!((&dynamic["least"]["gaussians"], &dynamic["most"]["gaussians"]), (&json!(8192), &json!(65_536)));
+    assert_eq!((&dynamic["min"]["gaussians"], &dynamic["max"]["gaussians"]), (&json!(8192), &json!(65_536)));
     assert!(rows(&["--thresholds", "1,1,1"]).iter().all(|row| row["published"].is_null()));
 }
 
@@ -71,7 +71,7 @@ fn the_network_agrees_with_the_formula() {
         (&["--model", "nano", "--views", "1", "--size", "48x32", "--expand-first", "0"], 96),
     ] {
         let row = rows(&[&["--run"], args].concat()).remove(0);
-        assert_eq!(row["run"]["tokens"], row["most"], "{row}");
+        assert_eq!(row["run"]["tokens"], row["max"], "{row}");
         assert_eq!(
             (&row["run"]["tokens"]["gaussians"], &row["run"]["keeps-to-formula"]),
             (&json!(gaussians), &json!(true))

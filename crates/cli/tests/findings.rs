@@ -229,7 +229,7 @@ fn renders_without_a_score_fail_the_command() {
     let one = score("one");
     assert!(one.code == 0 && one.stdout.contains("1 with non-finite samples"), "{}{}", one.stdout, one.stderr);
     let strict = atsplat(here, &["report", "one", "--strict", "--out", "page"]);
-    let expected = "one: tiny: 1 target of renders has samples that are no numbers: scene a, frame 1: 1 in the render";
+    let expected = "one: tiny: 1 target of renders has NaN or infinite samples: scene a, frame 1: 1 in the render";
     assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
 }
 

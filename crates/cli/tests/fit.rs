@@ -221,7 +221,8 @@ fn dropped_degrees_of_a_start_are_warned_of() {
     for (degree, dropped) in [("0", true), ("1", false), ("2", false)] {
         let more = ["--steps", "1", "--out", "fitted.ply", "--sh-degree", degree];
         let fitted = atsplat(here, &[&fit[..], &more].concat());
-        let warning = "the start has spherical harmonics of degree 1: those above --sh-degree 0 are dropped";
+        let warning =
+            "the initial Gaussians have spherical harmonics of degree 1: those above --sh-degree 0 are dropped";
         assert_eq!((fitted.code, fitted.stderr.contains(warning)), (0, dropped), "{degree}: {}", fitted.stderr);
     }
 }
@@ -235,7 +236,7 @@ fn filters_of_a_start_that_stay_as_they_are_are_warned_of() {
         let views = ["fit", "photos", "--views", "..", "--size", "32x32", "--steps", "1"];
         let fitted = atsplat(here, &[&views[..], &["--start", start, "--strategy", strategy, "--out", out]].concat());
         assert_eq!(fitted.code, 0, "{}", fitted.stderr);
-        fitted.stderr.contains("the start has 3D filters (filter_3D)")
+        fitted.stderr.contains("the initial Gaussians have 3D filters (filter_3D)")
     };
     assert!(!fit(SCENE, "fixed", "plain.ply") && !fit(SCENE, "mip-splatting", "mip.ply"));
     assert!(fit("mip.ply", "fixed", "fixed.ply") && !fit("mip.ply", "mip-splatting", "again.ply"));

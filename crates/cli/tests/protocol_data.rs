@@ -188,7 +188,7 @@ fn recognises_the_published_split() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     let lint = |index: &str| succeed(here, &["protocol", "lint", index, "--preset", "dl3dv-6v-extrapolation"]);
-    assert!(lint(index.to_str().unwrap()).contains("from which `protocol extrapolate` makes its index"));
+    assert!(lint(index.to_str().unwrap()).contains("from which `protocol extrapolate` derives its index"));
     succeed(here, &["protocol", "extrapolate", index.to_str().unwrap(), "-o", "outside.json"]);
     let text = lint("outside.json");
     assert!(text.contains("preset dl3dv-6v-extrapolation: its index, derived from depthsplat-dl3dv-6v"), "{text}");

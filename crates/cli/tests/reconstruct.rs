@@ -228,7 +228,7 @@ fn photos_are_scaled_to_the_training_resolution() {
         [(&[][..], json!([64, 96]), 3 * 24), (&["--context-size", "given"], json!([32, 48]), 3 * 6)]
     {
         let text = succeed(here, &reconstruct(&[&file[..], more].concat()));
-        assert_eq!(record(here)["seen-at"], seen, "{more:?}");
+        assert_eq!(record(here)["input-size"], seen, "{more:?}");
         assert_eq!(record(here)["tokens"]["initial"], tokens, "{more:?}");
         assert_eq!(text.contains("32x48 seen at 64x96"), more.is_empty(), "{text}");
     }
@@ -337,7 +337,7 @@ fn rejects_input_that_cannot_be_reconstructed() {
         (&["--views", "0,2,0"], "selected twice"),
         (&["--views", "0,2", "--size", "40x32"], "divides"),
         (&["--views", "0,2", "--size", "96x64"], "48×32"),
-        (&["--views", "0,2", "--size", "96x64"], "photos at 96×64, as --size or the model says: "),
+        (&["--views", "0,2", "--size", "96x64"], "photos scaled to 96×64 (--size, or the model's resolution): "),
         (&["--views", "0,2", "--protocol", "re10k-2v-256"], "640×360"),
         (&["--views", "0,2", "--thresholds", "0.1"], "3 thresholds"),
         (&["--views", "0,2", "--key", "other"], "other"),

@@ -166,7 +166,7 @@ fn strict_finds_failed_rows_and_empty_renders() {
     let empty = score("empty");
     assert!(empty.code == 4 && empty.stdout.contains("2 without a Gaussian in any target"), "{}", empty.stdout);
     let strict = report("empty", &["--strict"]);
-    let expected = "empty: tiny: 2 trials of behind have no Gaussian in any target: scene scene-00, entry 0";
+    let expected = "empty: tiny: 2 trials of behind draw no Gaussian in any target: scene scene-00, entry 0";
     assert!(strict.code == 4 && strict.stderr.contains(expected), "{}", strict.stderr);
     let table = fs::read_to_string(here.join("page/tables/protocol-tiny.md")).unwrap();
     for expected in

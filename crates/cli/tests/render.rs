@@ -37,7 +37,7 @@ fn files_hold_the_librarys_renders() {
     let record = record(&here.join("out"));
     for view in record["views"].as_array().unwrap() {
         let expected = rendered(&here.join("scene.ply"), view, &options);
-        assert!(expected.census.drawn >= 4, "{:?}", expected.census);
+        assert!(expected.counts.drawn >= 4, "{:?}", expected.counts);
         let file = |at: usize| fs::read(here.join("out").join(view["files"][at].as_str().unwrap())).unwrap();
         let planes = exr::read(&file(0), &DecodeLimits::default()).unwrap();
         for (channel, name) in ["R", "G", "B"].into_iter().enumerate() {
@@ -57,8 +57,8 @@ fn files_hold_the_librarys_renders() {
         let image = Image::new(80, 60, expected.rgb.as_flattened().to_vec()).unwrap();
         assert_eq!(decode(&file(1), &DecodeLimits::default()).unwrap(), image.to_u8(Rounding::Nearest).unwrap());
     }
-    assert_eq!(record["look"]["constants"]["name"], "gsplat-1.6 with near 0.5");
-    assert_eq!(record["look"]["constants"]["near"], 0.5);
+    assert_eq!(record["settings"]["constants"]["name"], "gsplat-1.6 with near 0.5");
+    assert_eq!(record["settings"]["constants"]["near"], 0.5);
     assert_eq!(
         (&record["backend"], &record["frames"]["done"]),
         (&json!(Renderer::name(&CpuRenderer::default())), &json!(3))
@@ -74,13 +74,13 @@ fn counts_cleaned_and_culled_gaussians() {
     let import = &report["scene"]["import"];
     assert_eq!((&import["rejected"], &import["repaired"], &import["total"]), (&json!(1), &json!(1), &json!(6)));
     assert_eq!(report["scene"]["gaussians"], 5);
-    let census = &report["census"];
-    let all: u64 = census.as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
-    assert_eq!((all, &census["outside-depth"]), (5 * 12, &json!(12)), "one of five is behind each of twelve");
+    let counts = &report["gaussian-counts"];
+    let all: u64 = counts.as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+    assert_eq!((all, &counts["outside-depth"]), (5 * 12, &json!(12)), "one of five is behind each of twelve");
     assert!(report.get("views").is_none() && record(&here.join("out"))["views"].as_array().unwrap().len() == 12);
     let text = succeed(here, &args[..8]);
     assert!(
-        text.contains("5 Gaussians") && text.contains("means: not-a-number") && text.contains("behind the far"),
+        text.contains("5 Gaussians") && text.contains("means: not-a-number") && text.contains("beyond the far"),
         "{text}"
     );
 }

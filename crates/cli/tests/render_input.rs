@@ -22,7 +22,7 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     let (first, second) = (contents(&here.join("first")), contents(&here.join("second")));
     assert_eq!(second.len(), 3);
     let again = atsplat(here, &["render", "scene.ply", "--orbit", "1", "--size", "40x30", "--out", "first"]);
-    assert!(again.stderr.contains("3 images of another call"), "{}", again.stderr);
+    assert!(again.stderr.contains("3 images from another run"), "{}", again.stderr);
     let along = ["render", "scene.ply", "--spline", "second/render.json", "3", "--frames", "0", "--out", "third"];
     let one = atsplat(here, &along);
     let keyed = ["render", "scene.ply", "--cameras", "first/render.json", "--key", "garden", "--out", "third"];

@@ -35,7 +35,7 @@ fn simulated_at(here: &Path, scenes: u32, kind: SceneKind, side: u32) {
         effects: EffectChoice::None,
         ..Request::new(kind, SceneSeed { split: Split::Test, number })
     };
-    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
     let requests: Vec<Request> = (0..scenes).map(request).collect();
     let written = write_dataset(&here.join("data"), requests, &options, &mut Warnings::default(), |_, _| {}).unwrap();
     write_preset(here, side);
@@ -336,7 +336,7 @@ fn a_store_of_a_newer_version_or_other_settings_is_not_resumed() {
     let written = format!("\"schema-version\": {}", atsplat_eval::store::SCHEMA_VERSION);
     std::fs::write(&path, text.replace(&written, "\"schema-version\": 99")).unwrap();
     let newer = atsplat(here, &args);
-    assert!(newer.code == 1 && newer.stderr.contains("a newer one is needed"), "{}", newer.stderr);
+    assert!(newer.code == 1 && newer.stderr.contains("a newer atsplat is needed"), "{}", newer.stderr);
 }
 
 /// A capture whose first target was cropped and whose lens distorts: `run` skips the former by name and counts the latter.

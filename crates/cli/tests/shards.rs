@@ -38,7 +38,7 @@ fn a_slurm_array_numbers_its_parts() {
         assert_eq!(code, Some(0), "{message}");
     }
     let second = Results::read(&here.join("second")).unwrap();
-    assert_eq!(second.provenance.shard, Some(Shard { number: 2, of: 2 }));
+    assert_eq!(second.provenance.shard, Some(Shard { number: 2, count: 2 }));
     assert_eq!(second.trials.len(), 2);
     succeed(here, &["merge", "first", "second", "--out", "merged"]);
     let merged = Results::read(&here.join("merged")).unwrap();

@@ -6,9 +6,10 @@ use atsplat_tests::graphics_required;
 use common::{atsplat, succeed};
 
 #[test]
-fn prints_a_row_per_case_and_path() {
+fn prints_a_row_per_case_and_renderer() {
     let folder = tempfile::tempdir().unwrap();
-    let args = ["stress", "--case", "needles", "--case", "not-a-number", "--path", "reference", "--path", "portable"];
+    let args =
+        ["stress", "--case", "needles", "--case", "not-a-number", "--renderer", "reference", "--renderer", "portable"];
     let table = succeed(folder.path(), &args);
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines[0].starts_with("case") && lines[0].ends_with("verdict"), "{table}");
@@ -21,12 +22,12 @@ fn prints_a_row_per_case_and_path() {
 #[test]
 fn writes_json_and_a_plot() {
     let folder = tempfile::tempdir().unwrap();
-    let args = ["stress", "--case", "saturated", "--path", "cpu", "--json", "--plot", "errors.svg"];
+    let args = ["stress", "--case", "saturated", "--renderer", "cpu", "--json", "--plot", "errors.svg"];
     let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &args)).unwrap();
     assert_eq!(report["failed"], 0, "{report}");
     let row = &report["rows"][0];
     assert_eq!(
-        (&row["case"], &row["path"], &row["non-finite"]),
+        (&row["case"], &row["renderer"], &row["non-finite"]),
         (&"saturated".into(), &"cpu, portable".into(), &0.into())
     );
     let names: Vec<&str> = row["errors"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
@@ -49,7 +50,7 @@ fn lists_names_and_rejects_unknown_ones() {
     assert_eq!(listed["cases"][0]["name"], "needle-end-on", "{listed}");
     let outcome = atsplat(folder.path(), &["stress", "--case", "kittens"]);
     assert!(outcome.code == 2 && outcome.stderr.contains("--list"), "{}", outcome.stderr);
-    let outcome = atsplat(folder.path(), &["stress", "--path", "abacus"]);
+    let outcome = atsplat(folder.path(), &["stress", "--renderer", "abacus"]);
     assert!(outcome.code == 2 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
     let args = ["stress", "--list", "--case", "needles", "--case", "needles"];
     let outcome = atsplat(folder.path(), &args);
@@ -95,7 +96,7 @@ fn lists_adapters() {
         assert!(lines[0].starts_with(&start) && lines[0].ends_with(" MiB"), "{text}");
         let verdict = adapter["fault"].as_str().unwrap_or("passes its test: an image and its gradients");
         assert!(lines[1].trim_start().starts_with(verdict), "{text}");
-        assert_eq!(adapter["remembered"], false, "the first time");
+        assert_eq!(adapter["cached"], false, "the first time");
         let passed = adapter["fault"].is_null();
         assert!(!passed || lines[1].contains("tested before; --again tests it again"), "the second: {text}");
     }

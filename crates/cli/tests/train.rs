@@ -187,9 +187,9 @@ views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } }
 fn rejects_an_untrainable_configuration_with_file_and_field() {
     let folder = tempdir().unwrap();
     for (from, to, field, expected) in [
-        ("size = [32, 32]", "size = [32, 30]", "data[0].source.rooms.size", "patches of 16 pixels divide, found 32x30"),
+        ("size = [32, 32]", "size = [32, 30]", "data[0].source.rooms.size", "divisible by 16, the side of the"),
         ("min = 2, max = 3", "min = 3, max = 2", "data[0].source.rooms.views.gaps", "found 3 and 2"),
-        ("min = 3, max = 3", "min = 5, max = 9", "evaluation.source.rooms.views", "the 5 that a clip offers"),
+        ("min = 3, max = 3", "min = 5, max = 9", "evaluation.source.rooms.views", "the 5 frames of a clip"),
     ] {
         assert!(TINY.contains(from));
         std::fs::write(folder.path().join("tiny.toml"), TINY.replacen(from, to, 1)).unwrap();
@@ -218,7 +218,7 @@ fn resuming_needs_an_existing_run() {
     std::fs::create_dir(folder.path().join("empty")).unwrap();
     for out in ["empty", "absent"] {
         let refused = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", out, "--resume"]);
-        let message = refused.stderr.contains("expected a run that was started there") && refused.stderr.contains(out);
+        let message = refused.stderr.contains("expected a run to resume") && refused.stderr.contains(out);
         assert!(refused.code == 1 && message, "{}", refused.stderr);
     }
     assert!(!folder.path().join("absent").exists());

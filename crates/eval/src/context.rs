@@ -1,4 +1,5 @@
 use atsplat_camera::Camera;
+use atsplat_files::Malformed;
 use atsplat_model::network::Views;
 use atsplat_model::{ImageSize, ModelError};
 use atsplat_numeric::SplitMix64;
@@ -8,7 +9,8 @@ use atsplat_protocol::trial::Trial;
 /// Context images and cameras as the network's input: 8-bit samples are divided by 255.
 ///
 /// # Errors
-/// [`ModelError::SizesDiffer`] for images of different sizes, and the errors of [`Views::new`].
+/// [`ModelError::Malformed`] without images, [`ModelError::SizesDiffer`] for images of different sizes, and the errors of
+/// [`Views::new`].
 pub fn network_views<'a>(
     images: impl IntoIterator<Item = &'a ImageU8>,
     cameras: Vec<Camera>,
@@ -23,7 +25,9 @@ pub fn network_views<'a>(
         }
         samples.extend(image.samples().iter().map(|&sample| f32::from(sample) / 255.0));
     }
-    Views::new(size.unwrap_or(ImageSize::new(0, 0)), samples, cameras)
+    let size =
+        size.ok_or_else(|| Malformed::new("the network's input", "views", "at least one context view", "none"))?;
+    Views::new(size, samples, cameras)
 }
 
 /// The seed of a network's forward pass for one trial: a hash of the configured seed, the scene's key and the entry's

@@ -14,7 +14,7 @@ pub struct ComputeDevice {
 }
 
 impl ComputeDevice {
-    /// Opens a processor. The renderer of an adapter must pass its self-test, unless `observer` remembers that it did;
+    /// Opens a processor. The renderer of an adapter must pass its self-test, unless `observer` has cached that it did;
     /// there is no fallback to another adapter or the CPU.
     ///
     /// # Errors

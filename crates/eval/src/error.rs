@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// Why results cannot be computed, stored or read.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 #[non_exhaustive]
 pub enum EvalError {
     /// A file operation failed.
@@ -16,94 +17,47 @@ pub enum EvalError {
     Malformed(#[from] Malformed),
     /// A folder without a store.
     #[error("{} holds no results: expected the file {} in it", folder.display(), super::store::PROVENANCE)]
-    NoStore {
-        /// The folder.
-        folder: PathBuf,
-    },
+    NoStore { folder: PathBuf },
     /// A store written by a newer atsplat.
-    #[error("{} was written with schema version {found}; this atsplat reads versions 1 to {newest}: a newer one is needed", path.display())]
-    TooNew {
-        /// Its provenance.
-        path: PathBuf,
-        /// Its version.
-        found: u32,
-        /// The newest version that can be read.
-        newest: u32,
-    },
+    #[error(
+        "{} was written with schema version {found}; this atsplat reads versions 1 to {newest}: a newer atsplat is needed",
+        path.display()
+    )]
+    TooNew { path: PathBuf, found: u32, newest: u32 },
     /// A store whose schema hash does not match its schema version.
     #[error("{}: schema version {version}: expected the hash {expected}, found {found}", path.display())]
-    SchemaHash {
-        /// Its provenance.
-        path: PathBuf,
-        /// Its version.
-        version: u32,
-        /// The committed schema's hash.
-        expected: String,
-        /// The store's hash.
-        found: String,
-    },
+    SchemaHash { path: PathBuf, version: u32, expected: String, found: String },
     /// Two runs that cannot share a store.
     #[error("{what} of the two runs differ: expected {expected}, found {found}{advice}")]
-    Different {
-        /// What differs.
-        what: String,
-        /// What the first has.
-        expected: String,
-        /// What the second has.
-        found: String,
-        /// Advice to the user.
-        advice: &'static str,
-    },
+    Different { what: String, expected: String, found: String, advice: &'static str },
     /// Two records that must be equal within one run.
     #[error("{what} of the two runs differ: {differences}{advice}")]
     Differences {
-        /// What differs.
         what: String,
         /// Each differing field with the first and the second value.
         differences: String,
-        /// Advice to the user.
         advice: &'static str,
     },
     /// Two different results for one trial.
     #[error("two results of {key} differ in {field}: {first} and {second}")]
-    Disagreement {
-        /// Preset, method, scene and entry.
-        key: String,
-        /// The first column that differs.
-        field: String,
-        /// The first result's value.
-        first: String,
-        /// The second result's value.
-        second: String,
-    },
+    Disagreement { key: String, field: String, first: String, second: String },
     /// A record's protocol text cannot be parsed.
     #[error("presets, {name}, toml: {source}")]
-    Preset {
-        /// Name of the preset in the rows.
-        name: String,
-        /// The field, what was expected and found.
-        source: Box<atsplat_protocol::ProtocolError>,
-    },
+    Preset { name: String, source: Box<atsplat_protocol::ProtocolError> },
     /// Data without an index next to it.
     #[error("no evaluation index in {}: {}", data.display(), ways_to_an_index(accepted, sampler.as_deref()))]
     NoIndex {
-        /// The dataset.
         data: PathBuf,
         /// Names of the protocol's published indices.
         accepted: Vec<String>,
-        /// The rule that chooses frames as the protocol does.
+        /// Name of the rule that chooses frames as the protocol does.
         sampler: Option<String>,
     },
     /// A command that does not start a method.
     #[error("method exec: the command {command:?}: {why}")]
-    NoMethod {
-        /// The command.
-        command: String,
-        /// What its process did instead.
-        why: String,
-    },
+    NoMethod { command: String, why: String },
     /// The caller stopped the run.
-    #[error("the run was stopped; another one into the same folder resumes it")]
+    #[error("the run was stopped; the same command with the same folder resumes it")]
     Stopped,
     /// Another process is writing to the store.
     #[error(
@@ -112,66 +66,30 @@ pub enum EvalError {
         folder.display()
     )]
     InUse {
-        /// The store.
         folder: PathBuf,
-        /// Which process, on which machine, since when.
+        /// The process, its machine and since when.
         by: String,
     },
     /// Existing results that a run would keep were computed from data that has changed since.
     #[error(
         "{count} results were computed from data that has changed since: {first}; {advice}, or choose another folder"
     )]
-    DataChanged {
-        /// How many.
-        count: usize,
-        /// The first one, and how its data changed.
-        first: String,
-        /// Advice to the user.
-        advice: &'static str,
-    },
+    DataChanged { count: usize, first: String, advice: &'static str },
     /// Rows of one trial were computed from different data.
     #[error(
         "results of one trial were computed from different {what}: {first}, and {second}; a run of these methods into the \
          same folder recomputes what is outdated"
     )]
-    MixedData {
-        /// What differs.
-        what: &'static str,
-        /// One result.
-        first: String,
-        /// Another.
-        second: String,
-    },
+    MixedData { what: &'static str, first: String, second: String },
     /// A non-finite number in a row.
-    #[error("{key}: {field} is {value}, and only finite numbers are allowed")]
-    NotFinite {
-        /// Preset, method, scene and entry.
-        key: String,
-        /// Which column.
-        field: String,
-        /// What it is.
-        value: f64,
-    },
+    #[error("{key}: {field}: expected a finite number, found {value}")]
+    NotFinite { key: String, field: String, value: f64 },
     /// An unknown name.
     #[error("{what}: expected one of {}, found {found:?}", known.join(", "))]
-    Unknown {
-        /// What kind of name.
-        what: &'static str,
-        /// The unknown name.
-        found: String,
-        /// The known names.
-        known: Vec<String>,
-    },
+    Unknown { what: &'static str, found: String, known: Vec<String> },
     /// An invalid or inconsistent setting.
     #[error("{what}: expected {expected}, found {found}")]
-    Settings {
-        /// Which setting.
-        what: &'static str,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    Settings { what: &'static str, expected: String, found: String },
     /// An error of the evaluation protocol.
     #[error(transparent)]
     Protocol(#[from] atsplat_protocol::ProtocolError),

@@ -13,7 +13,8 @@ pub struct Shard {
     /// Number of the part, from 1.
     pub number: u32,
     /// Number of parts.
-    pub of: u32,
+    #[serde(alias = "of")]
+    pub count: u32,
 }
 
 /// Text or environment variables that do not specify one part: what was expected, and what was found.
@@ -36,9 +37,10 @@ impl FromStr for Shard {
         if text == "env" {
             return Self::from_environment();
         }
-        let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
-        let shard =
-            parts.map(|(number, of)| Self { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
+        let parts = text.split_once('/').and_then(|(number, count)| Some((number.parse().ok()?, count.parse().ok()?)));
+        let shard = parts
+            .map(|(number, count)| Self { number, count })
+            .filter(|shard| (1..=shard.count).contains(&shard.number));
         shard.ok_or_else(|| InvalidShard(format!("expected K/N with K from 1 to N, or env, found {text:?}")))
     }
 }
@@ -70,7 +72,7 @@ fn from_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, 
     for (rank, size) in RANKS {
         stated.extend(environment.rank(rank, size)?);
     }
-    let divided: Vec<EnvironmentShard> = stated.iter().filter(|stated| stated.shard.of > 1).cloned().collect();
+    let divided: Vec<EnvironmentShard> = stated.iter().filter(|stated| stated.shard.count > 1).cloned().collect();
     let stated = if divided.is_empty() { stated } else { divided };
     let Some((first, others)) = stated.split_first() else {
         return Err(format!(
@@ -82,7 +84,7 @@ fn from_environment(variable: &dyn Fn(&str) -> Option<String>) -> Result<Shard, 
         None => Ok(first.shard),
         Some(other) => {
             let text =
-                |EnvironmentShard { shard, by }: &EnvironmentShard| format!("{}/{} by {by}", shard.number, shard.of);
+                |EnvironmentShard { shard, by }: &EnvironmentShard| format!("{}/{} by {by}", shard.number, shard.count);
             Err(format!("expected one part, found {} and {}: give --shard K/N", text(first), text(other)))
         }
     }
@@ -114,7 +116,7 @@ impl Environment<'_> {
         if !is_even {
             return Err(format!("expected an array without gaps, such as --array=0-7, found {text}: give --shard K/N"));
         }
-        let shard = Shard { number: (id - min) / step + 1, of: count };
+        let shard = Shard { number: (id - min) / step + 1, count };
         self.check_count(EnvironmentShard { shard, by: text }).map(Some)
     }
 
@@ -122,33 +124,35 @@ impl Environment<'_> {
     fn kubernetes(&self) -> Result<Option<EnvironmentShard>, String> {
         const INDEX: &str = "JOB_COMPLETION_INDEX";
         let Some(index) = self.number(INDEX)? else { return Ok(None) };
-        let of = self.required(COUNT, INDEX)?;
-        shard_at(index, of, format!("{INDEX}={index}, {COUNT}={of}")).map(Some)
+        let count = self.required(COUNT, INDEX)?;
+        shard_at(index, count, format!("{INDEX}={index}, {COUNT}={count}")).map(Some)
     }
 
     fn rank(&self, rank: &str, size: &str) -> Result<Option<EnvironmentShard>, String> {
-        let (number, of) = match (self.number(rank)?, self.number(size)?) {
+        let (number, count) = match (self.number(rank)?, self.number(size)?) {
             (None, None) => return Ok(None),
-            (Some(number), Some(of)) => (number, of),
+            (Some(number), Some(count)) => (number, count),
             (Some(_), None) => return Err(format!("{rank} is set: expected {size} too, found none")),
             (None, Some(_)) => return Err(format!("{size} is set: expected {rank} too, found none")),
         };
-        self.check_count(shard_at(number, of, format!("{rank}={number}, {size}={of}"))?).map(Some)
+        self.check_count(shard_at(number, count, format!("{rank}={number}, {size}={count}"))?).map(Some)
     }
 
     /// Rejects a part if `$ATSPLAT_SHARDS` is set to another number of parts.
     fn check_count(&self, stated: EnvironmentShard) -> Result<EnvironmentShard, String> {
-        match self.number(COUNT)?.filter(|count| *count != stated.shard.of) {
+        match self.number(COUNT)?.filter(|count| *count != stated.shard.count) {
             None => Ok(stated),
-            Some(count) => Err(format!("expected {COUNT}={count} parts, found {} by {}", stated.shard.of, stated.by)),
+            Some(count) => {
+                Err(format!("expected {COUNT}={count} parts, found {} by {}", stated.shard.count, stated.by))
+            }
         }
     }
 }
 
 /// The part with this position, from 0.
-fn shard_at(position: u32, of: u32, by: String) -> Result<EnvironmentShard, String> {
-    if position < of {
-        return Ok(EnvironmentShard { shard: Shard { number: position + 1, of }, by });
+fn shard_at(position: u32, count: u32, by: String) -> Result<EnvironmentShard, String> {
+    if position < count {
+        return Ok(EnvironmentShard { shard: Shard { number: position + 1, count }, by });
     }
     Err(format!("expected a position below the number of parts, found {by}"))
 }
@@ -159,7 +163,7 @@ mod tests {
 
     fn of(variables: &[(&str, &str)]) -> Result<(u32, u32), String> {
         let find = |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| (*value).to_owned());
-        from_environment(&find).map(|shard| (shard.number, shard.of))
+        from_environment(&find).map(|shard| (shard.number, shard.count))
     }
 
     fn slurm<'a>(id: &'a str, min: &'a str, max: &'a str, count: &'a str, step: &'a str) -> [(&'a str, &'a str); 5] {
@@ -177,7 +181,7 @@ mod tests {
 
     #[test]
     fn parses_shards() {
-        assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
+        assert_eq!("2/8".parse(), Ok(Shard { number: 2, count: 8 }));
         for broken in ["0/3", "4/3", "1", "1/0", "a/b", "-1/2", "1/2/3", "", "ENV"] {
             assert!(broken.parse::<Shard>().is_err(), "{broken:?}");
         }

@@ -193,7 +193,7 @@ mod tests {
         )
         .unwrap();
         let network = |preset: &str| list.network(&Preset::named(preset).unwrap()).unwrap().display().to_string();
-        assert_eq!(network("acid-2v-256"), "micro-rooms", "an embedded name is no path");
+        assert_eq!(network("acid-2v-256"), "micro-rooms", "an embedded name is not a path");
         assert_eq!(network("re10k-2v-256"), "runs/both");
         assert_eq!(network("dl3dv-2v-256x448"), "runs/dl3dv");
         assert_eq!(network("yards-2v-128x224"), "runs/dl3dv", "a stand-in takes the weights of its protocol");

@@ -267,7 +267,7 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         (9, "expected the file \"b.npy\""),
         (10, "signal: 9"),
         (12, "a.npy: image 0: expected samples in [0, 1], found 200.00…200.00, which seems to be 0…255"),
-        (13, "expected images, as it said when it started, found gaussians"),
+        (13, "expected images, as announced at its start, found gaussians"),
     ];
     for (scene, reason) in reasons {
         let (trial, target, detail) = of(scene);

@@ -157,7 +157,7 @@ fn entries_skipped_for_one_methods_poses_are_not_done_for_another() {
     let provenance = both.plan().provenance(current_provenance("0", None, Vec::new())).unwrap();
     drop(Store::resume(store.path(), provenance).unwrap());
     let killed = Results::read(store.path()).unwrap().unfinished();
-    let left: Vec<_> = killed.iter().map(|run| (run.method.as_str(), run.entries, run.of)).collect();
+    let left: Vec<_> = killed.iter().map(|run| (run.method.as_str(), run.entries, run.total)).collect();
     assert_eq!(left, [("MVSplat", 0, 4)]);
     // Its poses refuse nothing, and what it records does not replace what the other method's run found.
     let (joined, summary) = run(&["MVSplat"]).run(store.path()).unwrap();

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{IndexNotice, KeepImages, Lacks, PlannedIndex, current_provenance, image_path};
+use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, current_provenance, image_path};
 use atsplat_eval::{IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
-use atsplat_protocol::IndexBuilder;
+use atsplat_protocol::SamplingRule;
 use atsplat_scene::Warnings;
 use common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite};
 
@@ -262,7 +262,7 @@ fn merged_shards_equal_one_run_on_any_number_of_threads() {
     let (whole, _) = settings(Walls::new(7, 8), baselines()).run(whole.path()).unwrap();
     let shard = |number| {
         let mut run = settings(Walls::new(7, 8), baselines());
-        run.selection.shard = Some(Shard { number, of: 3 });
+        run.selection.shard = Some(Shard { number, count: 3 });
         let folder = tempfile::tempdir().unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(number as usize).build().unwrap();
         pool.install(|| run.run(folder.path())).unwrap().0
@@ -296,9 +296,9 @@ fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
 /// sampler itself.
 #[test]
 fn what_an_index_leaves_out_is_a_warning() {
-    let notice = |count, lacks| IndexNotice { count, example: "wall-x".to_owned(), lacks };
+    let notice = |count, missing| IndexNotice { count, example: "wall-x".to_owned(), missing };
     let mut run = settings(Walls::new(4, 8), baselines());
-    run.datasets[0].index.notices.insert("rejected".to_owned(), notice(3, Lacks::Nothing));
+    run.datasets[0].index.notices.insert("rejected".to_owned(), notice(3, Missing::Nothing));
     let found = |run: &Run| {
         let folder = tempfile::tempdir().unwrap();
         let (results, summary) = run.run(folder.path()).unwrap();
@@ -309,12 +309,12 @@ fn what_an_index_leaves_out_is_a_warning() {
     let of = |kind: &str, count| (kind.to_owned(), count);
     let rejected = of("rejected", 3);
     assert_eq!(found(&run), (vec![rejected.clone()], [0, 0], true));
-    run.datasets[0].index.notices.insert("not sampled".to_owned(), notice(5, Lacks::Data));
+    run.datasets[0].index.notices.insert("not sampled".to_owned(), notice(5, Missing::Data));
     assert_eq!(found(&run), (vec![of("not sampled", 5), rejected.clone()], [0, 5], false));
-    run.datasets[0].index.notices.insert("dropped".to_owned(), notice(2, Lacks::Entries));
+    run.datasets[0].index.notices.insert("dropped".to_owned(), notice(2, Missing::Entries));
     assert_eq!(found(&run), (vec![of("dropped", 2), of("not sampled", 5), rejected], [2, 5], false));
     let parts = [1, 2, 3].map(|number| {
-        run.selection.shard = Some(Shard { number, of: 3 });
+        run.selection.shard = Some(Shard { number, count: 3 });
         found(&run)
     });
     let lacking = |at: usize| parts.iter().map(|(_, lacking, _)| lacking[at]).sum::<u64>();
@@ -363,7 +363,7 @@ fn rejects_duplicate_names_and_invalid_shards() {
     let error = run.plan().provenance(current_provenance("0", None, Vec::new())).unwrap_err().to_string();
     assert!(error.contains("warp twice"), "{error}");
     let mut run = settings(Walls::new(1, 8), baselines());
-    run.selection.shard = Some(Shard { number: 4, of: 3 });
+    run.selection.shard = Some(Shard { number: 4, count: 3 });
     assert!(run.plan().provenance(current_provenance("0", None, Vec::new())).is_err());
 }
 
@@ -371,7 +371,7 @@ fn rejects_duplicate_names_and_invalid_shards() {
 #[test]
 fn a_sampled_index_contains_only_existing_images() {
     let walls = Walls { gaps: true, ..Walls::new(1, 60) };
-    let rule = IndexBuilder::resolve("dl3dv-6v").unwrap();
+    let rule = SamplingRule::resolve("dl3dv-6v").unwrap();
     let index = PlannedIndex::sampled("dl3dv-6v", &rule, &walls, &mut Warnings::new());
     let entry = &index.index.scenes["wall-0"][0];
     assert_eq!((entry.context.len(), entry.target.len()), (6, 50));

@@ -30,8 +30,8 @@ fn kept_images_of_any_scene_can_be_scored() {
     let kept = folder.path().join("store/images/walls/nearest-view");
     assert!(!kept.join("scène 1").exists() && !kept.join("scène 1-0").exists());
     let scoring = run(Arc::new(Renders::new(&kept, None).unwrap()));
-    let surveys = scoring.plan().surveys().unwrap();
-    assert!(surveys[0].to_string().ends_with("SCENE-0/000029.png (3)"), "{}", surveys[0]);
+    let found = scoring.plan().find_imported_files().unwrap();
+    assert!(found[0].to_string().ends_with("SCENE-0/000029.png (3)"), "{}", found[0]);
     let (scored, _) = scoring.run(&folder.path().join("scored")).unwrap();
     let scores = |results: &Results| -> Vec<_> { results.targets.iter().map(|row| row.scores.clone()).collect() };
     assert_eq!(scores(&scored), scores(&expected));
@@ -50,13 +50,13 @@ fn renders_of_a_scene_are_not_those_of_another_whose_name_is_its_entry() {
                 .unwrap();
         }
         let run = run_of(keys, Arc::new(Renders::new(renders.path(), Some("theirs")).unwrap()));
-        let survey = run.plan().surveys().unwrap().remove(0).to_string();
+        let files = run.plan().find_imported_files().unwrap().remove(0).to_string();
         let (results, _) = run.run(&renders.path().join("store")).unwrap();
         let found = results.targets.iter().map(|row| match row.status {
             TargetStatus::Identical => "found".to_owned(),
             _ => row.detail.clone().unwrap_or_default().replace(&renders.path().display().to_string(), "renders"),
         });
-        (survey.rsplit(": ").next().unwrap_or_default().to_owned(), found.collect::<Vec<_>>())
+        (files.rsplit(": ").next().unwrap_or_default().to_owned(), found.collect::<Vec<_>>())
     };
     let [missing, other] = ROOMS.map(|scene| {
         format!("no file for frame 5 of scene {scene}: expected {scene}/000005.png or .exr below renders")

@@ -112,8 +112,8 @@ fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
         ("steps = 0", "steps"),
         ("steps = 3, seconds = 1.0", "seconds"),
         ("seconds = -1.0", "seconds"),
-        ("products = 'bf16', steps = 3", "\"a\", products: f32 with"),
-        ("products = 'f16'", "bf16 on the CPU"),
+        ("matmul-precision = 'bf16', steps = 3", "\"a\", matmul-precision: f32 with"),
+        ("matmul-precision = 'f16'", "bf16 on the CPU"),
         ("strategy = 'mcmc'", "strategy"),
         ("strategy = 'fixed', steps = 3", "strategy"),
         ("renderer = { min-alpha = 2.0 }", "renderer"),
@@ -200,9 +200,9 @@ fn trained_weights_can_give_fewer_gaussians_per_token() {
     assert_eq!(all, renders(&of("").unwrap()[0], 0), "all of them are the weights as they are");
     let record = of("tolerance = 0.5").unwrap()[0].methods[0].record();
     assert_eq!((&record.parameters["tolerance"], &record.parameters["effects"]), (&0.5.into(), &"auto".into()));
-    let [exact, rounded] = ["products = 'f32'", "products = 'bf16'"].map(|knobs| of(knobs).unwrap());
-    assert!(!exact[0].methods[0].record().parameters.contains_key("products"), "the default");
-    assert_eq!(rounded[0].methods[0].record().parameters["products"], "bf16");
+    let [exact, rounded] = ["matmul-precision = 'f32'", "matmul-precision = 'bf16'"].map(|knobs| of(knobs).unwrap());
+    assert!(!exact[0].methods[0].record().parameters.contains_key("matmul-precision"), "the default");
+    assert_eq!(rounded[0].methods[0].record().parameters["matmul-precision"], "bf16");
     assert_eq!(renders(&exact[0], 0), all);
     let rounded = renders(&rounded[0], 0);
     let moved: f32 = rounded.1.samples().iter().zip(all.1.samples()).map(|(a, b)| (a - b).abs()).sum();
@@ -223,9 +223,9 @@ fn shipped_sweeps_expand() {
         if file.extension().is_some_and(|extension| extension == "toml") {
             let sweep = Sweep::from_toml(&std::fs::read_to_string(&file).unwrap()).unwrap();
             let expanded = parts(&sweep, &trained, &datasets);
-            if file.ends_with("products-on-adapter.toml") {
+            if file.ends_with("matmul-precision-on-adapter.toml") {
                 let error = expanded.err().unwrap().to_string();
-                assert!(error.contains("products") && error.contains("f16"), "on the CPU: {error}");
+                assert!(error.contains("matmul-precision") && error.contains("f16"), "on the CPU: {error}");
                 continue;
             }
             let expanded = expanded.unwrap_or_else(|error| panic!("{}: {error}", file.display()));
@@ -236,7 +236,7 @@ fn shipped_sweeps_expand() {
                 used_knobs.extend(knobs.views.map(|_| "views"));
                 used_knobs.extend(knobs.resolution.map(|_| "size"));
                 used_knobs.extend(knobs.steps.map(|_| "steps"));
-                used_knobs.extend(knobs.products.map(|_| "products"));
+                used_knobs.extend(knobs.matmul_precision.map(|_| "matmul precision"));
                 used_knobs.extend(knobs.seconds.map(|_| "seconds"));
                 used_knobs.extend(knobs.tolerance.map(|_| "tolerance"));
                 used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
@@ -247,6 +247,16 @@ fn shipped_sweeps_expand() {
     used_knobs.dedup();
     assert_eq!(
         used_knobs,
-        ["Gaussians per token", "products", "renderer", "seconds", "size", "steps", "thresholds", "tolerance", "views"]
+        [
+            "Gaussians per token",
+            "matmul precision",
+            "renderer",
+            "seconds",
+            "size",
+            "steps",
+            "thresholds",
+            "tolerance",
+            "views"
+        ]
     );
 }

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_fit::loss::PhotometricLoss;
-use atsplat_fit::{Adam, Fit, FitConfig, Rates, Scene, Strategy, TrainingView};
+use atsplat_fit::{Adam, Fit, FitConfig, OptimisedGaussians, Rates, Strategy, TrainingView};
 use atsplat_numeric::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, RenderOptions, View, sh_coefficients};
@@ -45,7 +45,7 @@ fn rounds(strategy: Strategy) {
     let options = fit.options();
     let (mut renderer, mut loss) = (CpuRenderer::default(), PhotometricLoss::default());
     let mut images = ImageGradients { rgb: Vec::new(), alpha: None, depth: None, scalar: None };
-    let (mut gradients, mut trained) = (Gradients::default(), Scene::new(start.clone()));
+    let (mut gradients, mut trained) = (Gradients::default(), OptimisedGaussians::new(start.clone()));
     let Rates { means, colours, opacities, scales, rotations, .. } = Rates::default();
     let adam = Adam { means, colours, opacities, scales, rotations, sh_degree: DEGREE, step: 1 };
     let (mut times, mut busy): ([Vec<f64>; PARTS.len()], _) = (Default::default(), [0.0; PARTS.len()]);

@@ -2,20 +2,20 @@ use atsplat_splat::{Gradients, sh_coefficients};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use crate::scene::{Scene, narrowed};
+use crate::optimised_gaussians::{OptimisedGaussians, narrowed};
 
 /// Adam (Kingma and Ba 2015) with the parameters of 3DGS: β = 0.9 and 0.999, ε = 1e-15.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adam {
-    /// Rate of the means in scene units.
+    /// Learning rate of the means in scene units.
     pub means: f64,
-    /// Rate of the constant coefficients of the spherical harmonics; the others have a twentieth.
+    /// Learning rate of the constant coefficients of the spherical harmonics; the others have a twentieth.
     pub colours: f64,
-    /// Rate of the logits of opacities.
+    /// Learning rate of the logits of opacities.
     pub opacities: f64,
-    /// Rate of the logarithms of scales.
+    /// Learning rate of the logarithms of scales.
     pub scales: f64,
-    /// Rate of the quaternions.
+    /// Learning rate of the quaternions.
     pub rotations: f64,
     /// Highest degree with gradients; coefficients beyond it stay as they are.
     pub sh_degree: u8,
@@ -33,8 +33,8 @@ const CHUNK: usize = 1 << 11;
 
 impl Adam {
     /// Moves every parameter against its gradient.
-    pub fn update(&self, scene: &mut Scene, gradients: &Gradients<f32>) {
-        let Scene { parts, first, second } = scene;
+    pub fn update(&self, scene: &mut OptimisedGaussians, gradients: &Gradients<f32>) {
+        let OptimisedGaussians { parts, first, second } = scene;
         self.flat(
             self.means,
             parts.means.as_flattened_mut(),
@@ -81,12 +81,12 @@ impl Adam {
         );
     }
 
-    /// Updates parameters that share a rate.
+    /// Updates parameters that share a learning rate.
     fn flat(&self, rate: f64, values: &mut [f32], gradients: &[f32], first: &mut [f32], second: &mut [f32]) {
         self.rows((CHUNK, CHUNK), &[rate; CHUNK], values, gradients, first, second);
     }
 
-    /// Updates parameters in tasks of `chunk` values, row by row with the rates of a row.
+    /// Updates parameters in tasks of `chunk` values, row by row with the learning rates of a row.
     fn rows(
         &self,
         (chunk, row): (usize, usize),
@@ -111,7 +111,7 @@ impl Adam {
 /// The update of one task.
 struct Rows<'a> {
     row: usize,
-    /// Rates over the first bias correction.
+    /// Learning rates over the first bias correction.
     rates: &'a [f32],
     /// One over the root of the second bias correction.
     over_root: f32,

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::corrections::Corrections;
 use crate::history::HistoryFacts;
-use crate::{Fit, FitConfig, FitDevice, FitError, History, Scene, TrainingView};
+use crate::{Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView};
 
 const METADATA: &str = "atsplat.fit";
 const PARTS: [&str; 3] = ["value", "first-moment", "second-moment"];
@@ -24,7 +24,7 @@ struct Metadata {
     /// The configuration, to say what has changed; earlier versions did not write it.
     #[serde(default)]
     configuration: Option<serde_json::Value>,
-    /// Hash of the start, on which extent and first degree depend too.
+    /// Hash of the initial Gaussians, on which extent and first degree depend too.
     start: String,
     /// Name of the device, as bits differ between them.
     device: String,
@@ -42,7 +42,7 @@ impl Fit {
     /// # Errors
     /// [`FitError::Io`].
     pub fn checkpoint(&self, path: &Path) -> Result<(), FitError> {
-        let (memory, history) = (self.density.memory(), self.history.arrays());
+        let (density, history) = (self.density.state(), self.history.arrays());
         let mut state: Vec<(String, &[f32])> = Vec::new();
         for (part, parts) in PARTS.into_iter().zip([&self.scene.parts, &self.scene.first, &self.scene.second]) {
             state.extend(arrays(parts).map(|(name, values)| (format!("{part}/{name}"), values)));
@@ -50,7 +50,7 @@ impl Fit {
         let filters = self.scene.parts.filter_3d.as_deref();
         state.extend(filters.map(|filters| ("filter-3d".to_owned(), filters)));
         state.extend(self.corrections.arrays().map(|(name, values)| (name.to_owned(), values)));
-        state.extend(memory.iter().map(|(name, values)| (format!("memory/{name}"), values.as_slice())));
+        state.extend(density.iter().map(|(name, values)| (format!("memory/{name}"), values.as_slice())));
         let singles =
             state.iter().map(|(name, values)| (name.as_str(), Dtype::F32, bytemuck::cast_slice::<f32, u8>(values)));
         let doubles = History::ARRAYS.into_iter().zip(&history);
@@ -67,7 +67,7 @@ impl Fit {
             device: self.device().to_owned(),
             sh_degree: self.scene.parts.sh_degree,
             filtered: filters.is_some(),
-            memory: memory.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            memory: density.iter().map(|(name, _)| (*name).to_owned()).collect(),
             history: self.history.facts(),
             tensors: digest(tensors.iter().map(|(.., bytes)| *bytes)),
         };
@@ -113,14 +113,14 @@ impl Fit {
         }
         let mut fit = Self::new(config, views, start)?.on(device);
         if metadata.start != fit.start {
-            return Err(wrong("start", "the Gaussians that this run starts from", "others".to_owned()));
+            return Err(wrong("initial Gaussians", "those that this run starts from", "others".to_owned()));
         }
-        let own: Vec<&str> = fit.density.memory().into_iter().map(|(name, _)| name).collect();
+        let own: Vec<&str> = fit.density.state().into_iter().map(|(name, _)| name).collect();
         if metadata.memory != own {
             return Err(wrong("memory", &format!("{own:?}"), format!("{:?}", metadata.memory)));
         }
         let mut tensors = Tensors { stored, path, read: Vec::new() };
-        let mut scene = Scene::default();
+        let mut scene = OptimisedGaussians::default();
         for (part, parts) in PARTS.into_iter().zip([&mut scene.parts, &mut scene.first, &mut scene.second]) {
             parts.sh_degree = metadata.sh_degree;
             let mut named = |name: &str| tensors.singles(&format!("{part}/{name}"));
@@ -134,8 +134,8 @@ impl Fit {
         let mut corrections = Corrections::default();
         let [values, first, second] = fit.corrections.arrays().map(|(name, _)| tensors.singles(name));
         (corrections.values, corrections.first, corrections.second) = (rows(&values?), rows(&first?), rows(&second?));
-        let memory = metadata.memory.iter().map(|name| tensors.singles(&format!("memory/{name}")));
-        let memory: Vec<Vec<f32>> = memory.collect::<Result<_, _>>()?;
+        let density = metadata.memory.iter().map(|name| tensors.singles(&format!("memory/{name}")));
+        let density: Vec<Vec<f32>> = density.collect::<Result<_, _>>()?;
         let [losses, scores, training] = History::ARRAYS.map(|name| tensors.doubles(name));
         let numbers = [losses?, scores?, training?];
         let lengths =
@@ -152,7 +152,7 @@ impl Fit {
             return Err(wrong("held-out", "the held-out views of this run", "others".to_owned()));
         }
         (fit.scene, fit.step, fit.corrections, fit.history) = (scene, metadata.step, corrections, history);
-        fit.density.restore(memory);
+        fit.density.restore_state(density);
         Ok(fit)
     }
 }
@@ -222,7 +222,7 @@ fn digest<'a>(tensors: impl Iterator<Item = &'a [u8]>) -> String {
     Sha256Digest::of(&tensors.collect::<Vec<_>>().concat()).to_string()
 }
 
-/// Hash of everything that a step depends on, apart from the start and the state.
+/// Hash of everything that a step depends on, apart from the initial Gaussians and the state.
 fn run_hash(config: &FitConfig, views: &[TrainingView]) -> String {
     let lines: Vec<String> = [format!("{config:?}")].into_iter().chain(views.iter().map(of_view)).collect();
     Sha256Digest::of(lines.join("\n").as_bytes()).to_string()

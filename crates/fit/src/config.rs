@@ -14,7 +14,7 @@ pub enum Strategy {
     MipSplatting,
     /// 3DGS-MCMC: [`crate::density::Mcmc`].
     Mcmc,
-    /// The Gaussians of the start, none added or removed: refinement.
+    /// The initial Gaussians, none added or removed: refinement.
     Fixed,
 }
 
@@ -33,7 +33,7 @@ impl Strategy {
     }
 }
 
-/// What is behind the Gaussians during optimisation.
+/// Background during optimisation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
@@ -41,7 +41,7 @@ pub enum Background {
     Black,
     /// White; opacities are also reset when density control begins.
     White,
-    /// Another colour in each step, so that holes cannot hide; held-out views are rendered on black.
+    /// A random colour in each step, which makes holes visible to the loss; held-out views are rendered on black.
     Random,
     /// Any other colour: RGB in [0, 1].
     Colour([f64; 3]),
@@ -64,9 +64,9 @@ impl Background {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Rates {
-    /// Means at the start, in units of the scene's extent.
+    /// Means in the first step, in units of the scene's extent.
     pub means: f64,
-    /// Means at the end; exponential in between.
+    /// Means in the last step; exponential in between.
     pub final_means: f64,
     /// Constant coefficients of the spherical harmonics; the others have a twentieth.
     pub colours: f64,
@@ -84,7 +84,7 @@ impl Default for Rates {
     }
 }
 
-/// Everything that an optimisation depends on, apart from views and start.
+/// Everything that an optimisation depends on, apart from views and initial Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct FitConfig {
@@ -96,7 +96,7 @@ pub struct FitConfig {
     pub seed: u64,
     /// Degree of the spherical harmonics at the end.
     pub sh_degree: u8,
-    /// Behind the Gaussians.
+    /// Background.
     pub background: Background,
     /// Weight of `1 − SSIM`; the mean absolute error has the rest.
     pub d_ssim: f64,
@@ -104,13 +104,13 @@ pub struct FitConfig {
     pub rates: Rates,
     /// Whether adaptive density control sums absolute gradients of single pixels, as `AbsGS` (Ye et al. 2024).
     pub absolute_gradients: bool,
-    /// Rate of each view's camera at the start, in radians, and in extents for its position; it falls to a hundredth. `None`
+    /// Initial learning rate of each view's camera, in radians, and in extents for its position; it falls to a hundredth. `None`
     /// leaves the cameras as they are.
     pub pose_rate: Option<f64>,
-    /// As `pose_rate`, of each view's exposure.
+    /// As `pose_rate`, for each view's exposure.
     pub exposure_rate: Option<f64>,
     /// The scene's extent in the unit of length of the views; `None` is 3DGS' radius of the cameras, or half the
-    /// median depth of the start if that is more.
+    /// median depth of the initial Gaussians if that is more.
     pub extent: Option<f64>,
     /// Most Gaussians: MCMC's budget, and where the other strategies stop with [`crate::Fault::Runaway`].
     pub max_gaussians: usize,
@@ -172,7 +172,7 @@ impl FitConfig {
         }
         for (name, rate) in [("pose-rate", self.pose_rate), ("exposure-rate", self.exposure_rate)] {
             if let Some(rate) = rate.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
-                return wrong(name, "a positive rate", &rate);
+                return wrong(name, "a positive learning rate", &rate);
             }
         }
         let Rates { means, final_means, colours, opacities, scales, rotations } = self.rates;
@@ -185,7 +185,7 @@ impl FitConfig {
             ("rates.rotations", rotations),
         ] {
             if !(rate.is_finite() && rate > 0.0) {
-                return wrong(name, "a positive rate", &rate);
+                return wrong(name, "a positive learning rate", &rate);
             }
         }
         let adaptive = matches!(self.strategy, Strategy::Gaussians3d | Strategy::MipSplatting);

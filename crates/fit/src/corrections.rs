@@ -4,7 +4,7 @@ use atsplat_camera::CameraFromWorld;
 use atsplat_splat::{Exposure, View};
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::scene::narrowed;
+use crate::optimised_gaussians::narrowed;
 use crate::{FitConfig, FitError};
 
 /// Rotation and translation of a motion, then the 3×3 matrix and the offset of an exposure.
@@ -120,5 +120,57 @@ impl Corrections {
         for (slot, change) in values.iter_mut().skip(7).zip(&moves[6..]) {
             *slot = narrowed(f64::from(*slot) + change);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics};
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::Strategy;
+
+    /// Values are f32.
+    const F32: Tolerance = Tolerance { absolute: 1e-6, relative: 1e-6 };
+
+    /// A slope of 2 and then of −1 moves by the learning rate, and then by this share of it: the mean of the slopes is
+    /// (0.09 · 2 − 0.1) / 0.19 = 0.421, that of their squares (0.000999 · 4 + 0.001) / 0.001999 = 2.499.
+    const SECOND: f64 = 0.266_337_04;
+
+    #[test]
+    fn each_view_takes_its_own_steps_of_adam() {
+        let config =
+            FitConfig { pose_rate: Some(0.1), exposure_rate: Some(0.2), ..FitConfig::new(Strategy::Fixed, 100) };
+        let mut corrections = Corrections::new(&config, 2);
+        // Slopes of the rotation about z, of x, of the red that green adds, and of the offset of blue.
+        for (step, slope) in [(2, 2.0), (3, -1.0)] {
+            let mut exposure = Exposure { matrix: [[0.0; 3]; 3], offset: [0.0, 0.0, slope] };
+            exposure.matrix[0][1] = slope;
+            #[expect(clippy::cast_possible_truncation, reason = "1 or 2")]
+            let slopes =
+                CorrectionGradients { pose: [0.0, 0.0, 3.0, slope as f32, 0.0, 0.0], exposure: Some(exposure) };
+            corrections.update(1, &slopes, &config, (step, 5.0));
+        }
+        // Rates fall to a hundredth in a hundred steps.
+        let [first, second] = [0.01_f64.powf(0.02), 0.01_f64.powf(0.03)];
+        let moved = first + SECOND * second;
+
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+        let view = View { camera, size: ImageSize { width: 2, height: 1 } };
+        let pose = corrections.view(1, &view).unwrap().camera.camera_from_world;
+        let rotation = DMat3::from_rotation_z(-0.1 * (first + second));
+        F32.assert(pose.rotation().to_cols_array(), rotation.to_cols_array(), "rotation");
+        // The second rotation turns the first translation. An extent is 5.
+        let turn = -0.1 * second;
+        let x = -0.5 * (first * turn.cos() + SECOND * second);
+        F32.assert(pose.translation().to_array(), [x, -0.5 * first * turn.sin(), 0.0], "translation");
+
+        let exposure = corrections.exposure(1).unwrap();
+        let rows = [1.0, -0.2 * moved, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        F32.assert(exposure.matrix.into_iter().flatten(), rows, "matrix of the exposure");
+        F32.assert(exposure.offset, [0.0, 0.0, -0.2 * moved], "offset of the exposure");
+        assert_eq!(corrections.values[0], NONE, "the other view");
     }
 }

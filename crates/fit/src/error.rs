@@ -31,8 +31,8 @@ pub enum FitError {
         /// What was found.
         found: String,
     },
-    /// The start holds no Gaussian that can be optimised.
-    #[error("start: expected {expected}, found {found}")]
+    /// No initial Gaussian can be optimised.
+    #[error("initial Gaussians: expected {expected}, found {found}")]
     Start {
         /// What was expected.
         expected: &'static str,
@@ -66,8 +66,8 @@ pub enum FitError {
 }
 
 impl FitError {
-    /// Whether it is one of the graphics adapter, which may render nothing any more.
-    pub fn is_of_device(&self) -> bool {
+    /// Whether the graphics adapter failed, which may be unusable from then on.
+    pub fn is_device_error(&self) -> bool {
         match self {
             Self::Stopped(diagnosis) => matches!(diagnosis.fault, Fault::Device(_)),
             Self::Splat(error) => matches!(error, SplatError::Gpu(_)),

@@ -7,7 +7,7 @@ use atsplat_splat::View;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::scene::narrowed;
+use crate::optimised_gaussians::narrowed;
 use crate::{Fault, FitError};
 
 /// A camera sees Gaussians this share of its image's width and height beyond the border.

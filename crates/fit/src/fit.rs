@@ -12,7 +12,10 @@ use crate::filter_3d::{Cameras, MIP_BLUR};
 use crate::loss::{PhotometricLoss, Terms};
 use crate::random::{Purpose, stream, uniform};
 use crate::view::{TrainingView, scene_extent};
-use crate::{Background, Diagnosis, Fault, FitConfig, FitDevice, FitError, History, Scene, Schedule, Strategy, memory};
+use crate::{
+    Background, Diagnosis, Fault, FitConfig, FitDevice, FitError, History, OptimisedGaussians, Schedule, Strategy,
+    memory,
+};
 
 /// Gradients that are checked at once.
 const CHUNK: usize = 1 << 14;
@@ -29,10 +32,10 @@ pub struct Fit {
     extent: f64,
     limit: usize,
     first_degree: u8,
-    /// Hash of the start.
+    /// Hash of the initial Gaussians.
     pub(crate) start: String,
     pub(crate) step: u64,
-    pub(crate) scene: Scene,
+    pub(crate) scene: OptimisedGaussians,
     pub(crate) density: Box<dyn DensityControl>,
     pub(crate) corrections: Corrections,
     pub(crate) history: History,
@@ -77,8 +80,8 @@ pub struct Score {
 }
 
 impl Fit {
-    /// An optimisation before its first step. Gaussians of the start that are invalid are dropped, see
-    /// [`Self::dropped`]; it is raised to the configured degree of the spherical harmonics.
+    /// An optimisation before its first step. Invalid Gaussians of `start` are dropped, see
+    /// [`Self::dropped`]; the others are raised to the configured degree of the spherical harmonics.
     ///
     /// # Errors
     /// [`FitError::Setting`], [`FitError::View`] or [`FitError::Start`] for what cannot be optimised.
@@ -96,7 +99,8 @@ impl Fit {
         }
         let extent = config.extent.map_or_else(|| scene_extent(&views, &start.parts().means), Ok)?;
         if extent.is_nan() || extent <= 0.0 {
-            let expected = "cameras in different places that see the start, or an explicit extent".to_owned();
+            let expected =
+                "cameras in different places that see the initial Gaussians, or an explicit extent".to_owned();
             return Err(FitError::Setting { name: "extent", expected, found: extent.to_string() });
         }
         let limit = memory::most_gaussians(&config, &views, start.len())?;
@@ -128,7 +132,7 @@ impl Fit {
             first_degree,
             start: hash,
             step: 0,
-            scene: Scene::new(crate::scene::whole(parts)),
+            scene: OptimisedGaussians::new(crate::optimised_gaussians::whole(parts)),
             density,
             dropped: found.rejected,
             options,
@@ -183,7 +187,7 @@ impl Fit {
         self.extent
     }
 
-    /// Gaussians of the start that were dropped because they are invalid.
+    /// Initial Gaussians that were dropped because they are invalid.
     pub const fn dropped(&self) -> usize {
         self.dropped
     }
@@ -388,7 +392,7 @@ impl Fit {
 
 /// The image as an exposure shows it.
 fn exposed(exposure: &Exposure, rgb: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(crate::scene::narrowed)).collect()
+    rgb.iter().map(|rgb| exposure.of(rgb.map(f64::from)).map(crate::optimised_gaussians::narrowed)).collect()
 }
 
 /// The gradient with respect to a pixel before exposure.
@@ -398,7 +402,7 @@ fn before(exposure: &Exposure, slope: [f32; 3]) -> [f32; 3] {
         let rows = [a, b, c].into_iter().zip(slope);
         rows.map(|(row, slope)| row[at] * f64::from(slope)).sum::<f64>()
     };
-    [column(0), column(1), column(2)].map(crate::scene::narrowed)
+    [column(0), column(1), column(2)].map(crate::optimised_gaussians::narrowed)
 }
 
 /// Whether all values are finite: infinities and NaN have the largest exponents.

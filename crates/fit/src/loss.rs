@@ -5,7 +5,7 @@ use atsplat_metrics::DSsim;
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use crate::scene::narrowed;
+use crate::optimised_gaussians::narrowed;
 
 /// Values per task: of whole vectors, so that the order of sums is fixed.
 const CHUNK: usize = 1 << 12;

@@ -20,7 +20,7 @@ fn each(degree: u8) -> u64 {
 /// Most Gaussians of a run: the configured number, or fewer if the memory does not suffice.
 ///
 /// # Errors
-/// [`FitError::Setting`] if images alone exceed the limit, or memory does not suffice for the `start`.
+/// [`FitError::Setting`] if images alone exceed the limit, or memory does not suffice for the `start` initial Gaussians.
 pub(crate) fn most_gaussians(config: &FitConfig, views: &[TrainingView], start: usize) -> Result<usize, FitError> {
     let images: u64 = views.iter().map(|view| 12 * view.view.pixels() as u64).sum();
     let largest = views.iter().map(|view| view.view.pixels() as u64).max().unwrap_or(0);
@@ -38,7 +38,7 @@ pub(crate) fn most_gaussians(config: &FitConfig, views: &[TrainingView], start: 
     if config.max_gaussians < start {
         return Err(FitError::Setting {
             name: "max-gaussians",
-            expected: format!("at least the {start} Gaussians of the start"),
+            expected: format!("at least the {start} initial Gaussians"),
             found: config.max_gaussians.to_string(),
         });
     }

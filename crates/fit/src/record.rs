@@ -20,7 +20,7 @@ pub struct FitRecord {
     pub held_out: Vec<String>,
     pub start: String,
     pub start_gaussians: usize,
-    /// Gaussians of the start that were invalid, and dropped, as their file was read or later.
+    /// Initial Gaussians that were dropped because they are invalid, when their file was read or later.
     pub dropped: usize,
     /// Of the scene, in units of the data.
     pub extent: f64,
@@ -104,7 +104,10 @@ impl fmt::Display for FitReport {
             writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on {} held-out views", self.record.held_out.len())?;
         }
         for ScaleEvaluation { scale, width, height, psnr, ssim } in &self.record.at_scales {
-            writeln!(f, "{psnr:.2} dB, SSIM {ssim:.3} on them at {scale} times their size, {width}x{height}")?;
+            writeln!(
+                f,
+                "{psnr:.2} dB, SSIM {ssim:.3} on the held-out views at {scale} times their size, {width}x{height}"
+            )?;
         }
         Ok(())
     }

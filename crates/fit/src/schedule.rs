@@ -47,14 +47,14 @@ impl Schedule {
         }
     }
 
-    /// Rate of the means in this step, for a scene of extent 1: log-linear from the first rate to the last
+    /// Learning rate of the means in this step, for a scene of extent 1: log-linear from the first to the last
     /// (graphdeco-inria/gaussian-splatting `utils/general_utils.py`).
     pub fn means_rate(&self, rates: &Rates, step: u64) -> f64 {
         let share = (step as f64 / self.steps as f64).clamp(0.0, 1.0);
         (rates.means.ln() * (1.0 - share) + rates.final_means.ln() * share).exp()
     }
 
-    /// Highest degree that is evaluated in this step, if the start had degree `first`.
+    /// Highest degree that is evaluated in this step, if the initial Gaussians had degree `first`.
     pub fn degree(&self, first: u8, last: u8, step: u64) -> u8 {
         let raised = u64::from(first) + step / self.degree_every;
         u8::try_from(raised).map_or(last, |degree| degree.min(last))

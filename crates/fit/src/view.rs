@@ -39,11 +39,11 @@ pub fn camera_extent<'a>(views: impl IntoIterator<Item = &'a View>) -> f64 {
     1.1 * centres.iter().fold(0.0, |most, centre| most.maximum_of(centre.distance(mean)))
 }
 
-/// Least extent in units of the median depth of the start.
+/// Least extent in units of the median depth of the initial Gaussians.
 const LEAST_EXTENT: f64 = 0.5;
 
-/// The extent that rates and thresholds are multiples of: [`camera_extent`], but at least half the median depth at which
-/// cameras see the start. The published radius of the cameras is meant for captures around a scene; where cameras hardly
+/// The extent that learning rates and thresholds are multiples of: [`camera_extent`], but at least half the median depth at
+/// which cameras see the initial Gaussians. The published radius of the cameras is meant for captures around a scene; where cameras hardly
 /// move, a hundredth of it is smaller than a pixel.
 pub(crate) fn scene_extent(views: &[TrainingView], means: &[[f32; 3]]) -> Result<f64, FitError> {
     let cameras = views.iter().map(|view| view.view.camera.projector()).collect::<Result<Vec<_>, _>>()?;

@@ -21,7 +21,7 @@ use safetensors::tensor::Dtype;
 struct Trusting;
 
 impl SelfTestObserver for Trusting {
-    fn recall(&self, _key: &VerdictKey) -> Option<Verdict> {
+    fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
         Some(Verdict { fault: None })
     }
 }

@@ -6,7 +6,7 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, PixelIntrinsics};
 use atsplat_fit::density::{Adaptive, Changes, DensityControl as _, Mcmc, StepContext, ViewGradients, relocated};
 use atsplat_fit::filter_3d::Cameras;
 use atsplat_fit::loss::PhotometricLoss;
-use atsplat_fit::{Adam, Rates, Scene, Schedule};
+use atsplat_fit::{Adam, OptimisedGaussians, Rates, Schedule};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, View};
 use glam::{DMat3, DVec3};
@@ -59,7 +59,7 @@ fn gradients(value: &Value) -> Gradients<f32> {
     Gradients { means, quaternions, log_scales, opacity_logits, sh, ..Gradients::default() }
 }
 
-fn assert_parts(tolerance: Tolerance, found: &Scene, expected: &Value) {
+fn assert_parts(tolerance: Tolerance, found: &OptimisedGaussians, expected: &Value) {
     let parts = found.gaussians().into_parts();
     let fields = [
         ("means", parts.means.as_flattened()),
@@ -96,7 +96,7 @@ fn loss_and_its_gradient() {
 #[test]
 fn two_steps_of_adam_with_the_published_rates() {
     let case = fixture("adam");
-    let mut scene = Scene::new(gaussians(&case["start"]));
+    let mut scene = OptimisedGaussians::new(gaussians(&case["start"]));
     let rates = Rates::default();
     for (step, gradient) in (1..).zip(case["gradients"].as_array().unwrap()) {
         let adam = Adam {
@@ -132,10 +132,9 @@ fn count(value: &Value) -> usize {
     usize::try_from(value.as_u64().unwrap()).unwrap()
 }
 
-#[test]
-fn adaptive_control_clones_splits_and_prunes() {
-    let case = fixture("adaptive");
-    let mut scene = Scene::new(gaussians(&case["start"]));
+/// Adaptive control that has seen the gradients of the fixture's views.
+fn observed(case: &Value) -> (OptimisedGaussians, Adaptive) {
+    let scene = OptimisedGaussians::new(gaussians(&case["start"]));
     let mut density = Adaptive::default();
     for view in case["views"].as_array().unwrap() {
         let drawn: Vec<u32> =
@@ -143,6 +142,13 @@ fn adaptive_control_clones_splits_and_prunes() {
         let size = <[f64; 2]>::try_from(numbers(&view["size"])).unwrap();
         density.observe(&ViewGradients { drawn: &drawn, means_2d: &rows(&view["means_2d"]), size, count: scene.len() });
     }
+    (scene, density)
+}
+
+#[test]
+fn adaptive_control_clones_splits_and_prunes() {
+    let case = fixture("adaptive");
+    let (mut scene, mut density) = observed(&case);
     let changes = density.after_step(&mut scene, &at(&case)).unwrap();
     let [cloned, split, pruned] = ["cloned", "split", "pruned"].map(|name| count(&case[name]));
     assert_eq!(changes, Changes { cloned, split, pruned, ..Changes::default() });
@@ -150,11 +156,26 @@ fn adaptive_control_clones_splits_and_prunes() {
 }
 
 #[test]
+fn adaptive_control_begins_after_its_first_step_and_ends_before_its_last() {
+    let case = fixture("adaptive");
+    let schedule = at(&case).schedule;
+    let cloned = |step: u64| {
+        let (mut scene, mut density) = observed(&case);
+        density.after_step(&mut scene, &StepContext { step, ..at(&case) }).unwrap().cloned
+    };
+    let (begin, end) = (schedule.density_from, schedule.density_until);
+    let steps = [begin, begin + 1, begin + schedule.density_every, end - schedule.density_every, end];
+    let expected = count(&case["cloned"]);
+    assert!(expected > 0);
+    assert_eq!(steps.map(cloned), [0, 0, expected, expected, 0]);
+}
+
+#[test]
 fn reset_lowers_opacities_as_drawn_through_the_filter() {
     let case = fixture("adaptive");
     let mut parts = gaussians(&case["start"]).into_parts();
     parts.filter_3d = Some(flat(&case["filters"]));
-    let mut scene = Scene::new(Gaussians::new(parts).unwrap());
+    let mut scene = OptimisedGaussians::new(Gaussians::new(parts).unwrap());
     let at = StepContext { step: 3000, schedule: Schedule { density_every: 7, ..Schedule::of(30_000) }, ..at(&case) };
     assert!(Adaptive::default().after_step(&mut scene, &at).unwrap().reset);
     let close = Tolerance { absolute: 1e-5, relative: 1e-5 };
@@ -164,7 +185,7 @@ fn reset_lowers_opacities_as_drawn_through_the_filter() {
 #[test]
 fn mcmc_relocates_grows_and_adds_noise() {
     let case = fixture("mcmc");
-    let mut scene = Scene::new(gaussians(&case["start"]));
+    let mut scene = OptimisedGaussians::new(gaussians(&case["start"]));
     let changes = Mcmc.after_step(&mut scene, &at(&case)).unwrap();
     let (relocated, added) = (count(&case["relocated"]), count(&case["added"]));
     assert_eq!(changes, Changes { relocated, added, ..Changes::default() });
@@ -186,7 +207,7 @@ fn relocation_corrects_opacity_and_scale() {
 #[test]
 fn mcmc_regularisers_reward_small_opacities_and_scales() {
     let case = fixture("mcmc");
-    let scene = Scene::new(gaussians(&case["start"]));
+    let scene = OptimisedGaussians::new(gaussians(&case["start"]));
     let zero = gaussians(&case["start"]).into_parts();
     let mut gradients = Gradients {
         opacity_logits: vec![0.0; zero.means.len()],

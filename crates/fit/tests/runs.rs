@@ -178,7 +178,7 @@ fn a_checkpoint_of_another_start_or_of_other_held_out_views_is_rejected() {
     let mut moved = start.clone().into_parts();
     moved.means[0][2] += 0.5;
     let error = resume(&Gaussians::new(moved).unwrap(), &held_out).unwrap_err().to_string();
-    assert!(error.starts_with("checkpoint: start: expected the Gaussians that this run starts from"), "{error}");
+    assert!(error.starts_with("checkpoint: initial Gaussians: expected those that this run starts from"), "{error}");
     let error = resume(&start, &held_out[..1]).unwrap_err().to_string();
     assert!(error.starts_with("checkpoint: held-out: expected the held-out views of this run"), "{error}");
     let mut resumed = resume(&start, &held_out).unwrap();
@@ -190,7 +190,7 @@ fn a_checkpoint_of_another_start_or_of_other_held_out_views_is_rejected() {
     assert_eq!(resumed.history().evaluations.iter().map(|own| own.step).collect::<Vec<_>>(), [9, 20]);
     assert!(resumed.history() == whole.history(), "another history");
 
-    // As before checkpoints held a hash of the start.
+    // As before checkpoints held a hash of the initial Gaussians.
     let (name, other) = (br#"\"start\":"#, br#"\"stare\":"#);
     let mut bytes = std::fs::read(&path).unwrap();
     let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
@@ -285,7 +285,7 @@ fn relocated_gaussians_have_the_filter_of_their_source() {
         filter_3d: Some(vec![0.5, 0.125]),
         ..GaussianParts::default()
     };
-    let mut scene = atsplat_fit::Scene::new(Gaussians::new(parts).unwrap());
+    let mut scene = atsplat_fit::OptimisedGaussians::new(Gaussians::new(parts).unwrap());
     let at = atsplat_fit::density::StepContext {
         step: 100,
         schedule: atsplat_fit::Schedule::of(3000),
@@ -329,9 +329,9 @@ fn settings_out_of_range_are_named() {
         with(|config| config.background = Background::Colour([0.5, 1.5, 0.5])),
         "background: expected channels from 0 to 1, found [0.5, 1.5, 0.5]"
     );
-    assert!(with(|config| config.rates.scales = -1.0).starts_with("rates.scales: expected a positive rate"));
-    assert!(with(|config| config.max_gaussians = 3).contains("the 20 Gaussians of the start"));
-    // Cameras in one place that see nothing of the start.
+    assert!(with(|config| config.rates.scales = -1.0).starts_with("rates.scales: expected a positive learning rate"));
+    assert!(with(|config| config.max_gaussians = 3).contains("the 20 initial Gaussians"));
+    // Cameras in one place that see none of the initial Gaussians.
     let mut behind = start(Strategy::Fixed, 9).into_parts();
     behind.means.fill([0.0, 0.0, -90.0]);
     let (one_place, behind) = (vec![views().0.remove(0)], Gaussians::new(behind).unwrap());
@@ -382,7 +382,7 @@ fn pruning_has_no_visible_effect() {
     }
     let start = Gaussians::new(parts).unwrap();
     let config = FitConfig { sh_degree: 0, ..config(Strategy::Gaussians3d, 3000) };
-    let mut scene = atsplat_fit::Scene::new(start.clone());
+    let mut scene = atsplat_fit::OptimisedGaussians::new(start.clone());
     let schedule = atsplat_fit::Schedule::of(config.steps);
     let at = atsplat_fit::density::StepContext {
         step: 100,
@@ -424,4 +424,29 @@ fn points_need_to_be_finite_and_at_least_four() {
     let expected = (0.5 * (14.0f64 / 3.0).ln(), 0.5 * 2.0f64.ln());
     let close = Tolerance { absolute: 1e-6, relative: 0.0 };
     close.assert([scales[0][0], scales[1][2]].map(f64::from), [expected.0, expected.1], "scales");
+}
+
+#[test]
+fn initial_gaussians_have_the_colours_of_their_points() {
+    let colour = [0.5, 0.75, 0.1];
+    let points: Vec<Point> = (0..4).map(|x| Point { position: [f64::from(x), 0.0, 1.0], colour }).collect();
+    let sh = from_points(&points, Strategy::Gaussians3d).unwrap().into_parts().sh;
+    // The basis of degree 0 is 1 / (2√π).
+    let shown = sh[3].map(|value| 0.5 + f64::from(value) / (2.0 * std::f64::consts::PI.sqrt()));
+    Tolerance { absolute: 1e-6, relative: 0.0 }.assert(shown, colour, "colour");
+}
+
+/// The published code computes it until a hundred steps before the end.
+#[test]
+fn the_3d_filter_follows_the_gaussians_until_shortly_before_the_end() {
+    let mut fit = Fit::new(config(Strategy::MipSplatting, 500), views().0, &start(Strategy::MipSplatting, 60)).unwrap();
+    let filters = |fit: &mut Fit, until: u64| {
+        let steps = until - fit.step_count();
+        run(fit, steps);
+        fit.gaussians().into_parts().filter_3d.unwrap()
+    };
+    let [before, at, end] = [299, 300, 500].map(|until| filters(&mut fit, until));
+    assert_eq!(before.len(), end.len(), "density control ended after half of the steps");
+    assert_ne!(before, at);
+    assert_eq!(at, end);
 }

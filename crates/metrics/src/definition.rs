@@ -86,7 +86,7 @@ const DEFINITIONS: &[Definition] = &[
         "psnr-unclipped",
         "PSNR (unclipped)",
         FLOAT,
-        "values as rendered: gaussian-splatting, which scores what it has clipped or read from PNG before",
+        "values as rendered: gaussian-splatting, whose images are already clipped or read from PNG",
         "https://github.com/graphdeco-inria/gaussian-splatting/blob/main/utils/image_utils.py",
     ),
     psnr(

@@ -7,7 +7,7 @@ use crate::NonFinite;
 #[non_exhaustive]
 pub enum MetricError {
     /// The truth has another size than the render.
-    #[error("truth: expected {}×{} pixels as the render has, found {}×{}", expected[0], expected[1], found[0], found[1])]
+    #[error("truth: expected {}×{} pixels like the render, found {}×{}", expected[0], expected[1], found[0], found[1])]
     SizeMismatch {
         /// Width and height of the render.
         expected: [u32; 2],

@@ -105,7 +105,7 @@ fn invalid_pairs_are_typed_errors() {
     let (one, ten, wide) = (of(1, 1), of(10, 10), of(12, 6));
     assert!(matches!(Pair::new(&ten, &wide), Err(MetricError::SizeMismatch { expected: [10, 10], found: [12, 6] })));
     let error = Pair::new(&wide, &of(6, 12)).unwrap_err();
-    assert_eq!(error.to_string(), "truth: expected 12×6 pixels as the render has, found 6×12");
+    assert_eq!(error.to_string(), "truth: expected 12×6 pixels like the render, found 6×12");
     let empty = Image::new(0, 5, vec![]).unwrap();
     assert!(matches!(Pair::new(&empty, &empty), Err(MetricError::Empty { size: [0, 5] })));
     for (image, convention, smallest) in [

@@ -27,15 +27,15 @@ pub struct Budget {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BudgetRange {
     /// If no token exceeds any threshold.
-    pub least: Budget,
+    pub min: Budget,
     /// If all do.
-    pub most: Budget,
+    pub max: Budget,
 }
 
 impl BudgetRange {
     /// The budget, if it does not depend on the scene.
     pub fn fixed(&self) -> Option<&Budget> {
-        (self.least == self.most).then_some(&self.least)
+        (self.min == self.max).then_some(&self.min)
     }
 }
 
@@ -114,7 +114,7 @@ pub fn budget(config: &ModelConfig, views: usize, image: ImageSize) -> Result<Bu
             .collect();
         Budget::from_selections(config, initial, &expanded)
     };
-    Ok(BudgetRange { least: with(false)?, most: with(true)? })
+    Ok(BudgetRange { min: with(false)?, max: with(true)? })
 }
 
 /// Estimated memory to reconstruct a scene in f32, without gradients.
@@ -148,7 +148,7 @@ pub fn memory(config: &ModelConfig, views: usize, image: ImageSize) -> Result<Me
     let (coarse_grid, fine_grid) = (config.coarse_grid(image)?, config.fine_grid(image)?);
     let coarse = product(&[views, coarse_grid.len(), dim]);
     let fine = product(&[views, fine_grid.len(), dim]);
-    let tokens = budget(config, views, image)?.most;
+    let tokens = budget(config, views, image)?.max;
     let images = product(&[views, image.height, image.width, 3]);
 
     let backbone = match config.backbone {

@@ -43,7 +43,7 @@ pub enum ModelError {
         found: ImageSize,
     },
     /// Patches do not divide an image.
-    #[error("model input: {branch} branch, image size: expected height and width that {step} divides, found {found}")]
+    #[error("model input: {branch} branch, image size: expected a height and width divisible by {step}, found {found}")]
     Indivisible {
         /// The branch of the patches.
         branch: &'static str,

@@ -144,11 +144,11 @@ fn budgets_agree_with_the_twins_gaussians() {
         let expanded: Vec<usize> = (0..config.decoder.blocks.len())
             .map(|block| fixture.indices(&format!("selected_{block}")).map_or(0, |selected| selected.len()))
             .collect();
-        let counted = Budget::from_selections(config, range.least.initial_tokens, &expanded).unwrap();
+        let counted = Budget::from_selections(config, range.min.initial_tokens, &expanded).unwrap();
         assert_eq!(counted.gaussians, fixture.gaussians(), "{}", fixture.name);
         match range.fixed() {
             Some(fixed) => assert_eq!(*fixed, counted, "{}", fixture.name),
-            None => assert!((range.least.gaussians..=range.most.gaussians).contains(&counted.gaussians)),
+            None => assert!((range.min.gaussians..=range.max.gaussians).contains(&counted.gaussians)),
         }
     }
 }

@@ -218,7 +218,7 @@ fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
         .gaussians
         .render(0, &targets[..1], &RenderOptions { channels: Channels::default(), ..options.clone() }, None)
         .unwrap();
-    assert_eq!(images.census.len(), targets.len());
+    assert_eq!(images.counts.len(), targets.len());
     let (depth, scalar) = (images.depth.unwrap(), images.scalar.unwrap());
     let flat = |rgb: &Tensor<4>| f32_values(rgb.clone().flatten::<3>(1, 2));
     let shown = vec![
@@ -381,7 +381,7 @@ impl Trial {
         let rendering = renderer.render(&made.gaussians, &self.target, &RenderOptions::default()).unwrap();
         let errors = rendering.rgb.as_flattened().iter().zip(&self.truth);
         let squares: f64 = errors.map(|(ours, truth)| f64::from(ours.clamp(0.0, 1.0) - truth).powi(2)).sum();
-        (made, rendering.census.drawn, -10.0 * (squares / self.truth.len() as f64).log10())
+        (made, rendering.counts.drawn, -10.0 * (squares / self.truth.len() as f64).log10())
     }
 }
 
@@ -392,8 +392,8 @@ fn products_in_float16_move_the_psnr_by_little() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/checkpoints/micro-rooms.safetensors");
     let trained = ModelWeights::of_file(&TensorFile::open(&file).unwrap()).unwrap();
     let network = Network::new(&trained.config, &device).unwrap().with_weights(&trained.tensors).unwrap();
-    assert!(!network.multiplies_in(MatmulPrecision::Bf16) && network.multiplies_in(MatmulPrecision::F32));
-    if !network.multiplies_in(MatmulPrecision::F16) {
+    assert!(!network.supports_precision(MatmulPrecision::Bf16) && network.supports_precision(MatmulPrecision::F32));
+    if !network.supports_precision(MatmulPrecision::F16) {
         skip("products_in_float16_move_the_psnr_by_little", "the adapter's shaders have no 16-bit floats");
         return;
     }

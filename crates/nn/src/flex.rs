@@ -241,7 +241,7 @@ impl Packed {
             values: of_keys(1),
             ignored,
             sizes,
-            products: MatmulPrecision::current(),
+            precision: MatmulPrecision::current(),
         })
     }
 }

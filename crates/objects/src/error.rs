@@ -25,10 +25,10 @@ pub enum ObjectError {
     #[error("{url}: changed while it was being read: expected {expected}, found {found}; start again")]
     Changed { url: String, expected: String, found: String },
     /// An object's name cannot be that of a file.
-    #[error("{url}: expected a name that a file can have, found {name:?}")]
+    #[error("{url}: expected a valid file name, found {name:?}")]
     Name { url: String, name: String },
     /// Another process writes to a results store.
-    #[error("{url}: also written by {by}: what was finished before that is kept, and a later run resumes it")]
+    #[error("{url}: also written by {by}: results that were finished before are kept, and a later run resumes them")]
     TakenOver { url: String, by: String },
     /// A request failed, also when it was repeated.
     #[error("{url}: {action}: {detail}")]

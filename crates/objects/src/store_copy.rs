@@ -6,7 +6,7 @@
 //! |---|---|
 //! | rows are added | the old tables or the new ones: those in `update/` count from when both are there until one is removed |
 //! | rows without a score are removed, for others to take their place | the same, and the old records until the rows are gone |
-//! | all rows are removed, or a store is created | no records, so that it is no store: the next writer removes the rest |
+//! | all rows are removed, or a store is created | no records, so it is not a store: the next writer removes the rest |
 //!
 //! Programs that do not know `update/` may find tables that contradict each other, or none, until the store is resumed.
 

@@ -6,7 +6,7 @@ use crate::storage::Object;
 pub(crate) const WRITER: &str = "writer.txt";
 /// Files of a store that mean nothing on another machine.
 const LOCAL: [&str; 3] = ["run.lock", "run.json", "digests.txt"];
-/// The records, without which a folder is no store.
+/// The records, without which a folder is not a store.
 pub(crate) const RECORDS: &str = "provenance.json";
 /// The table of times: those of a row are removed before another row takes its place.
 pub(crate) const TIMES: &str = "timings.parquet";

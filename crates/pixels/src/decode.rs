@@ -156,7 +156,7 @@ fn rgb8(format: ImageFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<u8
             pixels.iter().flat_map(|[grey, _]| [high(grey); 3]).collect()
         }
         other => {
-            let feature = format!("an image of {other:?} samples as 8-bit RGB");
+            let feature = format!("converting {other:?} samples to 8-bit RGB");
             return Err(PixelError::Unsupported { format, feature });
         }
     })

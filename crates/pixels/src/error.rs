@@ -69,7 +69,7 @@ pub enum PixelError {
     #[error("{what}: expected at least one pixel, found {width}×{height}")]
     Empty { what: &'static str, width: u32, height: u32 },
     /// An image of this size does not fit into memory.
-    #[error("{what} of {width}×{height}: expected a size that fits into memory")]
+    #[error("{what} of {width}×{height} does not fit into memory")]
     TooLarge { what: &'static str, width: u64, height: u64 },
     /// A crop is not inside the image.
     #[error("crop of {width}×{height} at column {column}, row {row} does not fit into {image_width}×{image_height}")]

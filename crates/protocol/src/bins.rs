@@ -165,7 +165,7 @@ impl OverlapBins {
         let published_for = published.estimator().unwrap_or("another estimator");
         if force {
             let footer = format!(
-                "the bins were published for {published_for}, and these overlaps are {actual}'s: they do not compare"
+                "the bins were published for {published_for}, but these overlaps were measured by {actual}: results are not comparable"
             );
             return (published, Some(footer));
         }

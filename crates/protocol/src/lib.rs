@@ -7,19 +7,17 @@ pub mod samplers;
 pub mod trial;
 
 mod bins;
-mod builder;
 mod error;
 mod index;
 mod known;
 mod lint;
 mod loading;
-mod named_builders;
 mod preset;
+mod sampling_rule;
 #[cfg(test)]
 mod test_source;
 
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, OverlapBins};
-pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{
     AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexMismatch, IndexNotices, LoneEntryForm,
@@ -36,3 +34,4 @@ pub use preset::{
     PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;
+pub use sampling_rule::{BuiltIndex, OverlapRule, SamplingRule};

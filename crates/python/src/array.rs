@@ -3,6 +3,8 @@
 //! The package makes arrays contiguous and of the requested type in `_arrays.py`. The `numpy` crate would save a copy, but it asks for
 //! a feature of `num-integer` with which all of `arrow` is built again.
 
+use std::ops::Range;
+
 use atsplat_pixels::{Image, ImageU8, PixelError};
 use pyo3::prelude::*;
 use pyo3::types::PyByteArray;
@@ -73,11 +75,13 @@ impl Images {
         let size = *width as usize * *height as usize * 3;
         let own = at * size..(at + 1) * size;
         match samples {
-            Samples::Floats(all) => Image::new(*width, *height, all.get(own).unwrap_or_default().to_vec()),
-            Samples::Bytes(all) => {
-                let image = ImageU8::new(*width, *height, all.get(own).unwrap_or_default().to_vec())?;
-                Ok(Image::from_u8(&image))
-            }
+            Samples::Floats(all) => Image::new(*width, *height, part(all, own)),
+            Samples::Bytes(all) => Ok(Image::from_u8(&ImageU8::new(*width, *height, part(all, own))?)),
         }
     }
+}
+
+#[expect(clippy::expect_used, reason = "the package passes arrays with as many numbers as their shape says")]
+fn part<T: Clone>(all: &[T], own: Range<usize>) -> Vec<T> {
+    all.get(own).expect("callers index below `count`").to_vec()
 }

@@ -24,6 +24,9 @@ pub(crate) enum Failure {
     Python(PyErr),
 }
 
+/// What an error calls the folder of a store.
+const FOLDER: &str = "folder of the results";
+
 /// Where an error is.
 #[derive(Debug, Default)]
 pub(crate) struct Place {
@@ -54,6 +57,45 @@ impl Place {
 }
 
 impl Failure {
+    /// Names the argument to which the error is due, where there is more to it than one.
+    #[must_use]
+    pub(crate) fn of_argument(mut self, argument: &str) -> Self {
+        if let Self::Library { place, .. } = &mut self {
+            place.field = Some(argument.to_owned());
+        }
+        self
+    }
+
+    /// A store that holds the results of another run: what differs, and the argument that decides about it.
+    pub(crate) fn of_store(error: EvalError, folder: &Path) -> Self {
+        let place = |field: &str| Place::file(folder).at(field);
+        let (what, differences) = match &error {
+            EvalError::Differences { what, differences, .. } => (what.as_str(), differences),
+            EvalError::Settings { what: FOLDER, .. } => {
+                return Self::Library { message: message(&error), place: place("out") };
+            }
+            _ => return error.into(),
+        };
+        let (kind, name) = what.split_once(' ').unwrap_or((what, ""));
+        let field = match kind {
+            "methods" => "method",
+            "presets" => "protocols",
+            "metrics" => "metrics",
+            "limits" => "limit",
+            "shards" => "shard",
+            _ => "out",
+        };
+        let folder = folder.display();
+        let advice = match field {
+            "method" => format!(
+                "the results of {name} in {folder} were made by another method: {differences}; give another folder (out), or remove that \
+                 one. From the first run on, version=… can identify a method instead of its code and values"
+            ),
+            _ => format!("{what} of the results in {folder} differ: {differences}; give another folder (out)"),
+        };
+        Self::Library { message: format!("{field}: {advice}"), place: place(field) }
+    }
+
     /// A wrong setting or argument.
     pub(crate) fn invalid(field: &str, problem: impl std::fmt::Display) -> Self {
         Self::Library { message: format!("{field}: {problem}"), place: Place::field(field) }

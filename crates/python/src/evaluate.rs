@@ -3,17 +3,19 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use atsplat_eval::method::{Method, NearestView, Warp};
-use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, current_provenance, run_until};
-use atsplat_eval::{MethodRecord, RunReport, Shard, Store};
+use atsplat_eval::method::{ConstantsChoice, Method, NearestView, Splatting, Warp};
+use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, Summary, current_provenance, run_until};
+use atsplat_eval::{MethodRecord, Shard, Store};
 use atsplat_protocol::trial::Prefetch;
+use atsplat_splat::RasterMode;
 use pyo3::prelude::*;
 
 use crate::error::Failure;
 use crate::exchange::Exchange;
 use crate::method::PythonMethod;
 use crate::protocol::Data;
-use crate::threads;
+use crate::render::constants_named;
+use crate::threads::{self, check_process};
 
 /// Settings of an evaluation.
 #[derive(FromPyObject)]
@@ -28,11 +30,17 @@ pub(crate) struct Settings {
     weights: Option<PathBuf>,
     keep_images: String,
     setting: String,
+    /// How Gaussians are rendered; `None` is the protocol's.
+    antialiased: Option<bool>,
+    constants: Option<String>,
+    background: Option<[f64; 3]>,
     command: Vec<String>,
 }
 
-/// Evaluates a built-in method, or a callable that the package wrapped, of which `record` is a method record as JSON; returns a
-/// summary as text, and why nothing was evaluated, if so.
+/// Why nothing was evaluated, if so, and the counts of what is missing.
+type Outcome = (Option<String>, Vec<(&'static str, u64)>);
+
+/// Evaluates a built-in method, or a callable that the package wrapped, of which `record` is a method record as JSON.
 #[pyfunction]
 pub(crate) fn evaluate(
     py: Python<'_>,
@@ -41,14 +49,16 @@ pub(crate) fn evaluate(
     data: Vec<PyRef<'_, Data>>,
     settings: Settings,
     progress: Option<Py<PyAny>>,
-) -> Result<(String, Option<String>), Failure> {
+) -> Result<Outcome, Failure> {
+    check_process()?;
     let datasets: Vec<Dataset> = data.iter().map(|data| Dataset::clone(&data.dataset)).collect();
     let exchange = Exchange::new();
-    let record: MethodRecord = serde_json::from_str(record).map_err(|error| Failure::invalid("record", error))?;
+    let mut record: MethodRecord = serde_json::from_str(record).map_err(|error| Failure::invalid("record", error))?;
+    let splatting = settings.splatting(&mut record)?;
     let method: Arc<dyn Method> = match record.kind.as_str() {
         "nearest-view" => Arc::new(NearestView),
         "warp" => Arc::new(Warp),
-        _ => Arc::new(PythonMethod::new(record, settings.setting.clone(), exchange.calls(method))),
+        _ => Arc::new(PythonMethod::new(record, settings.setting.clone(), splatting, exchange.calls(method))),
     };
     exchange.run(py, progress.as_ref(), move |steps, stop| {
         let pool = threads::evaluation()?;
@@ -62,8 +72,8 @@ fn run(
     settings: Settings,
     step: &(dyn Fn() + Sync),
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<(String, Option<String>), Failure> {
-    let Settings { out, resume, limit, shard, metrics, weights, keep_images, setting: _, command } = settings;
+) -> Result<Outcome, Failure> {
+    let Settings { out, resume, limit, shard, metrics, weights, keep_images, command, .. } = settings;
     let suite = runner::suite(datasets, &metrics, weights.as_deref())?;
     let images = match keep_images.as_str() {
         "none" => KeepImages::Nothing,
@@ -77,14 +87,49 @@ fn run(
         datasets,
         methods: &[method],
         suite: &suite,
-        selection: Selection { limit, shard: shard.map(|(number, of)| Shard { number, of }) },
+        selection: Selection { limit, shard: shard.map(|(number, count)| Shard { number, count }) },
         timing: None,
         images,
         prefetch: Prefetch { trials: 2 * rayon::current_num_threads(), ..Prefetch::default() },
     };
     let provenance =
         plan.provenance(current_provenance(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command))?;
-    let store = if resume { Store::resume(&out, provenance)? } else { Store::create(&out, provenance)? };
+    let store = if resume { Store::resume(&out, provenance) } else { Store::create(&out, provenance) };
+    let store = store.map_err(|error| Failure::of_store(error, &out))?;
     let (results, summary) = run_until(&plan, store, step, stop)?;
-    Ok((RunReport::of(&results, Some(summary), &out).to_string(), plan.nothing_evaluated(&results)))
+    Ok((plan.nothing_evaluated(&results), gaps(summary)))
+}
+
+/// What makes a run incomplete, as [`Summary::is_complete`] decides.
+fn gaps(summary: Summary) -> Vec<(&'static str, u64)> {
+    let Summary { incomplete, non_finite, undrawn, skipped, not_sampled, missing_scenes, .. } = summary;
+    let counts = [
+        ("incomplete trials", incomplete),
+        ("targets with NaN or infinite samples", non_finite),
+        ("trials that draw no Gaussian", undrawn),
+        ("skipped entries", skipped),
+        ("scenes or frames that are not sampled", not_sampled),
+        ("scenes that are not in the data", missing_scenes),
+    ];
+    counts.into_iter().filter(|(_, count)| *count > 0).collect()
+}
+
+impl Settings {
+    /// How Gaussians are rendered. What was chosen is recorded, as for Gaussians in files; the method itself says whether it is
+    /// deterministic.
+    fn splatting(&self, record: &mut MethodRecord) -> Result<Splatting, Failure> {
+        let constants = match self.constants.as_deref() {
+            Some(name) => ConstantsChoice::Fixed(constants_named(name)?),
+            None => ConstantsChoice::FromPreset,
+        };
+        let mode = |antialiased| if antialiased { RasterMode::Antialiased } else { RasterMode::Classic };
+        let (mode, background) = (self.antialiased.map(mode), self.background);
+        let splatting = Splatting { constants, background, mode, ..Splatting::default() };
+        if mode.is_some() || background.is_some() || self.constants.is_some() {
+            let deterministic = record.deterministic;
+            splatting.describe(record);
+            record.deterministic &= deterministic;
+        }
+        Ok(splatting)
+    }
 }

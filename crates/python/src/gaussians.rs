@@ -61,7 +61,9 @@ impl Gaussians {
                 let lost = gaussians.validate().count(Field::OpacityLogits, Problem::NotANumber);
                 if lost > 0 {
                     let all = gaussians.len();
-                    notes.push(format!("{lost} of {all} opacities are not in [0, 1], but NaN now: they may be logits"));
+                    notes.push(format!(
+                        "{lost} of {all} opacities are outside [0, 1] and became NaN: they may be logits"
+                    ));
                 }
             } else if import.opacities_may_be_no_logits {
                 notes.push("every stored opacity is in [0, 1]: they may be opacities, not logits".to_owned());

@@ -29,8 +29,8 @@ pub(crate) struct PythonMethod {
 }
 
 impl PythonMethod {
-    pub(crate) fn new(record: MethodRecord, setting: String, calls: Calls) -> Self {
-        Self { record, setting, splatting: Splatting::default(), calls }
+    pub(crate) const fn new(record: MethodRecord, setting: String, splatting: Splatting, calls: Calls) -> Self {
+        Self { record, setting, splatting, calls }
     }
 }
 

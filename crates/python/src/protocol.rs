@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use atsplat_eval::runner::{Dataset, IndexChoice, Selection};
-use atsplat_protocol::{IndexBuilder, Preset};
+use atsplat_eval::runner::{Dataset, IndexChoice, MISSING_SCENES, Selection};
+use atsplat_protocol::{Preset, SamplingRule};
 use atsplat_scene::{ImageOptions, SceneSource, Warnings};
 use pyo3::prelude::*;
 
@@ -28,8 +28,9 @@ pub(crate) struct Protocol {
 #[pyclass(frozen, module = "atsplat._native")]
 pub(crate) struct Data {
     pub(crate) dataset: Arc<Dataset>,
+    /// Kinds of problems, each with its count and first occurrence.
     #[pyo3(get)]
-    warnings: Vec<(String, u64)>,
+    warnings: Vec<(String, u64, String)>,
 }
 
 #[pymethods]
@@ -84,10 +85,10 @@ impl Protocol {
             images.check(Some(opened.format))?;
             let source: Arc<dyn SceneSource> = Arc::new(opened);
             let opening = warnings.clone();
-            let rule = sampler.as_deref().map(IndexBuilder::resolve).transpose()?;
+            let rule = sampler.as_deref().map(SamplingRule::resolve).transpose()?;
             let index = match (sampler.as_deref().zip(rule.as_ref()), &index) {
                 (Some(_), Some(_)) => {
-                    return Err(Failure::invalid("sampler", "expected an index or a sampler, found both"));
+                    return Err(Failure::invalid("sampler", "expected an index or a sampling rule, found both"));
                 }
                 (Some((name, rule)), None) => IndexChoice::Sampled(name, rule),
                 (None, Some(path)) => IndexChoice::At(path),
@@ -97,10 +98,24 @@ impl Protocol {
             if rule.is_some() {
                 dataset.index.note_unread(&opening);
             }
-            let warnings = warnings.counts().map(|(kind, count)| (kind.to_string(), count)).collect();
-            Ok(Data { dataset: Arc::new(dataset), warnings })
+            Ok(Data { warnings: problems(&dataset, &warnings), dataset: Arc::new(dataset) })
         })
     }
+}
+
+/// What was found when data were opened, irregularities of the index, and scenes that the data lack.
+fn problems(dataset: &Dataset, opening: &Warnings) -> Vec<(String, u64, String)> {
+    let found = opening.counts().map(|(kind, count)| {
+        let first = opening.kept().iter().find(|warning| warning.kind == kind);
+        (kind.to_string(), count, first.map_or_else(String::new, ToString::to_string))
+    });
+    let index = &dataset.index;
+    let notices = index.notices.iter().map(|(kind, notice)| (kind.clone(), notice.count, notice.example.clone()));
+    let mismatches = dataset.preset.mismatches(&index.index, &index.sha256);
+    let mismatches = mismatches.into_iter().map(|own| (own.kind.to_string(), own.count, own.example));
+    let missing = Selection::default().missing_in(dataset);
+    let first = missing.first().map(|first| (MISSING_SCENES.to_owned(), missing.len() as u64, first.clone()));
+    found.chain(notices).chain(mismatches).chain(first).collect()
 }
 
 #[pymethods]
@@ -114,6 +129,13 @@ impl Data {
     fn entries(&self) -> Vec<(String, usize)> {
         let index = Selection::default().index_of(&self.dataset);
         index.scenes.into_iter().map(|(key, entries)| (key, entries.len())).collect()
+    }
+
+    /// Scenes of the index that are not in the data, with their numbers of entries.
+    fn missing(&self) -> Vec<(String, usize)> {
+        let entries = |scene: &str| self.dataset.index.index.scenes.get(scene).map_or(0, Vec::len);
+        let missing = Selection::default().missing_in(&self.dataset);
+        missing.iter().map(|scene| (scene.clone(), entries(scene))).collect()
     }
 
     /// The trials of at most `limit` scenes, spread over the index, or of one entry of a scene.

@@ -1,7 +1,7 @@
 //! Renders Gaussians.
 
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::{Channels, RasterMode, RenderOptions, RendererConstants, Rendering};
+use atsplat_splat::{Channels, RasterMode, RenderOptions, RendererConstants, Rendering, View};
 use pyo3::prelude::*;
 
 use crate::array::floats;
@@ -9,6 +9,17 @@ use crate::camera::{Numbers, view};
 use crate::error::Failure;
 use crate::gaussians::Gaussians;
 use crate::threads::work;
+
+/// Views that are rendered together; Ctrl-C is looked for in between.
+const VIEWS: usize = 8;
+
+/// Constants of a rasterizer by name.
+pub(crate) fn constants_named(name: &str) -> Result<RendererConstants, Failure> {
+    RendererConstants::named(name).ok_or_else(|| {
+        let known = RendererConstants::PRESETS.join(", ");
+        Failure::invalid("constants", format!("expected one of {known}, found {name:?}"))
+    })
+}
 
 /// Images of views of one size: colour (N × H × W × 3), alpha and, if requested, composited depth (N × H × W); and the most Gaussians
 /// that one of the views leaves out as invalid.
@@ -22,21 +33,20 @@ pub(crate) fn render<'py>(
     antialiased: bool,
     depth: bool,
 ) -> Result<(Vec<Bound<'py, PyAny>>, u64), Failure> {
-    let constants = RendererConstants::named(constants).ok_or_else(|| {
-        let known = RendererConstants::PRESETS.join(", ");
-        Failure::invalid("constants", format!("expected one of {known}, found {constants:?}"))
-    })?;
     let options = RenderOptions {
-        constants,
+        constants: constants_named(constants)?,
         background,
         mode: if antialiased { RasterMode::Antialiased } else { RasterMode::Classic },
         channels: Channels { depth, ..Channels::default() },
         ..RenderOptions::default()
     };
-    let renderings: Vec<Rendering<f32>> = work(py, || {
-        let views = cameras.iter().map(view).collect::<Result<Vec<_>, _>>()?;
-        Ok(CpuRenderer::default().render_many(&gaussians.0, &views, &options)?)
-    })?;
+    let views = cameras.iter().map(view).collect::<Result<Vec<View>, _>>()?;
+    let mut renderer = CpuRenderer::default();
+    let mut renderings: Vec<Rendering<f32>> = work(py, || Ok(renderer.render_many(&gaussians.0, &[], &options)?))?;
+    for some in views.chunks(VIEWS) {
+        renderings.extend(work(py, || Ok(renderer.render_many(&gaussians.0, some, &options)?))?);
+        py.check_signals()?;
+    }
     let (width, height) = cameras.first().map_or((0, 0), |(.., width, height)| (*width as usize, *height as usize));
     let plane = [renderings.len(), height, width];
     let [count, height, width] = plane;
@@ -48,6 +58,6 @@ pub(crate) fn render<'py>(
         let composited = renderings.iter().filter_map(|rendering| rendering.depth.as_deref());
         images.push(floats(py, &plane, composited, same)?);
     }
-    let invalid = renderings.iter().map(|rendering| rendering.census.invalid).max();
+    let invalid = renderings.iter().map(|rendering| rendering.counts.invalid).max();
     Ok((images, invalid.unwrap_or(0)))
 }

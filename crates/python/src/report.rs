@@ -11,7 +11,7 @@ use atsplat_report::{Report, Request, store_labels};
 use pyo3::prelude::*;
 
 use crate::error::Failure;
-use crate::threads::work;
+use crate::threads::work_with_stores;
 
 /// Name, title and the texts of a table: JSON, terminal, Markdown, LaTeX, CSV and HTML.
 type Texts = (String, String, [String; 6]);
@@ -19,7 +19,7 @@ type Texts = (String, String, [String; 6]);
 /// The measured tables of stores: those that papers published, then one for each protocol.
 #[pyfunction]
 pub(crate) fn tables(py: Python<'_>, stores: Vec<PathBuf>, force: bool) -> Result<Vec<Texts>, Failure> {
-    work(py, || {
+    work_with_stores(py, || {
         let (results, labels) = (read(&stores)?, store_labels(&stores));
         let sources: Vec<Source<'_>> = sources(&results, &labels).collect();
         let mixing = mixing(force);
@@ -42,7 +42,7 @@ pub(crate) fn write_report(
     title: String,
     force: bool,
 ) -> Result<Vec<PathBuf>, Failure> {
-    work(py, || {
+    work_with_stores(py, || {
         let (results, labels) = (read(&stores)?, store_labels(&stores));
         let folders = stores.iter().map(|folder| Some(folder.as_path()));
         let stores: Vec<PageStore<'_>> =

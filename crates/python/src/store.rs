@@ -7,12 +7,12 @@ use pyo3::prelude::*;
 use serde::Serialize;
 
 use crate::error::Failure;
-use crate::threads::work;
+use crate::threads::work_with_stores;
 
 /// Provenance, rows of trials, rows of targets, each as JSON, and a summary as text.
 #[pyfunction]
 pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, String, String, String), Failure> {
-    work(py, || {
+    work_with_stores(py, || {
         let results = Results::read(&folder)?;
         let summary = RunReport::of(&results, None, &folder).to_string();
         Ok((json(&results.provenance)?, json(&results.trials)?, json(&results.targets)?, summary))
@@ -22,9 +22,9 @@ pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, Str
 /// Merges shards into a new store.
 #[pyfunction]
 pub(crate) fn merge_stores(py: Python<'_>, stores: Vec<PathBuf>, out: PathBuf, partial: bool) -> Result<(), Failure> {
-    work(py, || {
+    work_with_stores(py, || {
         let parts = stores.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
-        let merged = Results::merge(parts)?;
+        let merged = Results::merge(parts).map_err(|error| Failure::from(error).of_argument("stores"))?;
         let reasons = merged.why_incomplete();
         if !reasons.is_empty() && !partial {
             let reasons = reasons.join("; ");

@@ -2,10 +2,13 @@
 //!
 //! Calls have a pool of their own, because a method under evaluation may call the package while the evaluation's threads wait for
 //! that method. After a fork, as in PyTorch's data loaders, the parent's threads do not exist: the child starts another pool.
+//!
+//! Stores are read and written by Polars, which has one pool for all. In a child, work on the parent's would wait forever.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use pyo3::Python;
+use pyo3::exceptions::PyRuntimeError;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::Failure;
@@ -15,6 +18,27 @@ static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 /// Does work on the threads of calls, without the GIL.
 pub(crate) fn work<T: Send>(py: Python<'_>, work: impl FnOnce() -> Result<T, Failure> + Send) -> Result<T, Failure> {
     py.detach(|| pool()?.install(work))
+}
+
+/// Does work with stores, as [`work`] does.
+pub(crate) fn work_with_stores<T: Send>(
+    py: Python<'_>,
+    task: impl FnOnce() -> Result<T, Failure> + Send,
+) -> Result<T, Failure> {
+    check_process()?;
+    work(py, task)
+}
+
+/// Rejects stores in a process that was forked from one that has used stores.
+pub(crate) fn check_process() -> Result<(), Failure> {
+    static FIRST: OnceLock<u32> = OnceLock::new();
+    let process = std::process::id();
+    if *FIRST.get_or_init(|| process) == process {
+        return Ok(());
+    }
+    let text = "stores cannot be used in a process that was forked from one that has used stores: its threads do not exist here; start \
+                processes with \"spawn\" or \"forkserver\", such as multiprocessing.get_context(\"spawn\")";
+    Err(PyRuntimeError::new_err(text).into())
 }
 
 /// A pool for one evaluation.

@@ -65,7 +65,11 @@ impl Input {
         let size = images.first().map_or((0, 0), |image| (image.height() as usize, image.width() as usize));
         let same = |image: &Arc<ImageU8>| (image.height() as usize, image.width() as usize) == size;
         if !images.iter().all(same) {
-            return Err(Failure::invalid("context", "images of different sizes make no array").into());
+            return Err(Failure::invalid(
+                "context",
+                "expected images of one size, which an array needs, found several sizes",
+            )
+            .into());
         }
         array_of(py, &images, size)
     }

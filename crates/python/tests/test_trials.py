@@ -70,7 +70,7 @@ def test_targets_identical_to_the_truth_are_in_no_mean():
         row("scored", {"psnr": 20.0, "ssim": 0.5}, {"psnr-8bit-rounded": "identical", "lpips": "weights absent"}),
         row("identical", {"ssim": 1.0}, {"psnr": "identical", "psnr-8bit-rounded": "identical", "lpips": "weights absent"}),
         row("scored", {"psnr": 23.0, "ssim": 0.75, "psnr-8bit-rounded": 23.5}, {"lpips": "weights absent"}),
-        row("non-finite", {}, {"psnr": "samples that are no numbers"}),
+        row("non-finite", {}, {"psnr": "NaN or infinite samples"}),
     ]
     scored = scores({"status": "done", "detail": None}, targets)
     assert scored.mean == {"psnr": 21.5, "ssim": 0.625, "psnr-8bit-rounded": 23.5}

@@ -5,41 +5,20 @@ use atsplat_protocol::ProtocolError;
 
 /// An error while making a report.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum ReportError {
     /// There is no built-in table of this name.
     #[error("expected one of the tables {expected}, found {found:?}")]
-    UnknownTable {
-        /// Names of the built-in tables.
-        expected: String,
-        /// The requested name.
-        found: String,
-    },
+    UnknownTable { expected: String, found: String },
     /// A table's definition is inconsistent.
     #[error("table {table}: expected {expected}, found {found}")]
-    Definition {
-        /// Name of the table.
-        table: String,
-        /// What the definition requires.
-        expected: String,
-        /// What was found instead.
-        found: String,
-    },
+    Definition { table: String, expected: String, found: String },
     /// A table's definition is not valid TOML, or has wrong fields.
     #[error("table {table}: {source}")]
-    Toml {
-        /// Name of the table.
-        table: String,
-        /// The parser's error.
-        source: toml::de::Error,
-    },
+    Toml { table: String, source: toml::de::Error },
     /// A CSV file of published numbers is malformed.
     #[error("eval/published/{file}: {problem}")]
-    Csv {
-        /// Its name.
-        file: String,
-        /// Line, what was expected and what was found.
-        problem: String,
-    },
+    Csv { file: String, problem: String },
     /// The bundled font cannot be read.
     #[error("the bundled font cannot be read")]
     Font,

@@ -1,4 +1,4 @@
-//! A 256×256 frame with 4 samples a pixel on two threads: the image with the effects that its scene calls for,
+//! A 256×256 frame with 4 samples a pixel on two threads: the image with the effects that its scene needs,
 //! with all and without any, the geometry alone, and the building of a scene.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
@@ -19,7 +19,7 @@ fn frames(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
     for kind in [SceneKind::Rooms, SceneKind::Yards] {
         for (name, effects) in
-            [("called for", EffectChoice::Auto), ("all", EffectChoice::All), ("none", EffectChoice::None)]
+            [("needed", EffectChoice::Auto), ("all", EffectChoice::All), ("none", EffectChoice::None)]
         {
             let scenes: Vec<Simulation> =
                 requests(kind, &effects).into_iter().map(|r| Simulation::new(r).expect("a scene")).collect();

@@ -9,8 +9,8 @@ use crate::{EffectKind, FrameCosts};
 pub struct EffectMillis {
     /// The effect.
     pub effect: EffectKind,
-    /// Scenes that call for it.
-    pub called_for: usize,
+    /// Number of scenes that need it.
+    pub needed_by: usize,
     /// Milliseconds a frame over the scenes where they can be measured: first quartile, median, third quartile; `None` if that is
     /// nowhere.
     pub millis: Option<[f64; 3]>,
@@ -25,7 +25,7 @@ pub struct CostSummary {
     pub effects: Vec<EffectMillis>,
     /// Median seconds of a frame with its scene's effects; `None` if they cannot be measured.
     pub frame_secs: Option<f64>,
-    /// What the effects that scenes call for save against all of them, and change.
+    /// What the effects that scenes need save against all of them, and change.
     pub against_all: String,
 }
 
@@ -48,7 +48,7 @@ impl EffectMillis {
         millis.sort_by(f64::total_cmp);
         let at = |share| quantile(&millis, share);
         let millis = at(0.25).zip(at(0.5)).zip(at(0.75)).map(|((low, median), high)| [low, median, high]);
-        Self { effect, called_for: of().count(), millis }
+        Self { effect, needed_by: of().count(), millis }
     }
 }
 
@@ -69,9 +69,9 @@ impl fmt::Display for CostSummary {
     /// A table.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{:<20} {:>7}  {:>16}", "effect", "scenes", "median ms a frame")?;
-        for EffectMillis { effect, called_for, millis } in &self.effects {
+        for EffectMillis { effect, needed_by, millis } in &self.effects {
             let measured = millis.map_or_else(|| "-".to_owned(), |[_, median, _]| format!("{median:.1}"));
-            writeln!(f, "{:<20} {called_for:>3}/{:<3}  {measured:>16}", effect.to_string(), self.scenes)?;
+            writeln!(f, "{:<20} {needed_by:>3}/{:<3}  {measured:>16}", effect.to_string(), self.scenes)?;
         }
         writeln!(f, "{}", self.against_all)
     }
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn effects_are_summed_up_over_the_scenes_that_call_for_them() {
+    fn effects_are_summed_up_over_the_scenes_that_need_them() {
         let scenes = [
             costs(0.010, 0.030, &[Some(0.002)], 0.2),
             costs(0.020, 0.030, &[Some(0.004)], 0.4),
@@ -110,14 +110,14 @@ mod tests {
         assert_eq!((summary.scenes, summary.effects.len()), (4, EffectKind::ALL.len()));
         atsplat_numeric::Tolerance::absolute(1e-12).assert(summary.frame_secs, [0.030], "median frame");
         let blur = summary.effects.iter().find(|row| row.effect == EffectKind::MotionBlur).unwrap();
-        assert_eq!(blur.called_for, 3, "one scene does not call for it");
+        assert_eq!(blur.needed_by, 3, "one scene does not need it");
         atsplat_numeric::Tolerance::absolute(1e-9).assert(
             blur.millis.unwrap(),
             [2.5, 3.0, 3.5],
             "quartiles of what could be measured",
         );
         let shadows = summary.effects.iter().find(|row| row.effect == EffectKind::SoftShadows).unwrap();
-        assert_eq!((shadows.called_for, shadows.millis), (0, None));
+        assert_eq!((shadows.needed_by, shadows.millis), (0, None));
         let expected =
             "all effects take 1.50 times as long; the largest difference is 102.0 of 255, and 0.100 % of pixels";
         assert!(summary.against_all.starts_with(expected), "{}", summary.against_all);

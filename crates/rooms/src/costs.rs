@@ -113,7 +113,7 @@ impl Simulation {
     /// # Errors
     /// As [`Self::image`].
     pub fn costs(&self, frame: usize) -> Result<FrameCosts, RoomsError> {
-        let kinds: Vec<EffectKind> = self.called_effects().iter().map(|called| called.effect).collect();
+        let kinds: Vec<EffectKind> = self.active_effects().iter().map(|active| active.effect).collect();
         let others = |kind: EffectKind| kinds.iter().copied().filter(|other| *other != kind).collect();
         let chosen = |choice: &EffectChoice| Effects::choose(&self.context(), choice);
         let without: Vec<Effects> = kinds.iter().map(|kind| chosen(&EffectChoice::Only(others(*kind)))).collect();

@@ -17,7 +17,7 @@ pub enum RoomsError {
         found: String,
     },
     /// A frame does not exist.
-    #[error("scene {key:?} has {frames} frames, so no frame {frame}")]
+    #[error("scene {key:?}: expected a frame below {frames}, found {frame}")]
     NoFrame {
         /// The scene.
         key: String,

@@ -112,7 +112,7 @@ impl LensTable {
 pub(crate) struct CameraRay {
     pub origin: DVec3,
     pub direction: DVec3,
-    pub dice: PixelSample,
+    pub sample: PixelSample,
 }
 
 impl<'a> Frame<'a> {
@@ -163,7 +163,11 @@ impl<'a> Frame<'a> {
         let plane = centre + moves * *place;
         let direction = pose.transform_vector(plane.extend(1.0)).normalize();
         let index = u64::from(row) * u64::from(self.size.width) + u64::from(column);
-        CameraRay { origin: pose.centre(), direction, dice: PixelSample { pixel: mix(self.seed ^ index), sample } }
+        CameraRay {
+            origin: pose.centre(),
+            direction,
+            sample: PixelSample { pixel: mix(self.seed ^ index), number: sample },
+        }
     }
 
     /// Linear light before exposure, row by row: the mean of the pixel's samples, of which each runs every effect.
@@ -186,7 +190,7 @@ impl<'a> Frame<'a> {
         let Some(surface) = world.trace(ray.origin, ray.direction) else { return self.sky(ray) };
         let view = Incidence::new(&surface, ray.direction, self.spread);
         let material = world.material(&surface);
-        let diffuse = reflected_light(world, effects, &surface, material, view.footprint, Some(ray.dice));
+        let diffuse = reflected_light(world, effects, &surface, material, view.footprint, Some(ray.sample));
         if !effects.mirrors || material.mirror <= 0.0 {
             return diffuse;
         }
@@ -285,14 +289,18 @@ fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -
     Ok(WorldFromCamera::new(glam::DMat3::from_quat(turn), from.centre().lerp(to.centre(), share))?)
 }
 
-/// Light reflected diffusely and emitted by a surface. Surfaces seen in a mirror have no shadows.
+/// Share of a lamp's light that arrives at a surface seen in a mirror. Shadow rays of reflections would cost more than they show, so
+/// that their shadows are spread evenly.
+const MIRRORED_VISIBILITY: f32 = 0.6;
+
+/// Light reflected diffusely and emitted by a surface; `sample` is `None` if it is seen in a mirror.
 fn reflected_light(
     world: &World,
     effects: &Effects,
     surface: &Surface,
     material: &Material,
     footprint: f32,
-    dice: Option<PixelSample>,
+    sample: Option<PixelSample>,
 ) -> Vec3 {
     let ambient = effects.ambient(world, surface.point, surface.normal);
     let enough = ambient.max_element() * 0.01;
@@ -300,7 +308,8 @@ fn reflected_light(
     for lamp in &world.lamps {
         let reached = lamp.reaches(surface.point, surface.normal);
         if reached.max_element() > enough {
-            arriving += reached * dice.map_or(0.6, |dice| effects.visibility(world, lamp, surface, dice));
+            arriving +=
+                reached * sample.map_or(MIRRORED_VISIBILITY, |sample| effects.visibility(world, lamp, surface, sample));
         }
     }
     material.albedo(&surface.texture_point(footprint)) * arriving + material.emission

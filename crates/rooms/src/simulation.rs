@@ -56,7 +56,7 @@ pub struct Request {
 
 impl Request {
     /// A clip of 150 frames (5 seconds) for rooms and 100 views for yards, 256×256, 4 samples per pixel, with the effects that
-    /// the scene calls for.
+    /// the scene needs.
     pub const fn new(kind: SceneKind, seed: SceneSeed) -> Self {
         let frames = match kind {
             SceneKind::Rooms => 150,
@@ -146,8 +146,8 @@ impl Simulation {
     }
 
     /// The effects that run, with reasons.
-    pub fn called_effects(&self) -> &[ActiveEffect] {
-        &self.effects.called
+    pub fn active_effects(&self) -> &[ActiveEffect] {
+        &self.effects.active
     }
 
     /// The camera's speed as a share of the drawn or given one, reduced to fit the scene; 1 in most scenes.
@@ -203,9 +203,13 @@ impl fmt::Display for Simulation {
         let (objects, lamps) = (self.world.objects.len(), self.world.lamps.len());
         writeln!(f, "{}: {objects} objects, {lamps} lamps, {} frames", self.key(), self.shots.len())?;
         if self.slowed_to < 1.0 {
-            writeln!(f, "  the camera moves at {:.0} % of the speed drawn, to fit", self.slowed_to * 100.0)?;
+            writeln!(
+                f,
+                "  the camera moves at {:.0} % of its sampled speed, so that the path fits into the scene",
+                self.slowed_to * 100.0
+            )?;
         }
-        self.effects.called.iter().try_for_each(|called| writeln!(f, "  {}: {}", called.effect, called.reason))
+        self.effects.active.iter().try_for_each(|active| writeln!(f, "  {}: {}", active.effect, active.reason))
     }
 }
 

@@ -186,7 +186,7 @@ impl TiledLight<'_> {
     /// Whether anything hides a sample's point of a lamp.
     fn hidden(&self, ray: &CameraRay, surface: &Surface, lamp: &Lamp, shades: &Shades) -> bool {
         let world = self.frame.world;
-        let towards = || (surface.leave(), lamp.towards(surface.leave(), place_on_lamp(ray.dice)));
+        let towards = || (surface.leave(), lamp.towards(surface.leave(), place_on_lamp(ray.sample)));
         match shades {
             Shades::Nothing => false,
             Shades::Whole => true,
@@ -269,7 +269,7 @@ mod tests {
     use super::*;
     use crate::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
 
-    /// The oracle traces each ray through the whole tree and casts every shadow ray. Sides are no multiples of a tile's.
+    /// The oracle traces each ray through the whole tree and casts every shadow ray. Sides are not multiples of a tile's.
     #[test]
     fn tiles_give_the_same_bits_as_single_rays() {
         let size = ImageSize { width: 75, height: 53 };

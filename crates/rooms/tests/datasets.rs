@@ -25,7 +25,7 @@ fn requests() -> Vec<Request> {
 }
 
 fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
-    let options = WriteOptions { layout, coding: ImageEncoding::Png, depth: true };
+    let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth: true };
     let mut warnings = Warnings::default();
     let mut reported = Vec::new();
     let entries =
@@ -84,7 +84,7 @@ fn chunks_round_trip_and_are_not_mixed() {
     let depth = folder.path().join("depth");
     check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000", false);
     check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
-    let options = WriteOptions { layout: Layout::Chunks, coding: ImageEncoding::Jpeg(90), depth: false };
+    let options = WriteOptions { layout: Layout::Chunks, encoding: ImageEncoding::Jpeg(90), depth: false };
     let again = write_dataset(folder.path(), requests(), &options, &mut Warnings::default(), |_, _| {});
     assert!(again.is_err(), "old chunks must not be mixed with new ones");
 }
@@ -121,7 +121,7 @@ fn routed() -> Request {
 #[test]
 fn each_frame_of_a_route_keeps_its_focal_length() {
     let folder = tempfile::tempdir().unwrap();
-    let options = WriteOptions { layout: Layout::Nerfstudio, coding: ImageEncoding::Png, depth: true };
+    let options = WriteOptions { layout: Layout::Nerfstudio, encoding: ImageEncoding::Png, depth: true };
     write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {}).unwrap();
     let simulation = Simulation::new(routed()).unwrap();
     check(folder.path(), &folder.path().join("depth"), &simulation, &simulation.key(), true);
@@ -132,10 +132,10 @@ fn each_frame_of_a_route_keeps_its_focal_length() {
 fn a_time_twice_is_refused_where_files_are_named_after_it() {
     for (layout, depth) in [(Layout::Re10k, false), (Layout::Chunks, true)] {
         let folder = tempfile::tempdir().unwrap();
-        let options = WriteOptions { layout, coding: ImageEncoding::Png, depth };
+        let options = WriteOptions { layout, encoding: ImageEncoding::Png, depth };
         let refused = write_dataset(folder.path(), [routed()], &options, &mut Warnings::default(), |_, _| {});
         let error = refused.unwrap_err().to_string();
-        let [start, end] = ["trajectory: expected every time once", "found 0 µs again"];
+        let [start, end] = ["trajectory: expected distinct times", "found 0 µs again"];
         assert!(error.starts_with(start) && error.ends_with(end), "{error}");
         assert_eq!(folder.path().read_dir().unwrap().count(), 0, "nothing is written");
     }

@@ -90,14 +90,14 @@ fn mean_difference(a: &Simulation, b: &Simulation, frame: usize) -> f64 {
     sum / a.samples().len() as f64
 }
 
-/// Asserts that images with the effects that a scene calls for are close to those with all; returns how many effects
+/// Asserts that images with the effects that a scene needs are close to those with all; returns how many effects
 /// were left out, and the largest difference.
 fn assert_close_to_all(kind: SceneKind, number: u32, size: ImageSize, frame: usize) -> (usize, ImageDifference) {
     let simulation = Simulation::new(Request { size, ..request(kind, number) }).unwrap();
     let difference = simulation.difference_from_all(frame).unwrap();
     let close = difference.beyond <= 1e-3 && difference.psnr() >= 50.0;
     assert!(close, "{simulation}: {difference:?}, PSNR {} dB", difference.psnr());
-    (EffectKind::ALL.len() - simulation.called_effects().len(), difference)
+    (EffectKind::ALL.len() - simulation.active_effects().len(), difference)
 }
 
 #[test]
@@ -141,7 +141,7 @@ fn each_effect_that_is_called_for_changes_images() {
     for number in 0..30 {
         let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
         let auto = Simulation::new(request(kind, number)).unwrap();
-        let kinds: Vec<EffectKind> = auto.called_effects().iter().map(|called| called.effect).collect();
+        let kinds: Vec<EffectKind> = auto.active_effects().iter().map(|active| active.effect).collect();
         for &effect in kinds.iter().filter(|effect| !seen.contains(*effect)).collect::<Vec<_>>() {
             let others = kinds.iter().copied().filter(|other| *other != effect).collect();
             let without =
@@ -265,5 +265,5 @@ fn rejects_invalid_requests() {
     assert!(refused(&|r| r.samples = 0).starts_with("samples"));
     assert!(refused(&|r| r.route = Route::Given(Vec::new())).starts_with("trajectory"));
     let simulation = Simulation::new(request(SceneKind::Rooms, 0)).unwrap();
-    assert!(simulation.image(150).unwrap_err().to_string().contains("150 frames, so no frame 150"));
+    assert!(simulation.image(150).unwrap_err().to_string().contains("expected a frame below 150, found 150"));
 }

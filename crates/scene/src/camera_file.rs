@@ -38,19 +38,19 @@ pub enum CameraFileError {
         path: PathBuf,
     },
     /// A field of view for cameras that have intrinsics.
-    #[error("--fov is for files with only poses: {} has intrinsics of its own", path.display())]
+    #[error("--fov is only for files without intrinsics: {} has its own", path.display())]
     HasLens {
         /// The file.
         path: PathBuf,
     },
     /// A key for cameras that belong to no scene.
-    #[error("--key is for datasets: {} holds cameras without scenes", path.display())]
+    #[error("--key is only for datasets: {} has cameras without scenes", path.display())]
     NoScenes {
         /// The file.
         path: PathBuf,
     },
     /// No camera.
-    #[error("{} holds no camera", path.display())]
+    #[error("{} has no cameras", path.display())]
     Empty {
         /// The file.
         path: PathBuf,

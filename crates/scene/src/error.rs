@@ -36,7 +36,7 @@ pub enum SceneError {
     },
     /// A frame cannot be stored in a chunk, whose frames have timestamps.
     #[error(
-        "frame {frame} of scene {scene:?}: expected a timestamp, or a name that is a number or ends in _ and one, found \
+        "frame {frame} of scene {scene:?}: expected a timestamp, or a name that is a number or ends in _ and a number, found \
          the name {name:?}"
     )]
     NoTimestamp { scene: String, frame: usize, name: String },

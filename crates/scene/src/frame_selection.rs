@@ -12,7 +12,7 @@ pub struct FrameSelection(Vec<Part>);
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum InvalidSelection {
     /// A position past the last frame.
-    #[error("position {position}, but there are {count} frames, counted from 0")]
+    #[error("expected positions below {count}, the number of frames, found {position}")]
     Outside {
         /// The position.
         position: usize,

@@ -32,7 +32,7 @@ pub enum ImageMismatch {
     Shape { stated: ImageSize, found: ImageSize },
     /// The intrinsics are impossible for the size that they are stated for.
     #[error(
-        "expected focal lengths that differ by a factor of at most {} in pixels, found fx : fy of {ratio:.2} : 1 for a \
+        "expected focal lengths that differ by a factor of at most {} in pixels, found fx : fy of {ratio:.2} : 1 for an \
         image of {stated}",
         WIDEST_PIXELS
     )]

@@ -191,7 +191,7 @@ pub fn open_with(
     Err(SceneError::unrecognized(path, EXPECTED, what_is_there(path, start.is_some())?))
 }
 
-/// A description of a file or folder that is no dataset: what is missing, or where a dataset is.
+/// A description of a file or folder that is not a dataset: what is missing, or where a dataset is.
 fn what_is_there(path: &Path, is_file: bool) -> Result<String, SceneError> {
     let kind = if is_file { "another kind of file" } else { "a folder without these" };
     let model = if is_file { folder_of_part(path) } else { Some(path.to_owned()) };

@@ -80,14 +80,18 @@ mod tests {
         assert_eq!((with_last(7, 1e6), with_last(24, 100.0)), (None, None), "too few, and 8.4 times as far");
         assert_eq!(with_last(24, 1e10), None, "reported as a distant camera");
         let two = found([1e6].into_iter().chain(line(30)).chain([1e6 + 1.0])).unwrap();
-        assert!(two.starts_with("2 of 32 frames, first 0: "), "a group is no company: {two}");
+        assert!(
+            two.starts_with("2 of 32 frames, first 0: "),
+            "two far cameras next to each other are both outside: {two}"
+        );
     }
 
     #[test]
     fn a_clip_that_stands_still_before_it_moves_has_no_camera_outside() {
         let still = (0..200).map(|at| 1e-3 * f64::from(at % 7));
         let moving = (1..10).map(|at| 0.05 * f64::from(at * at));
-        assert_eq!(found(still.clone().chain(moving)), None);
+        assert_eq!(found(still.clone().chain(moving.clone())), None);
+        assert_eq!(found(still.clone().chain(moving).map(|x| 1e3 * x)), None, "in a smaller unit of length");
         assert!(found(still.chain([40.0])).is_some());
         assert_eq!(found(std::iter::repeat_n(0.0, 100).chain([1e-15])), None, "a tripod, with rounding");
     }

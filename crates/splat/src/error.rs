@@ -121,6 +121,16 @@ pub enum SplatError {
         /// The value found.
         found: u64,
     },
+    /// An image is missing, was not requested, or has another size than requested.
+    #[error("{image}: expected {expected}, found {found}")]
+    Image {
+        /// Which image.
+        image: &'static str,
+        /// What was requested: its number of pixels, or no image.
+        expected: String,
+        /// What was rendered.
+        found: String,
+    },
     /// An image gradient with a NaN or infinite value.
     #[error("{image}: expected finite numbers, found {found} at pixel {pixel}")]
     NonFinite {

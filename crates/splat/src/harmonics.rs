@@ -128,8 +128,8 @@ impl Harmonics {
     fn push(&mut self, own: &[[f32; 3]], tolerance: f64) {
         let (degree, change) = needed(own, tolerance);
         let (first, upper) = own.split_first().unwrap_or((&[0.0; 3], &[]));
-        // A chunk has at most 4096 · 24 of them.
-        let start = u32::try_from(self.upper.len()).unwrap_or(u32::MAX);
+        #[expect(clippy::expect_used, reason = "a chunk has at most 4096 · 24 of them")]
+        let start = u32::try_from(self.upper.len()).expect("few coefficients in a chunk");
         self.heads.push(Head { first: *first, start, degree });
         self.upper.extend(upper.iter().take(sh_coefficients(degree) - 1));
         self.kept[usize::from(degree) % BANDS] += 1;

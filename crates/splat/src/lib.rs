@@ -47,5 +47,5 @@ pub use gaussians::{
 pub use harmonics::Harmonics;
 pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
 pub use renderer::{ReferenceRenderer, Renderer, Stage};
-pub use rendering::{Census, Gradients, ImageGradients, Rendering};
+pub use rendering::{GaussianCounts, Gradients, ImageGradients, Rendering};
 pub use view::View;

@@ -25,14 +25,14 @@ pub struct Rendering<T> {
     /// If requested, see [`crate::Channels::median_depth`].
     pub median_depth: Option<Vec<T>>,
     /// Counts of Gaussians drawn, and of those culled by reason.
-    pub census: Census,
+    pub counts: GaussianCounts,
 }
 
 /// Number of Gaussians drawn, and culled by reason. If several reasons apply to a Gaussian, renderers may count any of
 /// them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Census {
+pub struct GaussianCounts {
     /// Projected into the image.
     pub drawn: u64,
     /// A value is NaN or infinite, or the covariance overflows.
@@ -45,7 +45,7 @@ pub struct Census {
     pub outside_image: u64,
 }
 
-/// Why a Gaussian is not drawn; see [`Census`].
+/// Why a Gaussian is not drawn; see [`GaussianCounts`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Culled {
     Invalid,
@@ -54,7 +54,7 @@ pub(crate) enum Culled {
     OutsideImage,
 }
 
-impl Census {
+impl GaussianCounts {
     pub(crate) const fn count(&mut self, culled: Culled) {
         *match culled {
             Culled::Invalid => &mut self.invalid,
@@ -65,7 +65,7 @@ impl Census {
     }
 }
 
-impl AddAssign for Census {
+impl AddAssign for GaussianCounts {
     fn add_assign(&mut self, other: Self) {
         self.drawn += other.drawn;
         self.invalid += other.invalid;
@@ -134,7 +134,7 @@ impl<T> Rendering<T> {
 
     /// A rendering without images yet.
     pub(crate) const fn blank(view: &View) -> Self {
-        let census = Census { drawn: 0, invalid: 0, outside_depth: 0, faint: 0, outside_image: 0 };
+        let counts = GaussianCounts { drawn: 0, invalid: 0, outside_depth: 0, faint: 0, outside_image: 0 };
         Self {
             size: view.size,
             rgb: Vec::new(),
@@ -142,7 +142,7 @@ impl<T> Rendering<T> {
             depth: None,
             scalar: None,
             median_depth: None,
-            census,
+            counts,
         }
     }
 }
@@ -158,7 +158,7 @@ impl<T: Copy + Default> Rendering<T> {
             depth: options.channels.depth.then(zeros),
             scalar: options.channels.scalar.then(zeros),
             median_depth: options.channels.median_depth.then(zeros),
-            census: Census::default(),
+            counts: GaussianCounts::default(),
         }
     }
 }
@@ -210,7 +210,7 @@ impl<T: Copy> Rendering<T> {
             depth: self.depth.map(each),
             scalar: self.scalar.map(each),
             median_depth: self.median_depth.map(each),
-            census: self.census,
+            counts: self.counts,
         }
     }
 }

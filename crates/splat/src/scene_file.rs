@@ -8,7 +8,7 @@ use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
 use crate::files::{self, Encoding, Format};
-use crate::{Census, Cleaning, Gaussians, SplatError, Validation};
+use crate::{Cleaning, GaussianCounts, Gaussians, SplatError, Validation};
 
 /// Origin of the Gaussians and how they were cleaned.
 #[derive(Debug, Serialize)]
@@ -158,16 +158,16 @@ fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::
 
 /// Mean counts over rendered frames, each of which counts every Gaussian of the scene once.
 #[derive(Clone, Copy, Debug)]
-pub struct CensusTable {
+pub struct GaussianCountsTable {
     /// Counts over all frames.
-    pub census: Census,
+    pub counts: GaussianCounts,
     /// Number of Gaussians in the scene.
     pub gaussians: usize,
 }
 
-impl fmt::Display for CensusTable {
+impl fmt::Display for GaussianCountsTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { census: Census { drawn, invalid, outside_depth, faint, outside_image }, gaussians } = *self;
+        let Self { counts: GaussianCounts { drawn, invalid, outside_depth, faint, outside_image }, gaussians } = *self;
         let all = drawn + invalid + outside_depth + faint + outside_image;
         if all == 0 {
             return Ok(());
@@ -176,9 +176,9 @@ impl fmt::Display for CensusTable {
         let rows = [
             (drawn, "drawn"),
             (outside_image, "outside the image"),
-            (outside_depth, "before the near plane or behind the far plane"),
+            (outside_depth, "in front of the near plane or beyond the far plane"),
             (faint, "too faint everywhere"),
-            (invalid, "with a value that cannot be rendered"),
+            (invalid, "with a value that is not finite or too large"),
         ];
         for (count, what) in rows {
             let share = count as f64 / all as f64;

@@ -92,7 +92,7 @@ fn detects_errors() {
         |rendering| rendering.depth.as_mut().unwrap()[210] += 1e-2,
         |rendering| rendering.scalar.as_mut().unwrap()[210] = f32::NAN,
         |rendering| rendering.median_depth.as_mut().unwrap()[210] += 1.0,
-        |rendering| rendering.census.faint += 1,
+        |rendering| rendering.counts.faint += 1,
     ];
     for (number, image) in images.into_iter().enumerate() {
         assert!(fails(image, |_| {}), "image {number}");

@@ -75,7 +75,7 @@ impl Evaluation {
         let (scored, identical): (Vec<_>, Vec<_>) =
             scored?.concat().into_iter().partition(|pair| pair.iter().all(|scores| !scores.is_identical));
         if scored.is_empty() {
-            let expected = "a target that is none of the context views, as `inset = 1` ensures";
+            let expected = "a target that differs from the context views, as `inset = 1` ensures";
             let found = format!("{} identical to their context view or render", identical.len());
             return Err(TrainError::malformed("evaluation", "targets", expected, found));
         }
@@ -119,7 +119,9 @@ pub(crate) fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError
     let ssim = ssim(&pair, Values::Clipped, Ssim::SKIMAGE_GAUSSIAN)?;
     let psnr = psnr(&pair, Values::Clipped);
     let is_identical = psnr == Score::Identical;
-    Ok(Scores { psnr: psnr.capped(DECIBEL_CAP).unwrap_or(f64::NAN), ssim, is_identical })
+    #[expect(clippy::expect_used, reason = "`Pair` accepts finite images only")]
+    let psnr = psnr.capped(DECIBEL_CAP).expect("finite images have a PSNR");
+    Ok(Scores { psnr, ssim, is_identical })
 }
 
 #[cfg(test)]

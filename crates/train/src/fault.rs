@@ -14,7 +14,7 @@ pub struct Fault {
     pub what: FaultKind,
 }
 
-/// What went wrong with a sample, or with several that went through the network together.
+/// What went wrong with a sample, or with several that went through the network as one batch.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SampleFault {
     /// Name of the sample, or names.

@@ -22,7 +22,7 @@ pub struct FeatureCache {
 }
 
 impl FeatureCache {
-    /// Opens this backbone's subfolder of `folder`; `frozen` are its weights, and `products` is the precision in whose scope features
+    /// Opens this backbone's subfolder of `folder`; `frozen` are its weights, and `precision` is the matrix precision in whose scope features
     /// are computed.
     ///
     /// # Errors
@@ -31,7 +31,7 @@ impl FeatureCache {
         folder: &Path,
         config: &ModelConfig,
         frozen: &StoredTensors,
-        products: MatmulPrecision,
+        precision: MatmulPrecision,
     ) -> Result<Self, TrainError> {
         if !config.backbone.is_frozen() {
             let found = format!("{:?}", config.backbone);
@@ -40,9 +40,9 @@ impl FeatureCache {
         let (backbone, coarse) = (&config.backbone, &config.coarse);
         let mut identity = format!("{} {backbone:?} {} {}", frozen.digest(), coarse.patch_size, coarse.image_downscale);
         // Earlier versions named the folders of all precisions in this way.
-        if products != MatmulPrecision::F32 {
+        if precision != MatmulPrecision::F32 {
             identity.push(' ');
-            identity.push_str(products.name());
+            identity.push_str(precision.name());
         }
         let folder = folder.join(Sha256Digest::of(identity.as_bytes()).to_string());
         std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder for features", &folder))?;

@@ -6,6 +6,7 @@
 
 mod checkpoint;
 mod config;
+mod device_state;
 mod error;
 mod evaluation;
 mod fault;
@@ -15,7 +16,6 @@ pub mod losses;
 mod objective;
 pub mod optimiser;
 mod parameters;
-mod resident;
 mod resolved;
 pub mod samples;
 mod sheet;

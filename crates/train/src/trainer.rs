@@ -19,11 +19,11 @@ use start::require_run_to_resume;
 
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
+use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
 use crate::fault::Fault;
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::Objective;
-use crate::resident::Resident;
 use crate::samples::Source;
 use crate::{FeatureCache, Resolved, TrainConfig, TrainError};
 
@@ -75,7 +75,7 @@ pub struct Trainer {
     /// While the run is on a graphics adapter, its weights, moments and averages are those before the first step of this call.
     state: State,
     /// The current ones, on a graphics adapter.
-    resident: Option<Resident>,
+    device_state: Option<DeviceState>,
     /// The latest faults in a row.
     faults: Vec<Fault>,
     /// To be reported when the run starts.
@@ -107,12 +107,12 @@ impl Trainer {
     ///
     /// # Errors
     /// As [`Self::new`]; [`TrainError::Model`] if the processor cannot be opened or does not render, [`TrainError::Malformed`] if
-    /// the resumed run was computed on another one, and for products in bfloat16 on an adapter.
+    /// the resumed run was computed on another one, and for matrix products in bfloat16 on an adapter.
     pub fn on(processor: Processor, config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
         processor.check_build()?;
-        if config.products != MatmulPrecision::F32 && processor != Processor::Cpu {
+        if config.matmul_precision != MatmulPrecision::F32 && processor != Processor::Cpu {
             let expected = "f32 on a graphics adapter";
-            return Err(TrainError::malformed(WHAT, "products", expected, config.products.name()));
+            return Err(TrainError::malformed(WHAT, "matmul-precision", expected, config.matmul_precision.name()));
         }
         require_run_to_resume(folder, start)?;
         let mut warnings = Warnings::new();
@@ -163,21 +163,20 @@ impl Trainer {
                 // Each device has its own features.
                 let own = adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
                 let folder = own.as_ref().unwrap_or(folder);
-                Some(FeatureCache::open(folder, &model, state.parameters.frozen(), config.products)?)
+                Some(FeatureCache::open(folder, &model, state.parameters.frozen(), config.matmul_precision)?)
             }
             None => None,
         };
-        if config.products != MatmulPrecision::F32 && !config.products.is_fast() {
-            let slow =
-                "products in bfloat16 take longer than in f32 on this processor, which has no instructions for them";
+        if config.matmul_precision != MatmulPrecision::F32 && !config.matmul_precision.is_fast() {
+            let slow = "matrix products take longer in bfloat16 than in f32 on this processor, which has no instructions for bfloat16";
             notices.push(slow.to_owned());
         }
         notices.extend(unreached_rate(&config));
         notices.extend(samples.notices());
         let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
-        let resident = match processor {
+        let device_state = match processor {
             Processor::Cpu => None,
-            Processor::Wgpu(_) => Some(Resident::new(&state, &template)?),
+            Processor::Wgpu(_) => Some(DeviceState::new(&state, &template)?),
         };
         // Not earlier: what fails before leaves no folder.
         let lock = lock.map_or_else(|| start::lock_new(folder), Ok)?;
@@ -203,7 +202,7 @@ impl Trainer {
             steps,
             evaluations,
             state,
-            resident,
+            device_state,
             faults: Vec::new(),
             notices,
             opening_warnings,
@@ -225,9 +224,9 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Model`] if it cannot be read from the adapter.
     pub fn current_state(&self) -> Result<Cow<'_, State>, TrainError> {
-        let Some(resident) = &self.resident else { return Ok(Cow::Borrowed(&self.state)) };
+        let Some(device_state) = &self.device_state else { return Ok(Cow::Borrowed(&self.state)) };
         let mut state = self.state.clone();
-        resident.copy_to(&mut state)?;
+        device_state.copy_to(&mut state)?;
         Ok(Cow::Owned(state))
     }
 

@@ -24,7 +24,7 @@ title = "tiny"
 seed = 3
 steps = 4
 batch = 4
-together = 2
+micro-batch = 2
 average = 0.9
 
 [model]
@@ -132,7 +132,7 @@ fn launches_of_a_step_on_an_adapter_do_not_grow_with_the_batch() {
     let mut launches = |batch: usize| {
         let text = TINY.replace("batch = 4\ntogether = 2", &format!("batch = {batch}\ntogether = {batch}"));
         let config = TrainConfig::from_toml(&text).unwrap();
-        assert_eq!(config.together.get(), batch);
+        assert_eq!(config.micro_batch.get(), batch);
         let at = folder.path().join(batch.to_string());
         let mut trainer = Trainer::on(processor, config, &at, &Start::Fresh).unwrap();
         // Lists of tiles have learnt their lengths.

@@ -9,8 +9,10 @@ use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::DatasetArgs;
-use crate::output::{place, print_report, print_warnings};
+use crate::paths::canonical_path;
+use crate::print::print_report;
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -83,8 +85,8 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
 /// Whether chunks in `out` would be read in place of the dataset: `out` is its folder, or one of pixelSplat's stages in it.
 fn is_read_first(out: &Path, data: &Path) -> io::Result<bool> {
     let folder = if data.is_dir() { data } else { data.parent().unwrap_or(data) };
-    let out = place(out)?;
-    let is_out = |folder: &Path| Ok::<_, io::Error>(place(folder)? == out);
+    let out = canonical_path(out)?;
+    let is_out = |folder: &Path| Ok::<_, io::Error>(canonical_path(folder)? == out);
     Ok(is_out(folder)? || is_out(&folder.join("test"))? || is_out(&folder.join("train"))?)
 }
 

@@ -40,7 +40,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     use atsplat_opencv::{ExtractionOptions, FrameFormat, extract_frames};
     use atsplat_scene::re10k::read_trajectory;
 
-    use crate::output::print_report;
+    use crate::print::print_report;
     use crate::progress::Progress;
 
     let trajectory = read_trajectory(&args.trajectory)?;

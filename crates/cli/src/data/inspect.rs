@@ -7,8 +7,9 @@ use serde::Serialize;
 
 use super::geometry::{self, GeometryReport};
 use crate::dataset_args::DatasetArgs;
-use crate::output::{print_report, print_warnings};
+use crate::print::print_report;
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a flag of the command line")]

@@ -8,10 +8,11 @@ use atsplat_rooms::{SceneKind, Split};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 
 use super::simulate::{KINDS, SPLITS};
-use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
 use crate::plot::PlotFile;
+use crate::print::{note, print_report};
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -67,12 +68,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_warnings(&warnings);
     for ClipGroup { name, too_short, without_times, .. } in &report.groups {
         if *too_short > 0 {
-            warn(&format!("note: {name}: {too_short} clips of less than half a second are skipped"));
+            note(&format!("{name}: {too_short} clips of less than half a second are skipped"));
         }
         if *without_times > 0 {
-            warn(&format!(
-                "note: {name}: {without_times} clips without timestamps, assumed to have 30 frames per second"
-            ));
+            note(&format!("{name}: {without_times} clips without timestamps, assumed to have 30 frames per second"));
         }
     }
     let unread = warnings.counts().any(|(kind, _)| kind == WarningKind::UnreadableScene);

@@ -14,10 +14,12 @@ use atsplat_rooms::{
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::Serialize;
 
-use crate::output::{NewFolders, print_report, print_warnings, warn};
 use crate::parse;
+use crate::paths::NewFolders;
 use crate::plot::PlotFile;
+use crate::print::{note, print_report};
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 
 pub(super) const KINDS: [(&str, SceneKind); 2] = [("rooms", SceneKind::Rooms), ("yards", SceneKind::Yards)];
 pub(super) const SPLITS: [(&str, Split); 2] = [("train", Split::Train), ("test", Split::Test)];
@@ -71,7 +73,7 @@ pub(crate) struct Args {
     layout: Layout,
 
     /// Image format: png, or jpeg with its quality, such as jpeg:90.
-    #[arg(long, value_name = "CODING", default_value = "png")]
+    #[arg(long, value_name = "ENCODING", default_value = "png")]
     images: ImageEncoding,
 
     /// Also write depth: `depth/<scene>/<frame>.exr`, channel Z, in scene units along the camera's z axis.
@@ -128,7 +130,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         progress.step();
     };
     let of_route = warnings.count(WarningKind::LensDistortion);
-    let options = WriteOptions { layout: args.layout, coding: args.images, depth: args.depth };
+    let options = WriteOptions { layout: args.layout, encoding: args.images, depth: args.depth };
     write_dataset(&args.out, requests, &options, &mut warnings, record)?;
     drop(progress);
     if let Some(error) = failed {
@@ -141,7 +143,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     if warnings.count(WarningKind::LensDistortion) > of_route {
-        warn("note: --layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
+        note("--layout nerfstudio keeps lens distortion; --effects without lens-distortion simulates none");
     }
     Ok(true)
 }
@@ -173,7 +175,7 @@ impl Args {
         let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
         if !has_times(&scene) {
             let (path, key) = (path.display(), &scene.key);
-            warn(&format!("note: {path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
+            note(&format!("{path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
         }
         Ok(Route::of_scene(&scene))
     }
@@ -205,18 +207,18 @@ impl Report {
 }
 
 impl Args {
-    /// The median and the quartiles of each effect's costs over the scenes that call for it.
+    /// The median and the quartiles of each effect's costs over the scenes that need it.
     fn plot(&self, CostSummary { scenes, effects, frame_secs, against_all }: CostSummary) -> EffectCosts {
         let frame = frame_secs.map(|secs| format!("; a frame takes {:.0} ms, median", secs * 1e3)).unwrap_or_default();
         let ImageSize { width, height } = self.size();
-        let row = |EffectMillis { effect, called_for, millis }| EffectCostRow {
+        let row = |EffectMillis { effect, needed_by, millis }| EffectCostRow {
             effect: effect.to_string(),
-            called_for,
+            needed_by,
             scenes,
             millis,
         };
         EffectCosts {
-            title: "What each effect costs in simulated frames, and where it is called for".to_owned(),
+            title: "What each effect costs in simulated frames, and how many scenes need it".to_owned(),
             subtitle: format!("{scenes} {}, {width}×{height}, {} rays a pixel{frame}", self.kind, self.samples),
             rows: effects.into_iter().map(row).collect(),
             note: format!("Bars: medians over scenes; lines: quartiles; {against_all}."),

@@ -48,8 +48,10 @@ mod with_opencv {
     use serde::Serialize;
 
     use super::{Args, Mode};
-    use crate::output::{NewFolders, print_report, print_warnings};
+    use crate::paths::NewFolders;
+    use crate::print::print_report;
     use crate::progress::Progress;
+    use crate::warnings::print_warnings;
 
     #[derive(Serialize)]
     #[serde(rename_all = "kebab-case")]

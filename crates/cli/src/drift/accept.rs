@@ -9,8 +9,8 @@ use clap::builder::NonEmptyStringValueParser;
 use super::recipe;
 use crate::exit::Exit;
 use crate::objects::CacheArgs;
-use crate::output::print_report;
 use crate::parse::usage_error;
+use crate::print::print_report;
 use crate::provenance;
 
 #[derive(Debug, clap::Args)]

@@ -6,7 +6,7 @@ use atsplat_eval::drift::{Baseline, DriftReport, Verdict, compare, same_machine}
 
 use super::{Args, recipe};
 use crate::exit::Exit;
-use crate::output::print_report;
+use crate::print::print_report;
 use crate::provenance;
 
 pub(super) fn run(args: &Args, store: &Path, baseline_path: &Path) -> anyhow::Result<Exit> {

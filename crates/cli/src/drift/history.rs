@@ -5,8 +5,8 @@ use atsplat_eval::Results;
 use atsplat_eval::drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_report::figures::of_drift;
 
-use crate::output::warn;
 use crate::plot::PlotFile;
+use crate::print::print_status;
 
 #[derive(Debug, clap::Args)]
 pub(super) struct HistoryArgs {
@@ -37,7 +37,7 @@ impl HistoryArgs {
         let NumberHistory { preset, method, metric, .. } = selected;
         let drawing = of_drift(selected).with_context(|| format!("unknown metric {metric}"))?;
         file.open()?.finish(|format| drawing.encode(format))?;
-        warn(&format!("{metric} of {method} under {preset} into {}", file.path().display()));
+        print_status(&format!("{metric} of {method} under {preset} into {}", file.path().display()));
         Ok(())
     }
 

@@ -14,9 +14,9 @@ use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
 use crate::dataset_args::ImageArgs;
 use crate::embedded;
-use crate::output::warn;
 use crate::parse;
-use crate::reconstruct::input::{is_of_size, scene};
+use crate::print::warn;
+use crate::reconstruct::input::{is_size_error, scene};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct InputArgs {
@@ -116,7 +116,7 @@ impl InputArgs {
             let recipe = fit_recipe(size, network.map(|source| &source.config));
             Photos::new(scene.clone(), selection.clone(), recipe, warnings)
         };
-        let photos = prepared(self.size, warnings).map_err(|error| self.in_size(network, error))?;
+        let photos = prepared(self.size, warnings).map_err(|error| self.with_size_context(network, error))?;
         let (training, held_out) = (photos.training_views()?, photos.held_out_views()?);
         let mut scaled = Vec::new();
         for &scale in &self.scales {
@@ -131,7 +131,7 @@ impl InputArgs {
         Ok(Input { scene, photos, training, held_out, scaled })
     }
 
-    /// What was done to the cameras of a scene of DATA, but not to COLMAP's points.
+    /// The transform that nerfstudio applied to the cameras of a scene, but not to COLMAP's points.
     fn applied_transform(&self, scene: &str) -> anyhow::Result<Option<AppliedTransform>> {
         if rendered_scene(&self.data)?.is_some() {
             return Ok(None);
@@ -140,13 +140,15 @@ impl InputArgs {
         Ok(self.images.open(&self.data, &mut Warnings::new())?.applied_transform(scene)?)
     }
 
-    /// The error with what sets the size, if photos do not have it.
-    fn in_size(&self, network: Option<&NetworkSource>, error: ReconstructError) -> anyhow::Error {
-        let is_of_size = is_of_size(&error);
+    /// Adds which option set the size.
+    fn with_size_context(&self, network: Option<&NetworkSource>, error: ReconstructError) -> anyhow::Error {
+        let is_size_error = is_size_error(&error);
         let error = anyhow::Error::from(error);
         match (self.size, network) {
-            (Some(ImageSize { width, height }), _) if is_of_size => error.context(format!("--size {width}x{height}")),
-            (None, Some(source)) if is_of_size => {
+            (Some(ImageSize { width, height }), _) if is_size_error => {
+                error.context(format!("--size {width}x{height}"))
+            }
+            (None, Some(source)) if is_size_error => {
                 let size = &source.config.resolution;
                 error.context(format!("--refine without --size scales photos to {}x{}", size.width, size.height))
             }
@@ -156,7 +158,7 @@ impl InputArgs {
 }
 
 impl StartArgs {
-    /// Refuses a start that cannot be, depths that no random point has, and opacities that no file stores.
+    /// Rejects an invalid --start, --depths without random points, and --opacities-as-stored without a file of Gaussians.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
         let start = self.start.parse::<Start>();
         let start = start.map_err(|error| parse::usage_error(format!("--start: {error}; N is at least 1")))?;
@@ -212,7 +214,7 @@ impl StartArgs {
             unread => anyhow::Error::from(unread).context(format!("--start {}", self.start)),
         })?;
         for warning in &made.warnings {
-            warn(&format!("warning: --start {}: {warning}", self.start));
+            warn(&format!("--start {}: {warning}", self.start));
         }
         Ok(made)
     }

@@ -14,8 +14,11 @@ use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 
 use crate::device::DeviceArgs;
-use crate::output::{NewFolders, PendingFile, place, print_report, print_warnings, warn};
 use crate::parse;
+use crate::paths::canonical_path;
+use crate::paths::{NewFolders, PendingFile};
+use crate::print::{print_report, warn};
+use crate::warnings::print_warnings;
 use input::{InputArgs, StartArgs};
 use report::Log;
 
@@ -94,12 +97,13 @@ struct OptimisationArgs {
     #[arg(long)]
     absolute_gradients: bool,
 
-    /// Optimise each view's camera too, with this initial rate, in radians and in extents of the scene. The scene may
+    /// Optimise each view's camera too, with this initial learning rate, in radians and in extents of the scene. The scene may
     /// drift away from the held-out cameras.
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "1e-4", value_parser = parse::positive)]
     optimise_poses: Option<f64>,
 
-    /// Optimise each view's exposure too: an affine map of its colours, with this initial rate. Held-out views are
+    /// Optimise each view's exposure too: an affine map of its colours, with this initial learning
+    /// rate. Held-out views are
     /// compared without one.
     #[arg(long, value_name = "RATE", num_args = 0..=1, default_missing_value = "0.01", value_parser = parse::positive)]
     optimise_exposure: Option<f64>,
@@ -128,7 +132,7 @@ fn ply(text: &str) -> Result<PathBuf, String> {
 }
 
 impl OptimisationArgs {
-    /// `scale` are lengths of the views over lengths in DATA.
+    /// `scale`: length in the views' normalised frame per unit of length in DATA.
     fn config(&self, scale: f64) -> FitConfig {
         FitConfig {
             seed: self.seed,
@@ -144,8 +148,8 @@ impl OptimisationArgs {
         }
     }
 
-    /// The error with the option that it is about, if that has another name.
-    fn explained(&self, error: FitError) -> anyhow::Error {
+    /// Names the command-line option, if it differs from the setting's name.
+    fn with_option(&self, error: FitError) -> anyhow::Error {
         match error {
             error @ FitError::Setting { name: "memory-limit", .. } => {
                 anyhow::Error::from(error).context(format!("--memory {} (MiB)", self.memory))
@@ -167,9 +171,9 @@ impl Args {
     /// Refuses a checkpoint in a file that the results replace.
     fn check_checkpoint(&self, record_file: &Path) -> anyhow::Result<()> {
         let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
-        let kept = place(checkpoint)?;
+        let kept = canonical_path(checkpoint)?;
         for file in [self.out.as_path(), record_file] {
-            if place(file)? == kept {
+            if canonical_path(file)? == kept {
                 let (checkpoint, file) = (checkpoint.display(), file.display());
                 let text = format!("--checkpoint {checkpoint}: --out writes {file}: give the checkpoint another file");
                 return Err(parse::usage_error(text).into());
@@ -192,17 +196,19 @@ impl Args {
     }
 }
 
-/// Warns of what the optimisation drops of its start, and of what it does not optimise.
+/// Warns of properties of the initial Gaussians that are dropped or not optimised.
 fn warn_of_start(start: &Gaussians, config: &FitConfig) {
     let (found, kept, strategy) = (start.sh_degree(), config.sh_degree, config.strategy);
     if found > kept {
         warn(&format!(
-            "warning: the start has spherical harmonics of degree {found}: those above --sh-degree {kept} are dropped"
+            "the initial Gaussians have spherical harmonics of degree {found}: those above --sh-degree {kept} are dropped"
         ));
     }
     if start.parts().filter_3d.is_some() && strategy != Strategy::MipSplatting {
         let name = strategy.name();
-        warn(&format!("warning: the start has 3D filters (filter_3D), which the strategy {name} leaves as they are"));
+        warn(&format!(
+            "the initial Gaussians have 3D filters (filter_3D), which the strategy {name} leaves as they are"
+        ));
     }
 }
 
@@ -237,16 +243,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let device = device.backend().fit_device();
     let begin = Instant::now();
     let planned = args.optimisation.budget().plan(&config, &input.training, &start, &device);
-    let (steps, deadline) = planned.map_err(|error| args.optimisation.explained(error))?;
+    let (steps, deadline) = planned.map_err(|error| args.optimisation.with_option(error))?;
     config.steps = steps;
     let (count, views) = (start.len(), input.training.clone());
     let fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
         Some(path) => Fit::resume(config, views, &input.held_out, &start, device, path),
         None => Fit::new(config, views, &start).map(|fit| fit.on(device)),
     };
-    let mut fit = fit.map_err(|error| args.optimisation.explained(error))?;
+    let mut fit = fit.map_err(|error| args.optimisation.with_option(error))?;
     if fit.dropped() > 0 {
-        warn(&format!("warning: {} of {count} Gaussians of the start are invalid and were dropped", fit.dropped()));
+        warn(&format!("{} of {count} initial Gaussians are invalid and were dropped", fit.dropped()));
     }
     let mut log = Log::new(&fit, &input.held_out, args.evaluate_every);
     let outcome: anyhow::Result<()> = fit.run(deadline, |fit, step| {
@@ -263,9 +269,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     remove_old(&record_file)?;
     files::write(&args.out, &gaussians, Output::Ply(Encoding::BinaryLittleEndian))?;
     let mut scaled = Vec::new();
-    let is_of_device = |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_of_device);
+    let is_device_error =
+        |error: &anyhow::Error| error.downcast_ref::<FitError>().is_some_and(FitError::is_device_error);
     // A lost adapter renders nothing any more.
-    if !outcome.as_ref().is_err_and(is_of_device) {
+    if !outcome.as_ref().is_err_and(is_device_error) {
         log.evaluate(&mut fit)?;
         if let Some(folder) = &args.plots {
             log.draw(folder, &mut fit, &input.training)?;

@@ -8,7 +8,7 @@ use atsplat_fit::{Evaluation, Fit, StepRecord, TrainingView, nearest_view_psnr};
 use atsplat_pixels::{Image, Rounding};
 use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 
-use crate::output::PendingFile;
+use crate::paths::PendingFile;
 use crate::plot::write_both;
 use crate::progress::StepProgress;
 

@@ -2,14 +2,16 @@ use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::ensure;
-use atsplat_protocol::{BuiltIndex, IndexBuilder, IndexLayout};
+use atsplat_protocol::{BuiltIndex, IndexLayout, SamplingRule};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::ImageArgs;
-use crate::output::{PendingFile, print_report, print_warnings};
 use crate::parse;
+use crate::paths::PendingFile;
+use crate::print::print_report;
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -37,7 +39,7 @@ pub(crate) struct Args {
 #[serde(rename_all = "kebab-case")]
 struct Report<'a> {
     sampler: &'a str,
-    rule: &'a IndexBuilder,
+    rule: &'a SamplingRule,
     scenes: usize,
     entries: usize,
     refused_entries: usize,
@@ -46,12 +48,12 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let builder = parse::rule(&args.sampler)?;
+    let rule = parse::rule(&args.sampler)?;
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
     let dataset = args.images.open(&args.data, &mut warnings)?;
     let progress = Progress::new("scenes", dataset.keys().len());
-    let built = builder.build(&dataset, &|| progress.step(), &mut warnings);
+    let built = rule.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
     if built.entries > 0 {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
@@ -59,7 +61,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let BuiltIndex { scenes, entries, nulls, refused_entries, missing_images, index: _ } = &built;
     let report = Report {
         sampler: &args.sampler,
-        rule: &builder,
+        rule: &rule,
         scenes: *scenes,
         entries: *entries,
         refused_entries: *refused_entries,
@@ -78,7 +80,7 @@ impl fmt::Display for Report<'_> {
         let rule = self.rule.sampler.name();
         let scene = if *scenes == 1 { "scene" } else { "scenes" };
         let entry = if *entries == 1 { "entry" } else { "entries" };
-        writeln!(f, "sampler {sampler} ({rule}): {scenes} {scene}, {entries} {entry}")?;
+        writeln!(f, "sampling rule {sampler} ({rule}): {scenes} {scene}, {entries} {entry}")?;
         if self.refused_entries > 0 {
             writeln!(f, "{:>7}  entries rejected for their overlap", self.refused_entries)?;
         }

@@ -5,9 +5,9 @@ use atsplat_eval::overlap_estimators::{EstimatorStudy, KINDS};
 use atsplat_protocol::overlap::OverlapEstimator;
 use atsplat_report::figures::of_estimators;
 
-use crate::output::print_report;
 use crate::parse;
 use crate::plot::PlotFile;
+use crate::print::print_report;
 use crate::progress::Progress;
 
 #[derive(Debug, clap::Args)]

@@ -7,8 +7,10 @@ use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 
 use crate::dataset_args::ImageArgs;
-use crate::output::{PendingFile, print_report, print_warnings};
+use crate::paths::PendingFile;
+use crate::print::print_report;
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

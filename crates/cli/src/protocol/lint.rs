@@ -5,8 +5,9 @@ use atsplat_protocol::{DatasetCheck, FullLint, IndexFile, LintOptions, Preset, P
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
-use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
+use crate::print::{print_report, warn};
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -59,7 +60,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_warnings(&warnings);
     let faults = report.faults();
     if !faults.is_empty() {
-        warn(&format!("warning: unfit for an evaluation: {}", faults.join("; ")));
+        warn(&format!("unfit for an evaluation: {}", faults.join("; ")));
     }
     Ok(faults.is_empty())
 }

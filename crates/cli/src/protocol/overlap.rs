@@ -7,9 +7,11 @@ use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
-use crate::output::{PendingFile, print_report, print_warnings};
 use crate::parse;
+use crate::paths::PendingFile;
 use crate::plot::PlotFile;
+use crate::print::print_report;
+use crate::warnings::print_warnings;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

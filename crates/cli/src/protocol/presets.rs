@@ -5,8 +5,8 @@ use std::fmt;
 use atsplat_protocol::Preset;
 use serde::Serialize;
 
-use crate::output::{print_report, print_text};
 use crate::parse;
+use crate::print::{print_report, print_text};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ListArgs {

@@ -73,9 +73,9 @@ impl InputArgs {
         let selection = PhotoSelection { context, targets: targets.unwrap_or_default() };
         let (scene, recipe) = self.prepared(scene, config)?;
         match Photos::new(scene, selection, recipe, warnings) {
-            Err(error) if self.protocol.is_none() && is_of_size(&error) => {
+            Err(error) if self.protocol.is_none() && is_size_error(&error) => {
                 let ImageSize { width, height } = self.size(config);
-                Err(error).context(format!("photos at {width}×{height}, as --size or the model says"))
+                Err(error).context(format!("photos scaled to {width}×{height} (--size, or the model's resolution)"))
             }
             photos => Ok(photos?),
         }
@@ -110,8 +110,8 @@ impl InputArgs {
     }
 }
 
-/// Whether photos give no trial because they cannot have its size.
-pub(crate) fn is_of_size(error: &ReconstructError) -> bool {
+/// Whether photos cannot be scaled and cropped to the requested size.
+pub(crate) fn is_size_error(error: &ReconstructError) -> bool {
     matches!(error, ReconstructError::Skipped(Skipped { reason: SkipReason::Preprocessing, .. }))
 }
 

@@ -16,8 +16,10 @@ use atsplat_model::budget;
 use atsplat_scene::Warnings;
 
 use crate::expansion::UNTRAINED;
-use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse::{named, usage_error};
+use crate::paths::PendingFile;
+use crate::print::{print_report, warn};
+use crate::warnings::print_warnings;
 use input::InputArgs;
 use network::NetworkArgs;
 use output::{FRAMES, PlotArgs, RenderArgs};
@@ -77,7 +79,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let photos = clock.time("cameras", || args.input.read(&source.config, &mut warnings))?;
     let size = photos.size()?;
     // Input that does not fit the model is rejected before weights and images are read.
-    budget::budget(&source.config, photos.trial().context().len(), source.sees(size))?;
+    budget::budget(&source.config, photos.trial().context().len(), source.input_size(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
     let views = clock.time("images", || photos.views())?;
     let reconstruction = network.reconstruct(&views, args.network.call_seed()).context("reconstructing")?;
@@ -110,7 +112,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         seed: args.network.call_seed(),
         device: processor,
         adapter: network.adapter().as_ref().map(AdapterRecord::from),
-        seen_at: reconstruction.seen_at,
+        input_size: reconstruction.input_size,
         tokens: TokenRecord::of(&reconstruction),
         output,
         renders,
@@ -128,11 +130,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    for note in &report.record.warnings {
-        warn(&format!("warning: {note}"));
+    for warning in &report.record.warnings {
+        warn(warning);
     }
     if let Some(message) = report.record.weights.untrained() {
-        warn(&format!("warning: UNTRAINED: {message}"));
+        warn(&format!("UNTRAINED: {message}"));
     }
     Ok(true)
 }

@@ -13,7 +13,7 @@ use clap::ValueEnum;
 
 use crate::device::DeviceArgs;
 use crate::embedded;
-use crate::model_args::{ChangeArgs, model};
+use crate::model_args::{ConfigOverrideArgs, model};
 use crate::parse::first_given;
 
 /// Default model of `random:SEED`.
@@ -44,7 +44,7 @@ pub(crate) struct NetworkArgs {
     backbone_sha256: Option<Sha256Digest>,
 
     #[command(flatten)]
-    changes: ChangeArgs,
+    changes: ConfigOverrideArgs,
 
     /// Size of the photos that the network sees. `trained`, the default, resizes the shorter side to the one that the
     /// weights were trained at, and the longer side in proportion, to whole patches; `given` keeps the size after

@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::expansion::study_trial;
-use atsplat_eval::images::frame_file_name;
 use atsplat_eval::reconstruct::{GaussianFrame, Photos, PlotsRecord, RendersRecord, SceneFormat, write_renders};
+use atsplat_eval::rendering::frame_file_name;
 use atsplat_model::network::Network;
 use atsplat_protocol::NearFar;
 use atsplat_report::figures::of_expansion;
 use atsplat_splat::{Gaussians, RenderOptions};
 
-use crate::output::PendingFile;
 use crate::parse;
+use crate::paths::PendingFile;
 use crate::plot::write_both;
 
 /// Coordinate frames of the Gaussians.
@@ -52,7 +52,7 @@ const CONSTANTS: &str = "exact";
 const BLACK: [f64; 3] = [0.0; 3];
 
 impl RenderArgs {
-    /// Refuses arguments about renders if there are none, nor plots of some.
+    /// Rejects options about renders when neither --renders nor --plots is given.
     pub(super) fn check(&self, has_targets: bool, has_plots: bool) -> Result<(), String> {
         if self.renders.is_some() || has_plots {
             return Ok(());

@@ -13,7 +13,7 @@ impl Args {
         self.views.check()?;
         once("--formats", &names(&self.formats))?;
         once("--round-trip", &self.round_trip.iter().map(|format| format.name().to_owned()).collect::<Vec<_>>())?;
-        let planes = names(&self.look.channels);
+        let planes = names(&self.settings.channels);
         once("--channels", &planes)?;
         if !planes.is_empty() && !self.writes(FormatArg::Exr) {
             return Err("--channels selects planes of EXR files: add --formats exr".to_owned());

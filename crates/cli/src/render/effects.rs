@@ -1,4 +1,4 @@
-use atsplat_eval::rendering::Look;
+use atsplat_eval::rendering::RenderSettings;
 use atsplat_splat::RenderOptions;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
@@ -17,15 +17,19 @@ pub(crate) struct EffectArgs {
     #[arg(long, value_name = "CHANGE", value_parser = parse::not_negative)]
     tolerance: Option<f64>,
 
-    /// Print for each effect the pixels that call for it, its bound, the time it takes and saves, and why it runs or not,
+    /// Print for each effect the share of pixels that need it, its bound, the time it takes and saves, and why it runs or not,
     /// measured on the first frame.
     #[arg(long)]
     pub(crate) explain: bool,
 }
 
 impl EffectArgs {
-    pub(crate) fn look(&self, options: RenderOptions) -> Look {
-        Look { options, effects: self.effects.clone(), tolerance: self.tolerance.unwrap_or(EffectPlan::TOLERANCE) }
+    pub(crate) fn settings(&self, options: RenderOptions) -> RenderSettings {
+        RenderSettings {
+            options,
+            effects: self.effects.clone(),
+            tolerance: self.tolerance.unwrap_or(EffectPlan::TOLERANCE),
+        }
     }
 
     /// Refuses a tolerance that nothing reads.

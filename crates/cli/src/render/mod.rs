@@ -3,35 +3,38 @@
 pub(crate) mod backend;
 mod check;
 mod effects;
-mod look;
 mod preview;
 mod scene_file;
+mod settings;
 mod views;
 
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::frame_timings::FrameTimings;
+use atsplat_eval::rendering::FrameTimings;
 use atsplat_eval::rendering::{
-    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, LookRecord, Plan, Record, RenderFile, Report, Shot,
-    ViewRecord, empty_frames_warning, ignored_principal_points, render_all, unknown_images,
+    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, FrameRequest, Record, RenderFile, RenderPlan,
+    RenderSettingsRecord, Report, ViewRecord, empty_frames_warning, ignored_principal_points, render_all,
+    unknown_images,
 };
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::effects::Scene;
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
-use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, View};
+use atsplat_splat::{GaussianCounts, Gaussians, RenderOptions, Renderer, View};
 use clap::ValueEnum;
 
-use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::parse::named;
+use crate::paths::PendingFile;
+use crate::print::{print_report, warn};
 use crate::progress::Progress;
+use crate::warnings::print_warnings;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
-use look::LookArgs;
 use preview::PreviewArgs;
 use scene_file::SceneArgs;
+use settings::RenderSettingsArgs;
 use views::ViewArgs;
 
 /// The cost of an effect is the median over this many pairs of renders.
@@ -50,7 +53,7 @@ pub(crate) struct Args {
     views: ViewArgs,
 
     #[command(flatten, next_help_heading = "Rendering")]
-    look: LookArgs,
+    settings: RenderSettingsArgs,
 
     #[command(flatten, next_help_heading = "Rendering")]
     effects: EffectArgs,
@@ -114,26 +117,26 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
     let record_file = PendingFile::open(&record)?;
     let preview_file = args.preview.open()?;
-    let constants = args.look.constants()?;
+    let constants = args.settings.constants()?;
     let mut warnings = Warnings::new();
     let cameras = args.views.read(&mut warnings)?;
 
     let scene = args.scene.read()?;
-    let look = args.effects.look(args.look.options(constants, &scene, args.writes(FormatArg::Exr))?);
-    let Plan { mut shots, path, notes } = args.views.plan(cameras, &scene)?;
-    exposures.expose(&mut shots)?;
+    let settings = args.effects.settings(args.settings.options(constants, &scene, args.writes(FormatArg::Exr))?);
+    let RenderPlan { mut requests, path, notes } = args.views.plan(cameras, &scene)?;
+    exposures.expose(&mut requests)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
     notes.extend(note);
-    notes.extend(args.look.warning(&gaussians, look.options.mode).map(str::to_owned));
-    notes.extend(ignored_principal_points(&look.options.constants, &shots));
+    notes.extend(args.settings.warning(&gaussians, settings.options.mode).map(str::to_owned));
+    notes.extend(ignored_principal_points(&settings.options.constants, &requests));
 
-    let mut preview = preview_file.map(|file| args.preview.start(file, &shots)).transpose()?;
+    let mut preview = preview_file.map(|file| args.preview.start(file, &requests)).transpose()?;
     let files = args.files();
-    let progress = Progress::new("frames", shots.len());
+    let progress = Progress::new("frames", requests.len());
     let frames = render_all(
         renderer.as_mut(),
-        (&Scene::new(&gaussians, shots.len()), &shots),
-        &look,
+        (&Scene::new(&gaussians, requests.len()), &requests),
+        &settings,
         &files,
         preview.as_mut().map(|pending| &mut pending.preview),
         args.timings,
@@ -141,7 +144,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     )?;
     drop(progress);
     let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
-    let faults = || shots.iter().zip(&frames).filter_map(|(shot, frame)| Some((shot.number, frame.fault.as_ref()?)));
+    let faults =
+        || requests.iter().zip(&frames).filter_map(|(request, frame)| Some((request.number, frame.fault.as_ref()?)));
     if done == 0 {
         let first = faults().next().map_or_else(String::new, |(number, fault)| format!("frame {number}: {fault}"));
         bail!("no frame could be rendered; {first}");
@@ -154,39 +158,39 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let is_drawn = undrawn.is_none();
     notes.extend(undrawn);
     let round_trip = (!args.round_trip.is_empty()).then(|| {
-        let views: Vec<_> = shots.iter().map(|shot| (shot.view, shot.exposed(&look.options))).collect();
+        let views: Vec<_> = requests.iter().map(|request| (request.view, request.exposed(&settings.options))).collect();
         let measured = measure_round_trips(renderer.as_mut(), &gaussians, &views, &args.round_trip);
         // The images are already written: a failure is recorded with them.
         measured.unwrap_or_else(|error| RoundTrips::failed(format!("--round-trip: {error:#}")))
     });
     let failure = round_trip.as_ref().and_then(RoundTrips::failure);
 
-    let mut census = Census::default();
-    frames.iter().filter_map(|frame| frame.census).for_each(|of_frame| census += of_frame);
+    let mut gaussian_counts = GaussianCounts::default();
+    frames.iter().filter_map(|frame| frame.counts).for_each(|counts| gaussian_counts += counts);
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         scene: scene.record,
         path,
         backend: renderer.name(),
-        look: LookRecord::of(&look.options)?,
-        effects: look.summary(&frames),
+        settings: RenderSettingsRecord::of(&settings.options)?,
+        effects: settings.summary(&frames),
         rounding: files.rounding,
         values: "display-referred RGB, over the background",
-        frames: FrameCounts { requested: shots.len(), done, failed: shots.len() - done },
-        census,
+        frames: FrameCounts { requested: requests.len(), done, failed: requests.len() - done },
+        gaussian_counts,
         round_trip,
         warnings: notes,
     };
-    let views = shots.iter().zip(&frames).map(|(shot, frame)| ViewRecord::of(shot, frame)).collect();
+    let views = requests.iter().zip(&frames).map(|(request, frame)| ViewRecord::of(request, frame)).collect();
     let text = serde_json::to_string_pretty(&RenderFile { record: &record, views })?;
     record_file.finish(format!("{text}\n").as_bytes())?;
-    let rendered = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing);
+    let rendered = frames.iter().filter(|frame| frame.counts.is_some()).map(|frame| &frame.timing);
     let timings = args.timings.then(|| FrameTimings::of(scene.reading_secs, rendered));
-    let explanation = match first_complete(&shots, &frames).filter(|_| args.effects.explain) {
-        Some(shot) => {
+    let explanation = match first_complete(&requests, &frames).filter(|_| args.effects.explain) {
+        Some(request) => {
             // A new scene, so that what is computed once per scene is timed too.
-            let scene = Scene::new(&gaussians, shots.len());
-            Some(look.plan(&scene, shot)?.explain(renderer.as_mut(), &scene, EXPLANATION_PAIRS)?)
+            let scene = Scene::new(&gaussians, requests.len());
+            Some(settings.plan(&scene, request)?.explain(renderer.as_mut(), &scene, EXPLANATION_PAIRS)?)
         }
         None => None,
     };
@@ -194,12 +198,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let report = Report { out: args.out.clone(), preview, record, timings, explanation };
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    for note in &report.record.warnings {
-        warn(&format!("warning: {note}"));
+    for warning in &report.record.warnings {
+        warn(warning);
     }
     let unknown = unknown_images(&args.out, &frames)?;
     if unknown > 0 {
-        warn(&format!("warning: {} holds {unknown} images of another call", args.out.display()));
+        warn(&format!("{} holds {unknown} images from another run", args.out.display()));
     }
     failure.map_or(Ok(report.record.frames.failed == 0 && is_drawn), |failure| bail!("{failure}"))
 }
@@ -218,8 +222,8 @@ fn measure_round_trips(
 }
 
 /// The first complete frame.
-fn first_complete<'a>(shots: &'a [Shot], frames: &[Frame]) -> Option<&'a Shot> {
-    shots.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()).map(|(shot, _)| shot)
+fn first_complete<'a>(requests: &'a [FrameRequest], frames: &[Frame]) -> Option<&'a FrameRequest> {
+    requests.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()).map(|(request, _)| request)
 }
 
 impl Args {

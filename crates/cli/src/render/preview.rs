@@ -1,12 +1,12 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::images::is_frame_file_name;
-use atsplat_eval::rendering::Shot;
+use atsplat_eval::rendering::FrameRequest;
+use atsplat_eval::rendering::is_frame_file_name;
 use atsplat_files::Writer;
 use atsplat_pixels::Preview;
 
-use crate::output::PendingFile;
+use crate::paths::PendingFile;
 
 /// Arguments of the animated preview.
 #[derive(Debug, clap::Args)]
@@ -48,13 +48,13 @@ impl PreviewArgs {
         self.preview.as_deref().map(PendingFile::open).transpose()
     }
 
-    /// Starts the animation of these shots.
-    pub(crate) fn start(&self, file: PendingFile, shots: &[Shot]) -> anyhow::Result<PendingPreview> {
-        let full = shots.first().context("a preview needs a frame")?.view.size;
-        if let Some(other) = shots.iter().map(|shot| shot.view.size).find(|size| *size != full) {
+    /// Starts the animation of these requests.
+    pub(crate) fn start(&self, file: PendingFile, requests: &[FrameRequest]) -> anyhow::Result<PendingPreview> {
+        let full = requests.first().context("a preview needs a frame")?.view.size;
+        if let Some(other) = requests.iter().map(|request| request.view.size).find(|size| *size != full) {
             bail!("--preview needs frames of one size, found {full} and {other}: set one with --size");
         }
-        let frames = u32::try_from(shots.len()).context("too many frames for an animation")?;
+        let frames = u32::try_from(requests.len()).context("too many frames for an animation")?;
         let preview = Preview::new(file.writer(), (full.width, full.height), self.preview_width, frames, self.fps)?;
         Ok(PendingPreview { preview, file })
     }

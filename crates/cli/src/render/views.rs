@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
-use atsplat_eval::rendering::{PathRecord, Plan, Shot};
+use atsplat_eval::rendering::{FrameRequest, PathRecord, RenderPlan};
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
 use atsplat_scene::{FrameSelection, Warnings};
 use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
@@ -56,8 +56,8 @@ pub(crate) struct ViewArgs {
     #[arg(long, conflicts_with_all = ["cameras", "orbit"])]
     closed: bool,
 
-    /// What is spaced evenly along the path: way (the distance between views) or time (between the cameras of FILE).
-    #[arg(long, value_name = "WHAT", conflicts_with_all = ["cameras", "orbit"], default_value = "way", value_parser = parse::named(SPACINGS))]
+    /// Sample the path evenly by distance travelled, or by the time between the cameras of FILE.
+    #[arg(long, value_name = "BY", conflicts_with_all = ["cameras", "orbit"], default_value = "distance", value_parser = parse::named(SPACINGS))]
     spacing: Spacing,
 
     /// Degrees above the horizon.
@@ -85,7 +85,7 @@ pub(crate) struct ViewArgs {
     sweep: f64,
 }
 
-const SPACINGS: [(&str, Spacing); 2] = [("way", Spacing::ArcLength), ("time", Spacing::Time)];
+const SPACINGS: [(&str, Spacing); 2] = [("distance", Spacing::ArcLength), ("time", Spacing::Time)];
 
 impl ViewArgs {
     /// Rejects invalid values before any file is read.
@@ -132,17 +132,17 @@ impl ViewArgs {
     }
 
     /// Plans the views from which the Gaussians are rendered.
-    pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, scene: &SceneFile) -> anyhow::Result<Plan> {
+    pub(crate) fn plan(&self, cameras: Option<Vec<FileCamera>>, scene: &SceneFile) -> anyhow::Result<RenderPlan> {
         let mut notes = Vec::new();
         let Some(cameras) = cameras else { return self.orbit(scene) };
         if let Some(file) = &self.cameras {
-            let shots = self.shots_of(cameras, &mut notes)?;
-            return Ok(Plan { shots, path: PathRecord::Cameras { file: file.clone() }, notes });
+            let requests = self.requests_of(cameras, &mut notes)?;
+            return Ok(RenderPlan { requests, path: PathRecord::Cameras { file: file.clone() }, notes });
         }
         let size = self.size_of(cameras.first(), &mut notes)?;
         let file = self.file().context("a path along a spline needs a camera file")?;
         let option = format!("--spline {}", file.display());
-        require_one_shape(&cameras).context(option.clone())?;
+        require_same_aspect_ratio(&cameras).context(option.clone())?;
         if cameras.iter().any(|key| key.exposure.is_some()) {
             notes.push("a path between cameras ignores their exposures: see --exposure".to_owned());
         }
@@ -151,28 +151,28 @@ impl ViewArgs {
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
         let spline = if self.closed { CameraSpline::closed(keys) } else { CameraSpline::open(keys) };
         let views = spline.and_then(|spline| spline.resampled(count, self.spacing)).context(option)?;
-        Ok(Plan { shots: Shot::numbered(views, size), path, notes })
+        Ok(RenderPlan { requests: FrameRequest::numbered(views, size), path, notes })
     }
 
-    fn shots_of(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<Shot>> {
-        let mut shots: Vec<Shot> = Vec::with_capacity(cameras.len());
+    fn requests_of(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<FrameRequest>> {
+        let mut requests: Vec<FrameRequest> = Vec::with_capacity(cameras.len());
         for camera in cameras {
             let size = self.size_of(Some(&camera), notes)?;
-            if let Some(other) = shots.iter().find(|shot| shot.number == camera.number) {
+            if let Some(other) = requests.iter().find(|request| request.number == camera.number) {
                 bail!("cameras {:?} and {:?} both have the number {}", other.name, camera.name, camera.number);
             }
             let FileCamera { number, name, camera, exposure, .. } = camera;
             let exposure = exposure.map(Exposure::from_3dgs);
-            shots.push(Shot { number, name, view: View { camera, size }, exposure });
+            requests.push(FrameRequest { number, name, view: View { camera, size }, exposure });
         }
-        Ok(shots)
+        Ok(requests)
     }
 
     /// The requested size, or that of the file; a change of aspect ratio is reported once.
     fn size_of(&self, camera: Option<&FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<ImageSize> {
         let stated = camera.and_then(|camera| camera.size);
         if let (Some(requested), Some(stated)) = (self.size, stated)
-            && !have_one_shape(requested, stated)
+            && !same_aspect_ratio(requested, stated)
             && notes.is_empty()
         {
             notes.push(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"));
@@ -180,8 +180,9 @@ impl ViewArgs {
         self.size.or(stated).context("the cameras have no image size: set it with --size")
     }
 
-    fn orbit(&self, scene: &SceneFile) -> anyhow::Result<Plan> {
-        let count = self.orbit.unwrap_or(1);
+    fn orbit(&self, scene: &SceneFile) -> anyhow::Result<RenderPlan> {
+        #[expect(clippy::expect_used, reason = "clap requires one of the three")]
+        let count = self.orbit.expect("--cameras, --spline or --orbit is given");
         let sphere = framing::visible_bulk(&scene.gaussians).with_context(|| nothing_to_orbit(&scene.record))?;
         let size = self.size.unwrap_or(ORBIT_SIZE);
         let intrinsics = NormalizedIntrinsics::with_horizontal_view(radians(self.fov.unwrap_or(ORBIT_FOV)), size)?;
@@ -205,22 +206,21 @@ impl ViewArgs {
             azimuth_degrees: self.azimuth,
             sweep_degrees: self.sweep,
         };
-        Ok(Plan { shots: Shot::numbered(views, size), path, notes: Vec::new() })
+        Ok(RenderPlan { requests: FrameRequest::numbered(views, size), path, notes: Vec::new() })
     }
 }
 
 /// Whether one size is a multiple of the other, up to the rounding of small sizes to pixels.
-fn have_one_shape(a: ImageSize, b: ImageSize) -> bool {
+fn same_aspect_ratio(a: ImageSize, b: ImageSize) -> bool {
     let aspect = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
     (aspect(a) / aspect(b) - 1.0).abs() <= 0.01
 }
 
-/// Refuses keys whose images have several shapes: a path has one image size, and a lens in units of another shape would
-/// be squeezed to it.
-fn require_one_shape(keys: &[FileCamera]) -> anyhow::Result<()> {
+/// Rejects key cameras with different aspect ratios: the path has one image size, and normalised intrinsics would be stretched.
+fn require_same_aspect_ratio(keys: &[FileCamera]) -> anyhow::Result<()> {
     let mut sized = keys.iter().filter_map(|key| Some((key, key.size?)));
     let Some((first, shape)) = sized.next() else { return Ok(()) };
-    match sized.find(|(_, size)| !have_one_shape(*size, shape)) {
+    match sized.find(|(_, size)| !same_aspect_ratio(*size, shape)) {
         Some((other, size)) => bail!(
             "expected cameras of one aspect ratio, found {size} of {:?} and {shape} of {:?}: choose cameras with --frames",
             other.name,
@@ -276,7 +276,7 @@ mod tests {
             let args = [&["render", "--spline", "keys.json", "3"][..], args].concat();
             let keys = vec![key(0, Some((400, 300))), key(1, Some((200, 150))), key(2, last)];
             let plan = Command::parse_from(args).views.plan(Some(keys), &scene);
-            plan.map(|plan| plan.shots.len()).map_err(|error| format!("{error:#}"))
+            plan.map(|plan| plan.requests.len()).map_err(|error| format!("{error:#}"))
         };
         for same in [Some((400, 300)), Some((100, 75)), Some((133, 100)), None] {
             assert_eq!(plan(same, &[]), Ok(3), "{same:?}");

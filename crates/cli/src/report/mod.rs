@@ -1,6 +1,6 @@
 //! `atsplat report`: writes tables, plots and an HTML page of results stores.
 
-mod lacks;
+mod gaps;
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -15,8 +15,9 @@ use atsplat_report::{Report, Request, Written, counted, store_labels};
 use serde_json::json;
 
 use crate::objects::CacheArgs;
-use crate::output::{NewFolders, print_json, print_text, warn};
 use crate::parse::{named, once, usage_error};
+use crate::paths::NewFolders;
+use crate::print::{print_json, print_status, print_text, warn};
 use crate::run::merge::reject_duplicates;
 
 #[derive(Debug, clap::Args)]
@@ -42,7 +43,7 @@ pub(crate) struct Args {
     force: bool,
 
     /// Title of the page.
-    #[arg(long, value_name = "TEXT", default_value = "Results beside the paper")]
+    #[arg(long, value_name = "TEXT", default_value = "Measured results next to the paper's")]
     title: String,
 
     /// Maximum size of the page in megabytes; after tables and plots, the rest is filled with images of trials, the
@@ -125,23 +126,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     } else {
         print_tables(&report)?;
         let (files, folder, page) = (counted(files.len() as u64, "file"), &args.out, args.out.join("index.html"));
-        warn(&format!("{files} in {}, the page is {}", folder.display(), page.display()));
+        print_status(&format!("{files} in {}, the page is {}", folder.display(), page.display()));
     }
-    say_of_others(&args.out, &removed, &others);
+    report_other_files(&args.out, &removed, &others);
     let missing = if args.tables.is_empty() { &[][..] } else { &report.unmeasured };
     for name in missing {
-        warn(&format!("warning: the stores have no results for table {name}"));
+        warn(&format!("the stores have no results for table {name}"));
     }
-    let lacks: Vec<String> = stores.iter().flat_map(|store| lacks::of(&store.source)).collect();
-    for lack in &lacks {
-        warn(&format!("warning: {lack}"));
+    let gaps: Vec<String> = stores.iter().flat_map(|store| gaps::gaps_in(&store.source)).collect();
+    for gap in &gaps {
+        warn(gap);
     }
     let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
     for (plot, fault) in &faults {
-        warn(&format!("warning: plot {plot}: {fault}"));
+        warn(&format!("plot {plot}: {fault}"));
     }
     if args.check_plots {
-        warn(&format!(
+        print_status(&format!(
             "{} checked, {}",
             counted(report.plots.len() as u64, "plot"),
             counted(faults.len() as u64, "fault")
@@ -149,18 +150,18 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let found = counted(faults.len() as u64, "fault");
     ensure!(faults.is_empty(), "--check-plots: {found} in the plots of {}", args.out.display());
-    Ok(missing.is_empty() && lacks.is_empty())
+    Ok(missing.is_empty() && gaps.is_empty())
 }
 
-/// Says which files of an earlier report were removed, and that others stay.
-fn say_of_others(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
+/// Reports which files of an earlier report were removed, and that others stay.
+fn report_other_files(folder: &Path, removed: &[PathBuf], others: &[PathBuf]) {
     let folder = folder.display();
     if !removed.is_empty() {
-        warn(&format!("{} of an earlier report removed from {folder}", counted(removed.len() as u64, "file")));
+        print_status(&format!("{} of an earlier report removed from {folder}", counted(removed.len() as u64, "file")));
     }
     if let Some(first) = others.first() {
         let (others, first) = (counted(others.len() as u64, "file"), first.display());
-        warn(&format!("warning: {folder} holds {others} that this report did not write, such as {first}"));
+        warn(&format!("{folder} holds {others} that this report did not write, such as {first}"));
     }
 }
 
@@ -169,9 +170,7 @@ pub(crate) fn warn_of_size(report: &Report, megabytes: u16) {
     let (found, allowed) = (report.page_bytes(), usize::from(megabytes) * 1_000_000);
     if found > allowed {
         let found = found as f64 / 1e6;
-        warn(&format!(
-            "warning: the page has {found:.1} MB without any image of a trial, more than --page-size {megabytes}"
-        ));
+        warn(&format!("the page has {found:.1} MB without any image of a trial, more than --page-size {megabytes}"));
     }
 }
 

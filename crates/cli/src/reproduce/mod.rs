@@ -27,9 +27,10 @@ use clap::ValueEnum;
 
 use crate::device::DeviceArgs;
 use crate::embedded;
-use crate::output::{NewFolders, print_findings, print_warnings};
+use crate::paths::NewFolders;
 use crate::progress::Progress;
 use crate::provenance;
+use crate::warnings::{print_findings, print_warnings};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

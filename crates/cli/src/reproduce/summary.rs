@@ -12,7 +12,7 @@ use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 use indexmap::IndexSet;
 
-use crate::output::print_text;
+use crate::print::print_text;
 use crate::report::warn_of_size;
 
 /// Writes tables, plots and a page of at most `megabytes` for all stores.
@@ -30,7 +30,7 @@ pub(super) fn write(
         .map(|((label, results), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
     let request = Request {
-        title: "Results beside the paper".to_owned(),
+        title: "Measured results next to the paper's".to_owned(),
         tables: TableDefinition::names().map(str::to_owned).collect(),
         protocols: true,
         formats: vec![

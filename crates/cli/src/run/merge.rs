@@ -7,7 +7,7 @@ use atsplat_eval::store::Merged;
 use atsplat_eval::{Results, RunReport};
 
 use crate::objects::CacheArgs;
-use crate::output::{print_report, warn};
+use crate::print::{print_report, warn};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     out.finish()?;
     print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {
-        warn(&format!("warning: {repeated} results are in several stores with equal values; each is merged once"));
+        warn(&format!("{repeated} results are in several stores with equal values; each is merged once"));
     }
     Ok(reasons.is_empty())
 }

@@ -14,6 +14,7 @@ use atsplat_splat::RasterMode;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
 
 use crate::parse;
+use crate::print::warn;
 use crate::reconstruct::network::NetworkArgs;
 use crate::render::backend::{BackendArg, backend};
 
@@ -72,7 +73,7 @@ pub(super) struct GaussianArgs {
 
     /// Renderer, also of optimisations, instead of the one of --device. gpu takes the best adapter that passes its test,
     /// otherwise the CPU, and records why.
-    #[arg(long, value_name = "WHO")]
+    #[arg(long, value_name = "NAME")]
     backend: Option<BackendArg>,
 
     /// Coordinate frame of imported Gaussians: the dataset's (the default), or that of the trial's normalised poses.
@@ -237,7 +238,7 @@ impl GaussianArgs {
             Some(other) => {
                 let chosen = backend(other, None)?;
                 if let Some(note) = &chosen.note {
-                    crate::output::warn(&format!("warning: {note}"));
+                    warn(note);
                 }
                 (Backend::shared(chosen.renderer, chosen.adapter), chosen.note)
             }

@@ -14,10 +14,11 @@ use atsplat_eval::method::{Method, MethodSpec};
 use atsplat_eval::runner::{self, Plan};
 use atsplat_scene::Warnings;
 
-use crate::output::{print_findings, print_report, print_warnings, warn};
 use crate::parse::{once, usage_error};
+use crate::print::{print_report, print_status};
 use crate::progress::Progress;
 use crate::provenance;
+use crate::warnings::{print_findings, print_warnings};
 use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
@@ -82,9 +83,9 @@ fn evaluate(
         images: settings.keep_images,
         prefetch: SettingArgs::prefetch(),
     };
-    // A folder without any scene of the index is probably a typing error: `surveys` fails before the run starts.
-    for survey in plan.surveys()? {
-        warn(&survey.to_string());
+    // A folder without any scene of the index is probably a typing error: `find_imported_files` fails before the run starts.
+    for found in plan.find_imported_files()? {
+        print_status(&found.to_string());
     }
     let record = plan.provenance(provenance())?;
     let open = |folder: &Path| Ok(settings.store(folder, record.clone())?);

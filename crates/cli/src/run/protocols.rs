@@ -31,7 +31,7 @@ pub(crate) struct ProtocolArgs {
     #[arg(long, value_name = "INDEX|DIR", conflicts_with = "sampler")]
     index: Option<PathBuf>,
 
-    /// For data without a published index: choose frames by a rule of `eval/samplers/`, or a path that ends in .toml.
+    /// For data without a published index: a sampling rule of `eval/samplers/`, or a path that ends in .toml.
     /// Results on a sampled index are not comparable with published ones.
     #[arg(long, value_name = "RULE", value_parser = parse::sampler)]
     sampler: Option<String>,

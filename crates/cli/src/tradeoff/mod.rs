@@ -12,7 +12,7 @@ use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict};
 use crate::objects::CacheArgs;
-use crate::output::print_report;
+use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]

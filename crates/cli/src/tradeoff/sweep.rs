@@ -10,13 +10,14 @@ use atsplat_metrics::Suite;
 use atsplat_scene::Warnings;
 
 use crate::objects::RemoteData;
-use crate::output::{print_findings, print_report, print_warnings};
 use crate::parse::usage_error;
+use crate::print::print_report;
 use crate::progress::Progress;
 use crate::provenance;
 use crate::reconstruct::network::NetworkArgs;
 use crate::run::protocols::ProtocolArgs;
 use crate::run::settings::{RepetitionArgs, SettingArgs};
+use crate::warnings::{print_findings, print_warnings};
 
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("out", |out| out.help("Folder of the results; an unfinished run in it is resumed")))]

@@ -12,7 +12,8 @@ use atsplat_report::plot::{ContactRow, ContactSheet, LearningCurve, PlotFormat};
 use atsplat_train::{Limits, SheetRow, Start, Terms, TrainConfig, Trainer, WEIGHTS, contact_sheet, journal};
 
 use crate::embedded;
-use crate::output::{PendingFile, print_text};
+use crate::paths::PendingFile;
+use crate::print::print_text;
 use report::Live;
 
 /// What `--init` expects.
@@ -96,10 +97,10 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
     let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();
     let name = args.config.file_stem().unwrap_or(args.config.as_os_str()).to_string_lossy();
-    let samples = trainer.evaluation().map_or(0, |evaluation| evaluation.samples().len());
+    let psnr = trainer.evaluation().map(|evaluation| format!("; PSNR of {} fixed samples", evaluation.samples().len()));
     let curve = LearningCurve {
         title: &trainer.config().title,
-        subtitle: &format!("{name}; {} steps; PSNR of {samples} fixed samples", steps.len()),
+        subtitle: &format!("{name}; {} steps{}", steps.len(), psnr.unwrap_or_default()),
         steps: &steps.iter().map(|record| record.step).collect::<Vec<_>>(),
         losses: &losses,
         evaluations: &evaluations
@@ -117,7 +118,12 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
         };
         let sheet = ContactSheet {
             title: format!("{}: fixed samples", trainer.config().title),
-            subtitle: format!("{name}; {} of {samples} samples after {} steps", rows.len(), trainer.state().step),
+            subtitle: format!(
+                "{name}; {} of {} samples after {} steps",
+                rows.len(),
+                evaluation.samples().len(),
+                trainer.state().step
+            ),
             rows: rows.into_iter().enumerate().map(row).collect(),
         };
         PendingFile::open(&args.out.join("contact-sheet.png"))?.finish(&sheet.draw().encode(PlotFormat::Png)?)?;

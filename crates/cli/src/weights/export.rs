@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use super::import::key_map;
 use crate::embedded;
-use crate::output::{PendingFile, print_report};
+use crate::paths::PendingFile;
+use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

@@ -10,8 +10,9 @@ use atsplat_model::weights::{
 };
 
 use crate::model_args::model;
-use crate::output::{PendingFile, print_report, warn};
 use crate::parse::{name_or_path, named};
+use crate::paths::PendingFile;
+use crate::print::{print_report, print_status};
 use crate::reconstruct::network::same_network;
 
 #[derive(Debug, clap::Args)]
@@ -101,7 +102,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if !complete {
         print_report(&report, args.json)?;
         if lacks_backbone && let BackboneConfig::DinoV2 { .. } = config.backbone {
-            warn(&format!("give the backbone's weights with --backbone: {}", KnownFile::advice(&config.backbone)));
+            print_status(&format!(
+                "give the backbone's weights with --backbone: {}",
+                KnownFile::advice(&config.backbone)
+            ));
         }
         bail!("{} does not hold the model {}: nothing was written", args.file.display(), config.name);
     }

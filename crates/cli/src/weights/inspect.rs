@@ -3,7 +3,7 @@ use std::path::PathBuf;
 use atsplat_model::weights::Inspection;
 
 use crate::embedded;
-use crate::output::print_report;
+use crate::print::print_report;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

@@ -7,7 +7,7 @@ use atsplat_model::weights::{ModelWeights, Verification};
 
 use crate::embedded;
 use crate::model_args::model;
-use crate::output::print_report;
+use crate::print::print_report;
 use crate::reconstruct::network::same_network;
 
 #[derive(Debug, clap::Args)]

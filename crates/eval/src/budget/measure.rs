@@ -16,7 +16,7 @@ pub struct MeasuredBudget {
     /// Seconds of each stage.
     pub seconds: StageSeconds,
     /// Seconds of building the network and the input views, which are not part of `seconds`.
-    pub making_secs: f64,
+    pub build_secs: f64,
     /// Peak memory of the process in bytes, if known.
     pub peak_bytes: Option<u64>,
 }
@@ -47,10 +47,10 @@ impl BudgetMeasurer {
             None => Network::new(config, &self.device)?,
         };
         let views = synthetic(views, size)?;
-        let making_secs = start.elapsed().as_secs_f64();
+        let build_secs = start.elapsed().as_secs_f64();
         let made = network.reconstruct(&views, 0)?;
         self.network = Some(network);
-        Ok(MeasuredBudget { budget: made.budget, seconds: made.seconds, making_secs, peak_bytes: memory::peak_bytes() })
+        Ok(MeasuredBudget { budget: made.budget, seconds: made.seconds, build_secs, peak_bytes: memory::peak_bytes() })
     }
 }
 

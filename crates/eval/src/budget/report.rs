@@ -23,7 +23,7 @@ pub struct BudgetReport {
 pub struct BudgetCase {
     /// The dataset, if the case is published.
     pub dataset: Option<&'static str>,
-    /// The configuration.
+    /// Configuration whose budget is computed.
     pub config: ModelConfig,
     /// Number of context views.
     pub views: usize,
@@ -42,9 +42,9 @@ pub struct BudgetRow {
     views: usize,
     /// Height and width in pixels.
     size: ImageSize,
-    /// If no token exceeds a threshold; equal to `most` for fixed ratios.
-    least: Tokens,
-    most: Tokens,
+    /// If no token exceeds a threshold; equal to `max` for fixed ratios.
+    min: Tokens,
+    max: Tokens,
     published: Option<PublishedBudget>,
     verdict: Verdict,
     #[serde(flatten)]
@@ -80,7 +80,7 @@ struct Run {
     keeps_to_formula: bool,
     seconds: StageSeconds,
     total_secs: f64,
-    making_secs: f64,
+    build_secs: f64,
     peak_bytes: Option<u64>,
 }
 
@@ -105,33 +105,33 @@ impl BudgetRow {
         let range: BudgetRange = budget(&config, views, size)?;
         let memory: MemoryEstimate = memory(&config, views, size)?;
         let model = config.name;
-        let (least, most) = (Tokens::from(&range.least), Tokens::from(&range.most));
+        let (min, max) = (Tokens::from(&range.min), Tokens::from(&range.max));
         let verdict = match (&published, range.fixed()) {
             (None, _) => Verdict::NotPublished,
             (Some(row), Some(budget)) if row.agrees(budget) => Verdict::Equal,
             (Some(_), _) => Verdict::Differs,
         };
         let run = measured.map(|measured| {
-            let MeasuredBudget { budget, seconds, making_secs, peak_bytes } = measured;
+            let MeasuredBudget { budget, seconds, build_secs, peak_bytes } = measured;
             let tokens = Tokens::from(&budget);
-            let keeps_to_formula = tokens.is_between(&least, &most);
-            Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), making_secs, peak_bytes }
+            let keeps_to_formula = tokens.is_between(&min, &max);
+            Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), build_secs, peak_bytes }
         });
-        Ok(Self { dataset, model, views, size, least, most, published, verdict, memory, run })
+        Ok(Self { dataset, model, views, size, min, max, published, verdict, memory, run })
     }
 }
 
 impl Tokens {
-    fn is_between(&self, least: &Self, most: &Self) -> bool {
+    fn is_between(&self, min: &Self, max: &Self) -> bool {
         let within = |low: usize, found: usize, high: usize| (low..=high).contains(&found);
-        self.blocks.len() == least.blocks.len()
-            && within(least.initial, self.initial, most.initial)
-            && within(least.gaussians, self.gaussians, most.gaussians)
+        self.blocks.len() == min.blocks.len()
+            && within(min.initial, self.initial, max.initial)
+            && within(min.gaussians, self.gaussians, max.gaussians)
             && self
                 .blocks
                 .iter()
-                .zip(&least.blocks)
-                .zip(&most.blocks)
+                .zip(&min.blocks)
+                .zip(&max.blocks)
                 .all(|((&found, &low), &high)| within(low, found, high))
     }
 }
@@ -179,12 +179,12 @@ impl fmt::Display for BudgetReport {
 
 impl BudgetRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { dataset, model, views, least, most, published, verdict, .. } = self;
-        let range = |least: usize, most: usize| {
-            if least == most { most.to_string() } else { format!("{least} to {most}") }
+        let Self { dataset, model, views, min, max, published, verdict, .. } = self;
+        let range = |min: usize, max: usize| {
+            if min == max { max.to_string() } else { format!("{min} to {max}") }
         };
-        let tokens = format!("{} > {}", most.initial, range(least.r#final, most.r#final));
-        let gaussians = range(least.gaussians, most.gaussians);
+        let tokens = format!("{} > {}", max.initial, range(min.r#final, max.r#final));
+        let gaussians = range(min.gaussians, max.gaussians);
         let reported = published.as_ref().map_or_else(
             || "-".to_owned(),
             |row| match row.final_tokens {
@@ -228,13 +228,13 @@ mod tests {
     #[test]
     fn a_run_keeps_to_the_formula_within_both_bounds_of_every_count() {
         let tokens = |initial, block, gaussians| Tokens { initial, blocks: vec![10, block], r#final: block, gaussians };
-        let (least, most) = (tokens(4, 10, 80), tokens(4, 20, 160));
+        let (min, max) = (tokens(4, 10, 80), tokens(4, 20, 160));
         for within in [tokens(4, 10, 80), tokens(4, 15, 120), tokens(4, 20, 160)] {
-            assert!(within.is_between(&least, &most), "{within:?}");
+            assert!(within.is_between(&min, &max), "{within:?}");
         }
         let shorter = Tokens { blocks: vec![10], ..tokens(4, 15, 120) };
         for outside in [tokens(5, 15, 120), tokens(4, 9, 120), tokens(4, 21, 120), tokens(4, 15, 161), shorter] {
-            assert!(!outside.is_between(&least, &most), "{outside:?}");
+            assert!(!outside.is_between(&min, &max), "{outside:?}");
         }
     }
 }

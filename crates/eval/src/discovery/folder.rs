@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
 use atsplat_files::name_of;
-use atsplat_protocol::{EvaluationIndex, IndexBuilder, Preset};
+use atsplat_protocol::{EvaluationIndex, Preset, SamplingRule};
 use atsplat_scene::nerfstudio::SUBSET_PREFIX;
 use atsplat_scene::{
-    Format, ImageFolder, NerfstudioOptions, OpenOptions, Scene, SceneError, SceneSource, WarningKind, Warnings,
+    Format, Frame, ImageFolder, NerfstudioOptions, OpenOptions, SceneError, SceneSource, WarningKind, Warnings,
     open_with,
 };
 use serde::Serialize;
@@ -56,7 +56,7 @@ fn name_at(preset: &str, path: &Path, is_free: impl Fn(&str) -> bool) -> String 
 pub struct NotRun {
     /// Protocol and dataset.
     pub what: String,
-    /// The reason.
+    /// Reason as shown to the user.
     pub why: String,
 }
 
@@ -114,7 +114,11 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<DatasetOnDisk>, not_run: 
     if let Some(dataset) = dataset {
         let (path, format) = (folder.to_owned(), dataset.format);
         let source: Arc<dyn SceneSource> = Arc::new(dataset);
-        if source.keys().iter().any(|key| first_image(source.as_ref(), key).is_some()) {
+        let has_images = has_images(source.as_ref()).unwrap_or_else(|error| {
+            broken(format!("its scenes cannot be read: {error}"));
+            false
+        });
+        if has_images {
             let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
             // DL3DV's scenes lie one level deeper, in the folders of its subsets.
             let holds_scene = |path: &PathBuf| {
@@ -147,7 +151,7 @@ fn leave_out_found(on_disk: &mut [DatasetOnDisk]) {
     }
 }
 
-/// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampler.
+/// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampling rule.
 fn add_protocols(
     folder: &Path,
     dataset: &DatasetOnDisk,
@@ -161,10 +165,17 @@ fn add_protocols(
             continue;
         }
         let what = format!("{name} on {}", dataset.path.display());
-        let Some((source, preset, description)) = prepared(dataset, &preset) else {
-            let size = preset.preprocessing.expected_size.map_or("any".to_owned(), |size| size.to_string());
-            found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
-            continue;
+        let Prepared { source, preset, description } = match prepared(dataset, &preset) {
+            Ok(Some(prepared)) => prepared,
+            Ok(None) => {
+                let size = preset.preprocessing.expected_size.map_or("any".to_owned(), |size| size.to_string());
+                found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
+                continue;
+            }
+            Err(error) => {
+                found.not_run.push(NotRun { what, why: format!("its images cannot be read: {error}") });
+                continue;
+            }
         };
         match index(folder, dataset, source.as_ref(), &preset, warnings) {
             Ok(index) => {
@@ -201,29 +212,49 @@ fn is_compatible(format: Format, preset: &Preset) -> bool {
     }
 }
 
-/// The dataset with images in the preset's size: as they are, already cropped, or a downscaled copy.
-fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
-    let description = dataset.path.display().to_string();
+/// A dataset with images in a preset's size.
+struct Prepared {
+    source: Arc<dyn SceneSource>,
+    preset: Preset,
+    description: String,
+}
+
+/// The dataset with images in the preset's size: as they are, already cropped, or a downscaled copy. `None` if their sizes are
+/// others; an error if none of these fits, and the images or the scenes that list them cannot be read.
+fn prepared(dataset: &DatasetOnDisk, preset: &Preset) -> Result<Option<Prepared>, SceneError> {
+    let (preset, description) = (preset.clone(), dataset.path.display().to_string());
+    let source = Arc::clone(&dataset.source);
     let Some(expected) = preset.preprocessing.expected_size else {
-        return Some((Arc::clone(&dataset.source), preset.clone(), description));
+        return Ok(Some(Prepared { source, preset, description }));
     };
-    if image_size(dataset.source.as_ref()) == Some(expected) {
-        return Some((Arc::clone(&dataset.source), preset.clone(), description));
+    let own_size = image_size(source.as_ref());
+    if own_size.as_ref().is_ok_and(|size| *size == Some(expected)) {
+        return Ok(Some(Prepared { source, preset, description }));
     }
-    if let Some((source, preset)) = AlreadyCropped::of(&dataset.source, preset) {
-        return Some((Arc::new(source), preset, format!("{description}, images cropped beforehand")));
+    if let Some((source, preset)) = AlreadyCropped::of(&source, &preset) {
+        let description = format!("{description}, images cropped beforehand");
+        return Ok(Some(Prepared { source: Arc::new(source), preset, description }));
     }
-    DOWNSCALES.into_iter().find_map(|factor| {
+    let mut unreadable = own_size.err();
+    for factor in DOWNSCALES {
         let images = ImageFolder::Downscaled(factor);
         let nerfstudio = NerfstudioOptions { images, ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
-        let source: Arc<dyn SceneSource> = Arc::new(open_with(&dataset.path, &options, &mut Warnings::new()).ok()?);
-        let fits = image_size(source.as_ref()) == Some(expected);
-        fits.then(|| (source, preset.clone(), format!("{description}, images_{factor}")))
-    })
+        // Most captures have no copy of this size.
+        let Ok(copy) = open_with(&dataset.path, &options, &mut Warnings::new()) else { continue };
+        match image_size(&copy) {
+            Ok(size) if size == Some(expected) => {
+                let description = format!("{description}, images_{factor}");
+                return Ok(Some(Prepared { source: Arc::new(copy), preset, description }));
+            }
+            Ok(_) => {}
+            Err(error) => unreadable = unreadable.or(Some(error)),
+        }
+    }
+    unreadable.map_or(Ok(None), Err)
 }
 
-/// The published index that names a scene of the dataset, or an index by the preset's sampler.
+/// The published index that names a scene of the dataset, or an index by the preset's sampling rule.
 fn index(
     folder: &Path,
     dataset: &DatasetOnDisk,
@@ -242,7 +273,7 @@ fn index(
         Err(EvalError::Settings { .. }) => {}
         Err(broken) => return Err(broken.to_string()),
     }
-    // RE10K's protocols apply only to the official scenes; DL3DV's sampler applies to any capture in its layout. Chunks do
+    // RE10K's protocols apply only to the official scenes; DL3DV's sampling rule applies to any capture in its layout. Chunks do
     // not say which dataset they belong to.
     if preset.dataset != "dl3dv" || dataset.format == Format::TorchChunks {
         return Err("no published index in the folder names one of its scenes".to_owned());
@@ -256,8 +287,8 @@ fn sampled(
     preset: &Preset,
     warnings: &mut Warnings,
 ) -> Result<PlannedIndex, String> {
-    let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampler".to_owned()) };
-    let rule = IndexBuilder::resolve(sampler).map_err(|error| error.to_string())?;
+    let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampling rule".to_owned()) };
+    let rule = SamplingRule::resolve(sampler).map_err(|error| error.to_string())?;
     let mut planned = PlannedIndex::sampled(sampler, &rule, source, warnings);
     if let Some(derivation) = preset.index.derivation {
         planned = planned.split(derivation, source, warnings);
@@ -270,17 +301,35 @@ fn is_empty(index: &EvaluationIndex) -> bool {
     index.entries().next().is_none()
 }
 
-fn image_size(source: &dyn SceneSource) -> Option<ImageSize> {
-    source.keys().iter().find_map(|key| {
-        let (scene, at) = first_image(source, key)?;
-        scene.frames.get(at)?.size(key, at).ok()
-    })
+/// Whether any scene has an image file.
+fn has_images(source: &dyn SceneSource) -> Result<bool, SceneError> {
+    Ok(first_readable(source, |_, _, _| Ok(()))?.is_some())
 }
 
-fn first_image(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
-    let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let at = scene.frames.iter().position(|frame| frame.image.is_available())?;
-    Some((scene, at))
+/// Size of the first scene's first image; of later scenes if that cannot be read. `None` if there are no images.
+fn image_size(source: &dyn SceneSource) -> Result<Option<ImageSize>, SceneError> {
+    first_readable(source, |frame, key, at| frame.size(key, at))
+}
+
+/// What `read` returns for the first image of the first scene that can be read. `None` if no scene has an image; the first error
+/// if none of them can be read.
+fn first_readable<T>(
+    source: &dyn SceneSource,
+    read: impl Fn(&Frame, &str, usize) -> Result<T, SceneError>,
+) -> Result<Option<T>, SceneError> {
+    let mut unreadable = None;
+    for key in source.keys() {
+        let found = source.load(key, &mut Warnings::new()).and_then(|scene| {
+            let first = scene.frames.iter().enumerate().find(|(_, frame)| frame.image.is_available());
+            first.map(|(at, frame)| read(frame, key, at)).transpose()
+        });
+        match found {
+            Ok(Some(value)) => return Ok(Some(value)),
+            Ok(None) => {}
+            Err(error) => unreadable = unreadable.or(Some(error)),
+        }
+    }
+    unreadable.map_or(Ok(None), Err)
 }
 
 #[cfg(test)]
@@ -387,6 +436,25 @@ mod tests {
         let found = find_datasets(root.path(), &mut Warnings::new()).unwrap();
         let broken = found.not_run.iter().find(|not_run| not_run.what == chunks.display().to_string());
         assert!(broken.is_some_and(|broken| broken.why.contains("index.json")), "{:?}", found.not_run);
+    }
+
+    #[test]
+    fn unreadable_images_are_not_reported_as_a_wrong_size() {
+        let root = tempfile::tempdir().unwrap();
+        let broken = root.path().join("broken");
+        capture(&broken);
+        std::fs::write(broken.join("0.png"), "no image").unwrap();
+        let whys = |root: &Path| {
+            let found = find_datasets(root, &mut Warnings::new()).unwrap();
+            let of_dl3dv = found.not_run.into_iter().filter(|not_run| not_run.what.starts_with("dl3dv-2v-256x448 on "));
+            of_dl3dv.map(|not_run| not_run.why).collect::<Vec<_>>()
+        };
+        let of_broken = whys(root.path());
+        assert!(matches!(&of_broken[..], [why] if why.starts_with("its images cannot be read: ")), "{of_broken:?}");
+        std::fs::remove_dir_all(&broken).unwrap();
+        capture(&root.path().join("small"));
+        let of_small = whys(root.path());
+        assert!(matches!(&of_small[..], [why] if why.starts_with("its images do not have the")), "{of_small:?}");
     }
 
     #[test]

@@ -2,17 +2,31 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::probe::Recipe;
-use super::{Acceptance, Baseline, BaselineTarget, DriftError, Limit, Verdict};
+use super::{Baseline, BaselineTarget, DriftError, Limit, Verdict};
 use crate::store::Unfinished;
 use crate::{Results, TargetStatus, TrialKey, TrialStatus};
+
+/// Why a run was accepted as the baseline.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Acceptance {
+    /// Date in UTC, such as `2026-02-28`.
+    pub date: String,
+    /// Why this run's numbers are correct.
+    pub reason: String,
+    /// Version of atsplat that computed them.
+    pub atsplat: String,
+    /// Commit that it was built from, if known.
+    pub commit: Option<String>,
+}
 
 /// Checks that results can become a baseline.
 ///
 /// # Errors
-/// [`DriftError::Unacceptable`] for results without scores, which cannot detect drift, and for a run that has not ended.
+/// [`DriftError::Unacceptable`] for results without scores, which cannot detect drift, and for an unfinished run.
 pub fn acceptable(results: &Results) -> Result<(), DriftError> {
     let refused = |expected, found| Err(DriftError::Unacceptable { expected, found });
     if results.targets.iter().all(|row| row.scores.is_empty()) {
@@ -43,7 +57,7 @@ pub struct AcceptanceReport {
     targets: usize,
     /// Targets without a render or a truth, other than those of trials that the method does not support.
     failed: usize,
-    /// Targets with samples that are no numbers.
+    /// Targets with NaN or infinite samples.
     non_finite: usize,
     limits: Vec<Limit>,
     probe: Option<Recipe>,
@@ -78,7 +92,7 @@ impl fmt::Display for AcceptanceReport {
         let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let (trials, targets) = (counted(*trials, "trial"), counted(*targets, "target"));
         writeln!(f, "{}: {targets} of {trials}, accepted on {}", baseline.display(), accepted.date)?;
-        for (count, why) in [(*failed, "failed"), (*non_finite, "with samples that are no numbers")] {
+        for (count, why) in [(*failed, "failed"), (*non_finite, "with NaN or infinite samples")] {
             if count > 0 {
                 writeln!(f, "warning: without a score: {} {why}", counted(count, "target"))?;
             }
@@ -87,7 +101,7 @@ impl fmt::Display for AcceptanceReport {
             None => writeln!(f, "a new baseline")?,
             Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
             Some(Verdict::Nothing) => {
-                writeln!(f, "the old baseline had none of these numbers; acceptance {acceptances} of this baseline")?;
+                writeln!(f, "the old baseline holds none of these numbers; acceptance {acceptances} of this baseline")?;
             }
             Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }

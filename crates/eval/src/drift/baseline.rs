@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::data::{images_of, images_of_targets};
 use super::limits::limits;
 use super::probe::{Fingerprint, Inputs, Outputs, Pipeline, Recipe, run as run_probe};
-use super::{Acceptance, AcceptedNumber, DriftError, ImageDigest, Limit, compare, numbers};
+use super::{Acceptance, AcceptedNumber, DriftError, ImageDigest, Limit, compare, history};
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// The format version that is written.
@@ -58,7 +58,7 @@ pub struct ProbeRecord {
 /// The fields of a trial that are compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BaselineTrial {
-    /// Which trial.
+    /// Preset, method, scene and entry.
     #[serde(flatten)]
     pub key: TrialKey,
     /// Same as [`TrialRow::trial_hash`].
@@ -74,7 +74,7 @@ pub struct BaselineTrial {
 /// The fields of a target that are compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BaselineTarget {
-    /// Which trial.
+    /// Trial that the target belongs to.
     #[serde(flatten)]
     pub key: TrialKey,
     /// Same as [`TargetRow::target`].
@@ -137,7 +137,7 @@ impl Baseline {
     pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let mut next = Self::new(results, repeats, acceptance);
         next.history = self.history.iter().cloned().chain(next.history).collect();
-        let own = numbers::of_rows(&next, Some(&compare(results, self)));
+        let own = history::of_rows(&next, Some(&compare(results, self)));
         next.numbers = self.numbers.iter().cloned().chain(own).collect();
         next
     }

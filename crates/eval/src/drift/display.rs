@@ -2,7 +2,7 @@ use std::fmt;
 
 use atsplat_files::shortened;
 
-use super::figures::{change, range, score, short, signed, size};
+use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, Verdict};
 
@@ -105,7 +105,7 @@ impl DriftReport {
                  weights, or its program."
             ),
             Some(_) if empty.is_empty() => format!("{data}; no stage changed on the probe."),
-            Some(_) => format!("{data}; on the probe there was nothing to compare for: {}.", empty.join(", ")),
+            Some(_) => format!("{data}; the probe had nothing to compare for: {}.", empty.join(", ")),
         }
     }
 }
@@ -129,7 +129,7 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
     )?;
     match (&comparison.largest_at, comparison.limit) {
         (Some(at), limit) if *verdict == Verdict::Drifted => {
-            let limit = limit.map_or(String::new(), |limit| format!("; the mean may move by {}", size(metric, limit)));
+            let limit = limit.map_or(String::new(), |limit| format!("; the mean may vary by {}", size(metric, limit)));
             writeln!(f, "    largest change {} at {at}{limit}", size(metric, comparison.largest))
         }
         _ => Ok(()),
@@ -140,7 +140,7 @@ impl fmt::Display for Limit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { preset, method, metric, limit, runs } = self;
         let runs = if *runs == 1 { "1 run".to_owned() } else { format!("{runs} runs") };
-        write!(f, "{preset}, {method}: {metric} may move by {}, from {runs}", size(metric, *limit))
+        write!(f, "{preset}, {method}: {metric} may vary by {}, from {runs}", size(metric, *limit))
     }
 }
 
@@ -186,7 +186,8 @@ impl fmt::Display for Attribution {
             let (name, verdict) = (stage.stage.name(), stage.verdict);
             write!(f, "{name:<10} {verdict:<10} {differ:>15} {:>10}", short(stage.largest))?;
             for metric in &self.metrics {
-                let effect = metric.effects.get(at).copied().unwrap_or(f64::NAN);
+                #[expect(clippy::expect_used, reason = "a metric has one effect for each stage")]
+                let effect = *metric.effects.get(at).expect("the effect of a stage");
                 write!(f, " {:>12}", signed(effect, 4))?;
             }
             writeln!(f)?;

@@ -6,6 +6,7 @@ use thiserror::Error;
 
 /// Why a baseline cannot be read, compared with or replaced.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 #[non_exhaustive]
 pub enum DriftError {
     /// A file operation failed.
@@ -16,30 +17,13 @@ pub enum DriftError {
     Malformed(#[from] Malformed),
     /// An invalid value.
     #[error("{what}: expected {expected}, found {found}")]
-    Invalid {
-        /// Which value.
-        what: &'static str,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    Invalid { what: &'static str, expected: String, found: String },
     /// Results that cannot become a baseline.
     #[error("expected {expected}, found {found}")]
-    Unacceptable {
-        /// What was expected.
-        expected: &'static str,
-        /// What was found.
-        found: String,
-    },
+    Unacceptable { expected: &'static str, found: String },
     /// A stage of the probe failed.
     #[error("the probe's stage {stage}: {reason}")]
-    Stage {
-        /// Name of the stage.
-        stage: &'static str,
-        /// The stage's own error.
-        reason: String,
-    },
+    Stage { stage: &'static str, reason: String },
 }
 
 impl DriftError {

@@ -13,10 +13,9 @@ mod compare;
 mod data;
 mod display;
 mod error;
-mod figures;
+mod format;
 mod history;
 mod limits;
-mod numbers;
 pub mod probe;
 mod provenance;
 mod repetition;
@@ -24,14 +23,13 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-pub use acceptance::{AcceptanceReport, acceptable};
+pub use acceptance::{Acceptance, AcceptanceReport, acceptable};
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use compare::compare;
 pub use data::{ChangedImage, DataComparison, ImageDigest, ImageRole};
 pub use error::DriftError;
-pub use history::Acceptance;
+pub use history::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use limits::{Limit, least_limit, metric_bound};
-pub use numbers::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use provenance::{Difference, same_machine};
 pub use repetition::check_repetition;
 pub use report::{Basis, Comparison, DriftReport, Finding, FindingKind, Verdict};

@@ -1,20 +1,21 @@
 //! Adaptive Token Expansion in one scene: the data of the paper's explanatory figures.
 //!
-//! - [`Family`]: positions of children around their parents (paper, "Behavior of expanded tokens");
+//! - [`ExpandedToken`]: positions of children around their parents (paper, "Behavior of expanded tokens");
 //! - [`Stage`]: renders with expansion in more and more blocks (supplement, "Expansion at each decoder block");
 //! - [`Uncertainty`]: whether expanded regions are those with errors ("Predicted uncertainty and selected tokens").
 //!
-//! [`study`] analyses single scenes for images, [`survey()`] all trials of a dataset for an [`ExpansionReport`]; their results
+//! [`study`] analyses single scenes for images, [`measure_trial()`] all trials of a dataset for an [`ExpansionReport`]; their results
 //! are not part of a results store.
 
-mod families;
+mod expanded_tokens;
+mod measure;
 mod report;
 mod scene;
 mod stages;
 mod subject;
-mod survey;
 #[cfg(test)]
 pub(crate) mod tests;
+pub mod thresholds;
 mod uncertainty;
 
 use atsplat_metrics::Pair;
@@ -24,20 +25,20 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Channels, Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
-pub use families::{Family, ProjectedFamily, seen_by};
+pub use expanded_tokens::{ExpandedToken, ProjectedToken, seen_by};
+pub use measure::{BlockMeasurement, Spread, TrialMeasurement, measure_trial};
 pub use report::{BlockRow, ExpansionReport, MeanOverScenes, ThresholdRow};
 pub use scene::{ExpansionScene, ExpansionTarget, study_trial};
 pub use stages::Stage;
 pub(crate) use subject::views as context_views;
 pub use subject::{Subject, Target};
-pub use survey::{BlockSurvey, Spread, TrialSurvey, survey};
 pub use uncertainty::Uncertainty;
 
 /// Analysis of token expansion in a scene.
 #[derive(Clone, Debug)]
 pub struct Study {
     /// Every expanded token with its children, block by block.
-    pub families: Vec<Family>,
+    pub expanded_tokens: Vec<ExpandedToken>,
     /// One per target of the subject.
     pub targets: Vec<TargetStudy>,
     /// The forward pass.
@@ -57,6 +58,7 @@ pub struct TargetStudy {
 
 /// Why a scene cannot be analysed.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 #[non_exhaustive]
 pub enum ExpansionError {
     /// The network rejects the views or returns non-finite numbers.
@@ -77,16 +79,9 @@ pub enum ExpansionError {
     /// A render has the wrong number of samples.
     #[error(transparent)]
     Pixels(#[from] atsplat_pixels::PixelError),
-    /// A target that the trial does not have.
+    /// Input that cannot be analysed, such as a target that the trial does not have.
     #[error("{what}: expected {expected}, found {found}")]
-    Invalid {
-        /// What was requested.
-        what: &'static str,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    Invalid { what: &'static str, expected: String, found: String },
 }
 
 /// Encodes a scene once and expands its tokens in full, then with each smaller number of expanding blocks.
@@ -96,18 +91,18 @@ pub enum ExpansionError {
 pub fn study(network: &Network, subject: &Subject) -> Result<Study, ExpansionError> {
     let encoded = network.encode_scene(&subject.views)?;
     let trace = network.trace_encoded(encoded.clone(), subject.call_seed)?;
-    let families = families::families(&trace);
+    let expanded_tokens = expanded_tokens::expanded_tokens(&trace);
     if subject.targets.is_empty() {
-        return Ok(Study { families, targets: Vec::new(), trace });
+        return Ok(Study { expanded_tokens, targets: Vec::new(), trace });
     }
     let stages = stages::stages(network, (&encoded, &trace), subject)?;
     let targets = subject.targets.iter().zip(stages).map(|(target, stages)| {
         let uncertainty = uncertainty::of_last_block(&trace, target, &subject.options)?;
-        let depth = depth(&trace.made.gaussians, &target.view, &subject.options)?;
+        let depth = depth(&trace.reconstruction.gaussians, &target.view, &subject.options)?;
         Ok(TargetStudy { stages, depth, uncertainty })
     });
     let targets = targets.collect::<Result<_, ExpansionError>>()?;
-    Ok(Study { families, targets, trace })
+    Ok(Study { expanded_tokens, targets, trace })
 }
 
 fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f32>, ExpansionError> {

@@ -3,9 +3,9 @@ use std::fmt;
 use indexmap::IndexMap;
 use serde::Serialize;
 
-use super::{BlockSurvey, TrialSurvey};
+use super::thresholds::{PUBLISHED, at_quantiles};
+use super::{BlockMeasurement, TrialMeasurement};
 use crate::statistics::{MIN_SCENES, interval_of_mean};
-use crate::thresholds::{PUBLISHED, at_quantiles};
 
 /// Token expansion of a network over the trials of a protocol. [`Display`](fmt::Display) prints Markdown.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -35,9 +35,9 @@ pub struct BlockRow {
     pub tokens: f64,
     /// Tokens that it expands.
     pub expanded: f64,
-    /// Same as [`BlockSurvey::correlation`].
+    /// Same as [`BlockMeasurement::correlation`].
     pub correlation: Option<MeanOverScenes>,
-    /// Same as [`BlockSurvey::contrast`].
+    /// Same as [`BlockMeasurement::contrast`].
     pub contrast: Option<MeanOverScenes>,
     /// Same as [`Spread::of_children`](super::Spread::of_children).
     pub of_children: Option<MeanOverScenes>,
@@ -69,8 +69,8 @@ pub struct ThresholdRow {
 
 impl ExpansionReport {
     /// Summarises trials.
-    pub fn new(network: &str, protocol: &str, trials: &[TrialSurvey]) -> Self {
-        let mut by_block: IndexMap<usize, Vec<(&str, &BlockSurvey)>> = IndexMap::new();
+    pub fn new(network: &str, protocol: &str, trials: &[TrialMeasurement]) -> Self {
+        let mut by_block: IndexMap<usize, Vec<(&str, &BlockMeasurement)>> = IndexMap::new();
         for trial in trials {
             for block in &trial.blocks {
                 by_block.entry(block.block).or_default().push((&trial.scene, block));
@@ -99,8 +99,8 @@ impl ExpansionReport {
     }
 }
 
-fn row(block: usize, trials: &[(&str, &BlockSurvey)]) -> BlockRow {
-    let mean = |count: fn(&BlockSurvey) -> usize| {
+fn row(block: usize, trials: &[(&str, &BlockMeasurement)]) -> BlockRow {
+    let mean = |count: fn(&BlockMeasurement) -> usize| {
         trials.iter().map(|(_, own)| count(own) as f64).sum::<f64>() / trials.len() as f64
     };
     BlockRow {
@@ -116,8 +116,8 @@ fn row(block: usize, trials: &[(&str, &BlockSurvey)]) -> BlockRow {
 
 /// `None` if no trial has the number.
 fn over_scenes(
-    trials: &[(&str, &BlockSurvey)],
-    number: impl Fn(&BlockSurvey) -> Option<f64>,
+    trials: &[(&str, &BlockMeasurement)],
+    number: impl Fn(&BlockMeasurement) -> Option<f64>,
 ) -> Option<MeanOverScenes> {
     let mut scenes: IndexMap<&str, [f64; 2]> = IndexMap::new();
     for (scene, own) in trials {
@@ -160,7 +160,7 @@ impl fmt::Display for ExpansionReport {
             "\nRank correlation: Spearman's, of the predicted uncertainty and the error (1 − SSIM) over a target's pixels, before the \
              block expands. Error ratio: mean error where the expanded tokens cover a target, over that elsewhere. Children: root \
              mean square of their distances from their mean position; parent: distance of that position from the parent's; both \
-             as medians over the families that the first context view sees, in its pixels."
+             as medians over the expanded tokens that the first context view sees, in its pixels."
         )?;
         if !self.thresholds.is_empty() {
             let list = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" / ");
@@ -189,18 +189,26 @@ mod tests {
     use super::*;
     use crate::expansion::Spread;
 
-    fn block(block: usize, correlation: Option<f64>, scores: &[f64]) -> BlockSurvey {
+    fn block(block: usize, correlation: Option<f64>, scores: &[f64]) -> BlockMeasurement {
         let children = Some(Spread { of_children: 2.0, from_parent: 0.5 });
-        BlockSurvey { block, tokens: 8, expanded: 3, scores: scores.to_vec(), correlation, contrast: None, children }
+        BlockMeasurement {
+            block,
+            tokens: 8,
+            expanded: 3,
+            scores: scores.to_vec(),
+            correlation,
+            contrast: None,
+            children,
+        }
     }
 
-    fn trial(scene: usize, blocks: Vec<BlockSurvey>) -> TrialSurvey {
-        TrialSurvey { scene: format!("scene-{scene}"), blocks }
+    fn trial(scene: usize, blocks: Vec<BlockMeasurement>) -> TrialMeasurement {
+        TrialMeasurement { scene: format!("scene-{scene}"), blocks }
     }
 
     #[test]
     fn scenes_are_the_unit_of_intervals_and_trials_of_means() {
-        let mut trials: Vec<TrialSurvey> =
+        let mut trials: Vec<TrialMeasurement> =
             (0..6).map(|at| trial(at, vec![block(2, Some(at as f64 / 10.0), &[])])).collect();
         trials.push(trial(5, vec![block(2, Some(0.7), &[])]));
         trials.push(trial(5, vec![block(2, None, &[])]));

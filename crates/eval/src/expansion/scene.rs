@@ -5,7 +5,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 
-use super::{ExpansionError, ProjectedFamily, Subject, TargetStudy, seen_by, study};
+use super::{ExpansionError, ProjectedToken, Subject, TargetStudy, seen_by, study};
 use crate::live::LiveScene;
 
 /// The expansion of a scene's tokens, seen by one of its cameras.
@@ -13,13 +13,13 @@ use crate::live::LiveScene;
 pub struct ExpansionScene {
     /// The scene's key.
     pub label: String,
-    /// The frame whose image families are drawn over.
+    /// The frame over whose image expanded tokens are drawn.
     pub frame: usize,
     /// Its image.
     pub image: Arc<ImageU8>,
-    /// Families visible in it.
-    pub families: Vec<ProjectedFamily>,
-    /// Total number of families.
+    /// Expanded tokens visible in it.
+    pub expanded_tokens: Vec<ProjectedToken>,
+    /// Number of expanded tokens, visible or not.
     pub expanded: usize,
     /// Targets with their ground truth.
     pub targets: Vec<ExpansionTarget>,
@@ -36,7 +36,7 @@ pub struct ExpansionTarget {
     pub study: TargetStudy,
 }
 
-/// Studies a trial under a network: the token families seen in the first context view, and at most `max_targets`
+/// Studies a trial under a network: the expanded tokens seen in the first context view, and at most `max_targets`
 /// targets. Also returns its Gaussians for a live view.
 ///
 /// # Errors
@@ -51,7 +51,7 @@ pub fn study_trial(
     let positions = spread_inside(trial.targets().len(), max_targets);
     let subject = Subject::of(trial, truths, &positions, options, call_seed)?;
     let studied = study(network, &subject)?;
-    let live = LiveScene::of(&studied.trace, trial, &subject.options);
+    let live = LiveScene::of(&studied.trace, trial, &subject.options)?;
     let first = trial.context().first().ok_or_else(|| ExpansionError::Invalid {
         what: "context",
         expected: "at least one view".to_owned(),
@@ -64,8 +64,8 @@ pub fn study_trial(
         label: trial.scene().to_owned(),
         frame: first.frame,
         image: first.image()?,
-        families: seen_by(&studied.families, &view)?,
-        expanded: studied.families.len(),
+        expanded_tokens: seen_by(&studied.expanded_tokens, &view)?,
+        expanded: studied.expanded_tokens.len(),
         targets: targets.collect(),
     };
     Ok((scene, live))

@@ -1,6 +1,6 @@
 use std::borrow::Cow;
 
-use atsplat_metrics::{DECIBEL_CAP, Values, psnr};
+use atsplat_metrics::{DECIBEL_CAP, Score, Values, psnr};
 use atsplat_model::network::{EncodedScene, Network, Trace};
 use atsplat_pixels::Image;
 use atsplat_splat::Gaussians;
@@ -31,7 +31,7 @@ pub(super) fn stages(
     while let Some((blocks, first)) = remaining.next() {
         enabled.extend(blocks);
         let gaussians: Cow<'_, Gaussians> = if remaining.len() == 0 {
-            Cow::Borrowed(&trace.made.gaussians)
+            Cow::Borrowed(&trace.reconstruction.gaussians)
         } else {
             let fewer = network.with_expansion_in_first(first);
             Cow::Owned(fewer.reconstruct_encoded(encoded.clone(), subject.call_seed)?.gaussians)
@@ -39,7 +39,14 @@ pub(super) fn stages(
         for (target, stages) in subject.targets.iter().zip(&mut by_target) {
             let image = image(&render(&gaussians, &target.view, &subject.options)?)?;
             let score = compared(&image, target, |pair| psnr(pair, Values::Clipped))?;
-            let psnr = score.capped(DECIBEL_CAP).unwrap_or(f64::NAN);
+            let psnr = match score {
+                Score::Value(value) => value,
+                Score::Identical => DECIBEL_CAP,
+                Score::NotComputed(reason) => {
+                    let (what, expected) = ("render", "an image with a PSNR".to_owned());
+                    return Err(ExpansionError::Invalid { what, expected, found: reason.to_string() });
+                }
+            };
             stages.push(Stage { blocks: enabled.clone(), gaussians: gaussians.len(), image, psnr });
         }
     }

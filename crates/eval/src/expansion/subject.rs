@@ -18,7 +18,7 @@ pub struct Subject {
     pub call_seed: u64,
     /// How targets are rendered.
     pub options: RenderOptions,
-    /// The views to render; without any, only families are computed.
+    /// The views to render; without any, only expanded tokens are computed.
     pub targets: Vec<Target>,
 }
 

@@ -46,7 +46,7 @@ fn families_are_mean_centres_of_decoded_gaussians() {
     let found = study(&network, &subject).unwrap();
     assert!(found.targets.is_empty());
     let reconstruction = network.reconstruct(&subject.views, 0).unwrap();
-    let by_block = |block: usize| found.families.iter().filter(move |family| family.block == block);
+    let by_block = |block: usize| found.expanded_tokens.iter().filter(move |expanded| expanded.block == block);
     let counts: Vec<usize> = (1..=4).map(|block| by_block(block).count()).collect();
     assert_eq!(counts, reconstruction.budget.expanded);
 
@@ -57,18 +57,18 @@ fn families_are_mean_centres_of_decoded_gaussians() {
     };
     let tolerance = Tolerance::relative(1e-9);
     let first_child = reconstruction.budget.final_tokens - 2 * reconstruction.budget.expanded[3];
-    for (at, family) in by_block(4).enumerate() {
+    for (at, expanded) in by_block(4).enumerate() {
         let expected = [0, 1].map(|child| centre(&reconstruction.gaussians, first_child + 2 * at + child).to_array());
-        let children = family.children.iter().flat_map(DVec3::to_array);
+        let children = expanded.children.iter().flat_map(DVec3::to_array);
         tolerance.assert(children.collect::<Vec<f64>>(), expected.concat(), "children");
-        assert_ne!(family.children[0], family.children[1], "siblings share an anchor but not a centre");
+        assert_ne!(expanded.children[0], expanded.children[1], "siblings share an anchor but not a centre");
     }
     // A parent is decoded as it enters its block.
     let forward = network.forward(std::slice::from_ref(&subject.views), 0).unwrap();
     let entering = network.gaussians(&forward.blocks[0].tokens).scene(0).unwrap();
-    for (family, &token) in by_block(2).zip(&reconstruction.blocks[1].selected) {
-        tolerance.assert(family.parent.to_array(), centre(&entering, token).to_array(), "parent");
-        assert_eq!(family.score, reconstruction.blocks[1].scores.as_ref().map(|scores| scores[token]));
+    for (expanded, &token) in by_block(2).zip(&reconstruction.blocks[1].selected) {
+        tolerance.assert(expanded.parent.to_array(), centre(&entering, token).to_array(), "parent");
+        assert_eq!(expanded.score, reconstruction.blocks[1].scores.as_ref().map(|scores| scores[token]));
     }
 }
 
@@ -77,18 +77,18 @@ fn families_are_projected_to_pixels() {
     let pose = WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(1.0, 0.0, 0.0)).unwrap();
     let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.5, 1.0, 0.5, 0.5).unwrap());
     let view = View { camera, size: ImageSize { width: 200, height: 100 } };
-    let family = |parent: [f64; 3], children: &[[f64; 3]]| Family {
+    let expanded = |parent: [f64; 3], children: &[[f64; 3]]| ExpandedToken {
         block: 2,
         score: None,
         parent: parent.into(),
         children: children.iter().map(|&child| child.into()).collect(),
     };
-    let families = [
-        family([1.0, 0.0, 4.0], &[[2.0, 0.4, 4.0], [1.0, 0.0, -4.0], [9.0, 0.0, 4.0]]),
-        family([1.0, 0.0, -1.0], &[[1.0, 0.0, 4.0]]),
-        family([9.0, 0.0, 4.0], &[[1.0, 0.0, 4.0]]),
+    let expanded_tokens = [
+        expanded([1.0, 0.0, 4.0], &[[2.0, 0.4, 4.0], [1.0, 0.0, -4.0], [9.0, 0.0, 4.0]]),
+        expanded([1.0, 0.0, -1.0], &[[1.0, 0.0, 4.0]]),
+        expanded([9.0, 0.0, 4.0], &[[1.0, 0.0, 4.0]]),
     ];
-    let seen = seen_by(&families, &view).unwrap();
+    let seen = seen_by(&expanded_tokens, &view).unwrap();
     let [only] = &seen[..] else { panic!("{seen:?}") };
     Tolerance::absolute(1e-9).assert(only.parent, [100.0, 50.0], "the middle");
     let children = only.children.concat();
@@ -130,8 +130,8 @@ fn uncertainty_is_composited_and_only_selected_tokens_are_opaque() {
     let (network, subject) = (network(&nano()), subject(&[0]));
     let found = study(&network, &subject).unwrap().targets.remove(0).uncertainty.unwrap();
     let trace = network.trace(&subject.views, 0).unwrap();
-    let scores = trace.made.blocks[3].scores.as_ref().unwrap();
-    assert_eq!((found.block, found.tokens, found.selected), (4, scores.len(), trace.made.budget.expanded[3]));
+    let scores = trace.reconstruction.blocks[3].scores.as_ref().unwrap();
+    assert_eq!((found.block, found.tokens, found.selected), (4, scores.len(), trace.reconstruction.budget.expanded[3]));
     assert_eq!(found.error.len(), 128 * 128);
     let whole = CpuRenderer::default().render(&trace.entering[3], &subject.targets[0].view, &subject.options).unwrap();
     let [least, most] = [f64::minimum_of, f64::maximum_of]
@@ -151,7 +151,7 @@ fn uncertainty_is_composited_and_only_selected_tokens_are_opaque() {
 fn without_selected_tokens_nothing_is_opaque() {
     let config = nano().with_thresholds(&[1e9; 3]).unwrap();
     let found = study(&network(&config), &subject(&[0])).unwrap();
-    assert!(found.families.is_empty());
+    assert!(found.expanded_tokens.is_empty());
     let uncertainty = found.targets[0].uncertainty.as_ref().unwrap();
     assert_eq!(uncertainty.selected, 0);
     assert!(uncertainty.selected_alpha.iter().all(|alpha| alpha.abs().to_bits() == 0));
@@ -162,7 +162,7 @@ fn studies_without_scores_or_expansion_are_partial() {
     let mut random = nano();
     random.expansion.selection = Selection::Random { seed: 1 };
     let found = study(&network(&random), &subject(&[0])).unwrap();
-    assert!(found.targets[0].uncertainty.is_none() && !found.families.is_empty());
+    assert!(found.targets[0].uncertainty.is_none() && !found.expanded_tokens.is_empty());
     assert_eq!(found.targets[0].stages.len(), 4);
 
     // Only the second expanding block: the first one stays disabled in every stage.
@@ -173,7 +173,7 @@ fn studies_without_scores_or_expansion_are_partial() {
     assert_eq!(blocks, [&[][..], &[3]]);
 
     let found = study(&network(&nano().with_expansion_in_first(0)), &subject(&[0])).unwrap();
-    assert!(found.families.is_empty() && found.targets[0].stages.len() == 1);
+    assert!(found.expanded_tokens.is_empty() && found.targets[0].stages.len() == 1);
     assert!(found.targets[0].uncertainty.is_none());
 }
 

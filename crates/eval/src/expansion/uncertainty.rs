@@ -37,7 +37,9 @@ pub(super) fn of_last_block(
     target: &Target,
     options: &RenderOptions,
 ) -> Result<Option<Uncertainty>, ExpansionError> {
-    let Some(last) = trace.made.blocks.iter().rposition(|block| block.scores.is_some()) else { return Ok(None) };
+    let Some(last) = trace.reconstruction.blocks.iter().rposition(|block| block.scores.is_some()) else {
+        return Ok(None);
+    };
     of_block(trace, last, target, options)
 }
 
@@ -48,7 +50,9 @@ pub(super) fn of_block(
     target: &Target,
     options: &RenderOptions,
 ) -> Result<Option<Uncertainty>, ExpansionError> {
-    let Some((block, gaussians)) = trace.made.blocks.get(at).zip(trace.entering.get(at)) else { return Ok(None) };
+    let Some((block, gaussians)) = trace.reconstruction.blocks.get(at).zip(trace.entering.get(at)) else {
+        return Ok(None);
+    };
     let Some(scores) = &block.scores else { return Ok(None) };
     let Some(per_token) = gaussians.len().checked_div(scores.len()) else { return Ok(None) };
 

@@ -56,6 +56,7 @@ impl From<Gaussians> for StartGaussians {
 
 /// Why there is nothing to start from.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 #[non_exhaustive]
 pub enum StartError {
     /// COLMAP's points cannot be read.
@@ -70,21 +71,15 @@ pub enum StartError {
     NoPoints(PathBuf),
     /// No Gaussians can be made of the points.
     #[error("COLMAP's points: {error} ({})", folder.display())]
-    Unusable {
-        /// The folder of the points.
-        folder: PathBuf,
-        /// Why not.
-        error: Box<FitError>,
-    },
+    Unusable { folder: PathBuf, error: Box<FitError> },
     /// The points lie in another world than the scene's cameras.
     #[error(
-        "{}: the cameras of {images} images are not where the dataset has them, by {percent:.0} % of its extent in the \
-         median: its cameras were moved without an applied_transform, as by instant-ngp's colmap2nerf.py, or the points \
-         belong to another capture",
+        "{}: the cameras of {images} images differ from the dataset's, in the median by {percent:.0} % of its extent: the \
+         dataset's cameras were moved without an applied_transform, as by instant-ngp's colmap2nerf.py, or the points belong \
+         to another capture",
         folder.display()
     )]
     Elsewhere {
-        /// The folder of the points.
         folder: PathBuf,
         /// Images that are frames of the scene.
         images: usize,

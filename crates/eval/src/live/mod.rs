@@ -10,6 +10,8 @@ use atsplat_splat::{Gaussians, PrincipalPoint, RenderOptions, View};
 use glam::DVec3;
 use serde::Serialize;
 
+use crate::expansion::ExpansionError;
+
 pub use pack::{BYTES, Packed};
 
 /// Gaussians and cameras of one trial.
@@ -71,25 +73,28 @@ pub struct LiveToken {
 
 impl LiveScene {
     /// The Gaussians of a forward pass with the cameras of its trial, as rendered by `options`.
-    pub fn of(trace: &Trace, trial: &Trial, options: &RenderOptions) -> Self {
+    ///
+    /// # Errors
+    /// [`ExpansionError::Invalid`] for a network with more than 255 blocks, whose numbers do not fit into [`LiveToken::block`].
+    pub fn of(trace: &Trace, trial: &Trial, options: &RenderOptions) -> Result<Self, ExpansionError> {
         let context =
             trial.context().iter().map(|view| (true, view.frame, View { camera: view.camera, size: view.size }));
         let targets =
             trial.targets().iter().map(|view| (false, view.frame, View { camera: view.camera, size: view.size }));
         let views: Vec<(bool, usize, View)> = context.chain(targets).collect();
-        let scores = || trace.made.blocks.iter().flat_map(|block| &block.scores).flatten().copied();
+        let scores = || trace.reconstruction.blocks.iter().flat_map(|block| &block.scores).flatten().copied();
         let range = scores().reduce(f32::minimum_of).zip(scores().reduce(f32::maximum_of));
         let uncertainty = range.map(|(least, most)| [least, most]);
-        Self {
-            focus: views.first().map_or([0.0; 3], |(.., view)| focus(view, &trace.made.gaussians)),
+        Ok(Self {
+            focus: views.first().map_or([0.0; 3], |(.., view)| focus(view, &trace.reconstruction.gaussians)),
             cameras: views
                 .iter()
                 .map(|(context, frame, view)| LiveCamera::of(*context, *frame, view, options))
                 .collect(),
             options: options.clone(),
-            stages: stages(trace, uncertainty.unwrap_or_default(), options.constants.min_alpha),
+            stages: stages(trace, uncertainty.unwrap_or_default(), options.constants.min_alpha)?,
             uncertainty,
-        }
+        })
     }
 }
 
@@ -115,9 +120,10 @@ fn focus(view: &View, gaussians: &Gaussians) -> [f64; 3] {
     pose.inverse().transform_point(DVec3::new(0.0, 0.0, depth)).to_array()
 }
 
-fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Vec<LiveStage> {
-    let made = &trace.made;
-    let first = trace.entering.first().unwrap_or(&made.gaussians);
+#[expect(clippy::expect_used, reason = "a trace has the Gaussians and parents of every block")]
+fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Result<Vec<LiveStage>, ExpansionError> {
+    let made = &trace.reconstruction;
+    let first = trace.entering.first().expect("a decoder has at least one block");
     let per_token = made.budget.gaussians_per_token();
     let mut origins = vec![0; first.len() / per_token];
     let mut scores: Vec<f32> = vec![uncertainty[0]; origins.len()];
@@ -126,20 +132,24 @@ fn stages(trace: &Trace, uncertainty: [f32; 2], min_alpha: f64) -> Vec<LiveStage
         if let Some(own) = &block.scores {
             scores.clone_from(own);
         }
-        let entering = trace.entering.get(at).unwrap_or(first);
+        let entering = trace.entering.get(at).expect("the Gaussians that enter the block");
         stages.push(LiveStage::of(at, entering, per_token, &labels(&origins, &scores, uncertainty), min_alpha));
-        scores = block.parents.iter().filter_map(|&parent| scores.get(parent).copied()).collect();
-        let number = u8::try_from(at + 1).unwrap_or(u8::MAX);
+        let inherited = |parent: &usize| *scores.get(*parent).expect("a token that entered the block");
+        scores = block.parents.iter().map(inherited).collect();
+        let number = u8::try_from(at + 1).map_err(|_too_large| ExpansionError::Invalid {
+            what: "live view",
+            expected: format!("at most {} decoder blocks", u8::MAX),
+            found: made.blocks.len().to_string(),
+        })?;
         let origin = |parent: &usize| match block.selected.binary_search(parent) {
             Ok(_) => number,
-            #[expect(clippy::expect_used, reason = "parents are tokens that entered the block")]
             Err(_) => *origins.get(*parent).expect("a token that entered the block"),
         };
         origins = block.parents.iter().map(origin).collect();
     }
     let last = labels(&origins, &scores, uncertainty);
     stages.push(LiveStage::of(made.blocks.len(), &made.gaussians, per_token, &last, min_alpha));
-    stages
+    Ok(stages)
 }
 
 /// Block and uncertainty of each token.

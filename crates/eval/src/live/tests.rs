@@ -7,8 +7,8 @@ use crate::expansion::tests::{nano, network, subject, trial};
 fn tokens_carry_the_block_that_made_them_and_the_score_that_decides_on_them() {
     let trace = network(&nano()).trace(&subject(&[]).views, 0).unwrap();
     let (trial, _) = trial();
-    let scene = LiveScene::of(&trace, &trial, &RenderOptions::default());
-    let made = &trace.made;
+    let scene = LiveScene::of(&trace, &trial, &RenderOptions::default()).unwrap();
+    let made = &trace.reconstruction;
     assert_eq!(scene.stages.iter().map(|stage| stage.blocks).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
     let final_stage = &scene.stages[4];
     assert_eq!(final_stage.all, made.gaussians.len());
@@ -43,7 +43,7 @@ fn tokens_carry_the_block_that_made_them_and_the_score_that_decides_on_them() {
 fn the_view_turns_about_the_middle_of_what_the_first_camera_sees() {
     let trace = network(&nano()).trace(&subject(&[]).views, 0).unwrap();
     let (trial, _) = trial();
-    let scene = LiveScene::of(&trace, &trial, &RenderOptions::default());
+    let scene = LiveScene::of(&trace, &trial, &RenderOptions::default()).unwrap();
     let frames: Vec<(bool, usize)> = scene.cameras.iter().map(|camera| (camera.context, camera.frame)).collect();
     let context = trial.context().iter().map(|view| (true, view.frame));
     assert_eq!(frames, context.chain(trial.targets().iter().map(|view| (false, view.frame))).collect::<Vec<_>>());
@@ -54,6 +54,6 @@ fn the_view_turns_about_the_middle_of_what_the_first_camera_sees() {
     let nearer = |mean: &&[f32; 3]| {
         trial.context()[0].camera.camera_from_world.transform_point(DVec3::from(mean.map(f64::from))).z < seen.depth
     };
-    let means = &trace.made.gaussians.parts().means;
+    let means = &trace.reconstruction.gaussians.parts().means;
     assert!((means.iter().filter(nearer).count() * 2).abs_diff(means.len()) < means.len() / 50, "half are nearer");
 }

@@ -19,7 +19,7 @@ pub struct AtSplat {
     /// Used instead of `network` for large images.
     high_resolution: Option<Network>,
     splatting: Splatting,
-    products: MatmulPrecision,
+    matmul_precision: MatmulPrecision,
     /// Combined with the trial's identity into the seed of each forward pass.
     call_seed: u64,
     record: MethodRecord,
@@ -97,12 +97,12 @@ impl AtSplat {
         weights.describe(&network, &mut record)?;
         splatting.describe(&mut record);
         record.record_network(&network);
-        let products = MatmulPrecision::default();
+        let matmul_precision = MatmulPrecision::default();
         Ok(Self {
             network,
             high_resolution: None,
             splatting,
-            products,
+            matmul_precision,
             call_seed,
             record,
             trained_poses: None,
@@ -122,13 +122,13 @@ impl AtSplat {
     }
 
     /// Computes matrix products in this precision, which the record states unless it is f32; in f32 where the network's device
-    /// does not have it ([`Network::multiplies_in`]).
+    /// does not have it ([`Network::supports_precision`]).
     #[must_use]
-    pub fn with_matmul_precision(mut self, products: MatmulPrecision) -> Self {
-        if products != MatmulPrecision::default() {
-            self.record.parameters.insert("products".to_owned(), products.name().into());
+    pub fn with_matmul_precision(mut self, precision: MatmulPrecision) -> Self {
+        if precision != MatmulPrecision::default() {
+            self.record.parameters.insert("matmul-precision".to_owned(), precision.name().into());
         }
-        self.products = products;
+        self.matmul_precision = precision;
         self
     }
 
@@ -175,13 +175,13 @@ impl AtSplat {
         let seed = trial_seed(self.call_seed, input.trial);
         let size = views.size();
         let network = self.network_for(size);
-        let reconstruction = self.products.scope(|| match &self.shared {
+        let reconstruction = self.matmul_precision.scope(|| match &self.shared {
             Some(shared) => shared.reconstruct(network, views, seed),
             None => network.reconstruct(&views, seed),
         });
         let reconstruction = reconstruction.map_err(|error| method_error(&error))?;
-        let seen_at = reconstruction.seen_at;
-        let resized = (seen_at != size).then(|| format!("the network saw context images of {size} at {seen_at}"));
+        let input_size = reconstruction.input_size;
+        let resized = (input_size != size).then(|| format!("the network saw context images of {size} at {input_size}"));
         let other = other_poses(self.trained_poses.as_deref(), input, self.setting());
         Ok((reconstruction, resized.into_iter().chain(other).collect()))
     }
@@ -190,7 +190,8 @@ impl AtSplat {
     /// weights were trained at that half size.
     fn network_for(&self, size: ImageSize) -> &Network {
         let half = ImageSize::new(size.height / 2, size.width / 2);
-        let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.sees(half) == half;
+        let is_large =
+            size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.input_size(half) == half;
         self.high_resolution.as_ref().filter(|_| is_large).unwrap_or(&self.network)
     }
 }
@@ -223,7 +224,7 @@ impl Method for AtSplat {
         self.record.clone()
     }
 
-    fn is_heavy(&self) -> bool {
+    fn runs_alone(&self) -> bool {
         true
     }
 
@@ -246,7 +247,7 @@ impl Method for AtSplat {
     }
 }
 
-/// An input that the network does not take is no failure.
+/// An input that the network does not take does not count as a failure.
 pub(super) fn method_error(error: &ModelError) -> MethodError {
     match error {
         ModelError::Indivisible { .. } | ModelError::SizesDiffer { .. } => {

@@ -31,7 +31,7 @@ struct LayoutCounts(BTreeMap<Layout, usize>);
 
 /// How many of the requested scenes a folder of imported results holds, and in which layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Survey {
+pub struct FoundFiles {
     what: &'static str,
     folder: PathBuf,
     expected: &'static str,
@@ -44,7 +44,7 @@ pub struct Survey {
     without_files: Option<(PathBuf, Vec<usize>)>,
 }
 
-impl Survey {
+impl FoundFiles {
     /// Looks for scenes below a folder and, if there are none, in its parents and subfolders. `layout` returns how a
     /// scene's files are laid out below a folder, if they are there under one of the names that scenes have in it.
     pub(super) fn of(
@@ -107,7 +107,7 @@ impl Survey {
     }
 }
 
-impl fmt::Display for Survey {
+impl fmt::Display for FoundFiles {
     /// `folder of renders out: SCENE/color/000029.png in 12 of 12 scenes`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (what, folder) = (self.what, self.folder.display());
@@ -184,8 +184,8 @@ mod tests {
         let why = |scenes: &[&str], frames: &[usize]| {
             let requested: Vec<_> = scenes.iter().map(|&scene| RequestedScene { scene, frames }).collect();
             let (what, names) = (("folder of renders", "SCENE/29.png"), SceneNames::default());
-            let survey = Survey::of(what, folder.path(), &names, &requested, |_, _, _| None);
-            let why = survey.check().unwrap_err().to_string();
+            let found = FoundFiles::of(what, folder.path(), &names, &requested, |_, _, _| None);
+            let why = found.check().unwrap_err().to_string();
             let (_, found) = why.split_once(", found ").unwrap();
             found.replace(&format!("{}/", folder.path().display()), "")
         };

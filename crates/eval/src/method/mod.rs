@@ -29,7 +29,7 @@ use thiserror::Error;
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsSource};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use exec::{Exec, ExecSettings};
-pub use layout::{Layout, RequestedScene, Survey};
+pub use layout::{FoundFiles, Layout, RequestedScene};
 pub use nearest_view::NearestView;
 pub use optimised::{MAX_GAUSSIANS, Optimised, START_POINTS};
 pub use ply::{BROKEN, GaussianFrame, Ply};
@@ -54,7 +54,7 @@ pub trait Method: Debug + Send + Sync {
     }
 
     /// Whether one trial needs so much memory that trials must run one at a time.
-    fn is_heavy(&self) -> bool {
+    fn runs_alone(&self) -> bool {
         false
     }
 
@@ -71,7 +71,7 @@ pub trait Method: Debug + Send + Sync {
     }
 
     /// Where an imported method's files for these scenes are; `None` for a method that runs in this process.
-    fn survey(&self, _scenes: &[RequestedScene<'_>]) -> Option<Survey> {
+    fn find_files(&self, _scenes: &[RequestedScene<'_>]) -> Option<FoundFiles> {
         None
     }
 

@@ -165,7 +165,7 @@ impl Method for Optimised {
         self.record.clone()
     }
 
-    fn is_heavy(&self) -> bool {
+    fn runs_alone(&self) -> bool {
         true
     }
 
@@ -176,7 +176,7 @@ impl Method for Optimised {
             .collect();
         let extent = camera_extent(views.iter().map(|view| &view.view));
         if self.network.is_none() && (extent.is_nan() || extent <= 0.0) {
-            return Err(MethodError::NotApplicable("the context cameras are in one place".to_owned()));
+            return Err(MethodError::NotApplicable("all context cameras are in the same place".to_owned()));
         }
         let mut cost = Cost::default();
         let mut config = self.config(&input);

@@ -10,14 +10,14 @@ use atsplat_splat::{Gaussians, RasterMode, files};
 use super::scene_names::SceneNames;
 use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
 use super::{
-    Cost, Layout, Method, MethodError, Prediction, RequestedScene, Survey, Timed, TrialInput, below, folder_name,
+    Cost, FoundFiles, Layout, Method, MethodError, Prediction, RequestedScene, Timed, TrialInput, below, folder_name,
 };
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians written by another program, one file per scene:
 /// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
 /// several entries for a scene, the second is named `<scene>-1`, and so on; the first may be named `<scene>-0`. The name of a
-/// scene of the index stands for that scene alone. A scene with two of these files that differ in more than their extension is
+/// scene of the index refers to that scene alone. A scene with two of these files that differ in more than their extension is
 /// a failed trial.
 #[derive(Clone, Debug)]
 pub struct Ply {
@@ -192,11 +192,11 @@ impl Method for Ply {
         Some(Arc::new(Self { names: self.names.among(indices), ..self.clone() }))
     }
 
-    fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
+    fn find_files(&self, requested: &[RequestedScene<'_>]) -> Option<FoundFiles> {
         const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
         // One file holds all frames.
         let requested: Vec<_> = requested.iter().map(|of| RequestedScene { frames: &[], ..*of }).collect();
-        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, &self.names, &requested, layout))
+        Some(FoundFiles::of(("folder of Gaussians", EXPECTED), &self.folder, &self.names, &requested, layout))
     }
 
     fn timed(&self) -> Timed {

@@ -11,8 +11,8 @@ use super::range::check_range;
 use super::scene_names::SceneNames;
 use super::splatting::parameters;
 use super::{
-    Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Survey, Timed, TrialInput, below, folder_name,
-    render_each,
+    FoundFiles, Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Timed, TrialInput, below,
+    folder_name, render_each,
 };
 use crate::{EvalError, MethodRecord};
 
@@ -118,9 +118,9 @@ impl Method for Renders {
         Some(Arc::new(Self { names: self.names.among(indices), ..self.clone() }))
     }
 
-    fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
+    fn find_files(&self, requested: &[RequestedScene<'_>]) -> Option<FoundFiles> {
         const EXPECTED: &str = "SCENE/color/000029.png, SCENE/000029.png or SCENE/29.png, or .exr,";
-        Some(Survey::of(("folder of renders", EXPECTED), &self.folder, &self.names, requested, layout))
+        Some(FoundFiles::of(("folder of renders", EXPECTED), &self.folder, &self.names, requested, layout))
     }
 
     fn timed(&self) -> Timed {

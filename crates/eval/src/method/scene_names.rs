@@ -7,8 +7,8 @@ use atsplat_protocol::EvaluationIndex;
 use crate::file_name::file_name;
 use crate::store::PROVENANCE;
 
-/// Under which names the files of a scene may lie in a folder of imported results. The name of a scene never stands for an entry
-/// of another one.
+/// Names that a scene's files may have in a folder of imported results. The name of a scene never refers to an entry of another
+/// one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SceneNames {
     /// All scenes of a run; empty if they are not known.

@@ -41,18 +41,14 @@ pub enum MethodKind {
 
 /// Text that is not a method.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum InvalidMethod {
     /// An unknown method, a name that results cannot have, or an invalid budget.
     #[error(transparent)]
     Text(#[from] InvalidText),
     /// A name was given to a baseline.
     #[error("{method} has no variants and takes no name, found {found:?}")]
-    Named {
-        /// The baseline.
-        method: String,
-        /// The text.
-        found: String,
-    },
+    Named { method: String, found: String },
 }
 
 impl MethodKind {

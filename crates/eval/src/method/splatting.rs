@@ -166,7 +166,7 @@ impl Splatting {
     }
 
     /// Adds the renderer's settings to a method's record.
-    pub(super) fn describe(&self, record: &mut MethodRecord) {
+    pub fn describe(&self, record: &mut MethodRecord) {
         record.constants = Some(self.constants.name().to_owned());
         record.backend = Some(self.backend.name());
         record.renderer_adapter = self.backend.adapter().cloned();
@@ -272,7 +272,7 @@ fn finished(rendering: Rendering<f32>, plan: &EffectPlan) -> Result<Rendered, St
     let effects = ran.map(|decision| decision.effect).collect();
     let samples = rendering.rgb.into_flattened();
     let image = Image::new(rendering.size.width, rendering.size.height, samples).map_err(|error| error.to_string())?;
-    Ok(Rendered { image, drawn: Some(rendering.census.drawn), effects })
+    Ok(Rendered { image, drawn: Some(rendering.counts.drawn), effects })
 }
 
 impl Prediction for Splatted<'_> {

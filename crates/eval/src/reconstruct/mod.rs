@@ -21,7 +21,7 @@
 mod network_source;
 mod photos;
 mod record;
-mod rendered;
+mod render_json;
 mod renders;
 mod report;
 mod scene_file;
@@ -33,13 +33,14 @@ use atsplat_scene::{Scene, Warnings};
 pub use network_source::{BackboneRecord, ModelRecord, NetworkSource, UntrainedBackbone, WeightsRecord, WrittenFor};
 pub use photos::{PhotoSelection, Photos, photo_recipe};
 pub use record::{BlockRecord, InputRecord, NormalisationRecord, TokenRecord, ViewRecord, warnings};
-pub use rendered::rendered_scene;
+pub use render_json::rendered_scene;
 pub use renders::{RendersRecord, write_renders};
 pub use report::{Clock, MemoryRecord, PlotsRecord, Record, Report};
 pub use scene_file::{GaussianFrame, OutputRecord, SceneFormat, write_gaussians};
 
 /// Why photos cannot be reconstructed.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 #[non_exhaustive]
 pub enum ReconstructError {
     /// The photos cannot become a trial.
@@ -50,16 +51,7 @@ pub enum ReconstructError {
     NoContext,
     /// Context images of several sizes.
     #[error("expected context images of one size, found {expected} in frame {first} and {found} in frame {frame}")]
-    Sizes {
-        /// Size of the first context image.
-        expected: atsplat_camera::ImageSize,
-        /// The first context frame.
-        first: usize,
-        /// The other size.
-        found: atsplat_camera::ImageSize,
-        /// The other frame.
-        frame: usize,
-    },
+    Sizes { expected: atsplat_camera::ImageSize, first: usize, found: atsplat_camera::ImageSize, frame: usize },
     /// The network or its weights cannot be used.
     #[error(transparent)]
     Model(#[from] atsplat_model::ModelError),
@@ -71,23 +63,13 @@ pub enum ReconstructError {
     Gaussians(#[from] atsplat_splat::SplatError),
     /// A view cannot be rendered.
     #[error("rendering frame {frame}: {source}")]
-    Render {
-        /// The frame.
-        frame: usize,
-        /// The renderer's error.
-        source: atsplat_splat::SplatError,
-    },
+    Render { frame: usize, source: atsplat_splat::SplatError },
     /// An image cannot be encoded.
     #[error(transparent)]
     Pixels(#[from] atsplat_pixels::PixelError),
     /// A file cannot be written.
     #[error("writing {}: {source}", path.display())]
-    Write {
-        /// The file.
-        path: std::path::PathBuf,
-        /// The reason given by the system.
-        source: std::io::Error,
-    },
+    Write { path: std::path::PathBuf, source: std::io::Error },
 }
 
 /// Reconstructs a scene from the frames at the positions `context`, at the network's resolution and in normalised poses.

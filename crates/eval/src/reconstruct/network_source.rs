@@ -15,7 +15,7 @@ use crate::rows::TRAINED_POSES;
 /// A network configuration and the location of its weights, which are not loaded yet.
 #[derive(Debug)]
 pub struct NetworkSource {
-    /// The configuration.
+    /// The configuration that runs; the weights may have been written for another one.
     pub config: ModelConfig,
     weights: Weights,
     /// Whether the network sees images as given instead of at the training resolution of its weights.
@@ -53,9 +53,9 @@ pub struct ModelRecord {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct WrittenFor {
-    /// Its name.
+    /// Name of the configuration in the weights file.
     pub name: String,
-    /// Its hash.
+    /// [`ModelConfig::hash`] of that configuration.
     pub hash: String,
 }
 
@@ -65,16 +65,16 @@ pub struct WrittenFor {
 pub enum WeightsRecord {
     /// From a weights file.
     File {
-        /// The file.
+        /// Path as given by the user.
         file: PathBuf,
-        /// Its hash.
+        /// Of the whole file, in hexadecimal.
         sha256: String,
         /// Its own provenance.
         provenance: BTreeMap<String, String>,
     },
     /// Random weights.
     Untrained {
-        /// Their seed.
+        /// The same seed gives the same weights.
         seed: u64,
         /// The warning that must accompany them.
         message: &'static str,
@@ -87,9 +87,9 @@ pub enum WeightsRecord {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BackboneRecord {
-    /// The file.
+    /// Path as given by the user.
     pub file: PathBuf,
-    /// Its hash.
+    /// Of the whole file, in hexadecimal.
     pub sha256: String,
     /// Description of the published file with this hash, if any.
     pub known: Option<&'static str>,
@@ -123,7 +123,8 @@ impl WeightsRecord {
         }
     }
 
-    const UNTRAINED: &str = "random weights, nothing was learned; the Gaussians show that the pipeline works and what it costs, not a scene";
+    const UNTRAINED: &str =
+        "random weights: the Gaussians show that the pipeline works and what it costs, but not the scene";
 
     /// The warning that must accompany all output of an untrained network.
     pub const fn untrained(&self) -> Option<&'static str> {
@@ -165,7 +166,7 @@ impl NetworkSource {
     }
 
     /// The size at which the network sees images of a given size, in pixels.
-    pub fn sees(&self, given: ImageSize) -> ImageSize {
+    pub fn input_size(&self, given: ImageSize) -> ImageSize {
         self.trained_at().map_or(given, |trained| self.config.context_size(given, trained))
     }
 

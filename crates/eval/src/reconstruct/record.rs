@@ -13,7 +13,7 @@ use super::Photos;
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct InputRecord {
-    /// The dataset.
+    /// Path of the dataset as given by the user.
     pub data: PathBuf,
     /// Key of the scene.
     pub scene: String,
@@ -47,7 +47,7 @@ pub struct ViewRecord {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct NormalisationRecord {
-    /// The rule.
+    /// How origin, axes and scale were chosen.
     pub rule: PoseNormalisation,
     /// Row-major.
     pub rotation: [[f64; 3]; 3],

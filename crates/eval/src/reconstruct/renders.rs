@@ -7,7 +7,7 @@ use atsplat_splat::{Gaussians, RenderOptions, Renderer, View};
 use serde::Serialize;
 
 use super::{Photos, ReconstructError};
-use crate::images::{frame_file_name, rendered_image};
+use crate::rendering::{frame_file_name, rendered_image};
 
 /// The renders of a reconstruction, and what they depend on in addition to the Gaussians.
 #[derive(Debug, Serialize)]

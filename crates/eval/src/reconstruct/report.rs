@@ -19,11 +19,11 @@ use crate::AdapterRecord;
 pub struct Record {
     /// Version of this toolkit.
     pub atsplat: &'static str,
-    /// The photos.
+    /// Context and target photos, with their preprocessing.
     pub input: InputRecord,
-    /// The network.
+    /// Name and hash of the configuration.
     pub model: ModelRecord,
-    /// Its weights.
+    /// Their file and hash, or the seed of random ones.
     pub weights: WeightsRecord,
     /// Seed of random token selection.
     pub seed: u64,
@@ -33,7 +33,7 @@ pub struct Record {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adapter: Option<AdapterRecord>,
     /// Height and width at which the network saw the photos, in pixels.
-    pub seen_at: ImageSize,
+    pub input_size: ImageSize,
     /// Tokens and Gaussians of each block.
     pub tokens: TokenRecord,
     /// The scene file.
@@ -128,8 +128,8 @@ impl fmt::Display for Report {
         }
         let frames: Vec<String> = input.views.iter().map(|view| view.frame.to_string()).collect();
         let (scene, frames, model) = (&input.scene, frames.join(", "), &model.name);
-        let seen_at = self.record.seen_at;
-        let seen = if seen_at == self.size { String::new() } else { format!(" seen at {seen_at}") };
+        let input_size = self.record.input_size;
+        let seen = if input_size == self.size { String::new() } else { format!(" seen at {input_size}") };
         writeln!(f, "scene {scene}, frames {frames}, {}{seen} (height x width), model {model}", self.size)?;
         let frame = match output.frame {
             GaussianFrame::Scene => "the dataset's frame",
@@ -168,7 +168,7 @@ impl Report {
         let [total, weights, values] = [estimated_peak_bytes, weight_bytes, activation_bytes].map(format_bytes);
         write!(f, "\nmemory of the network, by formula: {total} ({weights} of weights, {values} of values)")?;
         match measured_peak_bytes {
-            Some(bytes) => writeln!(f, "; the process held {} at most", format_bytes(bytes)),
+            Some(bytes) => writeln!(f, "; peak memory of the process: {}", format_bytes(bytes)),
             None => writeln!(f),
         }
     }

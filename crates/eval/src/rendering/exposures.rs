@@ -6,7 +6,7 @@ use atsplat_files::{FileError, InvalidText, Malformed};
 use atsplat_splat::{Exposure, LARGEST_CHANNEL};
 use thiserror::Error;
 
-use super::Shot;
+use super::FrameRequest;
 
 /// The exposure of each view.
 #[derive(Debug)]
@@ -50,6 +50,7 @@ impl FromStr for ExposureSource {
 
 /// Why exposures cannot be read or applied.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum ExposuresError {
     /// The file cannot be read.
     #[error(transparent)]
@@ -59,12 +60,7 @@ pub enum ExposuresError {
     Malformed(#[from] Malformed),
     /// A view is not in the file.
     #[error("{} has no exposure for the view {view:?}", file.display())]
-    Missing {
-        /// The file.
-        file: PathBuf,
-        /// The view.
-        view: String,
-    },
+    Missing { file: PathBuf, view: String },
 }
 
 impl Exposures {
@@ -98,14 +94,14 @@ impl Exposures {
     ///
     /// # Errors
     /// [`ExposuresError::Missing`].
-    pub fn expose(&self, shots: &mut [Shot]) -> Result<(), ExposuresError> {
-        for shot in shots {
+    pub fn expose(&self, requests: &mut [FrameRequest]) -> Result<(), ExposuresError> {
+        for request in requests {
             match self {
                 Self::OfCameras => {}
-                Self::Uniform(exposure) => shot.exposure = Some(*exposure),
-                Self::Listed { file, by_name } => match by_name.get(&shot.name) {
-                    Some(exposure) => shot.exposure = Some(*exposure),
-                    None => return Err(ExposuresError::Missing { file: file.clone(), view: shot.name.clone() }),
+                Self::Uniform(exposure) => request.exposure = Some(*exposure),
+                Self::Listed { file, by_name } => match by_name.get(&request.name) {
+                    Some(exposure) => request.exposure = Some(*exposure),
+                    None => return Err(ExposuresError::Missing { file: file.clone(), view: request.name.clone() }),
                 },
             }
         }

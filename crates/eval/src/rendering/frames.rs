@@ -6,12 +6,12 @@ use std::time::Instant;
 use atsplat_files::{FileError, Writer};
 use atsplat_pixels::{ImageU8, PixelError, Preview, Rounding, encode_png, preview_frame};
 use atsplat_splat::effects::{Decision, Scene};
-use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
+use atsplat_splat::{GaussianCounts, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
-use super::{Look, RenderingError, Shot};
-use crate::frame_timings::FrameTiming;
-use crate::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
+use super::frame_timings::FrameTiming;
+use super::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
+use super::{FrameRequest, RenderSettings, RenderingError};
 
 /// Memory limit of rendered frames waiting to be written.
 const MAX_PENDING_BYTES: usize = 1 << 30;
@@ -35,7 +35,7 @@ pub struct Frame {
     /// Names of its files inside the folder.
     pub files: Vec<String>,
     /// `None` if it was not rendered.
-    pub census: Option<Census>,
+    pub counts: Option<GaussianCounts>,
     /// Why it is incomplete.
     pub fault: Option<String>,
     /// Decisions on effects.
@@ -46,13 +46,13 @@ pub struct Frame {
 
 /// A rendered frame that is not written yet.
 struct Pending<'a> {
-    shot: &'a Shot,
+    request: &'a FrameRequest,
     rendering: Result<Rendering<f32>, String>,
     decisions: Vec<Decision>,
     timing: FrameTiming,
 }
 
-/// Renders and writes every shot, in order. A frame that cannot be rendered or encoded is reported in its [`Frame`]; a file
+/// Renders and writes every request, in order. A frame that cannot be rendered or encoded is reported in its [`Frame`]; a file
 /// that cannot be written is an error. With `sequential`, nothing else runs while a frame is rendered. `on_frame` is
 /// called after each frame, from any thread.
 ///
@@ -60,18 +60,18 @@ struct Pending<'a> {
 /// [`RenderingError`] for files that cannot be written and images that cannot be encoded.
 pub fn render_all(
     renderer: &mut dyn Renderer,
-    (scene, shots): (&Scene<'_>, &[Shot]),
-    look: &Look,
+    (scene, requests): (&Scene<'_>, &[FrameRequest]),
+    settings: &RenderSettings,
     files: &FrameFiles,
     mut preview: Option<&mut Preview<Writer>>,
     sequential: bool,
     on_frame: &(impl Fn() + Sync),
 ) -> Result<Vec<Frame>, RenderingError> {
-    let mut render = |shots| render_batch(renderer, scene, shots, look);
+    let mut render = |requests| render_batch(renderer, scene, requests, settings);
     let mut write = |pending| write_batch(pending, files, preview.as_deref_mut(), on_frame);
-    let mut frames = Vec::with_capacity(shots.len());
+    let mut frames = Vec::with_capacity(requests.len());
     let mut pending = Vec::new();
-    for batch in shots.chunks(if sequential { 1 } else { batch_length(shots) }) {
+    for batch in requests.chunks(if sequential { 1 } else { batch_length(requests) }) {
         let previous = std::mem::take(&mut pending);
         let (done, next) = if sequential {
             (write(previous), render(batch))
@@ -86,8 +86,8 @@ pub fn render_all(
 }
 
 /// Enough frames for every thread to encode one, few enough to hold two batches in memory.
-fn batch_length(shots: &[Shot]) -> usize {
-    let largest = shots.iter().map(|shot| shot.view.pixels()).max().unwrap_or(1);
+fn batch_length(requests: &[FrameRequest]) -> usize {
+    let largest = requests.iter().map(|request| request.view.pixels()).max().unwrap_or(1);
     // Colour, alpha and up to three more planes, as f32.
     let fit = MAX_PENDING_BYTES / 2 / (7 * 4 * largest).max(1);
     rayon::current_num_threads().min(fit).max(1)
@@ -96,13 +96,13 @@ fn batch_length(shots: &[Shot]) -> usize {
 fn render_batch<'a>(
     renderer: &mut dyn Renderer,
     scene: &Scene<'_>,
-    shots: &'a [Shot],
-    look: &Look,
+    requests: &'a [FrameRequest],
+    settings: &RenderSettings,
 ) -> Vec<Pending<'a>> {
-    let mut one = |shot: &'a Shot| {
+    let mut one = |request: &'a FrameRequest| {
         let start = Instant::now();
         let before = renderer.device_counts();
-        let outcome = look.render(renderer, scene, shot);
+        let outcome = settings.render(renderer, scene, request);
         let mut timing = FrameTiming { render_secs: start.elapsed().as_secs_f64(), ..FrameTiming::default() };
         let mut decisions = Vec::new();
         let rendering = match outcome {
@@ -115,9 +115,9 @@ fn render_batch<'a>(
             }
             Err(error) => Err(error.to_string()),
         };
-        Pending { shot, rendering, decisions, timing }
+        Pending { request, rendering, decisions, timing }
     };
-    shots.iter().map(&mut one).collect()
+    requests.iter().map(&mut one).collect()
 }
 
 fn write_batch(
@@ -148,19 +148,19 @@ fn write_batch(
 }
 
 fn write_frame(
-    Pending { shot, rendering, decisions, timing }: Pending<'_>,
+    Pending { request, rendering, decisions, timing }: Pending<'_>,
     files: &FrameFiles,
     needs_bytes: bool,
 ) -> Result<(Frame, Option<ImageU8>), RenderingError> {
-    let mut frame = Frame { files: Vec::new(), census: None, fault: None, decisions, timing };
+    let mut frame = Frame { files: Vec::new(), counts: None, fault: None, decisions, timing };
     let rendering = match rendering {
         Ok(rendering) => rendering,
         Err(fault) => return Ok((Frame { fault: Some(fault), ..frame }, None)),
     };
-    frame.census = Some(rendering.census);
+    frame.counts = Some(rendering.counts);
     let start = Instant::now();
     if files.exr {
-        write(files, shot, "exr", &rendered_exr(&rendering)?, &mut frame)?;
+        write(files, request, "exr", &rendered_exr(&rendering)?, &mut frame)?;
     }
     let image = if files.png || needs_bytes {
         match rendered_image(&rendering)?.to_u8(files.rounding) {
@@ -175,7 +175,7 @@ fn write_frame(
         None
     };
     if let Some(image) = image.as_ref().filter(|_| files.png) {
-        write(files, shot, "png", &encode_png(image)?, &mut frame)?;
+        write(files, request, "png", &encode_png(image)?, &mut frame)?;
     }
     frame.timing.write_secs = start.elapsed().as_secs_f64();
     Ok((frame, image))
@@ -183,12 +183,12 @@ fn write_frame(
 
 fn write(
     files: &FrameFiles,
-    shot: &Shot,
+    request: &FrameRequest,
     extension: &str,
     bytes: &[u8],
     frame: &mut Frame,
 ) -> Result<(), RenderingError> {
-    let name = frame_file_name(shot.number, extension);
+    let name = frame_file_name(request.number, extension);
     let path = files.folder.join(&name);
     atsplat_files::write(&path, bytes).map_err(FileError::during::<RenderingError>("writing an image", &path))?;
     frame.files.push(name);
@@ -197,8 +197,8 @@ fn write(
 
 /// The warning about frames in which no Gaussian is drawn, though the scene has some.
 pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
-    let rendered = frames.iter().filter_map(|frame| frame.census).collect::<Vec<_>>();
-    let empty = rendered.iter().filter(|census| census.drawn == 0).count();
+    let rendered = frames.iter().filter_map(|frame| frame.counts).collect::<Vec<_>>();
+    let empty = rendered.iter().filter(|counts| counts.drawn == 0).count();
     (empty > 0 && !gaussians.is_empty()).then(|| {
         let all = rendered.len();
         format!(
@@ -207,7 +207,7 @@ pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<S
     })
 }
 
-/// Number of image files in a folder that are named like frames but were written by another call.
+/// Number of image files in a folder that are named like frames but come from another run.
 ///
 /// # Errors
 /// [`RenderingError::Io`].

@@ -1,10 +1,12 @@
 //! Renders Gaussians along a path of views into image files, and records what the images depend on.
 
 mod exposures;
+mod frame_request;
+mod frame_timings;
 mod frames;
-mod look;
+mod images;
 mod record;
-mod shot;
+mod settings;
 
 use atsplat_files::FileError;
 use atsplat_pixels::PixelError;
@@ -12,10 +14,12 @@ use atsplat_splat::SplatError;
 use thiserror::Error;
 
 pub use exposures::{ExposureSource, Exposures, ExposuresError};
+pub use frame_request::{FrameRequest, PathRecord, RenderPlan};
+pub use frame_timings::{FrameTiming, FrameTimings};
 pub use frames::{Frame, FrameFiles, empty_frames_warning, render_all, unknown_images};
-pub use look::{Look, LookRecord, ignored_principal_points};
+pub use images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
 pub use record::{FrameCounts, Record, RenderFile, Report, ViewRecord};
-pub use shot::{PathRecord, Plan, Shot};
+pub use settings::{RenderSettings, RenderSettingsRecord, ignored_principal_points};
 
 /// Why images cannot be rendered and written.
 #[derive(Debug, Error)]

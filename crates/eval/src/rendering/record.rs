@@ -2,14 +2,14 @@ use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_scene::camera_file::CameraRecord;
-use atsplat_splat::Census;
+use atsplat_splat::GaussianCounts;
 use atsplat_splat::effects::{EffectSummary, Explanation};
 use atsplat_splat::round_trip::RoundTrips;
-use atsplat_splat::scene_file::{CensusTable, SceneFileRecord};
+use atsplat_splat::scene_file::{GaussianCountsTable, SceneFileRecord};
 use serde::Serialize;
 
-use super::{Frame, LookRecord, PathRecord, Shot};
-use crate::frame_timings::FrameTimings;
+use super::frame_timings::FrameTimings;
+use super::{Frame, FrameRequest, PathRecord, RenderSettingsRecord};
 
 /// Contents of `render.json`: everything that the images depend on, and the outcome of each. Independent of date and speed
 /// of the machine.
@@ -35,7 +35,7 @@ pub struct Record {
     /// Name of the renderer.
     pub backend: String,
     /// Render options.
-    pub look: LookRecord,
+    pub settings: RenderSettingsRecord,
     /// Which effects ran.
     pub effects: EffectSummary,
     /// Rounding from f32 to 8 bits.
@@ -45,7 +45,7 @@ pub struct Record {
     /// Numbers of frames.
     pub frames: FrameCounts,
     /// Counts of Gaussians over all frames.
-    pub census: Census,
+    pub gaussian_counts: GaussianCounts,
     /// Loss of exporting and importing, if measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub round_trip: Option<RoundTrips>,
@@ -72,15 +72,16 @@ pub struct ViewRecord {
     #[serde(flatten)]
     camera: CameraRecord,
     files: Vec<String>,
-    census: Option<Census>,
+    gaussian_counts: Option<GaussianCounts>,
     #[serde(skip_serializing_if = "Option::is_none")]
     fault: Option<String>,
 }
 
 impl ViewRecord {
-    /// The record of a shot that was rendered as this frame.
-    pub fn of(shot: &Shot, frame: &Frame) -> Self {
-        Self { camera: shot.record(), files: frame.files.clone(), census: frame.census, fault: frame.fault.clone() }
+    /// The record of a request that was rendered as this frame.
+    pub fn of(request: &FrameRequest, frame: &Frame) -> Self {
+        let (files, fault) = (frame.files.clone(), frame.fault.clone());
+        Self { camera: request.record(), files, gaussian_counts: frame.counts, fault }
     }
 }
 
@@ -119,7 +120,7 @@ impl fmt::Display for Report {
             writeln!(f, "{failed} frames failed")?;
         }
         record.effects.fmt(f)?;
-        CensusTable { census: record.census, gaussians: scene.gaussians }.fmt(f)?;
+        GaussianCountsTable { counts: record.gaussian_counts, gaussians: scene.gaussians }.fmt(f)?;
         if let Some(timings) = &self.timings {
             timings.fmt(f)?;
         }

@@ -53,7 +53,7 @@ pub struct Results {
 }
 
 impl Results {
-    /// The trials that their method does not support. Their targets have no numbers, which is no failure.
+    /// The trials that their method does not support. Their targets have no scores, which does not count as a failure.
     pub(crate) fn not_applicable(&self) -> impl Iterator<Item = &TrialRow> {
         self.trials.iter().filter(|trial| trial.status == TrialStatus::NotApplicable)
     }

@@ -106,7 +106,7 @@ impl PresetRecord {
 pub struct MethodRecord {
     /// Name in the rows: `atsplat`, `nearest-view`, a folder's name for imported renders.
     pub name: String,
-    /// `atsplat`, `renders`, `ply`, `exec`, `nearest-view` or `warp`.
+    /// `atsplat`, `renders`, `ply`, `exec`, `python`, `nearest-view` or `warp`.
     pub kind: String,
     /// Title in tables.
     pub title: String,
@@ -245,7 +245,7 @@ impl SkippedEntry {
         all.dedup_by(|next, first| {
             let without_methods = |entry: &Self| Self { methods: BTreeSet::new(), ..entry.clone() };
             let is_same = without_methods(next) == without_methods(first);
-            // No methods stand for all of them, and come first.
+            // An empty list means all methods, and sorts first.
             if is_same && !first.methods.is_empty() {
                 first.methods.append(&mut next.methods);
             }

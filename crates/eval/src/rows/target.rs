@@ -12,7 +12,7 @@ pub const IDENTICAL: &str = "identical";
 /// One target view under one method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetRow {
-    /// Which trial.
+    /// Trial that the target belongs to.
     #[serde(flatten)]
     pub key: TrialKey,
     /// Position among the trial's targets.
@@ -33,7 +33,7 @@ pub struct TargetRow {
     pub truth_hash: Option<String>,
     /// SHA-256 of the render's samples as little-endian f32; `None` without a render.
     pub render_hash: Option<String>,
-    /// The outcome.
+    /// Scored, or why not.
     pub status: TargetStatus,
     /// Why it failed.
     pub detail: Option<String>,

@@ -6,7 +6,7 @@ use crate::EvalError;
 /// One trial under one method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrialRow {
-    /// Which trial.
+    /// Preset, method, scene and entry.
     #[serde(flatten)]
     pub key: TrialKey,
     /// [`atsplat_protocol::trial::Trial::hash`] in hexadecimal.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, IndexBuilder, Preset};
+use atsplat_protocol::{EvaluationIndex, Preset, SamplingRule};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::RenderOptions;
 
@@ -21,7 +21,7 @@ pub enum IndexChoice<'a> {
     /// This file, or the protocol's published index below this folder ([`PlannedIndex::read`]).
     At(&'a Path),
     /// Frames sampled by a rule of this name or path ([`PlannedIndex::sampled`]).
-    Sampled(&'a str, &'a IndexBuilder),
+    Sampled(&'a str, &'a SamplingRule),
 }
 
 impl Dataset {

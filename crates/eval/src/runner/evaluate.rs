@@ -277,7 +277,7 @@ impl TrialResult {
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
             context_hashes: decoded.context.iter().flatten().map(|image| hash_of_bytes(image)).collect(),
-            targets: super::walk::to_u32(rows.len()),
+            targets: super::group_run::to_u32(rows.len()),
             overlap: trial.entry().overlap.as_ref().map(|overlap| overlap.value),
             width,
             height,

@@ -5,7 +5,7 @@ use atsplat_protocol::trial::{SkipReason, SkipReport, Skipped};
 use atsplat_protocol::{DropReason, EvaluationIndex};
 use atsplat_scene::Warnings;
 
-use super::{Dataset, Lacks, Selection, Summary};
+use super::{Dataset, Missing, Selection, Summary};
 use crate::method::Method;
 use crate::{SkippedEntry, WarningCount};
 
@@ -68,7 +68,7 @@ impl Findings {
         }
     }
 
-    /// Adds what is to be known of a dataset's index, and counts what it lacks. A shard counts a part of them, so that merged
+    /// Adds the notices of a dataset's index, and counts what it misses. A shard counts a part of them, so that merged
     /// counts are those of one run.
     pub(super) fn add_notices(&mut self, dataset: &Dataset, selection: Selection, summary: &mut Summary) {
         for (kind, notice) in &dataset.index.notices {
@@ -76,10 +76,10 @@ impl Findings {
             if count > 0 {
                 self.add(&dataset.name, kind, count, notice.example.clone());
             }
-            match notice.lacks {
-                Lacks::Nothing => {}
-                Lacks::Entries => summary.skipped += count,
-                Lacks::Data => summary.not_sampled += count,
+            match notice.missing {
+                Missing::Nothing => {}
+                Missing::Entries => summary.skipped += count,
+                Missing::Data => summary.not_sampled += count,
             }
         }
     }
@@ -93,7 +93,7 @@ impl Findings {
         }
     }
 
-    /// Adds entries without a trial under these methods. Methods with different pose normalisations walk the same index;
+    /// Adds entries without a trial under these methods. Methods with different pose normalisations go through the same index;
     /// duplicates are removed by [`Self::in_order`].
     pub(super) fn add_skipped(&mut self, preset: &str, methods: &BTreeSet<String>, report: &SkipReport) {
         for Skipped { scene, entry_number, reason, detail } in &report.skipped {
@@ -101,7 +101,7 @@ impl Findings {
             self.skipped.push(SkippedEntry {
                 preset: preset.to_owned(),
                 scene: scene.clone(),
-                entry: super::walk::to_u32(*entry_number),
+                entry: super::group_run::to_u32(*entry_number),
                 reason: reason.name().to_owned(),
                 detail: detail.clone(),
                 methods,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use atsplat_files::Sha256Digest;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{
-    BuiltIndex, Derivation, EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, IndexNotices, Preset,
+    BuiltIndex, Derivation, EvaluationIndex, IndexFile, IndexLayout, IndexMatch, IndexNotices, Preset, SamplingRule,
 };
 use atsplat_scene::{SceneSource, WarningKind, Warnings};
 
@@ -17,7 +17,7 @@ const MAX_BYTES: u64 = 64 << 20;
 /// Depth to which folders are searched for indices.
 const MAX_DEPTH: usize = 4;
 
-/// How the kinds of warnings about entries begin that a published index has and the split derived from it has not.
+/// Prefix of warning kinds for published entries that the derived split drops.
 pub const DROPPED_BY_SPLIT: &str = "entries of the published index that have no place in its split";
 
 const WITHOUT_ENTRY: &str = "scenes without an entry in the sampled index";
@@ -25,7 +25,7 @@ const WITHOUT_IMAGE: &str = "frames without an image, which are not sampled";
 const UNREADABLE_IMAGE: &str = "images that cannot be read, found in sampling";
 const NOT_READ: &str = "scenes that are not read, and not sampled";
 
-/// How the kinds of warnings about scenes and frames begin that are in the data, but not in the index sampled from them.
+/// Prefixes of warning kinds for scenes and frames of the data that the sampled index leaves out.
 pub const NOT_SAMPLED: [&str; 4] = [WITHOUT_ENTRY, WITHOUT_IMAGE, UNREADABLE_IMAGE, NOT_READ];
 
 /// An evaluation index and its origin.
@@ -39,8 +39,8 @@ pub struct PlannedIndex {
     pub sha256: Sha256Digest,
     /// The published index that it equals or was derived from.
     pub name: Option<String>,
-    /// What readers of results must know of the file, and what is left out of an index that was generated, by kind; the
-    /// fields of a published file are not questioned.
+    /// What readers of results must know about the index, by kind: irregularities of an unpublished file, and what a generated
+    /// index leaves out.
     pub notices: BTreeMap<String, IndexNotice>,
 }
 
@@ -51,18 +51,18 @@ pub struct IndexNotice {
     pub count: u64,
     /// The first of them.
     pub example: String,
-    /// What a run lacks because of them.
-    pub lacks: Lacks,
+    /// What a run misses because of them.
+    pub missing: Missing,
 }
 
-/// What a run on an index lacks because of an irregularity: it is not complete without it.
+/// What a run misses because of a notice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lacks {
+pub enum Missing {
     /// Nothing.
     Nothing,
-    /// Entries of a published index, which have no trial.
+    /// Entries of a published index that have no trial.
     Entries,
-    /// Scenes or frames of the data, which a sampled index leaves out.
+    /// Scenes or frames of the data that a sampled index leaves out.
     Data,
 }
 
@@ -108,14 +108,14 @@ impl PlannedIndex {
         let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
         let lengths = scene_lengths(&present, source, &|| (), warnings);
         let split = Extrapolation::from(derivation).split(&self.index, &lengths);
-        let (kind, lacks) = match self.name {
-            Some(_) => (DROPPED_BY_SPLIT, Lacks::Entries),
-            None => ("sampled entries that have no place in the split", Lacks::Nothing),
+        let (kind, missing) = match self.name {
+            Some(_) => (DROPPED_BY_SPLIT, Missing::Entries),
+            None => ("sampled entries that have no place in the split", Missing::Nothing),
         };
         let mut notices = self.notices;
         for (why, scenes) in split.drops() {
             if let Some(first) = scenes.first() {
-                let notice = IndexNotice { count: scenes.len() as u64, example: first.clone(), lacks };
+                let notice = IndexNotice { count: scenes.len() as u64, example: first.clone(), missing };
                 notices.insert(format!("{kind}: {why}"), notice);
             }
         }
@@ -124,7 +124,7 @@ impl PlannedIndex {
     }
 
     /// Samples an index, as `protocol build` does, by the rule of this name or path.
-    pub fn sampled(name: &str, rule: &IndexBuilder, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
+    pub fn sampled(name: &str, rule: &SamplingRule, source: &dyn SceneSource, warnings: &mut Warnings) -> Self {
         let mut found = Warnings::new();
         let built = rule.build(source, &|| (), &mut found);
         let unreadable = found.count(WarningKind::UnreadableImage);
@@ -142,7 +142,7 @@ impl PlannedIndex {
     pub fn note_unread(&mut self, opening: &Warnings) {
         for kind in [WarningKind::UnreadableScene, WarningKind::IgnoredScene] {
             let Some(first) = opening.kept().iter().find(|warning| warning.kind == kind) else { continue };
-            let notice = IndexNotice { count: opening.count(kind), example: first.to_string(), lacks: Lacks::Data };
+            let notice = IndexNotice { count: opening.count(kind), example: first.to_string(), missing: Missing::Data };
             self.notices.insert(format!("{NOT_READ}: {kind}"), notice);
         }
     }
@@ -168,7 +168,9 @@ impl PlannedIndex {
 fn notices_of_file(notices: &IndexNotices) -> BTreeMap<String, IndexNotice> {
     let found = [notices.unknown_fields_mismatch(), notices.overlap_words_mismatch()].into_iter().flatten();
     found
-        .map(|found| (found.kind, IndexNotice { count: found.count, example: found.example, lacks: Lacks::Nothing }))
+        .map(|found| {
+            (found.kind, IndexNotice { count: found.count, example: found.example, missing: Missing::Nothing })
+        })
         .collect()
 }
 
@@ -177,14 +179,14 @@ fn notices_of_sampling(built: &BuiltIndex, unreadable_images: u64, rule: &str) -
     let first_null = built.index.scenes.iter().find(|(_, entries)| entries.is_empty());
     let nulls = first_null.map(|(key, _)| {
         let (count, example) = (built.nulls.values().sum::<usize>() as u64, format!("{key}, …: {}", reasons(built)));
-        (WITHOUT_ENTRY, IndexNotice { count, example, lacks: Lacks::Data })
+        (WITHOUT_ENTRY, IndexNotice { count, example, missing: Missing::Data })
     });
     let others = [
-        ("sampled entries rejected for their overlap", built.refused_entries as u64, Lacks::Nothing),
-        (WITHOUT_IMAGE, built.missing_images as u64, Lacks::Data),
-        (UNREADABLE_IMAGE, unreadable_images, Lacks::Data),
+        ("sampled entries rejected for their overlap", built.refused_entries as u64, Missing::Nothing),
+        (WITHOUT_IMAGE, built.missing_images as u64, Missing::Data),
+        (UNREADABLE_IMAGE, unreadable_images, Missing::Data),
     ]
-    .map(|(kind, count, lacks)| (kind, IndexNotice { count, example: rule.to_owned(), lacks }));
+    .map(|(kind, count, missing)| (kind, IndexNotice { count, example: rule.to_owned(), missing }));
     let found = nulls.into_iter().chain(others).filter(|(_, notice)| notice.count > 0);
     found.map(|(kind, notice)| (kind.to_owned(), notice)).collect()
 }
@@ -270,14 +272,14 @@ mod tests {
         }
     }
 
-    fn notices_of(index: &PlannedIndex) -> Vec<(&str, u64, &str, Lacks)> {
+    fn notices_of(index: &PlannedIndex) -> Vec<(&str, u64, &str, Missing)> {
         let notices = index.notices.iter();
-        notices.map(|(kind, found)| (kind.as_str(), found.count, found.example.as_str(), found.lacks)).collect()
+        notices.map(|(kind, found)| (kind.as_str(), found.count, found.example.as_str(), found.missing)).collect()
     }
 
     #[test]
     fn scenes_that_a_sampler_leaves_out_are_counted_by_reason() {
-        let rule = IndexBuilder::resolve("dl3dv-6v").unwrap();
+        let rule = SamplingRule::resolve("dl3dv-6v").unwrap();
         let source = Lengths::of(&[("a", 60), ("b", 5), ("c", 70), ("d", 3), ("e", 49)]);
         let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
         let mut opening = Warnings::new();
@@ -285,14 +287,14 @@ mod tests {
         opening.push(WarningKind::ImperfectRotation, "a", "frame 3");
         index.note_unread(&opening);
         let expected = [
-            ("frames without an image, which are not sampled", 1, "dl3dv-6v", Lacks::Data),
+            ("frames without an image, which are not sampled", 1, "dl3dv-6v", Missing::Data),
             (
                 "scenes that are not read, and not sampled: ignored-scene",
                 1,
                 "f: holds images, but no cameras",
-                Lacks::Data,
+                Missing::Data,
             ),
-            ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", Lacks::Data),
+            ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", Missing::Data),
         ];
         assert!(index.notices.keys().all(|kind| NOT_SAMPLED.iter().any(|of| kind.starts_with(of))));
         assert_eq!(notices_of(&index), expected);
@@ -317,7 +319,7 @@ mod tests {
         let skipped: Vec<_> = kinds
             .iter()
             .zip(expected)
-            .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Lacks::Entries))
+            .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Missing::Entries))
             .collect();
         assert_eq!(notices_of(&published), skipped, "a scene that is missing from the data is counted as such");
         assert_eq!(published.index.entries().count(), 2);
@@ -326,7 +328,7 @@ mod tests {
         let noticed: Vec<_> = kinds
             .iter()
             .zip(expected)
-            .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Lacks::Nothing))
+            .map(|(kind, (_, count, first))| (kind.as_str(), count, first, Missing::Nothing))
             .collect();
         assert_eq!(notices_of(&sampled), noticed);
     }
@@ -341,12 +343,12 @@ mod tests {
         let preset = Preset::named("re10k-overlap").unwrap();
         let index = PlannedIndex::read(&path, &preset, &Lengths::of(&[]), &mut Warnings::new()).unwrap();
         let expected = [
-            ("fields that an index does not have", 1, "overlapp, 1 times", Lacks::Nothing),
+            ("fields that the index format does not define", 1, "overlapp, 1 times", Missing::Nothing),
             (
-                "overlaps given as words, read as the numbers that NoPoSplat uses for them",
+                "overlaps given as words, replaced by the numbers that NoPoSplat uses for them",
                 2,
                 "the first is \"ignore\", read as 0.25",
-                Lacks::Nothing,
+                Missing::Nothing,
             ),
         ];
         assert_eq!(notices_of(&index), expected);

@@ -6,9 +6,10 @@
 
 mod dataset;
 mod evaluate;
-mod extras;
 mod findings;
+mod group_run;
 mod images;
+mod images_and_times;
 mod index;
 mod metrics;
 mod outcome;
@@ -19,17 +20,16 @@ mod scored;
 mod selection;
 mod single;
 mod suspicious;
-mod walk;
 mod worst;
 
 pub use dataset::IndexChoice;
 pub use findings::Findings;
 pub use images::{CONTEXT, KeepImages, TRUTH, image_path, is_image_of};
-pub use index::{DROPPED_BY_SPLIT, IndexNotice, Lacks, NOT_SAMPLED, PlannedIndex};
+pub use index::{DROPPED_BY_SPLIT, IndexNotice, Missing, NOT_SAMPLED, PlannedIndex};
 pub use metrics::{metric_ids, metric_records, named_metrics, suite};
 pub use plan::{Dataset, Plan, Summary, current_provenance};
 pub use run::{MISSING_SCENES, run, run_until};
 pub use selection::{Selection, spread};
 pub use single::evaluate_trial;
 
-pub(crate) use walk::{groups, key_of, recipe};
+pub(crate) use group_run::{groups, key_of, recipe};

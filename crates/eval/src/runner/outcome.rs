@@ -3,30 +3,30 @@
 use std::collections::BTreeMap;
 
 use super::{Plan, spread};
-use crate::method::{RequestedScene, Survey};
+use crate::method::{FoundFiles, RequestedScene};
 use crate::{EvalError, Results, SkippedEntry, TargetRow, TargetStatus};
 
 /// Scenes per dataset whose imported files are looked for before the run.
-const SURVEYED: usize = 32;
+const CHECKED_SCENES: usize = 32;
 
 impl Plan<'_> {
     /// Where the files of each imported method are.
     ///
     /// # Errors
     /// [`EvalError::Settings`] for a folder without any scene of the datasets.
-    pub fn surveys(&self) -> Result<Vec<Survey>, EvalError> {
+    pub fn find_imported_files(&self) -> Result<Vec<FoundFiles>, EvalError> {
         let indices: Vec<_> = self.datasets.iter().map(|dataset| self.selected(dataset).index).collect();
         let mut requested: Vec<RequestedScene<'_>> = Vec::new();
         for index in &indices {
-            for at in spread(index.scenes.len(), SURVEYED) {
+            for at in spread(index.scenes.len(), CHECKED_SCENES) {
                 let entry = index.scenes.get_index(at).and_then(|(scene, entries)| Some((scene, entries.first()?)));
                 requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
             }
         }
         let methods = self.methods_of_scenes();
-        let surveys: Vec<Survey> = methods.iter().filter_map(|method| method.survey(&requested)).collect();
-        surveys.iter().try_for_each(Survey::check)?;
-        Ok(surveys)
+        let found: Vec<FoundFiles> = methods.iter().filter_map(|method| method.find_files(&requested)).collect();
+        found.iter().try_for_each(FoundFiles::check)?;
+        Ok(found)
     }
 
     /// Why `results` hold no scored target of this plan; `None` if they hold one, and if the methods do not support any of the
@@ -72,7 +72,7 @@ impl Plan<'_> {
             return format!("{name}: none of the index's scenes is in {}: {first}, …", dataset.description);
         }
         if let Some(shard) = self.selection.shard.filter(|_| selected.index.scenes.is_empty()) {
-            return format!("{name}: shard {} of {} of {present} scenes is empty", shard.number, shard.of);
+            return format!("{name}: shard {} of {} of {present} scenes is empty", shard.number, shard.count);
         }
         let mut reasons: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
         let concerns =

@@ -1,8 +1,8 @@
 use atsplat_protocol::trial::{Skipped, Trial};
 
 use super::findings::depends_on_poses;
+use super::group_run::to_u32;
 use super::plan::{Dataset, Plan};
-use super::walk::to_u32;
 use crate::{EvalError, Store, TrialKey};
 
 const RECOMPUTE: &str = "run these methods too, so that they are recomputed";

@@ -19,9 +19,9 @@ use crate::{EvalError, PresetRecord, Provenance};
 pub struct Dataset {
     /// Name in the rows.
     pub name: String,
-    /// The protocol.
+    /// Protocol under which the scenes are evaluated.
     pub preset: Preset,
-    /// The scenes.
+    /// Loads the scenes by key.
     pub source: Arc<dyn SceneSource>,
     /// Where they come from, as the user gave it.
     pub description: String,
@@ -38,7 +38,7 @@ pub struct Plan<'a> {
     pub methods: &'a [Arc<dyn Method>],
     /// Metrics.
     pub suite: &'a Suite,
-    /// Which scenes.
+    /// Limit and shard: the part of the scenes to run.
     pub selection: Selection,
     /// The timing pass after the evaluation, if any.
     pub timing: Option<TimingPlan>,
@@ -136,8 +136,8 @@ impl Plan<'_> {
         }
         unique("presets", self.datasets.iter().map(|dataset| dataset.name.as_str()))?;
         self.check_settings()?;
-        if let Some(shard) = self.selection.shard.filter(|shard| shard.number == 0 || shard.number > shard.of) {
-            let found = format!("{} of {}", shard.number, shard.of);
+        if let Some(shard) = self.selection.shard.filter(|shard| shard.number == 0 || shard.number > shard.count) {
+            let found = format!("{} of {}", shard.number, shard.count);
             return Err(EvalError::Settings {
                 what: "shard",
                 expected: "a number from 1 to the number of shards".to_owned(),

@@ -1,12 +1,12 @@
 use std::collections::BTreeSet;
 
-use super::extras::Extras;
 use super::findings::SceneWarnings;
+use super::group_run::{GroupRun, groups};
 use super::images::ImageSink;
+use super::images_and_times::ImagesAndTimes;
 use super::outdated::Outdated;
 use super::plan::{Plan, Summary};
 use super::selection::Selected;
-use super::walk::{Walk, groups};
 use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepImages};
 use crate::{EvalError, Results, SkippedEntry, Store, TargetStatus, timing};
@@ -43,7 +43,7 @@ pub fn run_until(
     let worst = WorstSoFar::default();
     let folder = store.folder().to_owned();
     let images = ImageSink { keep: plan.images, store: &folder, worst: &worst };
-    let extras = Extras::of(&store, plan.images)?;
+    let images_and_times = ImagesAndTimes::of(&store, plan.images)?;
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, missing } = plan.selected(dataset);
@@ -65,12 +65,21 @@ pub fn run_until(
         findings.add_unlisted_settings(dataset, plan.methods);
         let mut warnings = SceneWarnings::default();
         for methods in groups(&dataset.preset, plan.methods) {
-            let walk = Walk { plan, dataset, methods, store: &store, extras: &extras, images, step, stop };
-            walk.run(&index, &mut warnings, &mut findings, &mut summary)?;
+            let group = GroupRun {
+                plan,
+                dataset,
+                methods,
+                store: &store,
+                images_and_times: &images_and_times,
+                images,
+                step,
+                stop,
+            };
+            group.run(&index, &mut warnings, &mut findings, &mut summary)?;
         }
         findings.add_warnings(&dataset.name, &warnings.in_order_of(&index));
     }
-    drop((extras, evaluating));
+    drop((images_and_times, evaluating));
     if let Some(timing) = plan.timing {
         timing::pass(plan, timing, &store, step, stop)?;
     }

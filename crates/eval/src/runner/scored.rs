@@ -11,7 +11,7 @@ use crate::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
 pub(super) fn unscored_row(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
     TargetRow {
         key: key.clone(),
-        target: super::walk::to_u32(position),
+        target: super::group_run::to_u32(position),
         frame: target.frame as u64,
         signed_distance: target.label.signed_distance,
         leaked: target.label.leaked,
@@ -57,7 +57,7 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
             Score::Identical => IDENTICAL.to_owned(),
             // The searched folders are in the provenance.
             Score::NotComputed(NotComputed::WeightsAbsent(_)) => "weights absent".to_owned(),
-            Score::NotComputed(_) if row.status == TargetStatus::NonFinite => "samples that are no numbers".to_owned(),
+            Score::NotComputed(_) if row.status == TargetStatus::NonFinite => "NaN or infinite samples".to_owned(),
             Score::NotComputed(reason) => reason.to_string(),
         };
         row.not_computed.insert(id.to_owned(), why);

@@ -67,8 +67,8 @@ impl Selection {
 
     /// The first of `count` positions that belong to the shard, and the first after them.
     fn borders(self, count: u64) -> [u64; 2] {
-        let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
-        [number.saturating_sub(1), number].map(|part| u64::from(part) * count / u64::from(of.max(1)))
+        let Shard { number, count: shards } = self.shard.unwrap_or(Shard { number: 1, count: 1 });
+        [number.saturating_sub(1), number].map(|part| u64::from(part) * count / u64::from(shards.max(1)))
     }
 }
 
@@ -109,7 +109,7 @@ mod tests {
         let selected = |shard| Selection { limit: Some(7), shard }.of(&index, &keys);
         let whole = selected(None);
         assert_eq!((whole.index.scenes.len(), whole.missing.as_slice()), (7, &["s3".to_owned()][..]));
-        let parts = (1..=3).map(|number| selected(Some(Shard { number, of: 3 })).index);
+        let parts = (1..=3).map(|number| selected(Some(Shard { number, count: 3 })).index);
         let mut together: Vec<String> = parts.flat_map(|part| part.scenes.into_keys()).collect();
         together.sort();
         let mut expected: Vec<String> = whole.index.scenes.into_keys().collect();
@@ -117,11 +117,12 @@ mod tests {
         assert_eq!(together, expected);
         let absent = ["a", "b", "c", "d"];
         let counted = (1..=3).flat_map(|number| {
-            let shard = Some(Shard { number, of: 3 });
+            let shard = Some(Shard { number, count: 3 });
             Selection { limit: None, shard }.part_of(&absent).to_vec()
         });
         assert_eq!(counted.collect::<Vec<_>>(), absent, "each missing scene is counted by one shard");
-        let shares = (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, of: 3 }) }.share_of(4));
+        let shares =
+            (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 3 }) }.share_of(4));
         assert_eq!(shares.collect::<Vec<_>>(), [1, 1, 2]);
         assert_eq!(Selection::default().share_of(4), 4);
     }
@@ -131,11 +132,11 @@ mod tests {
     fn a_shard_takes_scenes_that_lie_together_in_the_data() {
         let index = index(8);
         let keys: Vec<String> = [3, 1, 7, 5, 0, 2, 4, 6].map(|scene| format!("s{scene}")).to_vec();
-        let parts = (1..=4).map(|number| Selection { limit: None, shard: Some(Shard { number, of: 4 }) });
+        let parts = (1..=4).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 4 }) });
         let parts: Vec<Vec<String>> =
             parts.map(|selection| selection.of(&index, &keys).index.scenes.into_keys().collect()).collect();
         assert_eq!(parts, [["s1", "s3"], ["s5", "s7"], ["s0", "s2"], ["s4", "s6"]]);
-        let uneven = (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, of: 3 }) });
+        let uneven = (1..=3).map(|number| Selection { limit: None, shard: Some(Shard { number, count: 3 }) });
         let sizes: Vec<usize> = uneven.map(|selection| selection.of(&index, &keys).index.scenes.len()).collect();
         assert_eq!(sizes, [2, 3, 3]);
     }

@@ -4,8 +4,8 @@ use atsplat_metrics::Suite;
 use atsplat_protocol::trial::{ImageDigests, TargetImages, Trial};
 
 use super::evaluate::{DecodedTrial, Evaluation};
+use super::group_run::key_of;
 use super::images::ImageSink;
-use super::walk::key_of;
 use super::worst::WorstSoFar;
 use super::{Dataset, KeepImages};
 use crate::method::Method;

@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use super::summary::set_of;
+use super::summary::set_hash;
 use crate::{Results, TrialRow, TrialStatus};
 
 /// Sizes of one method's predictions under one preset; times are in [`crate::timing::times`].
@@ -29,9 +29,9 @@ pub struct Cost {
     pub final_tokens: Option<f64>,
     /// Largest estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
-    /// Stands for the set of all trials, whatever became of them: sizes over different sets do not compare. `None` without any.
+    /// Hash of all trials, with results or not; sizes with different hashes are not comparable. `None` without trials.
     #[serde(skip)]
-    pub set: Option<u64>,
+    pub trial_set_hash: Option<u64>,
 }
 
 /// The cost of a method under a preset.
@@ -53,7 +53,7 @@ pub fn cost(results: &Results, preset: &str, method: &str) -> Cost {
         initial_tokens: mean(&|trial| trial.initial_tokens.map(|count| count as f64)),
         final_tokens: mean(&|trial| trial.final_tokens.map(|count| count as f64)),
         peak_bytes: trials.iter().filter_map(|trial| trial.peak_bytes).max(),
-        set: set_of(all.map(|trial| (trial.key.scene.as_str(), trial.key.entry)).collect::<BTreeSet<_>>()),
+        trial_set_hash: set_hash(all.map(|trial| (trial.key.scene.as_str(), trial.key.entry)).collect::<BTreeSet<_>>()),
     }
 }
 

@@ -33,14 +33,13 @@ pub struct Summary {
     pub uncomputed: u64,
     /// Why the first of them was not computed.
     pub not_computed: Option<String>,
-    /// Stands for the set of all these targets, whatever became of them: means over different sets do not compare. `None` if
-    /// it is empty.
+    /// Hash of all targets of the query, scored or not; means with different hashes are not comparable. `None` without targets.
     #[serde(skip)]
-    pub set: Option<u64>,
+    pub target_set_hash: Option<u64>,
 }
 
-/// Stands for a set whose members are given in their order, within one run of the program; `None` if it is empty.
-pub(super) fn set_of<T: Hash>(members: impl IntoIterator<Item = T>) -> Option<u64> {
+/// Hash of a set whose members are given in order, valid within one run of the program; `None` if it is empty.
+pub(super) fn set_hash<T: Hash>(members: impl IntoIterator<Item = T>) -> Option<u64> {
     let mut members = members.into_iter().peekable();
     members.peek()?;
     let mut hasher = DefaultHasher::new();
@@ -69,7 +68,7 @@ pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation)
         scenes: clusters.len() as u64,
         targets: clusters.iter().map(|cluster| cluster.targets).sum(),
         identical: clusters.iter().map(|cluster| cluster.identical).sum(),
-        set: set_of(selected.iter().map(|target| (target.scene, target.entry, target.frame))),
+        target_set_hash: set_hash(selected.iter().map(|target| (target.scene, target.entry, target.frame))),
         ..Summary::default()
     };
     for target in selected {

@@ -2,7 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use crate::{EvalError, Results, TrialKey, TrialRow};
+use crate::{EvalError, MethodRecord, Results, TrialKey, TrialRow};
+
+/// The kind of methods that are Python callables.
+const PYTHON: &str = "python";
 
 /// Preset, scene and entry: a trial without its method.
 type TrialId = (String, String, u32);
@@ -17,14 +20,18 @@ struct Inputs {
     trial: String,
     data: Option<String>,
     input: Option<String>,
+    /// Whether another run tries again: nothing says whether a method of Python failed for a reason that is still there.
+    retried: bool,
 }
 
 impl KnownResults {
-    pub(super) fn of(trials: impl Iterator<Item = TrialRow>) -> Self {
+    pub(super) fn of(trials: impl Iterator<Item = TrialRow>, methods: &[MethodRecord]) -> Self {
+        let is_python = |name: &str| methods.iter().any(|method| method.name == name && method.kind == PYTHON);
         let mut known = Self::default();
-        for TrialRow { key, trial_hash, data_hash, input_hash, .. } in trials {
+        for TrialRow { key, trial_hash, data_hash, input_hash, status, .. } in trials {
+            let retried = status.is_incomplete() && is_python(&key.method);
             let by_method = known.0.entry(trial_id(&key.preset, &key.scene, key.entry)).or_default();
-            by_method.insert(key.method, Inputs { trial: trial_hash, data: data_hash, input: input_hash });
+            by_method.insert(key.method, Inputs { trial: trial_hash, data: data_hash, input: input_hash, retried });
         }
         known
     }
@@ -33,10 +40,11 @@ impl KnownResults {
         self.0.get(&trial_id(&key.preset, &key.scene, key.entry))?.get(&key.method)
     }
 
-    /// Whether there is a result for exactly this trial, data and input files.
+    /// Whether there is a result for exactly this trial, data and input files that is not tried again.
     pub(crate) fn contains(&self, key: &TrialKey, trial: &str, data: &str, input: Option<&str>) -> bool {
         let same = |known: &Inputs| {
-            known.trial == trial && known.data.as_deref() == Some(data) && known.input.as_deref() == input
+            let same_input = known.data.as_deref() == Some(data) && known.input.as_deref() == input;
+            known.trial == trial && same_input && !known.retried
         };
         self.get(key).is_some_and(same)
     }
@@ -91,4 +99,26 @@ pub(super) fn check_consistent(results: &Results) -> Result<(), EvalError> {
 
 fn mixed(what: &'static str, first: &TrialKey, second: &TrialKey) -> EvalError {
     EvalError::MixedData { what, first: first.to_string(), second: second.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{TrialStatus, sample_rows};
+
+    /// A method of Python may have been mended; what another method failed fails again.
+    #[test]
+    fn failures_of_python_are_tried_again() {
+        let of = |kind: &str, status| {
+            let method = MethodRecord { name: "m".to_owned(), kind: kind.to_owned(), ..MethodRecord::default() };
+            let row = TrialRow { status, data_hash: Some("d".to_owned()), ..sample_rows::trial("m", "a", 0, 1) };
+            let (key, hash) = (row.key.clone(), row.trial_hash.clone());
+            let known = KnownResults::of([row].into_iter(), &[method]);
+            assert_eq!(known.methods(&key.preset, "a", 0).count(), 1, "its row is there");
+            known.contains(&key, &hash, "d", None)
+        };
+        assert!(!of("python", TrialStatus::Failed) && !of("python", TrialStatus::Partial));
+        assert!(of("python", TrialStatus::Done) && of("python", TrialStatus::NotApplicable));
+        assert!(of("exec", TrialStatus::Failed));
+    }
 }

@@ -15,7 +15,7 @@ pub struct Merged {
     pub results: Results,
     /// Numbers of missing shards, from 1.
     pub missing_shards: Vec<u32>,
-    /// Stores whose run has not ended.
+    /// Stores whose run is unfinished.
     pub unfinished: Vec<Unfinished>,
     /// Number of results that an earlier store already had, with equal values.
     pub repeated: u64,
@@ -34,18 +34,18 @@ pub struct Unfinished {
     /// Index entries with a result, or with a reason why there is none.
     pub entries: u64,
     /// Index entries of the part.
-    pub of: u64,
+    pub total: u64,
 }
 
 impl fmt::Display for Unfinished {
     /// `shard 2 of 8 is not done: 14 of 20 entries of rooms-2v-128 under warp`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { shard, preset, method, entries, of } = self;
+        let Self { shard, preset, method, entries, total } = self;
         match shard {
-            Some(Shard { number, of }) => write!(f, "shard {number} of {of}")?,
+            Some(Shard { number, count }) => write!(f, "shard {number} of {count}")?,
             None => f.write_str("a store")?,
         }
-        write!(f, " is not done: {entries} of {of} entries of {preset} under {method}")
+        write!(f, " is not done: {entries} of {total} entries of {preset} under {method}")
     }
 }
 
@@ -59,7 +59,7 @@ impl Merged {
 }
 
 impl Results {
-    /// The protocols and methods whose run into this store has not ended: entries have neither a row nor a reason.
+    /// The protocols and methods whose run into this store is unfinished: entries have neither a row nor a reason.
     pub fn unfinished(&self) -> Vec<Unfinished> {
         let Provenance { shard, presets, methods, skipped, .. } = &self.provenance;
         let mut unfinished = Vec::new();
@@ -72,8 +72,8 @@ impl Results {
             known.extend(skipped.map(|skipped| (skipped.scene.as_str(), skipped.entry)));
             let entries = known.len() as u64;
             if entries < preset.entries {
-                let (preset, method, of) = (preset.name.clone(), method.name.clone(), preset.entries);
-                unfinished.push(Unfinished { shard: *shard, preset, method, entries, of });
+                let (preset, method, total) = (preset.name.clone(), method.name.clone(), preset.entries);
+                unfinished.push(Unfinished { shard: *shard, preset, method, entries, total });
             }
         }
         unfinished
@@ -101,19 +101,20 @@ impl Results {
         let mut unfinished = first.unfinished();
         let Self { mut provenance, trials, targets, timings } = first;
         let mut shards: BTreeSet<u32> = provenance.shard.map(|shard| shard.number).into_iter().collect();
-        let of = provenance.shard.map(|shard| shard.of);
+        let count = provenance.shard.map(|shard| shard.count);
         let mut rows = Rows::default();
         rows.add(trials, targets, timings)?;
         for part in parts {
             let shard = part.provenance.shard;
             unfinished.extend(part.unfinished());
-            if shard.map(|shard| shard.of) != of {
-                let describe =
-                    |of: Option<u32>| of.map_or_else(|| "a whole run".to_owned(), |of| format!("{of} shards"));
+            if shard.map(|shard| shard.count) != count {
+                let describe = |count: Option<u32>| {
+                    count.map_or_else(|| "a whole run".to_owned(), |count| format!("{count} shards"))
+                };
                 return Err(EvalError::Different {
                     what: "numbers of shards".to_owned(),
-                    expected: describe(of),
-                    found: describe(shard.map(|shard| shard.of)),
+                    expected: describe(count),
+                    found: describe(shard.map(|shard| shard.count)),
                     advice: "",
                 });
             }
@@ -121,7 +122,7 @@ impl Results {
             provenance.merge_shard(part.provenance, is_repeated)?;
             rows.add(part.trials, part.targets, part.timings)?;
         }
-        let all = of.into_iter().flat_map(|of| 1..=of);
+        let all = count.into_iter().flat_map(|count| 1..=count);
         let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
         if missing_shards.is_empty() && unfinished.is_empty() {
             provenance.shard = None;

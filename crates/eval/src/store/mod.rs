@@ -18,7 +18,7 @@
 mod columns;
 mod data;
 pub(crate) mod disk;
-mod extras;
+mod images_and_times;
 mod merge;
 mod parts;
 mod read;
@@ -36,7 +36,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_files::FolderLock;
 use atsplat_protocol::trial::ImageDigests;
-pub(crate) use extras::OwnImage;
+pub(crate) use images_and_times::OwnImage;
 pub use merge::{Merged, Unfinished};
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
@@ -120,14 +120,14 @@ impl Store {
         fs::create_dir_all(&parts).map_err(EvalError::io("opening a results store", &parts))?;
         let scored = rows.values().filter(|(_, targets)| targets.iter().any(|target| !target.scores.is_empty()));
         let scored_methods = scored.map(|(trial, _)| trial.key.method.clone()).collect();
-        let known = KnownResults::of(rows.into_values().map(|(trial, _)| trial));
+        let known = KnownResults::of(rows.into_values().map(|(trial, _)| trial), &provenance.methods);
         let digests = ImageDigests::open(&folder.join(DIGESTS), false)?;
         Ok(Self { folder: folder.to_owned(), provenance, known, scored_methods, digests, lock })
     }
 
     /// Resumes the store in a folder, or creates one if there is none. Presets and methods that it lacks are added. A method
     /// that failed in every trial may be replaced by another of its name, without its rows, and a store without any scored
-    /// target is restarted.
+    /// target is restarted. Trials that a Python method failed are run again.
     ///
     /// # Errors
     /// Those of [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] if the existing results were made in
@@ -174,8 +174,8 @@ impl Store {
         Self::create_locked(&self.folder, provenance, self.lock)
     }
 
-    /// Removes the rows of some methods from disk. Until both tables lack them, parts stand for them: if this is interrupted at
-    /// any moment, the store can be read, and the removal can be repeated.
+    /// Removes the rows of some methods from disk. Until the rows are gone from both tables, part files override them, so an
+    /// interrupted removal leaves a readable store and can be repeated.
     fn remove_rows(&self, is_removed: impl Fn(&str) -> bool) -> Result<(), EvalError> {
         let mut content = Content::read(&self.folder)?;
         let timed = content.timings.len();

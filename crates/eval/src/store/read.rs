@@ -122,7 +122,7 @@ pub(super) fn tables(folder: &Path, schema: &Schema, replaced: &BTreeSet<TrialKe
     if let Some(table) = Table::read(&path, &schema.targets)? {
         for target in targets::rows(&table)?.into_iter().filter(|target| !replaced.contains(&target.key)) {
             let Some((_, targets)) = rows.get_mut(&target.key) else {
-                let found = format!("a target of {}, of which there is no trial", target.key);
+                let found = format!("a target of {}, which has no trial", target.key);
                 return Err(EvalError::malformed(&path, "rows", format!("targets of trials in {TRIALS}"), found));
             };
             targets.push(target);

@@ -212,7 +212,7 @@ fn rejects_other_schemas_with_the_reason() {
         value["schema-version"] = (SCHEMA_VERSION + 1).into();
         value["a-field-of-tomorrow"] = true.into();
     });
-    assert!(newer.to_string().contains("a newer one is needed"), "{newer}");
+    assert!(newer.to_string().contains("a newer atsplat is needed"), "{newer}");
     let older = provenance_with(folder.path(), |value| value["schema-version"] = 0.into());
     assert!(older.to_string().contains("a version from 1"), "{older}");
     let other = provenance_with(folder.path(), |value| {

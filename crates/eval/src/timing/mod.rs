@@ -6,11 +6,11 @@
 //! time, under each method, with warm-up and repetitions. The load of the rest of the machine is part of the result
 //! ([`Load`]).
 
+mod exclusion;
 mod load;
 mod machine;
 pub mod memory;
 mod pass;
-mod quiet;
 mod row;
 mod samples;
 mod times;
@@ -22,8 +22,8 @@ pub use row::TimingRow;
 pub(crate) use times::times_on;
 pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
 
+pub(crate) use exclusion::evaluating;
 pub(crate) use load::processor_secs_of_stat;
 pub(crate) use memory::status_bytes;
 pub(crate) use pass::pass;
-pub(crate) use quiet::evaluating;
 pub(crate) use row::merged;

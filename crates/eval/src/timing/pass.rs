@@ -8,8 +8,8 @@ use atsplat_protocol::trial::{ContextView, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use rayon::ThreadPool;
 
+use super::exclusion;
 use super::load::{LoadMonitor, OwnTime};
-use super::quiet;
 use super::samples::{PreparedTrial, Samples};
 use super::{Load, Machine, TimingRow};
 use crate::method::Method;
@@ -66,7 +66,7 @@ pub(crate) fn pass(
     step: &(dyn Fn() + Sync),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<(), EvalError> {
-    let _exclusive = quiet::exclusive()?;
+    let _exclusive = exclusion::exclusive()?;
     let machine = Machine::current();
     let threads = rayon::current_num_threads();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| EvalError::Settings {

@@ -9,12 +9,12 @@ use crate::{EvalError, TrialKey};
 /// Times of one trial under one method on one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimingRow {
-    /// Which trial.
+    /// Preset, method, scene and entry.
     #[serde(flatten)]
     pub key: TrialKey,
     /// [`atsplat_protocol::trial::Trial::hash`] in hexadecimal.
     pub trial_hash: String,
-    /// The machine.
+    /// Times of different machines are never averaged.
     pub machine: Machine,
     /// The graphics adapter of the method's network; `None` on the CPU, without a network, and in rows of older versions.
     #[serde(default)]

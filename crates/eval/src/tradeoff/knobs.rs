@@ -40,7 +40,7 @@ pub struct Knobs {
     pub tolerance: Option<f64>,
     /// Precision of the network's matrix products: `f32`, `bf16` on the CPU, or `f16` on a graphics adapter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub products: Option<MatmulPrecision>,
+    pub matmul_precision: Option<MatmulPrecision>,
     /// Optimise each trial's Gaussians on its context views for this many steps: the network's, or random ones with
     /// `strategy`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -216,23 +216,23 @@ impl Knobs {
     /// [`EvalError::Settings`] for another precision than f32 with an optimisation, where it would change more than the
     /// network, and for one in which the network's device would compute as with f32.
     pub(crate) fn matmul_precision(&self, network: &Network) -> Result<MatmulPrecision, EvalError> {
-        let products = self.products.unwrap_or_default();
+        let precision = self.matmul_precision.unwrap_or_default();
         let optimised = self.steps.is_some() || self.seconds.is_some();
-        if products != MatmulPrecision::F32 && optimised {
-            return invalid("products", "f32 with steps or seconds", products.name());
+        if precision != MatmulPrecision::F32 && optimised {
+            return invalid("matmul-precision", "f32 with steps or seconds", precision.name());
         }
-        if !network.multiplies_in(products) {
+        if !network.supports_precision(precision) {
             let expected = "f32, or bf16 on the CPU, or f16 on a graphics adapter whose shaders have 16-bit floats";
-            return invalid("products", expected, products.name());
+            return invalid("matmul-precision", expected, precision.name());
         }
-        Ok(products)
+        Ok(precision)
     }
 
     /// How long each trial is optimised, if it is.
     ///
     /// # Errors
     /// [`EvalError::Settings`] for both steps and seconds, for numbers that are not positive, for a strategy without either,
-    /// for one that cannot start from random points, and for one beside a knob of the network, which it does not run.
+    /// for one that cannot start from random points, and for one with a setting of the network, which then does not run.
     pub fn budget(&self) -> Result<Option<Budget>, EvalError> {
         if self.strategy == Some(Strategy::Fixed) {
             return invalid("strategy", "3dgs, mip-splatting or mcmc; without it, the network is refined", "fixed");
@@ -243,13 +243,13 @@ impl Knobs {
             ("thresholds", self.thresholds.is_some()),
             ("expand-first", self.expand_first.is_some()),
             ("weights", self.weights.is_some()),
-            ("products", self.products.is_some()),
+            ("matmul-precision", self.matmul_precision.is_some()),
         ];
         if let (Some(strategy), Some((knob, _))) = (self.strategy, of_network.into_iter().find(|(_, is_set)| *is_set)) {
             let found = format!("both {knob} and {}", strategy.name());
             return invalid(
                 "strategy",
-                "no knob of the network, which an optimisation of random points has not",
+                "no network setting: with `strategy`, random points are optimised and no network runs",
                 found,
             );
         }

@@ -104,7 +104,7 @@ impl SweepBase {
             Some(size) => network.trained_at(size),
             None => network,
         };
-        let products = knobs.matmul_precision(&network)?;
+        let precision = knobs.matmul_precision(&network)?;
         let (name, seed) = (setting.label.as_str(), self.call_seed);
         Ok(match budget {
             Some(budget) => Arc::new(
@@ -114,7 +114,7 @@ impl SweepBase {
             None => Arc::new(
                 AtSplat::new(name, network, &weights, seed, splatting)?
                     .with_training(training, poses)
-                    .with_matmul_precision(products),
+                    .with_matmul_precision(precision),
             ),
         })
     }
@@ -175,7 +175,7 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
         Some(_) => PlannedIndex {
             sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
             description: format!("{}, fewer context views", index.description),
-            // With fewer views it is no published index.
+            // With fewer views, it is not the published index.
             name: index.name.clone().filter(|_| reduced == index.index),
             index: reduced,
             notices: std::collections::BTreeMap::new(),

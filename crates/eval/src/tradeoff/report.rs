@@ -34,10 +34,10 @@ impl fmt::Display for TradeoffReport {
             incomplete.iter().try_for_each(|setting| writeln!(f, "  {setting}"))?;
         }
         notes(f, &self.tradeoffs)?;
-        for Unfinished { preset, method, entries, of, .. } in &self.unfinished {
+        for Unfinished { preset, method, entries, total, .. } in &self.unfinished {
             writeln!(
                 f,
-                "{preset}: the run of {method} has not ended: its means are over {entries} of {of} index entries"
+                "{preset}: the run of {method} is unfinished: its means are over {entries} of {total} index entries"
             )?;
         }
         Ok(())
@@ -117,7 +117,7 @@ fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::R
         )?;
     }
     if frontier.prices.is_empty() && frontier.points.len() > 1 {
-        writeln!(f, "  no price: no two settings are distinguishable in quality with one costing more")?;
+        writeln!(f, "  no price: no costlier setting is distinguishably better")?;
     }
     Ok(())
 }

@@ -17,7 +17,7 @@ use crate::{EvalError, PresetRecord, Results, TargetRow, TrialKey};
 pub struct Tradeoff {
     /// Name of the preset in the rows.
     pub preset: String,
-    /// Its hash.
+    /// Hash of the protocol, in hexadecimal.
     pub protocol: String,
     /// Id of the metric.
     pub metric: String,

@@ -265,7 +265,7 @@ fn settings_with_fewer_scored_targets_are_named() {
     store.provenance.presets[0].entries = 2;
     let report = TradeoffReport { tradeoffs, unfinished: store.interrupted() };
     let text = report.to_string();
-    let ended = format!("{PRESET}: the run of unfinished has not ended: its means are over 1 of 2 index entries\n");
+    let ended = format!("{PRESET}: the run of unfinished is unfinished: its means are over 1 of 2 index entries\n");
     assert!(text.ends_with(&ended), "{text}");
     let why = "its mean is over fewer targets than the others'\n";
     for line in
@@ -371,7 +371,7 @@ fn the_methods_of_all_protocols_are_named_beside_their_adapter() {
 #[test]
 fn knobs_change_token_budgets() {
     let nano = ModelConfig::named("nano").unwrap();
-    let most = |knobs: &Knobs| budget(&knobs.model(&nano).unwrap(), 2, nano.resolution).unwrap().most.gaussians;
+    let most = |knobs: &Knobs| budget(&knobs.model(&nano).unwrap(), 2, nano.resolution).unwrap().max.gaussians;
     assert_eq!(Knobs::default().model(&nano).unwrap(), nano);
     assert_eq!(most(&Knobs { gaussians_per_token: Some(4), ..Knobs::default() }), 5760);
     assert_eq!(most(&Knobs { ratios: Some(vec![1.0, 0.5, 0.0]), ..Knobs::default() }), 24_576);
@@ -456,7 +456,7 @@ fn rejects_invalid_sweeps() {
         ("steps = 0", "\"b\", steps: at least 1, found 0"),
         ("seconds = -1.0", "\"b\", seconds: a positive number, found -1"),
         ("strategy = '3dgs'", "\"b\", strategy: steps or seconds with it, found neither"),
-        ("strategy = '3dgs', steps = 9, ratios = [0.5]", "\"b\", strategy: no knob of the network"),
+        ("strategy = '3dgs', steps = 9, ratios = [0.5]", "\"b\", strategy: no network setting: with `strategy`"),
         ("strategy = '3dgs', steps = 9, weights = 'w'", "found both weights and 3dgs"),
         ("thresholds = [0.1, -1.0, 0.2]", "\"b\", thresholds: numbers of at least 0, found -1"),
         ("ratios = [0.5, 1.5]", "\"b\", ratios: ratios from 0 to 1 with at most six decimals, found 1.5"),

@@ -14,10 +14,11 @@ use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
 pub use listed::{Ablations, TrainedGroup, TrainedNetworks};
 
+use crate::expansion::thresholds;
 use crate::method::{AtSplat, MAX_GAUSSIANS, Method, NearestView, Optimised, SharedEncoding, Warp, WeightsSource};
 use crate::rows::TRAINED_POSES;
 use crate::runner::Dataset;
-use crate::{ComputeDevice, EvalError, TrainingRecord, thresholds};
+use crate::{ComputeDevice, EvalError, TrainingRecord};
 
 /// A configuration with its weights.
 #[derive(Debug)]

@@ -3,9 +3,9 @@ use atsplat_splat::GaussianParts;
 use glam::{DQuat, DVec3};
 
 use super::{Changes, DensityControl, DensityError, StepContext, ViewGradients};
+use crate::optimised_gaussians::{logit, narrowed, sigmoid};
 use crate::random::{Purpose, normals};
-use crate::scene::{logit, narrowed, sigmoid};
-use crate::{Fault, Scene};
+use crate::{Fault, OptimisedGaussians};
 
 /// Smallest opacity that is kept.
 const LEAST_OPACITY: f64 = 0.005;
@@ -46,7 +46,7 @@ impl Adaptive {
     }
 
     /// Clones, splits and prunes.
-    fn densify(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError> {
+    fn densify(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
         let count = scene.len();
         self.sums.resize(count, 0.0);
         self.counts.resize(count, 0.0);
@@ -85,7 +85,7 @@ impl Adaptive {
         if wanted == 0 {
             return Err(DensityError::Fault(Fault::Empty));
         }
-        let new = crate::scene::whole(new).select(&added)?.into_parts();
+        let new = crate::optimised_gaussians::whole(new).select(&added)?.into_parts();
         scene.replace(&kept, new)?;
         self.sums = vec![0.0; wanted];
         self.counts = vec![0.0; wanted];
@@ -108,7 +108,7 @@ impl DensityControl for Adaptive {
         }
     }
 
-    fn after_step(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError> {
+    fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
         let schedule = &at.schedule;
         if at.step >= schedule.density_until {
             return Ok(Changes::default());
@@ -124,13 +124,13 @@ impl DensityControl for Adaptive {
         Ok(changes)
     }
 
-    fn memory(&self) -> Vec<(&'static str, Vec<f32>)> {
+    fn state(&self) -> Vec<(&'static str, Vec<f32>)> {
         vec![("gradient-sums", self.sums.clone()), ("gradient-counts", self.counts.clone())]
     }
 
-    fn restore(&mut self, memory: Vec<Vec<f32>>) {
+    fn restore_state(&mut self, state: Vec<Vec<f32>>) {
         #[expect(clippy::expect_used, reason = "as the trait requires")]
-        let [sums, counts] = memory.try_into().expect("what `memory` names");
+        let [sums, counts] = state.try_into().expect("what `state` names");
         (self.sums, self.counts) = (sums, counts);
     }
 }
@@ -157,12 +157,16 @@ fn children(parents: &GaussianParts, at: &StepContext) -> GaussianParts {
 
 /// Lowers every opacity, as drawn, to at most [`RESET_OPACITY`]. With a 3D filter the drawn opacity is the own one times a
 /// coefficient, which is divided out again (autonomousvision/mip-splatting `reset_opacity`).
-fn reset(scene: &mut Scene) {
-    let filters = scene.parts.filter_3d.as_deref().unwrap_or(&[]);
+fn reset(scene: &mut OptimisedGaussians) {
+    let filters = scene.parts.filter_3d.as_ref();
+    #[expect(clippy::expect_used, reason = "the arrays of Gaussians have equal lengths")]
+    let filter_of = |position: usize| {
+        filters.map_or(0.0, |filters| f64::from(*filters.get(position).expect("one filter per Gaussian")))
+    };
     let scales = scene.parts.log_scales.iter().enumerate();
     let coefficients: Vec<f64> = scales
         .map(|(position, scales)| {
-            let filter = filters.get(position).map_or(0.0, |filter| f64::from(*filter));
+            let filter = filter_of(position);
             let share = |log: &f32| {
                 let own = (2.0 * f64::from(*log)).exp();
                 if filter > 0.0 { own / (own + filter * filter) } else { 1.0 }

@@ -3,9 +3,9 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::{Changes, DensityControl, DensityError, StepContext};
+use crate::optimised_gaussians::{logit, narrowed, set, sigmoid};
 use crate::random::{Purpose, normals, skip_normals, stream, weighted};
-use crate::scene::{logit, narrowed, set, sigmoid};
-use crate::{Fault, Scene};
+use crate::{Fault, OptimisedGaussians};
 
 /// Opacity up to which a Gaussian is dead; also the lowest that relocation gives.
 const DEAD: f64 = 0.005;
@@ -13,7 +13,7 @@ const DEAD: f64 = 0.005;
 const GROWTH: f64 = 1.05;
 /// Weights of the mean opacity and of the mean scale in the loss.
 const REGULARISERS: [f64; 2] = [0.01, 0.01];
-/// Scale of the noise in units of the means' rate.
+/// Scale of the noise in units of the means' learning rate.
 const NOISE: f64 = 5e5;
 /// Share of the noise below which it is left out: opacities above 0.28, whose means it would not move by a rounding error.
 const LEAST_SHARE: f64 = 1e-12;
@@ -33,7 +33,7 @@ pub struct Mcmc;
 type Block<'a, T> = (&'a mut [T], &'a [T]);
 
 impl DensityControl for Mcmc {
-    fn regularise(&self, scene: &Scene, gradients: &mut Gradients<f32>) -> f64 {
+    fn regularise(&self, scene: &OptimisedGaussians, gradients: &mut Gradients<f32>) -> f64 {
         let count = scene.len() as f64;
         let [opacity_weight, scale_weight] = [REGULARISERS[0] / count, REGULARISERS[1] / (3.0 * count)];
         let opacities =
@@ -57,7 +57,7 @@ impl DensityControl for Mcmc {
         sums.into_iter().sum()
     }
 
-    fn after_step(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError> {
+    fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError> {
         let schedule = &at.schedule;
         let mut changes = Changes::default();
         let due = at.step > schedule.density_from && at.step < schedule.relocation_until;
@@ -88,7 +88,7 @@ pub fn relocated(opacity: f64, together: usize) -> (f64, f64) {
 }
 
 /// Moves dead Gaussians to live ones; returns their number.
-fn relocate(scene: &mut Scene, at: &StepContext) -> Result<usize, DensityError> {
+fn relocate(scene: &mut OptimisedGaussians, at: &StepContext) -> Result<usize, DensityError> {
     let opacities: Vec<f64> = scene.opacities().collect();
     let dead: Vec<usize> =
         (0..scene.len()).filter(|position| opacities.get(*position).copied().is_some_and(is_dead)).collect();
@@ -124,7 +124,7 @@ fn is_dead(opacity: f64) -> bool {
 }
 
 /// Adds Gaussians next to others, drawn by opacity; returns their number.
-fn grow(scene: &mut Scene, at: &StepContext) -> Result<usize, DensityError> {
+fn grow(scene: &mut OptimisedGaussians, at: &StepContext) -> Result<usize, DensityError> {
     let count = scene.len();
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a moderate positive number")]
     let grown = (GROWTH * count as f64) as usize;
@@ -141,7 +141,7 @@ fn grow(scene: &mut Scene, at: &StepContext) -> Result<usize, DensityError> {
 
 /// Corrects opacity and scales of Gaussians that will be in one place with copies of themselves, one for each time that they
 /// are listed.
-fn share(scene: &mut Scene, sources: &[usize]) {
+fn share(scene: &mut OptimisedGaussians, sources: &[usize]) {
     let mut together = std::collections::BTreeMap::new();
     for source in sources {
         *together.entry(*source).or_insert(1usize) += 1;

@@ -7,7 +7,7 @@ use atsplat_splat::{Gradients, SplatError};
 use serde::{Deserialize, Serialize};
 
 use crate::random::Purpose;
-use crate::{Fault, Scene, Schedule};
+use crate::{Fault, OptimisedGaussians, Schedule};
 
 pub use adaptive::Adaptive;
 pub use mcmc::{Mcmc, relocated};
@@ -15,7 +15,7 @@ pub use mcmc::{Mcmc, relocated};
 /// A strategy of density control, called once per step.
 pub trait DensityControl: std::fmt::Debug + Send {
     /// Adds the gradients of its regularisers; returns their sum.
-    fn regularise(&self, _scene: &Scene, _gradients: &mut Gradients<f32>) -> f64 {
+    fn regularise(&self, _scene: &OptimisedGaussians, _gradients: &mut Gradients<f32>) -> f64 {
         0.0
     }
 
@@ -26,23 +26,23 @@ pub trait DensityControl: std::fmt::Debug + Send {
     ///
     /// # Errors
     /// [`DensityError`]; the number of Gaussians is then unchanged.
-    fn after_step(&mut self, scene: &mut Scene, at: &StepContext) -> Result<Changes, DensityError>;
+    fn after_step(&mut self, scene: &mut OptimisedGaussians, at: &StepContext) -> Result<Changes, DensityError>;
 
     /// What it remembers from step to step, by name, one value per Gaussian: part of a checkpoint.
-    fn memory(&self) -> Vec<(&'static str, Vec<f32>)> {
+    fn state(&self) -> Vec<(&'static str, Vec<f32>)> {
         Vec::new()
     }
 
-    /// Restores [`Self::memory`]: all of it, in the same order.
-    fn restore(&mut self, _memory: Vec<Vec<f32>>) {}
+    /// Restores [`Self::state`]: all of it, in the same order.
+    fn restore_state(&mut self, _state: Vec<Vec<f32>>) {}
 }
 
-/// No density control: the Gaussians of the start are refined.
+/// No density control: the initial Gaussians are refined.
 #[derive(Clone, Copy, Debug)]
 pub struct Fixed;
 
 impl DensityControl for Fixed {
-    fn after_step(&mut self, _scene: &mut Scene, _at: &StepContext) -> Result<Changes, DensityError> {
+    fn after_step(&mut self, _scene: &mut OptimisedGaussians, _at: &StepContext) -> Result<Changes, DensityError> {
         Ok(Changes::default())
     }
 }
@@ -69,7 +69,7 @@ pub struct StepContext {
     pub schedule: Schedule,
     /// The scene's extent.
     pub extent: f64,
-    /// Rate of the means in scene units.
+    /// Learning rate of the means in scene units.
     pub means_rate: f64,
     /// Whether the background is white.
     pub white: bool,

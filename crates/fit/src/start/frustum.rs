@@ -28,7 +28,7 @@ pub fn in_frustums(
                 several => format!("none: {} cameras in one place", several.len()),
             };
             let found = found.map_or(none, |[near, far]| format!("{near} to {far}"));
-            let expected = "positive depths, the nearer first, which cameras in several places suggest".to_owned();
+            let expected = "positive depths, the nearer first (the default needs cameras in several places)".to_owned();
             return Err(FitError::Setting { name: "depths", expected, found });
         }
     };
@@ -83,5 +83,49 @@ fn depths_of(views: &[TrainingView]) -> Option<[f64; 2]> {
     match distances.filter(|distances| distances.iter().all(|distance| *distance > 0.0)) {
         Some(distances) => atsplat_numeric::median(distances).map(|distance| [distance / 3.0, 3.0 * distance]),
         None => (extent > 0.0).then_some([extent, 30.0 * extent]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
+    use atsplat_numeric::Tolerance;
+    use atsplat_splat::View;
+    use glam::DQuat;
+
+    use super::*;
+
+    fn looking_along(axis: DVec3, centre: DVec3) -> TrainingView {
+        let rotation = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, axis));
+        let pose = WorldFromCamera::new(rotation, centre).unwrap().inverse();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+        let view = View { camera, size: ImageSize { width: 1, height: 1 } };
+        TrainingView { name: String::new(), view, rgb: vec![[0.5; 3]] }
+    }
+
+    /// Views whose axes meet in one point, at these distances from it.
+    fn meeting(distances: [f64; 3]) -> Vec<TrainingView> {
+        let point = DVec3::new(1.0, -2.0, 3.0);
+        let axes = [DVec3::new(-2.0, 3.0, 6.0), DVec3::new(6.0, 2.0, -3.0), DVec3::new(1.0, 2.0, 2.0)];
+        let view =
+            |(axis, distance): (DVec3, f64)| looking_along(axis.normalize(), point - distance * axis.normalize());
+        axes.into_iter().zip(distances).map(view).collect()
+    }
+
+    #[test]
+    fn depths_are_around_the_point_that_the_cameras_look_at() {
+        let depths = depths_of(&meeting([9.0, 3.0, 4.5])).unwrap();
+        Tolerance::F64.assert(depths, [1.5, 13.5], "a third and three times the median distance");
+    }
+
+    #[test]
+    fn without_a_common_point_depths_are_multiples_of_the_extent() {
+        let beside = |x: f64| looking_along(DVec3::Z, DVec3::new(x, 0.0, 0.0));
+        let depths = depths_of(&[beside(5.0), beside(7.0)]).unwrap();
+        Tolerance::F64.assert(depths, [1.1, 33.0], "parallel");
+        let away = meeting([9.0, 3.0, -4.5]);
+        let extent = camera_extent(away.iter().map(|view| &view.view));
+        Tolerance::F64.assert(depths_of(&away).unwrap(), [extent, 30.0 * extent], "behind one of them");
+        assert_eq!(depths_of(&[beside(5.0)]), None, "one camera");
     }
 }

@@ -6,7 +6,7 @@ mod neighbours;
 use atsplat_numeric::Extremes as _;
 use atsplat_splat::{GaussianParts, Gaussians};
 
-use crate::scene::{logit, narrowed, whole};
+use crate::optimised_gaussians::{logit, narrowed, whole};
 use crate::{FitError, Strategy};
 
 pub use frustum::in_frustums;

@@ -43,8 +43,7 @@ fn search(points: &[[f64; 3]], order: &[usize], axis: usize, of: (usize, [f64; 3
     let (below, rest) = order.split_at(order.len() / 2);
     let Some((&middle, above)) = rest.split_first() else { return };
     consider(points, middle, of, nearest);
-    let [x, y, z] = of.1;
-    let offset = [x, y, z].into_iter().nth(axis).unwrap_or(x) - coordinate(points, middle, axis);
+    let offset = along(&of.1, axis) - coordinate(points, middle, axis);
     let (near, far) = if offset < 0.0 { (below, above) } else { (above, below) };
     search(points, near, (axis + 1) % 3, of, nearest);
     if offset * offset < nearest[NEIGHBOURS - 1] {
@@ -61,8 +60,14 @@ fn consider(points: &[[f64; 3]], other: usize, (own, at): (usize, [f64; 3]), nea
     }
 }
 
+#[expect(clippy::expect_used, reason = "the order lists each point once")]
 fn coordinate(points: &[[f64; 3]], at: usize, axis: usize) -> f64 {
-    points.get(at).and_then(|point| point.get(axis)).copied().unwrap_or(0.0)
+    along(points.get(at).expect("a listed point"), axis)
+}
+
+#[expect(clippy::expect_used, reason = "axes are counted modulo 3")]
+fn along(point: &[f64; 3], axis: usize) -> f64 {
+    *point.get(axis).expect("an axis below 3")
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 use super::*;
-use crate::config::{RatioRounding, SelectionRatio};
+use crate::config::{DinoSize, RatioRounding, SelectionRatio};
 
 const PAPER: &str = include_str!("../../tests/fixtures/paper_budget.csv");
 
@@ -64,7 +64,7 @@ fn thresholds_span_the_papers_dynamic_budgets() {
     let config = preset("paper-re10k").with_thresholds(&[0.1, 0.1, 0.4]).unwrap();
     let range = budget(&config, 2, ImageSize::new(256, 256)).unwrap();
     assert!(range.fixed().is_none());
-    assert_eq!((range.least.gaussians, range.most.gaussians), (8192, 65_536));
+    assert_eq!((range.min.gaussians, range.max.gaussians), (8192, 65_536));
     assert!(preset("paper-re10k").with_thresholds(&[0.1]).is_err());
 }
 
@@ -125,5 +125,18 @@ fn memory_is_linear_in_views_and_includes_the_weights() {
     assert_eq!(2 * two.activation_bytes, four.activation_bytes, "every stage is linear in the views");
     let weights: usize = parameters(&config).iter().map(Parameter::elements).sum();
     assert_eq!(two.weight_bytes, 4 * weights as u64);
+    assert_eq!(two.peak_bytes(), two.weight_bytes + two.activation_bytes);
     assert!(two.peak_bytes() < 1 << 30, "{two:?}");
+}
+
+#[test]
+fn the_class_token_and_the_registers_of_a_backbone_take_memory() {
+    let mut config = preset("paper-re10k");
+    config.backbone = BackboneConfig::DinoV2 { size: DinoSize::Base, registers: true };
+    // So narrow that the backbone takes more than any other stage.
+    config.transformer.dim = 64;
+    let found = memory(&config, 2, ImageSize::new(256, 256)).unwrap();
+    // Of each token: input, normalised input, and the hidden channels of the feed-forward module.
+    let (tokens, images) = (2 * (16 * 16 + 1 + 4), 2 * 256 * 256 * 3);
+    assert_eq!(found.activation_bytes, 4 * (tokens * 768 * (1 + 1 + 4) + images));
 }

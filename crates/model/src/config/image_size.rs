@@ -117,4 +117,10 @@ mod tests {
         // A trained size that patches do not divide is rounded to the nearest multiple.
         assert_eq!(ImageSize::new(90, 90).at_scale_of(ImageSize::new(100, 100), 16), ImageSize::new(96, 96));
     }
+
+    #[test]
+    fn a_grid_without_rows_or_columns_is_empty() {
+        let is_empty = |rows, columns| Grid { rows, columns }.is_empty();
+        assert_eq!([is_empty(2, 3), is_empty(0, 3), is_empty(2, 0)], [false, true, true]);
+    }
 }

@@ -95,7 +95,7 @@ fn ratios_replace_those_of_the_blocks_that_expand() {
     let config = ModelConfig::named("paper-re10k").unwrap();
     let ratios = |shares: &[f64]| shares.iter().map(|&share| SelectionRatio::new(share).unwrap()).collect::<Vec<_>>();
     assert_eq!(config.with_ratios(&ratios(&[0.5, 0.5, 0.25])).unwrap(), config);
-    let most = |config: &ModelConfig| crate::budget::budget(config, 2, config.resolution).unwrap().most.final_tokens;
+    let most = |config: &ModelConfig| crate::budget::budget(config, 2, config.resolution).unwrap().max.final_tokens;
     assert_eq!(most(&config.with_ratios(&ratios(&[1.0, 0.5, 0.0])).unwrap()), 512 * 3);
     for wrong in [&[][..], &[0.5], &[0.5; 4]] {
         let error = config.with_ratios(&ratios(wrong)).unwrap_err().to_string();
@@ -148,7 +148,11 @@ fn contradictions_name_their_field() {
         ("head-dim = 64", "head-dim = 63", "field transformer.head-dim: expected a divisor of transformer.dim"),
         ("head-dim = 64", "head-dim = 0", "field transformer.head-dim: expected 1 to 768, found 0"),
         ("norm-eps = 1e-5", "norm-eps = nan", "field transformer.norm-eps: expected a positive number"),
-        ("resolution = [256, 256]", "resolution = [256, 250]", "coarse branch, image size: expected height and width"),
+        (
+            "resolution = [256, 256]",
+            "resolution = [256, 250]",
+            "coarse branch, image size: expected a height and width",
+        ),
         ("patch-size = 8", "patch-size = 3", "field fine: expected patches that divide the coarse branch's"),
         ("kind = \"patch-depth\"", "kind = \"direct-xyz\"", "field anchors.context: expected none"),
         ("near = 0.1", "near = 600.0", "field anchors.depth: expected near < far, found 600 and 500"),

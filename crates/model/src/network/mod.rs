@@ -154,7 +154,7 @@ impl Network {
     }
 
     /// Declares that the weights were trained on images of this size: [`Self::reconstruct`] and [`Self::trace`] then resize
-    /// context images to its scale first ([`Self::sees`]), because patches that show more or less of a scene than in
+    /// context images to its scale first ([`Self::input_size`]), because patches that show more or less of a scene than in
     /// training are out of distribution. [`Self::forward`] takes images as they are.
     #[must_use]
     pub fn trained_at(self, size: ImageSize) -> Self {
@@ -169,7 +169,7 @@ impl Network {
 
     /// The size to which context images of `given` size are resized ([`ModelConfig::context_size`]); the given size if the
     /// training size is unknown.
-    pub fn sees(&self, given: ImageSize) -> ImageSize {
+    pub fn input_size(&self, given: ImageSize) -> ImageSize {
         self.trained_at.map_or(given, |trained| self.config.context_size(given, trained))
     }
 
@@ -188,9 +188,9 @@ impl Network {
         self.head.device()
     }
 
-    /// Whether its device computes products in this precision.
-    pub fn multiplies_in(&self, products: MatmulPrecision) -> bool {
-        match (products, self.adapter()) {
+    /// Whether its device computes matrix products in this precision.
+    pub fn supports_precision(&self, precision: MatmulPrecision) -> bool {
+        match (precision, self.adapter()) {
             (MatmulPrecision::F32, _) | (MatmulPrecision::Bf16, None) => true,
             (MatmulPrecision::F16, Some(_)) => self.device().supports_dtype(FloatDType::F16),
             (MatmulPrecision::Bf16, Some(_)) | (MatmulPrecision::F16, None) => false,

@@ -20,8 +20,8 @@ pub struct Reconstruction {
     pub depths: Option<Vec<f32>>,
     /// Expansion of each block of the decoder.
     pub blocks: Vec<BlockOutcome>,
-    /// Size of the images given to the network, after resizing ([`Network::sees`]).
-    pub seen_at: ImageSize,
+    /// Size of the images given to the network, after resizing ([`Network::input_size`]).
+    pub input_size: ImageSize,
     /// Numbers of tokens and Gaussians.
     pub budget: Budget,
     /// Wall-clock seconds of each stage.
@@ -62,12 +62,12 @@ impl Reconstruction {
 pub struct EncodedScene {
     pub(super) encoding: Encoding,
     pub(super) views: usize,
-    pub(super) seen_at: ImageSize,
+    pub(super) input_size: ImageSize,
 }
 
 impl Network {
     /// Reconstructs one scene. Images are resized to the scale of the training images, if that is known
-    /// ([`Network::sees`]). `call_seed` seeds random selection.
+    /// ([`Network::input_size`]). `call_seed` seeds random selection.
     ///
     /// # Errors
     /// As [`Network::forward`]; [`ModelError::NonFinite`] if a Gaussian is NaN or infinite, which only extreme weights or
@@ -83,7 +83,7 @@ impl Network {
     pub fn encode_scene(&self, views: &Views) -> Result<EncodedScene, ModelError> {
         let views = &*self.resized_input(views);
         let encoding = self.encode(std::slice::from_ref(views))?;
-        Ok(EncodedScene { encoding, views: views.len(), seen_at: views.size() })
+        Ok(EncodedScene { encoding, views: views.len(), input_size: views.size() })
     }
 
     /// [`Self::reconstruct`] of an encoded scene; its seconds of the first stages are those of [`Self::encode_scene`].
@@ -91,8 +91,8 @@ impl Network {
     /// # Errors
     /// As [`Self::reconstruct`].
     pub fn reconstruct_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Reconstruction, ModelError> {
-        let EncodedScene { encoding, views, seen_at } = scene;
-        self.reconstruction(self.decode(encoding, call_seed)?, views, seen_at)
+        let EncodedScene { encoding, views, input_size } = scene;
+        self.reconstruction(self.decode(encoding, call_seed)?, views, input_size)
     }
 
     /// Predicted uncertainty of the tokens that enter each block that expands by score, as in [`BlockOutcome::scores`]. Nothing
@@ -119,7 +119,7 @@ impl Network {
 
     /// Views resized to the scale of the training images.
     pub(super) fn resized_input<'a>(&self, views: &'a Views) -> Cow<'a, Views> {
-        let size = self.sees(views.size());
+        let size = self.input_size(views.size());
         if size == views.size() { Cow::Borrowed(views) } else { Cow::Owned(views.resized(size)) }
     }
 
@@ -128,7 +128,7 @@ impl Network {
         &self,
         forward: Forward,
         views: usize,
-        seen_at: ImageSize,
+        input_size: ImageSize,
     ) -> Result<Reconstruction, ModelError> {
         let config = self.config();
         let gaussians = forward.gaussians.finite_scene(0)?;
@@ -140,10 +140,10 @@ impl Network {
             anchors: forward.initial.anchors.map(|anchors| f32_values(anchors).as_chunks().0.to_vec()),
             depths: forward.initial.depths.map(f32_values),
             blocks,
-            seen_at,
+            input_size,
             budget: Budget::from_selections(config, initial_tokens, &expanded)?,
             seconds: forward.seconds,
-            memory: memory(config, views, seen_at)?,
+            memory: memory(config, views, input_size)?,
         })
     }
 }

@@ -1,7 +1,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use atsplat_splat::{Census, RenderOptions, View};
+use atsplat_splat::{GaussianCounts, RenderOptions, View};
 use burn::Tensor;
 use burn::backend::Dispatch;
 
@@ -23,7 +23,7 @@ pub struct RenderedTensors {
     /// The Gaussians' own scalar, composited like a colour on 0, `[views, height, width]`; if requested.
     pub scalar: Option<Tensor<3>>,
     /// Counts of drawn and skipped Gaussians: by view, or of all views together where they were rendered at once.
-    pub census: Vec<Census>,
+    pub counts: Vec<GaussianCounts>,
 }
 
 impl GaussianTensors {
@@ -91,7 +91,7 @@ impl GaussianTensors {
             scalars.into_dispatch(),
             Arc::clone(&request),
         );
-        let census = request.outcome()?;
+        let counts = request.outcome()?;
 
         let images = Tensor::<4>::from_dispatch(images);
         let [height, width] = [size.height as usize, size.width as usize];
@@ -103,7 +103,7 @@ impl GaussianTensors {
         let alpha = image();
         let depth = options.channels.depth.then(&mut image);
         let scalar = options.channels.scalar.then(image);
-        Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, census })
+        Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, counts })
     }
 
     /// Some scenes of the batch.

@@ -196,14 +196,14 @@ fn images_are_resized_to_the_scale_of_the_training_images() {
     let halved = Network::new(&halved, &device).unwrap().with_weights(&weights).unwrap();
 
     let made = trained.reconstruct(&views, 0).unwrap();
-    assert_eq!(made.seen_at, fixture.config.resolution);
+    assert_eq!(made.input_size, fixture.config.resolution);
     assert_eq!(made.gaussians, halved.reconstruct(&views, 0).unwrap().gaussians);
-    assert_eq!(made.gaussians, trained.trace(&views, 0).unwrap().made.gaussians);
+    assert_eq!(made.gaussians, trained.trace(&views, 0).unwrap().reconstruction.gaussians);
     let given = trained.clone().without_resizing().reconstruct(&views, 0).unwrap();
-    assert_eq!((given.seen_at, given.budget.initial_tokens), (large, 4 * made.budget.initial_tokens));
+    assert_eq!((given.input_size, given.budget.initial_tokens), (large, 4 * made.budget.initial_tokens));
     // The aspect ratio is kept, in whole patches; resizing also makes sizes fit that patches do not divide.
     let odd = views.resized(ImageSize::new(50, 60));
-    assert_eq!(trained.reconstruct(&odd, 0).unwrap().seen_at, ImageSize::new(32, 32));
+    assert_eq!(trained.reconstruct(&odd, 0).unwrap().input_size, ImageSize::new(32, 32));
     assert!(trained.without_resizing().reconstruct(&odd, 0).is_err());
 }
 
@@ -244,4 +244,13 @@ fn rejects_input_that_does_not_fit() {
     broken[7] = f32::NAN;
     let error = Views::new(views.size(), broken, views.cameras.clone()).unwrap_err().to_string();
     assert!(error.contains("image 0") && error.contains("NaN"), "{error}");
+}
+
+#[test]
+fn the_seconds_of_all_stages_add_up() {
+    let seconds = StageSeconds { coarse: 1.0, anchors: 2.0, fine: 4.0, decoder: 8.0, head: 16.0 };
+    let stages = seconds.stages();
+    assert_eq!(stages.map(|(name, _)| name), ["coarse", "anchors", "fine", "decoder", "head"]);
+    Tolerance::EXACT.assert(stages.map(|(_, seconds)| seconds), [1.0, 2.0, 4.0, 8.0, 16.0], "stages");
+    Tolerance::EXACT.assert([seconds.total()], [31.0], "total");
 }

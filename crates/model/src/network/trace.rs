@@ -7,7 +7,7 @@ use crate::ModelError;
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// The reconstruction.
-    pub made: Reconstruction,
+    pub reconstruction: Reconstruction,
     /// For each block, the Gaussians of the tokens that entered it, ordered by token.
     pub entering: Vec<Gaussians>,
 }
@@ -15,7 +15,7 @@ pub struct Trace {
 impl Trace {
     /// The Gaussians of the tokens that left a block, counted from 0: those that entered the next block, or the final ones.
     pub fn leaving(&self, block: usize) -> &Gaussians {
-        self.entering.get(block + 1).unwrap_or(&self.made.gaussians)
+        self.entering.get(block + 1).unwrap_or(&self.reconstruction.gaussians)
     }
 }
 
@@ -33,14 +33,14 @@ impl Network {
     /// # Errors
     /// As [`Self::trace`].
     pub fn trace_encoded(&self, scene: EncodedScene, call_seed: u64) -> Result<Trace, ModelError> {
-        let EncodedScene { encoding, views, seen_at } = scene;
+        let EncodedScene { encoding, views, input_size } = scene;
         let forward = self.decode(encoding, call_seed)?;
         let Forward { initial, blocks, .. } = &forward;
         let last = blocks.len().saturating_sub(1);
         let entered = std::iter::once(initial).chain(blocks.iter().take(last).map(|block| &block.tokens));
         let entering = entered.take(blocks.len()).map(|tokens| self.gaussians(tokens).finite_scene(0));
         let entering = entering.collect::<Result<_, _>>()?;
-        Ok(Trace { made: self.reconstruction(forward, views, seen_at)?, entering })
+        Ok(Trace { reconstruction: self.reconstruction(forward, views, input_size)?, entering })
     }
 
     /// The same weights with expansion only in the first `blocks` of the expanding blocks

@@ -76,15 +76,15 @@ fn backbone(file: &TensorFile, config: Option<&ModelConfig>) -> Result<Backbone,
             read_backbone(&file.path, config, None)?;
         }
         Some(config) => {
-            let expected = format!("one of this toolkit, because the model {} has no DINOv2 backbone", config.name);
-            return wrong(expected, "one without its metadata".to_owned());
+            let expected = format!("a file of this toolkit, because the model {} has no DINOv2 backbone", config.name);
+            return wrong(expected, "a file without its metadata".to_owned());
         }
         None => {}
     }
     match Backbone::in_file(&file.stored)? {
         Some(backbone) => Ok(backbone),
         None => wrong(
-            "one of this toolkit or a complete DINOv2".to_owned(),
+            "a file of this toolkit or a complete DINOv2".to_owned(),
             format!("{} other tensors; `atsplat weights inspect --tensors` lists them", file.stored.tensors.len()),
         ),
     }

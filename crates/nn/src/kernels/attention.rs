@@ -162,7 +162,7 @@ pub(crate) struct Inputs<'a> {
     /// `batch × keys`, not 0 for ignored keys.
     pub(crate) ignored: Option<&'a [u8]>,
     pub(crate) sizes: Sizes,
-    pub(crate) products: MatmulPrecision,
+    pub(crate) precision: MatmulPrecision,
 }
 
 impl Inputs<'_> {
@@ -202,7 +202,7 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     if out.is_empty() || sizes.keys == 0 {
         return (out, log_sums);
     }
-    match inputs.products {
+    match inputs.precision {
         MatmulPrecision::F32 | MatmulPrecision::F16 => attention_f32::forward(inputs, &mut out, &mut log_sums),
         MatmulPrecision::Bf16 => forward_rounded(inputs, &mut out, &mut log_sums),
     }
@@ -252,7 +252,7 @@ impl Head {
         let tile = |(first, count)| {
             let keys = Matrix::new(&self.keys[first * width..], count, width, width);
             let values = Matrix::new(&self.values[first * width..], width, count, count);
-            let (keys, values) = (Factor::left(keys, inputs.products), Factor::left(values, inputs.products));
+            let (keys, values) = (Factor::left(keys, inputs.precision), Factor::left(values, inputs.precision));
             KeyTile { first, count, keys, values }
         };
         inputs.key_tiles().map(tile).collect()
@@ -304,14 +304,14 @@ fn attend(inputs: &Inputs<'_>, at: Tile, keys: &[KeyTile<'_>], scratch: &mut Scr
     let sums = &mut sums[..sizes.head_width * lanes];
     let (largest, total) = (&mut largest[..lanes], &mut total[..lanes]);
     inputs.queries.transpose_into(queries, at, sizes.narrow_scale(), sizes);
-    let queries = Factor::right(Matrix::new(queries, sizes.head_width, lanes, lanes), inputs.products);
+    let queries = Factor::right(Matrix::new(queries, sizes.head_width, lanes, lanes), inputs.precision);
     largest.fill(f32::NEG_INFINITY);
     total.fill(0.0);
     for tile in keys {
         let weights = &mut weights[..tile.count * lanes];
         inputs.logits(weights, &queries, at, &tile.keys, tile.first);
         simd::run(Softmax { weights, sums, largest, total });
-        let weights = Factor::right(Matrix::new(weights, tile.count, lanes, lanes), inputs.products);
+        let weights = Factor::right(Matrix::new(weights, tile.count, lanes, lanes), inputs.precision);
         let write = if tile.first == 0 { Write::Set } else { Write::Add };
         multiply_factors(Output::new(sums, sizes.head_width, lanes, lanes), &tile.values, &weights, write);
     }

@@ -80,7 +80,7 @@ fn differentiate(
         let [rows_of, values_of] = [&rows, &values].map(|data| Matrix::new(data, count, head_width, head_width));
         let columns_of = Matrix::new(&columns, head_width, count, count);
         let [rows, columns, values] =
-            [rows_of, columns_of, values_of].map(|matrix| Factor::left(matrix, inputs.products));
+            [rows_of, columns_of, values_of].map(|matrix| Factor::left(matrix, inputs.precision));
         let keys = KeyTile { first, rows, columns, values };
         for query_tile in &mut tiles {
             let lanes = query_tile.at.lanes();
@@ -92,10 +92,10 @@ fn differentiate(
                 (&mut *by_values, of_queries(weights), &query_tile.grad_rows),
                 (&mut *by_keys, of_queries(slopes), &query_tile.rows),
             ] {
-                let of = Factor::left(of, inputs.products);
+                let of = Factor::left(of, inputs.precision);
                 multiply_factors(Output::new(by, count, head_width, head_width), &of, rows, Write::Add);
             }
-            let slopes = Factor::right(Matrix::new(slopes, count, lanes, lanes), inputs.products);
+            let slopes = Factor::right(Matrix::new(slopes, count, lanes, lanes), inputs.precision);
             let out = Output::new(&mut query_tile.gradient, head_width, lanes, lanes);
             multiply_factors(out, &keys.columns, &slopes, Write::Add);
         }
@@ -135,7 +135,7 @@ impl<'a> QueryTile<'a> {
         let sizes = &inputs.sizes;
         let (lanes, heads) = (at.lanes(), sizes.heads);
         let rows =
-            |of: &Tokens<'a>| Factor::right(of.tile(at.sample, at.head, at.first, at.count, sizes), inputs.products);
+            |of: &Tokens<'a>| Factor::right(of.tile(at.sample, at.head, at.first, at.count, sizes), inputs.precision);
         let mut tile = Self {
             at,
             rows: rows(&inputs.queries),
@@ -161,7 +161,7 @@ impl<'a> QueryTile<'a> {
     /// The weights of some keys, and the gradients of their logits before scaling.
     fn weigh(&self, inputs: &Inputs<'_>, keys: &KeyTile<'_>, weights: &mut [f32], slopes: &mut [f32]) {
         let (at, sizes, lanes) = (self.at, &inputs.sizes, self.at.lanes());
-        let columns = |data| Factor::right(Matrix::new(data, sizes.head_width, lanes, lanes), inputs.products);
+        let columns = |data| Factor::right(Matrix::new(data, sizes.head_width, lanes, lanes), inputs.precision);
         inputs.logits(weights, &columns(&self.queries), at, &keys.rows, keys.first);
         let count = slopes.len() / lanes;
         multiply_factors(Output::new(slopes, count, lanes, lanes), &keys.values, &columns(&self.grad), Write::Set);

@@ -100,9 +100,9 @@ pub(crate) fn multiply(
     left: Matrix<'_>,
     right: Matrix<'_>,
     write: Write,
-    (threads, products): (Threads, MatmulPrecision),
+    (threads, precision): (Threads, MatmulPrecision),
 ) {
-    match products {
+    match precision {
         MatmulPrecision::F32 | MatmulPrecision::F16 => multiply_f32(out, left, right, write, threads),
         MatmulPrecision::Bf16 => bf16::multiply(out, left, right, write, threads),
     }
@@ -119,16 +119,16 @@ pub(crate) enum Factor<'a> {
 
 impl<'a> Factor<'a> {
     /// A factor on the left.
-    pub(super) fn left(matrix: Matrix<'a>, products: MatmulPrecision) -> Self {
-        match products {
+    pub(super) fn left(matrix: Matrix<'a>, precision: MatmulPrecision) -> Self {
+        match precision {
             MatmulPrecision::F32 | MatmulPrecision::F16 => Self::F32(matrix),
             MatmulPrecision::Bf16 => Self::Bf16(bf16::Factor::left(matrix)),
         }
     }
 
     /// A factor on the right.
-    pub(super) fn right(matrix: Matrix<'a>, products: MatmulPrecision) -> Self {
-        match products {
+    pub(super) fn right(matrix: Matrix<'a>, precision: MatmulPrecision) -> Self {
+        match precision {
             MatmulPrecision::F32 | MatmulPrecision::F16 => Self::F32(matrix),
             MatmulPrecision::Bf16 => Self::Bf16(bf16::Factor::right(matrix)),
         }

@@ -42,11 +42,11 @@ fn threads_do_not_change_bits() {
     let device = Device::flex().autodiff();
     let block = block(48, 3, &device);
     let x = Tensor::from_inner(random([3, 130, 48], 5));
-    for products in [MatmulPrecision::F32, MatmulPrecision::Bf16] {
-        let run = || products.scope(|| trained(&block, &x));
+    for precision in [MatmulPrecision::F32, MatmulPrecision::Bf16] {
+        let run = || precision.scope(|| trained(&block, &x));
         let alone = in_pool(1, run);
         for threads in [2, 3, 7] {
-            assert_eq!(alone, in_pool(threads, run), "{products:?}, {threads} threads");
+            assert_eq!(alone, in_pool(threads, run), "{precision:?}, {threads} threads");
         }
     }
 }

@@ -30,6 +30,12 @@ pub enum OpenCvError {
         /// The image's size.
         found: ImageSize,
     },
+    /// An image has more columns or rows than OpenCV can count.
+    #[error("image size: expected at most {} pixels per side, found {found}", i32::MAX)]
+    Side {
+        /// Its columns or rows.
+        found: u32,
+    },
     /// An image cannot be encoded.
     #[error(transparent)]
     Pixels(#[from] atsplat_pixels::PixelError),

@@ -26,9 +26,14 @@ fn called<T>(action: &'static str, result: ::opencv::Result<T>) -> Result<T, Ope
     result.map_err(|source| OpenCvError::Call { action, source })
 }
 
+/// A number of columns or rows, as OpenCV counts them.
+fn side(length: u32) -> Result<i32, OpenCvError> {
+    i32::try_from(length).ok().ok_or(OpenCvError::Side { found: length })
+}
+
 /// An 8-bit `Mat` with the three channels R, G, B.
 fn mat_from_image(image: &ImageU8) -> Result<Mat, OpenCvError> {
-    let rows = i32::try_from(image.height()).unwrap_or(i32::MAX);
+    let rows = side(image.height())?;
     let flat = called("wrapping an image", Mat::from_bytes::<Vec3b>(image.samples()))?;
     let shaped = called("wrapping an image", flat.reshape(3, rows))?;
     called("copying an image", shaped.try_clone())

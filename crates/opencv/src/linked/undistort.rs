@@ -8,7 +8,7 @@ use ::opencv::core::{BORDER_CONSTANT, Mat, Matx33d, Scalar, Size, Vec2f, Vector}
 use ::opencv::imgproc::{INTER_LINEAR, remap};
 use ::opencv::prelude::*;
 
-use super::{OpenCvError, called, mat_from_image};
+use super::{OpenCvError, called, mat_from_image, side};
 
 /// Outside of any image: the map's value for rays outside the domain of the lens model.
 const NOWHERE: f32 = -1e6;
@@ -106,7 +106,7 @@ fn source_map(
             positions.push(Vec2f::from(position.map_or([NOWHERE; 2], |position| position.as_vec2().to_array())));
         }
     }
-    let rows = i32::try_from(size.height).unwrap_or(i32::MAX);
+    let rows = side(size.height)?;
     let flat = called("laying out a map", Mat::from_slice(&positions))?;
     let shaped = called("laying out a map", flat.reshape(2, rows))?;
     called("laying out a map", shaped.try_clone())
@@ -125,8 +125,7 @@ fn long_lrm_intrinsics(
     size: ImageSize,
 ) -> Result<PixelIntrinsics, OpenCvError> {
     let matrix = matrix_of(k);
-    let side = |length: u32| i32::try_from(length).unwrap_or(i32::MAX);
-    let cv_size = Size::new(side(size.width), side(size.height));
+    let cv_size = Size::new(side(size.width)?, side(size.height)?);
     let action = "choosing a new camera matrix";
     let new = match *distortion {
         Distortion::None => return Ok(*k),

@@ -11,15 +11,14 @@ use crate::IndexEntry;
 pub struct FrameLabel {
     /// Whether the frame is also a context frame.
     pub leaked: bool,
-    /// Distance from the window of context frames: negative before it, positive after it, 0 inside it or
-    /// without context.
+    /// Distance from the window of context frames: negative before it, positive after it, 0 inside it.
     pub signed_distance: i64,
 }
 
 impl FrameLabel {
-    /// Labels a frame against an entry's context.
-    pub fn of(entry: &IndexEntry, frame: usize) -> Self {
-        Self { leaked: entry.is_context(frame), signed_distance: entry.frames_outside_window(frame).unwrap_or(0) }
+    /// Labels a frame against an entry's context; `None` without context frames.
+    pub fn of(entry: &IndexEntry, frame: usize) -> Option<Self> {
+        Some(Self { leaked: entry.is_context(frame), signed_distance: entry.frames_outside_window(frame)? })
     }
 }
 
@@ -79,9 +78,11 @@ mod tests {
     #[test]
     fn labels_frames_before_inside_and_after_the_window() {
         let entry = IndexEntry { context: vec![20, 10, 15], target: Vec::new(), overlap: None };
-        let labels = [0, 9, 10, 12, 20, 21, 30].map(|frame| FrameLabel::of(&entry, frame));
+        let labels = [0, 9, 10, 12, 20, 21, 30].map(|frame| FrameLabel::of(&entry, frame).unwrap());
         assert_eq!(labels.map(|label| label.signed_distance), [-10, -1, 0, 0, 0, 1, 10]);
         assert_eq!(labels.map(|label| label.leaked), [false, false, true, false, true, false, false]);
+        let without_context = IndexEntry { context: Vec::new(), ..entry };
+        assert_eq!(FrameLabel::of(&without_context, 9), None);
     }
 
     #[test]

@@ -77,17 +77,17 @@ impl IndexNotices {
     pub fn unknown_fields_mismatch(&self) -> Option<IndexMismatch> {
         let (name, count) = self.unknown_fields.first_key_value()?;
         Some(IndexMismatch {
-            kind: "fields that an index does not have".to_owned(),
+            kind: "fields that the index format does not define".to_owned(),
             count: self.unknown_fields.values().sum(),
             example: format!("{name}, {count} times"),
         })
     }
 
-    /// Overlaps that the file gives as words: the numbers that they are read as are no measurements.
+    /// Overlaps given as words; the numbers substituted for them are not measurements.
     pub fn overlap_words_mismatch(&self) -> Option<IndexMismatch> {
         let word = self.first_overlap_word.as_deref()?;
         Some(IndexMismatch {
-            kind: "overlaps given as words, read as the numbers that NoPoSplat uses for them".to_owned(),
+            kind: "overlaps given as words, replaced by the numbers that NoPoSplat uses for them".to_owned(),
             count: self.overlap_words,
             example: format!("the first is {word:?}, read as {}", value_of_word(word)),
         })
@@ -154,7 +154,7 @@ mod tests {
                 2,
                 "entries without an overlap, which are in no bin of the preset: scene a, entry 0, field overlap: expected a number, found none",
             ),
-            (3, "fields that an index does not have: overlapp, 2 times"),
+            (3, "fields that the index format does not define: overlapp, 2 times"),
         ];
         assert_eq!(found, expected.map(|(count, text)| (count, text.to_owned())));
     }

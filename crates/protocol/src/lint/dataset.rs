@@ -39,7 +39,7 @@ impl fmt::Debug for DatasetCheck<'_> {
 #[serde(rename_all = "kebab-case")]
 pub struct DatasetFacts {
     /// Scenes of the dataset that the index does not contain, or contains as `null`.
-    pub not_asked_for: u64,
+    pub unused_scenes: u64,
     /// Entries that give a trial: as many as [`crate::trial::Trials`] yields.
     pub usable: u64,
     /// Entries that do not, by reason.
@@ -69,8 +69,8 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     let outcomes =
         in_parallel(&scenes, warnings, |(key, entries), warnings| check_scene(key, entries, dataset, warnings));
     let keys = dataset.source.keys();
-    let not_asked_for = keys.iter().filter(|key| index.scenes.get(*key).is_none_or(Vec::is_empty)).count();
-    let mut facts = DatasetFacts { not_asked_for: not_asked_for as u64, ..DatasetFacts::default() };
+    let unused_scenes = keys.iter().filter(|key| index.scenes.get(*key).is_none_or(Vec::is_empty)).count();
+    let mut facts = DatasetFacts { unused_scenes: unused_scenes as u64, ..DatasetFacts::default() };
     for ((key, _), outcome) in scenes.into_iter().zip(outcomes) {
         for (entry, checked) in outcome.into_iter().enumerate() {
             let Err(Refusal { reason, detail }) = checked else {

@@ -103,9 +103,9 @@ impl fmt::Display for DatasetFacts {
                 row(f, "", &format!("  {:?} entry {}: {}", example.scene, example.entry, example.detail))?;
             }
         }
-        if self.not_asked_for > 0 {
+        if self.unused_scenes > 0 {
             let what = ["scene of the dataset is not used", "scenes of the dataset are not used"];
-            row(f, "", &format!("{} by the index", counted(self.not_asked_for, what)))?;
+            row(f, "", &format!("{} by the index", counted(self.unused_scenes, what)))?;
         }
         Ok(())
     }

@@ -47,9 +47,8 @@ impl<'a> PresetMatch<'a> {
 impl FullLint<'_> {
     /// What makes the index unfit for an evaluation, with counts; empty if nothing does.
     ///
-    /// An index without entries has nothing to evaluate. Leaks and repetitions are as published in an official index, and in
-    /// one that the preset names: there, they are no fault. Nor are targets outside the window, scenes that are `null`, and
-    /// fields that the format does not have if there is no preset.
+    /// An index without entries has nothing to evaluate. Leaks and repetitions count as faults unless the index is official or
+    /// named by the preset. Targets outside the window, `null` scenes and, without a preset, unknown fields never do.
     pub fn faults(&self) -> Vec<String> {
         let lint = &self.lint;
         let leaked = [(lint.leaked.targets, LintReport::LEAKED)];

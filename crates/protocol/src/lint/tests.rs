@@ -128,7 +128,7 @@ fn scenes_are_dropped_by_reason() {
     ]
     .map(|(reason, count)| (SkipReason::Dropped(reason), count));
     assert_eq!(facts.dropped, expected.into());
-    assert_eq!((facts.usable, facts.not_asked_for), (2, 2));
+    assert_eq!((facts.usable, facts.unused_scenes), (2, 2));
     assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
     assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
     assert_eq!(warnings.count(WarningKind::DuplicateTimestamp), 3, "the loader's own warnings are reported");

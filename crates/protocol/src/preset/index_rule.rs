@@ -21,7 +21,7 @@ pub struct IndexRule {
     /// How the index is derived from the published file, if the protocol has no file of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub derivation: Option<Derivation>,
-    /// The rule of `eval/samplers/` that chooses frames as this protocol does, for scenes that no published file covers.
+    /// The sampling rule of `eval/samplers/` that selects frames as this protocol does, for scenes without a published index.
     /// Such numbers are not comparable with published ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sampler: Option<String>,
@@ -113,10 +113,12 @@ impl fmt::Display for IndexMatch<'_> {
             Self::DerivedFromOther { name } => write!(
                 f,
                 "derived by its rule, but not from all scenes and context frames of {name}, or its windows are not \
-                 known to be where `protocol extrapolate` places them: numbers compare only on this file"
+                 known to be where `protocol extrapolate` places them: results are comparable only on this file"
             ),
-            Self::Underived { name } => write!(f, "{name}, from which `protocol extrapolate` makes its index"),
-            Self::Unpublished => f.write_str("not one of its indices: numbers compare only on this file"),
+            Self::Underived { name } => {
+                write!(f, "{name}, from which `protocol extrapolate` derives its index")
+            }
+            Self::Unpublished => f.write_str("not one of its indices: results are comparable only on this file"),
         }
     }
 }
@@ -229,7 +231,7 @@ mod tests {
         assert_eq!(recognised(&split), IndexMatch::Derived { name });
         let mut measured = split.clone();
         measured.scenes["zero"][0].overlap = Some(0.5.into());
-        assert_eq!(recognised(&measured), IndexMatch::Derived { name }, "an overlap is no other trial");
+        assert_eq!(recognised(&measured), IndexMatch::Derived { name }, "an overlap does not change the trial");
         let mut moved = split.clone();
         for entry in moved.scenes.values_mut().flatten() {
             for frame in entry.context.iter_mut().chain(&mut entry.target) {

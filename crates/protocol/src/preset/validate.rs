@@ -3,7 +3,7 @@ use std::fmt::Display;
 use atsplat_files::Malformed;
 
 use super::{NearFar, PoseNormalisation, Preset, RendererConvention};
-use crate::{IndexBuilder, IndexEntry, KnownIndex, ProtocolError};
+use crate::{IndexEntry, KnownIndex, ProtocolError, SamplingRule};
 
 /// Checks each field of a preset, and that the fields are consistent.
 pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
@@ -41,12 +41,12 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
 fn index(preset: &Preset) -> Result<(), ProtocolError> {
     let rule = &preset.index;
     let has_source = !rule.accepted.is_empty() || rule.sampler.is_some();
-    ensure(has_source, "index.accepted", "at least one index, or a sampler", &"none")?;
+    ensure(has_source, "index.accepted", "at least one index, or a sampling rule", &"none")?;
     if let Some(sampler) = &rule.sampler {
         let path = std::path::Path::new(sampler);
         let known =
-            IndexBuilder::names().any(|name| name == sampler) || path.extension().is_some_and(|kind| kind == "toml");
-        ensure(known, "index.sampler", "a rule of eval/samplers, or a path that ends in .toml", sampler)?;
+            SamplingRule::names().any(|name| name == sampler) || path.extension().is_some_and(|kind| kind == "toml");
+        ensure(known, "index.sampler", "a sampling rule of eval/samplers, or a path that ends in .toml", sampler)?;
     }
     ensure(rule.context_views > 0, "index.context-views", "at least one view", &rule.context_views)?;
     let (fewest, most) = rule.targets;

@@ -1,4 +1,4 @@
-//! Samplers: rules that choose the context and target frames of scenes without a published index.
+//! Samplers: the algorithms by which sampling rules choose the context and target frames of a scene.
 
 mod bounded;
 mod evenly_spaced;
@@ -34,7 +34,7 @@ impl SceneViews<'_> {
     }
 }
 
-/// A rule that chooses context and target frames; in TOML and JSON, `sampler = "farthest-point"` and its settings.
+/// How a sampling rule chooses context and target frames; in TOML and JSON, `sampler = "farthest-point"` and its settings.
 ///
 /// The result depends only on the scene's key, its cameras and the settings: it is the same on every platform, for every
 /// order of scenes and any number of threads.

@@ -55,11 +55,13 @@ pub(super) fn prepare(
         image: image(view),
         reservation: None,
     });
+    #[expect(clippy::expect_used, reason = "poses are only normalised if there is a context view")]
+    let label = |frame: usize| FrameLabel::of(entry, frame).expect("an entry with a context frame");
     let targets = views.targets.iter().zip(&normalised.targets).map(|(view, pose)| TargetView {
         frame: view.position,
         camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
         size: view.plan.output(),
-        label: FrameLabel::of(entry, view.position),
+        label: label(view.position),
     });
     let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.frame.camera).collect();
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)

@@ -20,7 +20,7 @@ from .errors import AtsplatError, DriftedError, FileError, InvalidError, NotAppl
 from .evaluation import RayOptions, evaluate
 from .gaussians import Gaussians
 from .metrics import lpips, metrics, psnr, ssim
-from .protocols import Protocol, Scores, Trial, Views, protocol, protocols
+from .protocols import Data, Protocol, Scores, Skipped, Trial, Trials, Views, protocol, protocols
 from .rendering import Rendering, render
 from .reports import Report, Table, report
 from .stores import Store, merge, open_store
@@ -28,6 +28,7 @@ from .stores import Store, merge, open_store
 __all__ = [
     "AtsplatError",
     "Cameras",
+    "Data",
     "Drift",
     "DriftedError",
     "FileError",
@@ -39,9 +40,11 @@ __all__ = [
     "Rendering",
     "Report",
     "Scores",
+    "Skipped",
     "Store",
     "Table",
     "Trial",
+    "Trials",
     "Views",
     "__version__",
     "accept_baseline",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json
 import os
@@ -10,13 +11,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ._arrays import images, invalid
+from ._identity import identity
 from .cameras import Cameras
 from .errors import AtsplatError, NotApplicable
 from .gaussians import Gaussians
 
 #: Methods without learning that are part of atsplat.
 BUILT_IN = {"nearest-view": "nearest view", "warp": "plane warp"}
+#: Parameters that have arguments of their own.
+RESERVED = ("setting", "version", "identity", "background", "effects", "tolerance", "renderer", "mode")
 
 
 def name_of(method: Callable) -> str:
@@ -32,13 +38,19 @@ def record(
     parameters: Mapping[str, Any],
     setting: str,
     deterministic: bool,
+    version: str | int | None = None,
 ) -> str:
     """What a store says about the method."""
+    if not isinstance(parameters, Mapping):
+        raise invalid("parameters", f"expected a dict, found {type(parameters).__name__}")
+    if version is not None and (isinstance(version, bool) or not isinstance(version, (str, int))):
+        raise invalid("version", f"expected a text or an integer, found {type(version).__name__}")
     if isinstance(method, str):
         if method not in BUILT_IN:
             raise invalid("method", f"expected a callable, or one of {', '.join(BUILT_IN)}, found {method!r}")
         other = None if setting.lower() == "atsplat" else setting
-        for field, given in (("name", name), ("title", title), ("parameters", dict(parameters) or None), ("setting", other)):
+        stated = (("name", name), ("title", title), ("parameters", dict(parameters) or None), ("setting", other), ("version", version))
+        for field, given in stated:
             if given is not None:
                 raise invalid(field, f"expected none for {method}, which has its own, found {given!r}")
         name, kind, title = method, method, BUILT_IN[method]
@@ -48,20 +60,40 @@ def record(
         raise invalid("method", f"expected a callable, found {type(method).__name__}")
     if name in ("truth", "context") or not all(c.isalnum() or c in "-_.+ " for c in name) or not name.strip():
         raise invalid("name", f"expected letters, digits, spaces, - _ . and +, other than truth and context, found {name!r}")
-    stated = dict(parameters)
+    own = {name: _stated(name, value) for name, value in parameters.items()}
     if kind == "python":
-        stated.setdefault("setting", setting)
+        own |= {"setting": setting, **({"identity": _identity(method)} if version is None else {"version": version})}
     return json.dumps({
         "name": name,
         "kind": kind,
         "title": title or name,
-        "parameters": stated,
+        "parameters": own,
         "weights-sha256": None,
         "untrained": False,
         "constants": None,
         "backend": None,
         "deterministic": deterministic or kind != "python",
     })
+
+
+def _stated(name: str, value: Any) -> Any:
+    if name in RESERVED:
+        raise invalid("parameters", f"expected no {name!r}, which evaluate itself records")
+    if isinstance(value, np.generic):
+        value = value.item()
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise invalid("parameters", f"{name}: expected a value of JSON, found {type(value).__name__}: {error}") from None
+    return value
+
+
+def _identity(method: Callable) -> dict[str, str]:
+    try:
+        return identity(method)
+    except Exception as error:
+        problem = f"its code and values cannot be told from another method's ({type(error).__name__}: {error}): give version=…"
+        raise invalid("method", problem) from error
 
 
 @dataclass(frozen=True)
@@ -93,6 +125,8 @@ def adapted(method: Callable) -> Callable:
 
 def _takes_trial(method: Callable) -> bool:
     # A module's call takes anything; what it passes on says more.
+    if isinstance(method, functools.partial) and "trial" in method.keywords:
+        return False
     try:
         return "trial" in inspect.signature(getattr(method, "forward", method)).parameters
     except (TypeError, ValueError):

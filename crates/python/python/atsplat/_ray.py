@@ -13,11 +13,11 @@ import tempfile
 from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from ._arrays import invalid
 from .errors import AtsplatError
-from .evaluation import RayOptions, Run
+from .evaluation import Outcome, RayOptions, Run
 from .protocols import Data
 from .stores import merge
 
@@ -27,11 +27,11 @@ LOCKS = ("run.lock", "run.json")
 DEFAULTS = RayOptions(retries=3, num_cpus=1, num_gpus=0, factory=False)
 
 
-def evaluate(run: Run, method: Callable | str, options: RayOptions, out: str, progress: Callable[[], None] | None) -> None:
+def evaluate(
+    run: Run, method: Callable | str, given: bool | RayOptions, out: str, progress: Callable[[], None] | None
+) -> tuple[Outcome, list[Data]]:
     """Evaluates a run on a cluster: the one that Ray is connected to, or the one that ``ray.init()`` finds or starts."""
-    unknown = sorted(set(options) - set(RayOptions.__annotations__))
-    if unknown:
-        raise invalid("ray", f"expected {', '.join(RayOptions.__annotations__)}, found {', '.join(unknown)}")
+    options = _checked(given)
     if run.settings["shard"] is not None:
         raise invalid("shard", "Ray divides the run itself")
     if run.settings["keep_images"] != "none":
@@ -45,7 +45,8 @@ def evaluate(run: Run, method: Callable | str, options: RayOptions, out: str, pr
         import ray
     except ImportError:
         raise invalid("ray", "expected the package ray, which is not installed: pip install ray") from None
-    scenes = max(len(data.entries) for data in run.open())
+    opened = run.open()
+    scenes = max(len(data.entries) for data in opened)
     scenes = max(1, scenes if run.settings["limit"] is None else min(scenes, run.settings["limit"]))
     count = min(options.get("shards", max(64, scenes // 16)), scenes)
     shards = {number: folder / f"{number}-of-{count}" for number in range(1, count + 1)}
@@ -54,17 +55,35 @@ def evaluate(run: Run, method: Callable | str, options: RayOptions, out: str, pr
         ray.init(logging_level="warning")
     workers = _Workers(ray, {**DEFAULTS, **options})
     try:
-        empty = workers.evaluate(run, method, shards, progress)
+        outcomes = workers.evaluate(run, method, shards, progress)
     finally:
         workers.end()
         if not is_connected:
             ray.shutdown()
     merge(list(shards.values()), out)
     shutil.rmtree(folder)
-    if len(empty) == count:
-        error = AtsplatError(f"nothing was evaluated: {empty[min(empty)]}")
-        error.file = out
-        raise error
+    gaps: Counter[str] = Counter()
+    for outcome in outcomes.values():
+        gaps.update(outcome.gaps)
+    nothing = [outcomes[number].nothing for number in sorted(outcomes)]
+    return Outcome(None if None in nothing else nothing[0], dict(gaps)), opened
+
+
+def _checked(given: Any) -> RayOptions:
+    known = ", ".join(RayOptions.__annotations__)
+    if given is True:
+        return RayOptions()
+    if not isinstance(given, dict):
+        raise invalid("ray", f"expected True, False or a dict of {known}, found {given!r}")
+    unknown = sorted(map(str, set(given) - set(RayOptions.__annotations__)))
+    if unknown:
+        raise invalid("ray", f"expected {known}, found {', '.join(unknown)}")
+    for name, least in (("workers", 1), ("shards", 1), ("retries", 0), ("num_cpus", 0), ("num_gpus", 0)):
+        number = given.get(name, least)
+        kinds = (int, float) if name.startswith("num_") else (int,)
+        if isinstance(number, bool) or not isinstance(number, kinds) or not least <= number < float("inf"):
+            raise invalid("ray", f"{name}: expected {'a number' if float in kinds else 'an integer'} from {least}, found {number!r}")
+    return cast(RayOptions, given)
 
 
 class _Workers:
@@ -79,11 +98,11 @@ class _Workers:
 
     def evaluate(
         self, run: Run, method: Callable | str, shards: dict[int, Path], progress: Callable[[], None] | None
-    ) -> dict[int, str]:
-        """Evaluates shards into stores; why nothing was evaluated, for those of which that is true."""
+    ) -> dict[int, Outcome]:
+        """Evaluates shards into stores."""
         threads = max(1, int(self._options["num_cpus"]))
         self._loaded = self._ray.put((run, method, self._options["factory"], threads, os.getcwd()))
-        queue, lost, empty, left = deque(shards), Counter(), {}, set(shards)
+        queue, lost, outcomes, left = deque(shards), Counter(), {}, set(shards)
         for _ in range(min(self._options.get("workers", self._fitting()), len(queue))):
             self._start()
         while left:
@@ -109,17 +128,15 @@ class _Workers:
                 if number is None:
                     lost[None] = 0
                 else:
-                    files, steps, nothing = result
+                    files, steps, outcomes[number] = result
                     _write(files, shards[number])
                     left.remove(number)
-                    if nothing is not None:
-                        empty[number] = nothing
                     for _ in range(steps if progress else 0):
                         progress()
             while queue and self._idle:
                 actor, number = self._idle.pop(), queue.popleft()
                 self._awaited[actor.evaluate.remote(number, len(shards), _read(shards[number]))] = actor, number
-        return empty
+        return outcomes
 
     def end(self) -> None:
         for actor in list(self._actors):
@@ -155,8 +172,8 @@ class Worker:
             raise invalid("method", f"expected a factory that returns a callable, found {type(self._method).__name__}")
         self._data = self._run.open()
 
-    def evaluate(self, number: int, of: int, files: dict[str, bytes]) -> tuple[dict[str, bytes], int, str | None]:
-        """Evaluates a shard, or verifies one that is finished; its store's files, the number of results, and why it is empty."""
+    def evaluate(self, number: int, of: int, files: dict[str, bytes]) -> tuple[dict[str, bytes], int, Outcome]:
+        """Evaluates a shard, or verifies one that is finished: the files of its store, the number of results, and gaps."""
         steps = 0
 
         def step() -> None:
@@ -165,8 +182,8 @@ class Worker:
 
         with tempfile.TemporaryDirectory(prefix="atsplat-") as folder:
             _write(files, Path(folder, "store"))
-            nothing = self._run.evaluate(self._method, self._data, step, out=f"{folder}/store", shard=(number, of))
-            return _read(Path(folder, "store")), steps, nothing
+            outcome = self._run.evaluate(self._method, self._data, step, out=f"{folder}/store", shard=(number, of))
+            return _read(Path(folder, "store")), steps, outcome
 
 
 def _read(store: Path) -> dict[str, bytes]:
@@ -176,7 +193,7 @@ def _read(store: Path) -> dict[str, bytes]:
 
 
 def _write(files: dict[str, bytes], store: Path) -> None:
-    """Writes a store, which is there as a whole or not at all."""
+    """Writes a store completely or not at all."""
     store.parent.mkdir(parents=True, exist_ok=True)
     partial = Path(tempfile.mkdtemp(prefix="partial-", dir=store.parent))
     for name, content in files.items():

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ._arguments import whole
 from ._arrays import as_array, describe, invalid
 
 #: The camera's axes in each convention, as multiples of OpenCV's: +x right, +y down, +z forward.
@@ -21,6 +22,11 @@ CONVENTIONS = {
 FIXED = np.array([[False, True, False], [True, False, False], [True, True, True]])
 #: How far they, and the last row of a pose, may be off by rounding.
 ROUNDING = 1e-5
+#: The same of a rotation times its transpose.
+ROTATION = 1e-2
+#: Normalised principal points beyond it are in pixels, and focal lengths below it in pixels are normalised.
+PRINCIPAL = (-1.0, 2.0)
+FOCAL_PIXELS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +51,11 @@ class Cameras:
     lenses: tuple[tuple[str, tuple[float, ...]], ...]
 
     def __post_init__(self) -> None:
-        poses, matrices = np.asarray(self.camera_from_world), np.asarray(self.intrinsics)
+        poses, matrices = (np.array(value, dtype=np.float64) for value in (self.camera_from_world, self.intrinsics))
+        object.__setattr__(self, "camera_from_world", poses)
+        object.__setattr__(self, "intrinsics", matrices)
+        for field in ("height", "width"):
+            object.__setattr__(self, field, whole(getattr(self, field), field, 1 if len(poses) else 0))
         if poses.ndim != 3 or poses.shape[1:] != (4, 4):
             raise invalid("camera_from_world", f"expected N × 4 × 4, found {describe(poses)}")
         count = len(poses)
@@ -54,6 +64,8 @@ class Cameras:
         for field, listed in (("frames", self.frames), ("lenses", self.lenses)):
             if len(listed) != count:
                 raise invalid(field, f"expected {count}, one for each pose, found {len(listed)}")
+        _check_poses(poses, "camera_from_world")
+        _check_focal(matrices, matrices, "intrinsics")
 
     @classmethod
     def from_arrays(
@@ -77,13 +89,15 @@ class Cameras:
             convention: the camera's axes: ``opencv``, ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
 
         Raises:
-            InvalidError: if a matrix has another shape, or says what these cameras cannot have.
+            InvalidError: naming the argument and the camera, if a matrix has another shape, is no rotation with a translation, has
+                focal lengths that are not positive, or intrinsics of the other unit.
         """
         if (world_from_camera is None) == (camera_from_world is None):
             raise invalid("cameras", "expected one of world_from_camera and camera_from_world")
         if (intrinsics is None) == (pixel_intrinsics is None):
             raise invalid("cameras", "expected one of intrinsics and pixel_intrinsics")
         flip = _flip(convention)
+        height, width = whole(height, "height"), whole(width, "width")
         if camera_from_world is None:
             camera_from_world = np.linalg.inv(_poses(world_from_camera, "world_from_camera") @ flip)
         else:
@@ -165,12 +179,11 @@ def _flip(convention: str) -> np.ndarray:
 
 
 def _poses(value: Any, field: str) -> np.ndarray:
-    poses = np.array(as_array(value), dtype=np.float64)
+    poses = np.array(as_array(value, field), dtype=np.float64)
     poses = poses[None] if poses.ndim == 2 else poses
     if poses.ndim != 3 or poses.shape[1:] not in ((3, 4), (4, 4)):
-        raise invalid(field, f"expected N × 4 × 4 or N × 3 × 4, found {poses.shape}")
-    if not np.isfinite(poses).all():
-        raise invalid(field, "expected finite numbers")
+        raise invalid(field, f"expected N × 4 × 4 or N × 3 × 4, found {describe(poses)}")
+    _check_poses(poses, field)
     for at, row in enumerate(poses[:, 3:]):
         if (abs(row - (0, 0, 0, 1)) > ROUNDING).any():
             raise invalid(field, f"pose {at}: expected the last row 0 0 0 1, found {' '.join(f'{value:g}' for value in row[0])}")
@@ -180,10 +193,10 @@ def _poses(value: Any, field: str) -> np.ndarray:
 
 
 def _intrinsics(value: Any, field: str, count: int, size: tuple[int, int]) -> np.ndarray:
-    """Matrices in units of the image's size, of which ``value`` has ``size``: one for each of the cameras, or one for all."""
-    given = np.array(as_array(value), dtype=np.float64)
+    """Matrices in units of the image's size, from those for an image of ``size``: one for each camera, or one for all."""
+    given = np.array(as_array(value, field), dtype=np.float64)
     if given.shape[-2:] != (3, 3) or given.ndim > 3:
-        raise invalid(field, f"expected N × 3 × 3 or 3 × 3, found {given.shape}")
+        raise invalid(field, f"expected N × 3 × 3 or 3 × 3, found {describe(given)}")
     given = given.reshape(-1, 3, 3)
     if len(given) not in (1, count):
         raise invalid(field, f"expected 1 or {count} matrices, found {len(given)}")
@@ -194,4 +207,41 @@ def _intrinsics(value: Any, field: str, count: int, size: tuple[int, int]) -> np
         at, row, column = wrong[0]
         expected, found = np.eye(3)[row, column], given[at, row, column]
         raise invalid(field, f"matrix {at}: expected {expected:g} in row {row}, column {column}, found {found:g}")
+    _check_focal(matrices, given, field)
+    _check_unit(matrices, given, field)
     return np.broadcast_to(matrices, (count, 3, 3)).copy()
+
+
+def _check_poses(poses: np.ndarray, field: str) -> None:
+    for at, pose in enumerate(poses):
+        if not np.isfinite(pose).all():
+            raise invalid(field, f"pose {at}: expected finite numbers")
+        rotation = pose[:3, :3]
+        residual, determinant = abs(rotation @ rotation.T - np.eye(3)).max(), np.linalg.det(rotation)
+        if not (residual <= ROTATION and determinant > 0):
+            scale = np.cbrt(abs(determinant))
+            kind = "a mirrored one" if determinant < 0 and residual <= ROTATION else f"one with a scale of {scale:.4g}"
+            raise invalid(field, f"pose {at}: expected a rotation in the left 3 × 3, found {kind} that is off by {residual:.2g}")
+
+
+def _check_focal(matrices: np.ndarray, given: np.ndarray, field: str) -> None:
+    for at, (matrix, stated) in enumerate(zip(matrices, given)):
+        focal = np.diagonal(matrix)[:2]
+        if not (np.isfinite(focal) & (focal > 0)).all():
+            raise invalid(field, f"matrix {at}: expected positive focal lengths, found {stated[0, 0]:g} and {stated[1, 1]:g}")
+        if not np.isfinite(matrix[:2, 2]).all():
+            raise invalid(field, f"matrix {at}: expected a finite principal point, found {stated[0, 2]:g}, {stated[1, 2]:g}")
+
+
+def _check_unit(matrices: np.ndarray, given: np.ndarray, field: str) -> None:
+    """Whether normalised ``matrices`` were ``given`` in the unit of their argument."""
+    least, most = PRINCIPAL
+    for at, (matrix, stated) in enumerate(zip(matrices, given)):
+        centre = matrix[:2, 2]
+        if field == "pixel_intrinsics" and (np.diagonal(stated)[:2] < FOCAL_PIXELS).any():
+            problem = f"expected focal lengths in pixels, found {stated[0, 0]:g} and {stated[1, 1]:g}"
+            raise invalid(field, f"matrix {at}: {problem}: intrinsics takes those in units of the image's size")
+        if not ((centre >= least) & (centre <= most)).all():
+            other = "pixel_intrinsics takes those in pixels" if field == "intrinsics" else "in pixels of this height and width"
+            problem = f"expected a principal point in or near the image, found {stated[0, 2]:g}, {stated[1, 2]:g}"
+            raise invalid(field, f"matrix {at}: {problem}: {other}")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import warnings
+from collections.abc import Sequence
 from os import PathLike, fspath
 from typing import Any
 
 from . import _native
+from ._warnings import of_run, skipped, unscored
 from .errors import DriftedError
-from .stores import Store, folder_of
+from .stores import Store, folder_of, open_store
 
 Path = str | PathLike
 
@@ -16,11 +19,13 @@ Path = str | PathLike
 class Drift:
     """A comparison of a store with a baseline. ``str`` of it says what moved, and by how much."""
 
-    def __init__(self, report: str, text: str, drifted: bool) -> None:
+    def __init__(self, report: str, text: str, drifted: bool, lost: Sequence[str] = ()) -> None:
         #: Everything, as ``atsplat drift --json`` prints it.
         self.report: dict[str, Any] = json.loads(report)
         #: Whether a number moved beyond its limit, or trials, data or protocols changed.
         self.drifted = drifted
+        #: Targets with a score in the baseline that failed now, or have samples that are not finite, each with the reason.
+        self.lost = list(lost)
         self._text = text
 
     @property
@@ -61,6 +66,12 @@ def accept_baseline(store: Path | Store, baseline: Path, *, why: str) -> None:
     ``atsplat drift accept`` stores the first one.
 
     Raises:
-        InvalidError: if no result has scores, or if the run has not ended.
+        InvalidError: if no result has scores, or if the run is unfinished.
+
+    Warnings say which targets of the baseline have no score, and what the run skipped or did not find.
     """
-    _native.accept_baseline(folder_of(store), fspath(baseline), why)
+    folder = folder_of(store)
+    _native.accept_baseline(folder, fspath(baseline), why)
+    of = open_store(folder)
+    for text in [*unscored(of), *skipped(of), *of_run(of)]:
+        warnings.warn(f"{fspath(baseline)}: {text}", stacklevel=2)

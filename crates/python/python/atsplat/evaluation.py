@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import PurePath
 from typing import Any, TypedDict
 
-from . import _methods, _native
+from . import _methods, _native, _warnings
+from ._arguments import at_most, colour, folder_of_weights, path_of, shard_of
+from ._arrays import invalid
 from .errors import AtsplatError
-from .protocols import Data, Protocol, check_setting, protocol
+from .protocols import Data, Protocol, check_setting, ids_of, protocol
 from .stores import Store, open_store
 
 Path = str | PathLike
@@ -51,6 +55,11 @@ def evaluate(
     keep_images: str = "none",
     setting: str = "ATSplat",
     deterministic: bool = False,
+    version: str | int | None = None,
+    antialiased: bool | None = None,
+    constants: str | None = None,
+    background: Sequence[float] | None = None,
+    strict: bool = False,
     progress: Callable[[], None] | None = None,
     ray: bool | RayOptions = False,
     **options: Any,
@@ -80,7 +89,8 @@ def evaluate(
             parameters and setting: others are an error.
         title: its title in tables.
         parameters: what determines its output, such as a checkpoint's hash: a store is only resumed with equal ones.
-        resume: keep results that the store already has, if trial and data are unchanged; else the folder must hold no store.
+        resume: keep results that the store already has, if method, trial and data are unchanged, and try failed trials again; else
+            the folder must hold no store.
         limit: at most this many scenes, spread evenly over the index.
         shard: ``(k, n)``: only the k-th of n parts of the scenes, from 1; :func:`atsplat.merge` merges them.
         metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
@@ -88,45 +98,91 @@ def evaluate(
         keep_images: ``none``, ``worst`` (and typical and best) or ``all``.
         setting: whose published pose normalisation, near and far planes are used (:attr:`atsplat.Protocol.settings`).
         deterministic: whether equal input gives equal bits; drift then compares bit by bit.
+        version: identifies the method instead of its code and values, which are hashed otherwise: functions and classes that are not
+            installed, or are of the method's package; constants, arrays, tensors and modules in closures, defaults, attributes,
+            ``functools.partial`` and globals. Not hashed are files and objects of other libraries: state them in ``parameters``.
+        antialiased: draw Gaussians in gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter, or not; by default not, with a
+            warning if they seem to be made for it.
+        constants: a rasterizer whose constants Gaussians are drawn with, as for :func:`atsplat.render`, instead of the protocol's.
+        background: RGB behind Gaussians, instead of the protocol's.
+        strict: raise if trials or targets failed, if entries of the index were skipped, if scenes or frames are missing, or if none of
+            a trial's Gaussians is drawn; the store is complete apart from that.
         progress: called after each result; with ``ray``, for all of a shard when it has ended.
         ray: evaluate on a Ray cluster, with the options of :class:`~atsplat.RayOptions` if it is a dict. The method is pickled, and
             stays loaded in each worker; ``data`` is a path that every node can read.
         options: ``index``, ``sampler``, ``any_size``, ``frames``, ``images``, as for :meth:`atsplat.Protocol.open`.
 
     Returns:
-        The store. ``store.failures()`` lists rows that failed.
+        The store. ``store.failures()`` lists rows that failed, ``store.skipped`` entries without a trial. What is not complete is a
+        warning too, one for each kind, with a count and the first example.
 
     Raises:
-        AtsplatError: if nothing could be evaluated, or the data or the store cannot be used.
+        AtsplatError: if nothing could be evaluated, or the data or the store cannot be used; with ``strict``, also if something is
+            missing.
+        InvalidError: also if the folder holds results of another method with this name.
     """
     listed = [protocols] if isinstance(protocols, (str, PathLike, Protocol)) else list(protocols)
+    if not listed:
+        raise invalid("protocols", "expected at least one, found none")
     named = [one if isinstance(one, Protocol) else protocol(one) for one in listed]
     for one in named:
         check_setting(one, setting)
-    record = _methods.record(method, name, title, parameters or {}, setting, deterministic)
+    rendering = (("antialiased", antialiased), ("constants", constants), ("background", background))
+    for field, given in rendering if isinstance(method, str) else ():
+        if given is not None:
+            raise invalid(field, f"expected none for {method}, which gives no Gaussians, found {given!r}")
+    record = _methods.record(method, name, title, {} if parameters is None else parameters, setting, deterministic, version)
     settings = {
-        "out": fspath(out),
+        "out": path_of(out, "out"),
         "resume": resume,
-        "limit": limit,
-        "shard": shard,
-        "metrics": list(metrics),
-        "weights": None if weights is None else fspath(weights),
+        "limit": at_most(limit),
+        "shard": shard_of(shard),
+        "metrics": ids_of(metrics),
+        "weights": folder_of_weights(weights),
         "keep_images": keep_images,
         "setting": setting,
+        "antialiased": antialiased,
+        "constants": constants,
+        "background": None if background is None else colour(background),
         "command": [PurePath(argument).name if at == 0 else argument for at, argument in enumerate(sys.argv)],
     }
     run = Run(named, data, options, record, settings)
     if ray is not False:
         from . import _ray
 
-        _ray.evaluate(run, method, {} if ray is True else ray, fspath(out), progress)
-        return open_store(out)
-    nothing = run.evaluate(method, run.open(), progress)
-    if nothing is not None:
-        error = AtsplatError(f"nothing was evaluated: {nothing}")
-        error.file = fspath(out)
+        outcome, opened = _ray.evaluate(run, method, ray, settings["out"], progress)
+    else:
+        opened = run.open()
+        outcome = run.evaluate(method, opened, progress)
+    store = open_store(out)
+    warned = {row["kind"] for row in store.warnings}
+    found = [
+        f"{one.protocol.name}: {count} × {kind}: {one.examples[kind]}"
+        for one in opened
+        for kind, count in one.warnings.items()
+        if kind not in warned
+    ]
+    for text in dict.fromkeys([*found, *_warnings.of_method(store, json.loads(record)["name"])]):
+        warnings.warn(text, stacklevel=2)
+    problem = None if outcome.nothing is None else f"nothing was evaluated: {outcome.nothing}"
+    if problem is None and strict and outcome.gaps:
+        counts = ", ".join(f"{count} {kind}" for kind, count in outcome.gaps.items())
+        problem = f"strict: expected a run without gaps, found {counts}: see failures(), skipped and warnings of the store"
+    if problem is not None:
+        error = AtsplatError(problem)
+        error.file = settings["out"]
         raise error
-    return open_store(out)
+    return store
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run came to, apart from its rows."""
+
+    #: Why nothing was evaluated, if so.
+    nothing: str | None
+    #: Counts of what failed or is missing.
+    gaps: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -144,7 +200,8 @@ class Run:
         return [one.open(self.data, **self.options) for one in self.protocols]
 
     def evaluate(self, method: Callable | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any) -> str | None:
-        """Evaluates into a store, with changes of the settings; why nothing was evaluated, if so."""
+        """Evaluates into a store, with changed settings; returns why nothing was evaluated, or ``None``."""
         called = method if isinstance(method, str) else _methods.adapted(method)
         settings = {**self.settings, **changes}
-        return _native.evaluate(called, self.record, [one._native for one in data], settings, progress)[1]
+        nothing, gaps = _native.evaluate(called, self.record, [one._native for one in data], settings, progress)
+        return Outcome(nothing, dict(gaps))

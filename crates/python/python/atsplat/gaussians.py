@@ -9,10 +9,14 @@ from typing import Any
 import numpy as np
 
 from . import _native
-from ._arrays import floats, invalid
+from ._arrays import as_array, floats, invalid
 
 #: The spherical harmonic of degree 0: ``colour = C0 * coefficient + 0.5``.
 C0 = 0.28209479177387814
+
+#: Colours beyond it are far outside [0, 1]. As of the samples of images, one in so many may be.
+RANGE = (-0.5, 2.0)
+FAR_ONE_IN = 100
 
 
 class Gaussians:
@@ -25,12 +29,16 @@ class Gaussians:
         log_scales: N × 3, their natural logarithms.
         opacities: N, in [0, 1]; or
         opacity_logits: N, before the sigmoid.
-        colours: N × 3, RGB in [0, 1], the same from everywhere; or
+        colours: N × 3, RGB in [0, 1] or uint8, the same from everywhere; or
         sh: N × (degree + 1)² × 3, coefficients of spherical harmonics up to degree 4, in the order ``l² + l + m``.
         scalars: N, a value that is composited like a colour, such as ATSplat's uncertainty; optional.
         filter_3d: N, Mip-Splatting's 3D smoothing filter, as standard deviations in scene units; optional.
 
-    Arrays are copied once, as float32.
+    Arrays are copied as float32: later changes of them change nothing here.
+
+    Raises:
+        InvalidError: naming the array, if its shape is another, scales or the filter are negative, opacities are not in [0, 1], or
+            colours are far from it.
     """
 
     def __init__(
@@ -52,14 +60,14 @@ class Gaussians:
         parts = [
             centres,
             floats(quaternions, "quaternions", (count, 4)),
-            _one_of("log_scales", log_scales, "scales", scales, np.log, (count, 3), (count, 3)),
+            _one_of("log_scales", log_scales, "scales", scales, _logarithms, (count, 3), (count, 3)),
             _one_of("opacity_logits", opacity_logits, "opacities", opacities, _logits, (count,), (count,)),
             _one_of("sh", sh, "colours", colours, _coefficients, (count, None, 3), (count, 3)),
         ]
         coefficients = parts[-1].shape[1]
         optional = [
             None if values is None else floats(values, field, (count,)).tobytes()
-            for field, values in (("scalars", scalars), ("filter_3d", filter_3d))
+            for field, values in (("scalars", scalars), ("filter_3d", _filter(filter_3d, count)))
         ]
         self._native = _native.Gaussians.from_bytes([part.tobytes() for part in parts], coefficients, *optional)
 
@@ -158,16 +166,49 @@ def _one_of(stored, stored_value, plain, plain_value, convert, stored_shape, pla
         raise invalid(stored, f"expected one of {stored} and {plain}")
     if stored_value is not None:
         return floats(stored_value, stored, stored_shape)
+    if plain == "colours":
+        given = as_array(plain_value, plain)
+        plain_value = given / 255.0 if given.dtype == np.uint8 else given
     with np.errstate(divide="ignore"):
         converted = convert(floats(plain_value, plain, plain_shape).astype(np.float64))
     return np.ascontiguousarray(converted, dtype=np.float32)
 
 
+def _logarithms(scales: np.ndarray) -> np.ndarray:
+    wrong = ~(scales >= 0)
+    if wrong.any():
+        found = _first(scales, wrong)
+        raise invalid("scales", f"expected standard deviations from 0, found {found}; log_scales takes their logarithms")
+    return np.log(scales)
+
+
+def _filter(values: Any, count: int) -> np.ndarray | None:
+    if values is None:
+        return None
+    checked = floats(values, "filter_3d", (count,))
+    wrong = ~(checked >= 0)
+    if wrong.any():
+        raise invalid("filter_3d", f"expected standard deviations from 0, found {_first(checked, wrong)}")
+    return checked
+
+
+def _first(values: np.ndarray, wrong: np.ndarray) -> str:
+    at = tuple(np.argwhere(wrong)[0])
+    return f"{values[at]:g} of Gaussian {at[0]}"
+
+
 def _coefficients(colours: np.ndarray) -> np.ndarray:
+    least, most = RANGE
+    far = ~((colours >= least) & (colours <= most)) & ~np.isnan(colours)
+    if far.sum() * FAR_ONE_IN > colours.size:
+        problem = f"expected RGB in [0, 1], found {np.nanmin(colours):g} to {np.nanmax(colours):g}"
+        raise invalid("colours", f"{problem}; divide those up to 255 by 255. sh takes coefficients")
     return ((colours - 0.5) / C0)[:, None]
 
 
 def _logits(opacities: np.ndarray) -> np.ndarray:
-    if ((opacities < 0) | (opacities > 1)).any():
-        raise invalid("opacities", "expected numbers in [0, 1]; opacity_logits takes numbers before the sigmoid")
+    wrong = ~((opacities >= 0) & (opacities <= 1))
+    if wrong.any():
+        found = _first(opacities, wrong)
+        raise invalid("opacities", f"expected numbers in [0, 1], found {found}; opacity_logits takes numbers before the sigmoid")
     return np.log(opacities / (1.0 - opacities))

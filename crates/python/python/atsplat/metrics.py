@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from os import PathLike, fspath
-from typing import Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from . import _native
+from ._arguments import folder_of_weights
 from ._arrays import as_array, describe, images, invalid
 
 #: The convention of pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM and TokenGS.
 PIXELSPLAT = "pixelsplat"
+
+if TYPE_CHECKING:
+    Image = np.ndarray[tuple[int, int, int], np.dtype[Any]]
+    Images = np.ndarray[tuple[int, int, int, int], np.dtype[Any]]
 
 
 def metrics() -> list[dict[str, Any]]:
@@ -24,6 +29,12 @@ def metrics() -> list[dict[str, Any]]:
     ]
 
 
+@overload
+def psnr(a: Image, b: Any, convention: str = ...) -> float: ...
+@overload
+def psnr(a: Images, b: Any, convention: str = ...) -> np.ndarray: ...
+@overload
+def psnr(a: Any, b: Any, convention: str = ...) -> Any: ...
 def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     """PSNR in dB; infinite for identical images.
 
@@ -42,6 +53,12 @@ def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     return _score("psnr", a, b, convention, None)
 
 
+@overload
+def ssim(a: Image, b: Any, convention: str = ...) -> float: ...
+@overload
+def ssim(a: Images, b: Any, convention: str = ...) -> np.ndarray: ...
+@overload
+def ssim(a: Any, b: Any, convention: str = ...) -> Any: ...
 def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     """SSIM, at most 1.
 
@@ -51,6 +68,12 @@ def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     return _score("ssim", a, b, convention, None)
 
 
+@overload
+def lpips(a: Image, b: Any, convention: str = ..., *, weights: str | PathLike | None = ...) -> float: ...
+@overload
+def lpips(a: Images, b: Any, convention: str = ..., *, weights: str | PathLike | None = ...) -> np.ndarray: ...
+@overload
+def lpips(a: Any, b: Any, convention: str = ..., *, weights: str | PathLike | None = ...) -> Any: ...
 def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLike | None = None) -> float | np.ndarray:
     """LPIPS, at least 0.
 
@@ -68,13 +91,15 @@ def _score(metric: str, a: Any, b: Any, convention: str, weights: str | PathLike
     if key not in known:
         others = [name.removeprefix(f"{metric}-") for name in known if name != metric]
         raise invalid("convention", f"expected one of {', '.join([PIXELSPLAT, *others])}, found {convention!r}")
-    render, truth = as_array(a), as_array(b)
+    render, truth = as_array(a, "render"), as_array(b, "truth")
     if render.shape != truth.shape:
-        raise invalid("truth", f"expected {describe(render)} as the render has, found {describe(truth)}")
+        raise invalid("truth", f"expected {describe(render)} like the render, found {describe(truth)}")
     single = render.ndim == 3
+    if render.shape[0] == 0:
+        raise invalid("render", "expected at least one image, found none")
     shape, kind, samples = images(render[None] if single else render, "render")
     _, truth_kind, truth_samples = images(truth[None] if single else truth, "truth")
-    folder = None if weights is None else fspath(weights)
+    folder = folder_of_weights(weights)
     scored = _suite(key, folder).score(shape, (kind, samples), (truth_kind, truth_samples))
     numbers = np.array([scores[0] for scores in scored])
     return float(numbers[0]) if single else numbers

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from os import PathLike, fspath
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from . import _native
+from ._arguments import at_most, folder_of_weights, path_of, whole
 from ._arrays import images as stored_images
 from ._arrays import invalid
 from .cameras import Cameras
@@ -27,7 +28,7 @@ def protocols() -> list[str]:
 
 def protocol(name: str | Path) -> Protocol:
     """A built-in protocol by name, or the one in a TOML file (a path that ends in ``.toml``)."""
-    return Protocol(fspath(name))
+    return Protocol(path_of(name, "protocol"))
 
 
 class Protocol:
@@ -64,7 +65,7 @@ class Protocol:
         data: Path | Data,
         *,
         index: Path | None = None,
-        sampler: str | None = None,
+        sampler: Path | None = None,
         any_size: bool = False,
         frames: Path | None = None,
         images: int | None = None,
@@ -75,7 +76,7 @@ class Protocol:
             data: RE10K trajectories, ``.torch`` chunks, a ``transforms.json``, a COLMAP model, or a folder of them.
             index: the evaluation index (JSON), or a folder in which the published one is found by its hash; by default
                 ``PROTOCOL.json`` or ``evaluation_index.json`` next to the data.
-            sampler: instead of an index, for data without a published one: a rule that chooses frames, by name or as a ``.toml``.
+            sampler: a sampling rule, by name or as a ``.toml``: instead of an index, for data without a published one.
             any_size: accept images of any size, which changes the protocol's hash.
             frames: folder of the frames of trajectories or a COLMAP model, if they are not next to the poses.
             images: which copy of a capture's images: 1 for ``images``, 2, 4 or 8 for ``images_2`` …
@@ -87,11 +88,16 @@ class Protocol:
             if data.protocol.hash != self.hash:
                 raise invalid("data", f"expected data opened for {self.name}, found {data.protocol.name}'s")
             if any((index, sampler, any_size, frames, images)):
-                raise invalid("data", "is open already: its index, sampler and images were chosen then")
+                raise invalid("data", "is already open: its index, sampler and images cannot be changed")
             return data
-        path = None if index is None else fspath(index)
-        root = None if frames is None else fspath(frames)
-        return Data(self, self._native.open(fspath(data), path, sampler, any_size, root, images))
+        given = {"index": index, "sampler": sampler, "frames": frames}
+        paths = {name: None if value is None else path_of(value, name) for name, value in given.items()}
+        factor = None if images is None else whole(images, "images")
+        if not isinstance(any_size, bool):
+            raise invalid("any_size", f"expected True or False, found {any_size!r}")
+        path = path_of(data, "data")
+        opened = self._native.open(path, paths["index"], paths["sampler"], any_size, paths["frames"], factor)
+        return Data(self, opened, (path, {**paths, "any_size": any_size, "images": factor}))
 
     def trials(
         self,
@@ -118,16 +124,38 @@ class Protocol:
 class Data:
     """A dataset opened for a protocol, with its index."""
 
-    def __init__(self, of: Protocol, native: Any) -> None:
+    def __init__(self, of: Protocol, native: Any, source: tuple[str, dict[str, Any]]) -> None:
+        #: The protocol that it was opened for.
         self.protocol = of
         self._native = native
-        #: Counts of problems that were found while it was opened, by kind.
-        self.warnings: dict[str, int] = dict(native.warnings)
+        #: Path and options, to open it again in another process.
+        self._source = source
+        #: Counts of problems with the data and the index, by kind: unreadable and ignored scenes, scenes of the index that the data
+        #: lack, repeated targets, frames that are not sampled.
+        self.warnings: dict[str, int] = {kind: count for kind, count, _ in native.warnings}
+        #: The first of each kind.
+        self.examples: dict[str, str] = {kind: example for kind, _, example in native.warnings}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _opened, (self.protocol, *self._source)
 
     @property
     def entries(self) -> list[tuple[str, int]]:
         """Scenes of the index that are in the data, each with its number of entries."""
         return self._native.entries()
+
+    @property
+    def missing(self) -> list[Skipped]:
+        """Entries of the index whose scenes are not in the data."""
+        return [
+            Skipped(scene, entry, "missing-scene", "the scene is not in the data")
+            for scene, count in self._native.missing()
+            for entry in range(count)
+        ]
+
+
+def _opened(of: Protocol, path: str, options: dict[str, Any]) -> Data:
+    return of.open(path, **options)
 
 
 @dataclass(frozen=True)
@@ -146,9 +174,9 @@ class Trials:
     def __init__(self, data: Data, limit: int | None, setting: str, metrics: tuple[str, ...], weights: Path | None) -> None:
         check_setting(data.protocol, setting)
         self.data = data
-        self._trials = data._native.trials(setting, limit, None, True)
+        self._trials = data._native.trials(setting, at_most(limit), None, True)
         self._suite = suite(metrics, weights, data)
-        #: Entries of the index that gave no trial so far, with the reason.
+        #: Entries of the index that gave no trial so far, with the reason; those of scenes that the data lack are in ``data.missing``.
         self.skipped: list[Skipped] = []
 
     def __len__(self) -> int:
@@ -168,16 +196,22 @@ class Trials:
 
 
 def check_setting(of: Protocol, setting: str) -> None:
-    """A typing error must not choose the protocol's own setting in silence."""
+    """A typo must not silently select the protocol's own setting."""
     known = ["ATSplat", *of.settings]
+    if not isinstance(setting, str):
+        raise invalid("setting", f"expected a name, found {setting!r}")
     if setting.lower() not in [name.lower() for name in known]:
         raise invalid("setting", f"expected one of {', '.join(dict.fromkeys(known))}, found {setting!r}")
 
 
 def suite(metrics: Sequence[str], weights: Path | None, data: Data | None = None) -> Any:
     """The metrics of a protocol and more of them, with loaded weights."""
-    folder = None if weights is None else fspath(weights)
-    return _native.Suite(list(metrics), folder, None if data is None else data._native)
+    return _native.Suite(ids_of(metrics), folder_of_weights(weights), None if data is None else data._native)
+
+
+def ids_of(metrics: Sequence[str]) -> list[str]:
+    """Ids of metrics; one that is given alone is no sequence of letters."""
+    return [metrics] if isinstance(metrics, str) else list(metrics)
 
 
 class Views:
@@ -207,8 +241,8 @@ class Scores:
     #: computed, with the reason in ``not_computed``; a PSNR of identical images is infinite).
     targets: list[dict[str, Any]]
     #: Metrics by id, over the targets that have a finite number. As in tables, targets whose render is identical to the truth are in no
-    #: mean, of whichever metric.
-    mean: dict[str, float] = field(default_factory=dict)
+    #: mean, of whichever metric. A metric without a mean is an error that says why.
+    mean: Mapping[str, float] = field(default_factory=dict)
     #: ``done``, ``partial``, ``failed`` or ``not-applicable``.
     status: str = "done"
     #: Why it failed.
@@ -248,29 +282,50 @@ class Trial:
         Args:
             output: images (targets × H × W × 3, float in [0, 1] or uint8) in the order of the targets, or
                 :class:`~atsplat.Gaussians` in the trial's world, which are rendered as the protocol says.
+
+        Returns:
+            Scores, whose ``status`` and ``detail`` say whether output of the wrong size or range made it fail.
         """
         if isinstance(output, Gaussians):
             rows = self._native.score_gaussians(output._native, self._suite)
         else:
             rows = self._native.score_images(*stored_images(output), self._suite)
-        return scores(*json.loads(rows))
+        return scores(*json.loads(rows), self._suite.ids)
 
 
-def scores(trial: dict[str, Any], targets: list[dict[str, Any]]) -> Scores:
+class Means(dict[str, float]):
+    """Means by metric; asking for one that no target has is an error with the reason."""
+
+    def __init__(self, means: dict[str, float], reasons: dict[str, str], why: str) -> None:
+        super().__init__(means)
+        self._reasons, self._why = reasons, why
+
+    def __missing__(self, key: str) -> float:
+        raise invalid(key, f"expected a mean of the trial's targets, found none: {self._reasons.get(key, self._why)}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Means, (dict(self), self._reasons, self._why)
+
+
+def scores(trial: dict[str, Any], targets: list[dict[str, Any]], metrics: Sequence[str] = ()) -> Scores:
     """Scores from the rows of a trial."""
-    rows = [with_metrics(row) for row in targets]
+    rows = [with_metrics(row, metrics) for row in targets]
     ids = dict.fromkeys(key for row in targets for key in (*row["scores"], *row["not_computed"]))
     compared = [row for row in rows if row["status"] == "scored"]
     # A PSNR of 8-bit images may be infinite although the render differs.
     values = {key: [row[key] for row in compared if row.get(key) is not None and np.isfinite(row[key])] for key in ids}
     mean = {key: float(np.mean(own)) for key, own in values.items() if own}
     identical = sum(row["status"] == "identical" for row in rows)
-    return Scores(rows, mean, trial["status"], trial["detail"], identical)
+    details = (row["detail"] for row in rows if row.get("detail"))
+    why = trial["detail"] or next(details, "every target is identical to the truth" if identical else "no target has this metric")
+    reasons = {key: text for row in targets for key, text in row["not_computed"].items()}
+    return Scores(rows, Means(mean, reasons, why), trial["status"], trial["detail"], identical)
 
 
-def with_metrics(row: dict[str, Any]) -> dict[str, Any]:
-    """A target's row with a key for each metric."""
+def with_metrics(row: dict[str, Any], metrics: Sequence[str] = ()) -> dict[str, Any]:
+    """A target's row with a key for each metric; rows that failed have none of their own."""
     scored, missing = row["scores"], row["not_computed"]
     other = {key: value for key, value in row.items() if key not in ("scores", "not_computed")}
+    other |= {key: None for key in metrics if key not in other}
     absent = {key: float("inf") if why == "identical" else None for key, why in missing.items()}
     return {**other, **absent, **scored, "not_computed": missing}

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import _native
+from ._arguments import colour, whole
+from ._arrays import invalid
 from .cameras import Cameras
 from .gaussians import Gaussians
 
@@ -36,7 +38,7 @@ def render(
     antialiased: bool = False,
     depth: bool = False,
 ) -> Rendering:
-    """Renders Gaussians from cameras. Those with NaN, and others that cannot be drawn, are left out with a warning.
+    """Renders Gaussians from cameras; Ctrl-C stops it. Those with NaN, and others that cannot be drawn, are left out with a warning.
 
     Args:
         gaussians: in the world of the cameras.
@@ -49,8 +51,15 @@ def render(
         antialiased: gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter.
         depth: render depth too.
     """
-    sized = replace(cameras, height=height or cameras.height, width=width or cameras.width)
-    rgb = [float(channel) for channel in background]
+    for field, given, kind in (("gaussians", gaussians, Gaussians), ("cameras", cameras, Cameras)):
+        if not isinstance(given, kind):
+            raise invalid(field, f"expected {kind.__name__}, found {type(given).__name__}")
+    sized = replace(
+        cameras,
+        height=cameras.height if height is None else whole(height, "height"),
+        width=cameras.width if width is None else whole(width, "width"),
+    )
+    rgb = colour(background)
     rendered, invalid = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
     if invalid:
         text = f"{invalid} of {len(gaussians)} Gaussians are invalid (NaN, infinite, or without a rotation), and not drawn"

@@ -23,6 +23,8 @@ def report(*stores: Path | Store, force: bool = False) -> Report:
     """
     if not stores:
         raise invalid("stores", "expected at least one store")
+    if any(isinstance(store, (list, tuple)) for store in stores):
+        raise invalid("stores", "expected stores one by one, as in report(a, b), found a list: report(*list)")
     return Report([folder_of(store) for store in stores], force)
 
 
@@ -51,7 +53,7 @@ class Report:
                 return table
         raise invalid("table", f"expected one of {', '.join(self.names) or 'no table: the stores have no results'}, found {name!r}")
 
-    def write(self, out: Path, *, title: str = "Results beside the paper") -> list[str]:
+    def write(self, out: Path, *, title: str = "Measured results next to the paper's") -> list[str]:
         """Writes tables, plots and one HTML page into a folder; returns the paths of all files."""
         return [fspath(path) for path in _native.write_report(self._stores, fspath(out), title, self._force)]
 

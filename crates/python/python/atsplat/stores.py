@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import _native
+from ._arguments import path_of
 from .metrics import metrics
 from .protocols import with_metrics
 
@@ -25,6 +26,11 @@ class Store:
         provenance, trials, targets, self._summary = _native.read_store(path)
         #: What was run, how and where: protocols, methods, metrics, machine.
         self.provenance: dict[str, Any] = json.loads(provenance)
+        #: Entries of the index without a trial: ``preset``, ``scene``, ``entry``, ``reason``, ``detail``, and the ``methods`` that it
+        #: is about, if not all.
+        self.skipped: list[dict[str, Any]] = self.provenance["skipped"]
+        #: What was wrong with data and index, such as scenes that are missing: ``preset``, ``kind``, ``count``, ``example``.
+        self.warnings: list[dict[str, Any]] = self.provenance["warnings"]
         self._trials: list[dict[str, Any]] = json.loads(trials)
         self._targets: list[dict[str, Any]] = json.loads(targets)
 
@@ -44,13 +50,14 @@ class Store:
 
     def trials(self) -> list[dict[str, Any]]:
         """One row for each trial and method: hashes, status, why it failed, Gaussians, overlap."""
-        return [dict(row) for row in self._trials]
+        return [_copy(row) for row in self._trials]
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each target: ``preset``, ``method``, ``scene``, ``entry``, ``target``, ``frame``, ``status``, ``detail`` …
         and a key for each metric id, None if it was not computed (why is in ``not_computed``), infinite for the PSNR of identical
         images."""
-        return [with_metrics(row) for row in self._targets]
+        ids = [metric["id"] for metric in self.provenance["metrics"]]
+        return [with_metrics(_copy(row), ids) for row in self._targets]
 
     def columns(self) -> dict[str, np.ndarray]:
         """The rows by column: floats, with NaN where there is no number, integers, booleans, or objects."""
@@ -60,15 +67,15 @@ class Store:
         return {name: _column([row.get(name) for row in rows], name in scored) for name in names}
 
     def failures(self) -> list[dict[str, Any]]:
-        """Trials that failed or have failed targets, and targets with samples that are not finite, each with its ``detail``. Trials that
-        are not for a method are no failures."""
-        trials = [dict(row) for row in self._trials if row["status"] not in ("done", "not-applicable")]
+        """Trials that failed or have failed targets, and targets with samples that are not finite, each with its ``detail``. Trials that a
+        method does not support are not failures."""
+        trials = [row for row in self.trials() if row["status"] not in ("done", "not-applicable")]
         return trials + [row for row in self.rows() if row["status"] == "non-finite"]
 
 
 def open_store(path: Path) -> Store:
     """Reads a store, complete or not."""
-    return Store(fspath(path))
+    return Store(path_of(path, "path"))
 
 
 def merge(stores: Sequence[Path | Store], out: Path, *, partial: bool = False) -> Store:
@@ -78,7 +85,12 @@ def merge(stores: Sequence[Path | Store], out: Path, *, partial: bool = False) -
 
 
 def folder_of(store: Path | Store) -> str:
-    return store.path if isinstance(store, Store) else fspath(store)
+    return store.path if isinstance(store, Store) else path_of(store, "store")
+
+
+def _copy(row: dict[str, Any]) -> dict[str, Any]:
+    """A row that may be changed: values are plain, or lists and dicts of such."""
+    return {name: value.copy() if isinstance(value, (list, dict)) else value for name, value in row.items()}
 
 
 def _column(values: list[Any], is_score: bool) -> np.ndarray:

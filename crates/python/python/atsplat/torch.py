@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import operator
 import pickle
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,7 +13,10 @@ from typing import Any
 import torch
 from torch.utils.data import Dataset
 
+from ._arguments import at_most, whole
 from ._arrays import invalid
+from ._identity import modules as modules_of
+from ._methods import name_of
 from .cameras import Cameras
 from .drift import Drift, drift
 from .errors import DriftedError
@@ -27,14 +31,14 @@ Path = str | PathLike
 class TrialDataset(Dataset):
     """The trials of a protocol as tensors, for data loaders with any number of workers.
 
-    An item is a dict of ``scene`` and ``entry``, ``near_far`` (2), and for ``context`` and ``target`` each: ``context_images``
-    (V × 3 × H × W, float32 in [0, 1]), ``context_world_from_camera`` (V × 4 × 4, float32, OpenCV axes) and ``context_intrinsics``
+    An item is a dict of ``scene`` and ``entry``, ``near_far`` (2), and for ``context`` and ``target`` each: ``context_frames`` (V,
+    positions in the scene), ``context_images`` (V × 3 × H × W, float32 in [0, 1]), ``context_world_from_camera`` (V × 4 × 4, float32, OpenCV axes) and ``context_intrinsics``
     (V × 3 × 3, float32, in units of the image's size); lens distortion is left out, with a warning. ``target_images`` are only there
     with ``supervise=True``, for training: a method under evaluation may not see them.
 
     Args:
         of: a protocol, by name or opened.
-        data: the dataset's path.
+        data: the dataset's path, or opened data, which each worker of a data loader opens again.
         limit: at most this many scenes, spread evenly over the index.
         setting: whose published pose normalisation, near and far planes are used.
         supervise: whether items have the targets' images.
@@ -44,24 +48,24 @@ class TrialDataset(Dataset):
     def __init__(
         self,
         of: str | Protocol,
-        data: Path,
+        data: Path | Data,
         *,
         limit: int | None = None,
         setting: str = "ATSplat",
         supervise: bool = False,
         **options: Any,
     ) -> None:
-        name = of._source if isinstance(of, Protocol) else fspath(of)
-        self._source, self._options = (name, fspath(data)), options
         self._setting, self._supervise = setting, supervise
-        self._data: Data | None = None
+        own = of if isinstance(of, Protocol) else protocol(of)
+        self._data: Data | None = own.open(data, **options)
+        self._source = own._source, *self._data._source
         self._warned_of_lenses = False
         check_setting(self._opened().protocol, setting)
         # No image is decoded for that.
-        trials = self._opened()._native.trials(setting, limit, None, False)
+        trials = self._opened()._native.trials(setting, at_most(limit), None, False)
         self._entries: list[tuple[str, int]] = []
-        #: Entries of the index that have no trial, and so no item, with the reason.
-        self.skipped: list[Skipped] = []
+        #: Entries of the index that have no trial, and so no item, with the reason; also those of scenes that the data lack.
+        self.skipped: list[Skipped] = self._opened().missing
         while (outcome := trials.next()) is not None:
             trial, skipped = outcome
             if trial is None:
@@ -79,15 +83,18 @@ class TrialDataset(Dataset):
 
     def _opened(self) -> Data:
         if self._data is None:
-            name, path = self._source
-            self._data = protocol(name).open(path, **self._options)
+            name, path, options = self._source
+            self._data = protocol(name).open(path, **options)
         return self._data
 
     def __len__(self) -> int:
         return len(self._entries)
 
     def __getitem__(self, at: int) -> dict[str, Any]:
-        scene, entry = self._entries[at]
+        try:
+            scene, entry = self._entries[operator.index(at)]
+        except TypeError:
+            raise invalid("item", f"expected an integer, found {at!r}: torch.utils.data.Subset takes several") from None
         trials = self._opened()._native.trials(self._setting, None, (scene, entry), False)
         outcome = None
         while trials.left():
@@ -102,6 +109,7 @@ class TrialDataset(Dataset):
         distorted = 0
         for views, cameras in (("context", seen.context_cameras()), ("target", seen.target_cameras())):
             posed = Cameras._of(*cameras)
+            item[f"{views}_frames"] = torch.tensor(posed.frames)
             distorted += sum(lens != "pinhole" for lens, _ in posed.lenses)
             item[f"{views}_world_from_camera"] = torch.from_numpy(posed.world_from_camera).float()
             item[f"{views}_intrinsics"] = torch.from_numpy(posed.intrinsics).float()
@@ -124,9 +132,10 @@ class Evaluation:
     ...     train(model, batch)
     ...     check(step, model)
 
-    A module's state is a parameter of the method (``state-sha256``, see :func:`state_hash`): an interrupted evaluation is resumed with
-    the same state, and the store of another training is an error, not the result. Other callables have no such state: for them, a
-    folder that already holds results is an error, unless ``resume=True``.
+    The modules that a method is, holds or uses (in its closure, attributes, arguments of ``functools.partial`` or globals) run in
+    ``eval`` mode. Their state is a parameter of the method (``state-sha256``, see :func:`state_hash`): an interrupted evaluation is
+    resumed with the same state, and the store of another training is an error, not the result. A callable without a module is a
+    warning, and a folder that already holds results is an error for it, unless ``resume=True``.
 
     Args:
         protocols: as for :func:`atsplat.evaluate`.
@@ -134,7 +143,9 @@ class Evaluation:
         out: folder for one store of each evaluated step, ``step-00005000``.
         every: number of steps between evaluations; step 0 is not evaluated.
         baseline: the file of :func:`atsplat.accept_baseline`; without it, nothing fails.
-        fail: ``worse`` fails if a mean is worse than the baseline's beyond its limit, ``any`` on every drift.
+        fail: ``worse`` fails if a mean is worse than the baseline's beyond its limit, or if a target that was scored there has failed,
+            ``any`` on every drift.
+        module: the module, or modules, that the method runs, if they are not found in it.
         options: as for :func:`atsplat.evaluate`.
     """
 
@@ -147,25 +158,25 @@ class Evaluation:
         every: int,
         baseline: Path | None = None,
         fail: str = "worse",
+        module: torch.nn.Module | Sequence[torch.nn.Module] | None = None,
         **options: Any,
     ) -> None:
-        if every < 1:
-            raise invalid("every", f"expected a number of steps from 1, found {every}")
+        every = whole(every, "every")
         if fail not in ("worse", "any"):
             raise invalid("fail", f"expected worse or any, found {fail!r}")
         self._protocols, self._data, self._out = protocols, data, fspath(out)
         self._every, self._baseline, self._fail, self._options = every, baseline, fail, options
+        self._modules = None if module is None else [module] if isinstance(module, torch.nn.Module) else list(module)
         #: The stores so far, by step.
         self.stores: dict[int, Store] = {}
         #: The last comparison with the baseline.
         self.drift: Drift | None = None
 
     def __call__(self, step: int, method: Callable) -> Store | None:
-        """Evaluates ``method`` if it is time to; a module, or a method of one, runs in ``eval`` mode without
-        gradients.
+        """Evaluates ``method`` if it is time to, its modules in ``eval`` mode and without gradients.
 
         Raises:
-            DriftedError: if it is worse than the baseline.
+            DriftedError: if it is worse than the baseline, or targets fail that were scored there.
         """
         if step == 0 or step % self._every:
             return None
@@ -177,24 +188,27 @@ class Evaluation:
         return store
 
     def _evaluate(self, step: int, method: Callable) -> Store:
-        module = getattr(method, "__self__", method)
-        parts = list(module.modules()) if isinstance(module, torch.nn.Module) else []
-        training = [part for part in parts if part.training]
+        modules = modules_of(method) if self._modules is None else self._modules
+        if not modules:
+            text = f"no module was found in {name_of(method)}: its mode (training or not) stays as it is; module=… names modules"
+            warnings.warn(text, stacklevel=3)
+        training = {id(part): part for module in modules for part in module.modules() if part.training}.values()
         for part in training:
             part.training = False
         try:
             with torch.no_grad():
                 out = f"{self._out}/step-{step:08}"
-                return evaluate(method, self._protocols, data=self._data, out=out, **self._options_for(module))
+                return evaluate(method, self._protocols, data=self._data, out=out, **self._options_for(modules))
         finally:
             for part in training:
                 part.training = True
 
-    def _options_for(self, module: Any) -> dict[str, Any]:
-        if not isinstance(module, torch.nn.Module):
+    def _options_for(self, modules: list[torch.nn.Module]) -> dict[str, Any]:
+        if not modules:
             return {"resume": False, **self._options}
-        stated = self._options.get("parameters") or {}
-        return {**self._options, "parameters": {**stated, "state-sha256": state_hash(module)}}
+        stated, hashes = self._options.get("parameters") or {}, [state_hash(module) for module in modules]
+        state = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
+        return {**self._options, "parameters": {**stated, "state-sha256": state}}
 
 
 def state_hash(module: torch.nn.Module) -> str:
@@ -202,17 +216,22 @@ def state_hash(module: torch.nn.Module) -> str:
     digest = hashlib.sha256()
     for name, value in sorted(module.state_dict().items(), key=lambda item: item[0]):
         digest.update(f"{name}\n".encode())
-        if isinstance(value, torch.Tensor) and value.layout == torch.strided and not value.is_quantized:
-            digest.update(f"{value.dtype} {tuple(value.shape)}\n".encode())
-            # As bytes, because NumPy has no bfloat16.
-            digest.update(value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy())
-        else:
-            digest.update(pickle.dumps(value))
+        for part in tensor_bytes(value):
+            digest.update(part)
     return digest.hexdigest()
 
 
+def tensor_bytes(value: Any) -> list[Any]:
+    """What a hash of a tensor is made of, or of another value in a state."""
+    if isinstance(value, torch.Tensor) and value.layout == torch.strided and not value.is_quantized:
+        # As bytes, because NumPy has no bfloat16.
+        content = value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy()
+        return [f"{value.dtype} {tuple(value.shape)}\n".encode(), content.data]
+    return [pickle.dumps(value)]
+
+
 def worse(of: Drift) -> list[dict[str, Any]]:
-    """The comparisons whose mean is worse than the baseline's beyond its limit."""
+    """The comparisons whose mean is worse than the baseline's beyond its limit, and targets that were scored and have failed."""
     higher = {metric["id"] for metric in metrics() if metric["better"] == "higher"}
 
     def is_worse(one: dict[str, Any]) -> bool:
@@ -220,4 +239,4 @@ def worse(of: Drift) -> list[dict[str, Any]]:
             return one["verdict"] == "drifted"
         return one["now"] < one["baseline"] if one["metric"] in higher else one["now"] > one["baseline"]
 
-    return [one for one in of.comparisons if is_worse(one)]
+    return [one for one in of.comparisons if is_worse(one)] + [{"lost": target} for target in of.lost]

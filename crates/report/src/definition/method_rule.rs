@@ -51,7 +51,7 @@ impl MethodRule {
         };
         let per_token = self.gaussians_per_token.unwrap_or(GAUSSIANS_PER_TOKEN);
         let same_k = config.as_ref().is_none_or(|config| config.head.gaussians_per_token == per_token);
-        // Thresholds by quantile stand for the published ones that they were chosen for.
+        // Thresholds by quantile represent the published ones that they were chosen for.
         let published = numbers(record, "published-thresholds").or_else(|| config.as_ref().map(thresholds));
         let same_thresholds = self.thresholds.as_ref().is_none_or(|own| published.as_ref() == Some(own));
         variant(record).as_deref() == Some(expected) && same_k && same_thresholds

@@ -10,8 +10,8 @@ use crate::plot::{
 };
 use crate::{ReportError, counted};
 
-/// The most families drawn over an image, so that it stays readable.
-const FAMILIES: usize = 160;
+/// The most expanded tokens drawn over an image, so that it stays readable.
+const MAX_DRAWN: usize = 160;
 
 /// Plots by name: tokens of each scene, then strips and uncertainty of all targets; plots without data are omitted.
 /// `subject` names model, weights and protocol.
@@ -20,7 +20,7 @@ const FAMILIES: usize = 160;
 /// [`ReportError::Image`] for renders that are not finite, and for maps of a wrong size.
 pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
-    for (at, scene) in scenes.iter().enumerate().filter(|(_, scene)| !scene.families.is_empty()) {
+    for (at, scene) in scenes.iter().enumerate().filter(|(_, scene)| !scene.expanded_tokens.is_empty()) {
         plots.push((format!("token-expansion-{}", at + 1), tokens(subject, scene).draw()));
     }
     let targets = || scenes.iter().flat_map(|scene| scene.targets.iter().map(move |target| (scene, target)));
@@ -62,12 +62,12 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
 }
 
 fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {
-    let ExpansionScene { label, frame, image, families, expanded, .. } = scene;
-    let drawn = spread(families.len(), FAMILIES);
-    let expansions = drawn.iter().filter_map(|&at| families.get(at)).map(|family| Expansion {
-        block: family.block,
-        parent: family.parent,
-        children: family.children.clone(),
+    let ExpansionScene { label, frame, image, expanded_tokens, expanded, .. } = scene;
+    let drawn = spread(expanded_tokens.len(), MAX_DRAWN);
+    let expansions = drawn.iter().filter_map(|&at| expanded_tokens.get(at)).map(|expanded| Expansion {
+        block: expanded.block,
+        parent: expanded.parent,
+        children: expanded.children.clone(),
     });
     let place = format!("{label} from frame {frame}");
     TokenExpansion {
@@ -156,7 +156,7 @@ mod tests {
             label: "s".to_owned(),
             frame: 0,
             image,
-            families: Vec::new(),
+            expanded_tokens: Vec::new(),
             expanded: 3,
             targets: Vec::new(),
         };

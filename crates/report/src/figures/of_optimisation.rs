@@ -169,7 +169,7 @@ fn curves(results: &Results, presets: &[&PresetRecord]) -> Result<Option<Optimis
         note.push_str(" Bars: 95 % intervals over scenes.");
     }
     if !untimed.is_empty() {
-        note.push_str(&format!(" Without a time, so without a point: {}.", untimed.join(", ")));
+        note.push_str(&format!(" Not plotted, because no time was measured: {}.", untimed.join(", ")));
     }
     Ok(Some(OptimisationCurves {
         title: format!("{} against seconds of optimisation", metric.name),
@@ -276,7 +276,7 @@ mod tests {
 
         own.timings.retain(|timing| timing.key.method != "refined 100");
         let note = curves(&own).unwrap().note;
-        assert!(note.contains("Without a time, so without a point: ") && !note.contains("interval"), "{note}");
+        assert!(note.contains("Not plotted, because no time was measured: ") && !note.contains("interval"), "{note}");
         let mut many = results_over(vec![preset("re10k-2v-256")], methods(), 8);
         many.timings.iter_mut().for_each(|timing| timing.encode = vec![0.5; 5]);
         let note = curves(&many).unwrap().note;

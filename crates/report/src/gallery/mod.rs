@@ -66,7 +66,7 @@ fn around(value: f64, half: f64) -> Estimate {
 
 fn effect_costs() -> EffectCosts {
     let row =
-        |effect: &str, called_for, millis| EffectCostRow { effect: effect.to_owned(), called_for, scenes: 8, millis };
+        |effect: &str, needed_by, millis| EffectCostRow { effect: effect.to_owned(), needed_by, scenes: 8, millis };
     EffectCosts {
         title: "What each effect costs".to_owned(),
         subtitle: SYNTHETIC.replace("data of", "data, frames of"),
@@ -377,13 +377,15 @@ fn learning_curve() -> Drawing {
 
 fn stress() -> Drawing {
     let cases: Vec<String> = ["needles", "dust", "huge", "behind"].map(str::to_owned).into();
-    let paths = [("reference", 1e-8, 1e-6), ("cpu, avx2", 2e-7, 1e-6), ("gpu, a device", 3e-7, 2e-6)];
-    let error = |case: usize, (path, size, bound): (&'static str, f64, f64), kind: &'static str| {
-        let relative = size * 10f64.powf(2.0 * noise(case * 17 + path.len()));
-        (case, StressError { case: "", path, kind, relative, bound, passes: relative <= bound })
+    let renderers = [("reference", 1e-8, 1e-6), ("cpu, avx2", 2e-7, 1e-6), ("gpu, a device", 3e-7, 2e-6)];
+    let error = |case: usize, (renderer, size, bound): (&'static str, f64, f64), kind: &'static str| {
+        let relative = size * 10f64.powf(2.0 * noise(case * 17 + renderer.len()));
+        (case, StressError { case: "", renderer, kind, relative, bound, passes: relative <= bound })
     };
     let all: Vec<(usize, StressError<'_>)> = (0..cases.len())
-        .flat_map(|case| paths.map(|path| ["image", "gradient", "differences"].map(|kind| error(case, path, kind))))
+        .flat_map(|case| {
+            renderers.map(|renderer| ["image", "gradient", "differences"].map(|kind| error(case, renderer, kind)))
+        })
         .flatten()
         .collect();
     let errors: Vec<StressError<'_>> =

@@ -119,7 +119,7 @@ impl Album {
         }
         if !self.context_left_out.is_empty() {
             let count = counted(self.context_left_out.len() as u64, "context image");
-            text.push_str(&format!(" {count} left out: without room, unreadable, or of results that were replaced."));
+            text.push_str(&format!(" {count} left out: no room, unreadable, or from replaced results."));
         }
         text
     }

@@ -172,7 +172,7 @@ fn the_worst_and_the_best_come_first(sample: &Sample) {
     assert!(counts[3] > counts[1] && counts[1] < 12, "the best before the second worst: {counts:?}");
 }
 
-/// Two protocols of one store stand for the same: a number cites its own, which links to the table of the number.
+/// Two protocols of one store stand in for the same one: a number cites its own, which links to the table of the number.
 #[test]
 fn numbers_and_links_are_of_their_own_protocol() {
     let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];

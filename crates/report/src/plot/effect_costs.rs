@@ -11,7 +11,7 @@ use super::theme::{COLOURS, INK};
 pub struct EffectCosts {
     /// Title.
     pub title: String,
-    /// Scenes, size, what all effects cost against those that are called for.
+    /// Scenes, size, what all effects cost against those that are needed.
     pub subtitle: String,
     /// The effects, in the order of the plot.
     pub rows: Vec<EffectCostRow>,
@@ -24,8 +24,8 @@ pub struct EffectCosts {
 pub struct EffectCostRow {
     /// Its name.
     pub effect: String,
-    /// Scenes that call for it.
-    pub called_for: usize,
+    /// Number of scenes that need it.
+    pub needed_by: usize,
     /// All scenes.
     pub scenes: usize,
     /// Milliseconds a frame, over the scenes where the effect can be measured: first quartile, median, third quartile; `None`
@@ -49,16 +49,16 @@ impl EffectCosts {
         let Extent { left, right, .. } = axes.inside;
         axes.draw_x_grid(&mut drawing, &axes.x_ticks());
         let below = axes.draw_x(&mut drawing, &number_axis("milliseconds a frame, where the effect runs"));
-        drawing.text(TextLine::new("called for", [right + 20.0, top - 12.0]).small().muted());
+        drawing.text(TextLine::new("needed by", [right + 20.0, top - 12.0]).small().muted());
         let mut upper = top;
         for (row, height) in self.rows.iter().zip(heights) {
             let middle = upper + height / 2.0;
             upper += height;
             drawing.text(TextLine { at: [left - 14.0, middle], ..label(row) });
-            let scenes = format!("{} of {} scenes", row.called_for, row.scenes);
+            let scenes = format!("{} of {} scenes", row.needed_by, row.scenes);
             drawing.text(TextLine::new(scenes, [right + 20.0, middle]).small());
             let Some([low, median, high]) = row.millis else {
-                let why = if row.called_for == 0 { "never runs" } else { "not measurable" };
+                let why = if row.needed_by == 0 { "never runs" } else { "not measurable" };
                 drawing.text(TextLine::new(why, [left + 8.0, middle]).small().muted());
                 continue;
             };

@@ -16,7 +16,7 @@ pub struct ExtrapolationDecay {
     pub subtitle: String,
     /// The metric.
     pub quality: QualityMetric,
-    /// Frames of distance that one point stands for.
+    /// Frames of distance that one point covers.
     pub step: f64,
     /// A curve per method.
     pub series: Vec<ExtrapolationSeries>,

@@ -220,7 +220,7 @@ mod tests {
         let scale = Scale::without_outliers(means, means.into_iter().chain([17.5, 60.0]), 0.0);
         assert_eq!([scale.low().to_bits(), scale.high().to_bits()], [17.5f64.to_bits(), 22.0f64.to_bits()]);
         let level = Scale::without_outliers([3.0; 4], [3.0; 4], 0.1);
-        assert!(level.low() < 3.0 && level.high() > 3.0, "equal values are no outliers: {level:?}");
+        assert!(level.low() < 3.0 && level.high() > 3.0, "equal values are not outliers: {level:?}");
         assert_eq!(time_unit([0.189, 8.9e-6]), ("milliseconds", 1e-3));
         assert_eq!([0.01, 0.5, 20.0].map(own_label), ["0.01", "0.5", "20"]);
     }

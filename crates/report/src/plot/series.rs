@@ -201,7 +201,7 @@ fn draw_intervals(drawing: &mut Drawing, axes: &Axes, label: &str, part: &[(f64,
     }
 }
 
-/// A scale around curves: as wide as the means and intervals that are no outliers.
+/// A scale around curves: as wide as the means and intervals without outliers.
 pub(super) fn scale_of<'a>(curves: impl Iterator<Item = &'a Estimate> + Clone, margin: f64) -> Scale {
     Scale::without_outliers(curves.clone().map(|mean| mean.value), curves.flat_map(|mean| mean.extent()), margin)
 }

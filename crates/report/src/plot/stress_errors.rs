@@ -3,20 +3,20 @@ use super::scale::Scale;
 use super::shape::{Drawing, Extent, Fill, MARGIN, Role, Side, Stroke, TextLine};
 use super::theme::{GRID, INK, colour};
 
-/// Errors of renderers on hard cases: a row per case, a dot per renderer path next to its bound, failures crossed out.
+/// Errors of renderers on hard cases: a row per case, a dot per renderer next to its bound, failures crossed out.
 #[derive(Debug)]
 pub struct StressErrors<'a> {
-    /// The errors, in the order of cases and paths.
+    /// The errors, in the order of cases and renderers.
     pub errors: &'a [StressError<'a>],
 }
 
-/// One error of a renderer path on a hard case.
+/// One error of a renderer on a hard case.
 #[derive(Clone, Copy, Debug)]
 pub struct StressError<'a> {
     /// Name of the case.
     pub case: &'a str,
-    /// Name of the renderer path.
-    pub path: &'a str,
+    /// Name of the renderer.
+    pub renderer: &'a str,
     /// `image`, `gradient` or `differences`; others are not shown.
     pub kind: &'a str,
     /// Relative error.
@@ -42,18 +42,18 @@ const PANELS: [(&str, &str); 3] = [
 impl StressErrors<'_> {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
-        let (cases, paths) = (unique(self.errors, |error| error.case), unique(self.errors, |error| error.path));
+        let (cases, renderers) = (unique(self.errors, |error| error.case), unique(self.errors, |error| error.renderer));
         let failed = self.errors.iter().filter(|error| !error.passes).count();
         let subtitle = format!(
-            "{} hard cases on {} renderer paths; relative errors, {failed} beyond their bounds",
+            "{} hard cases on {} renderers; relative errors, {failed} beyond their bounds",
             cases.len(),
-            paths.len()
+            renderers.len()
         );
         let (mut drawing, head) = Drawing::titled(WIDTH, "Hard cases: error by case", &subtitle);
-        let others = ["the path's bound, in its colour", "beyond the bound"];
-        let keys: Vec<&str> = paths.iter().copied().chain(others).collect();
+        let others = ["the renderer's bound, in its colour", "beyond the bound"];
+        let keys: Vec<&str> = renderers.iter().copied().chain(others).collect();
         let bottom =
-            drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, [x, y]| match at.checked_sub(paths.len()) {
+            drawing.legend(MARGIN, head + 12.0, &keys, |drawing, at, [x, y]| match at.checked_sub(renderers.len()) {
                 None => drawing.disc([x, y], 4.0, Fill::solid(colour(at))),
                 Some(0) => drawing.line([[x, y - 6.0], [x, y + 6.0]], Stroke::new(INK, 2.0)),
                 Some(_) => cross(drawing, [x, y]),
@@ -81,17 +81,20 @@ impl StressErrors<'_> {
             below = if edge > below { edge } else { below };
             for error in self.errors.iter().filter(|error| error.kind == kind) {
                 let place = |all: &[&str], name: &str| all.iter().position(|own| *own == name);
-                let (Some(case), Some(path)) = (place(&cases, error.case), place(&paths, error.path)) else { continue };
-                let part = (ROW - 3.0) / paths.len() as f64;
-                let upper = top + ROW * case as f64 + 1.5 + part * path as f64;
+                let (Some(case), Some(renderer)) = (place(&cases, error.case), place(&renderers, error.renderer))
+                else {
+                    continue;
+                };
+                let part = (ROW - 3.0) / renderers.len() as f64;
+                let upper = top + ROW * case as f64 + 1.5 + part * renderer as f64;
                 let (bound, at) =
                     (axes.x_of(power(error.bound)), [axes.x_of(power(error.relative)), upper + part / 2.0]);
-                drawing.data(error.path, |drawing| {
+                drawing.data(error.renderer, |drawing| {
                     // Without a bound, an error must only be finite.
                     if error.bound.is_finite() {
-                        drawing.line([[bound, upper], [bound, upper + part]], Stroke::new(colour(path), 2.5));
+                        drawing.line([[bound, upper], [bound, upper + part]], Stroke::new(colour(renderer), 2.5));
                     }
-                    drawing.disc(at, 2.5, Fill::solid(colour(path)));
+                    drawing.disc(at, 2.5, Fill::solid(colour(renderer)));
                 });
                 if !error.passes {
                     cross(&mut drawing, at);
@@ -134,32 +137,32 @@ mod tests {
 
     fn errors() -> Vec<StressError<'static>> {
         let rows = [("needles", "reference", 1e-8), ("needles", "cpu", 1e-6), ("dust", "reference", f64::NAN)];
-        let error = |case, path, kind, relative| {
+        let error = |case, renderer, kind, relative| {
             let bound = 1e-4;
-            StressError { case, path, kind, relative, bound, passes: relative <= bound }
+            StressError { case, renderer, kind, relative, bound, passes: relative <= bound }
         };
-        let both = |(case, path, relative)| {
-            [error(case, path, "image", relative), error(case, path, "gradient", 10.0 * relative)]
+        let both = |(case, renderer, relative)| {
+            [error(case, renderer, "image", relative), error(case, renderer, "gradient", 10.0 * relative)]
         };
         rows.into_iter().flat_map(both).collect()
     }
 
     #[test]
-    fn shows_names_and_errors_and_each_paths_bound() {
+    fn shows_names_and_errors_and_each_renderers_bound() {
         let errors = errors();
         let drawing = StressErrors { errors: &errors }.draw();
         let texts: Vec<&str> = drawing.texts().collect();
         for name in ["needles", "dust", "reference", "cpu", "error of derivatives, power of ten"] {
             assert!(texts.contains(&name), "{name}");
         }
-        let of_path = |path: &str| {
+        let of_renderer = |renderer: &str| {
             let own =
-                drawing.items.iter().filter(move |item| matches!(&item.role, Role::Data(name) if &**name == path));
+                drawing.items.iter().filter(move |item| matches!(&item.role, Role::Data(name) if &**name == renderer));
             let is_dot =
                 |item: &&super::super::shape::Item| matches!(item.shape, super::super::shape::Shape::Disc { .. });
             (own.clone().filter(is_dot).count(), own.filter(|item| !is_dot(item)).count())
         };
-        assert_eq!((of_path("reference"), of_path("cpu")), ((4, 4), (2, 2)), "dots and bounds");
+        assert_eq!((of_renderer("reference"), of_renderer("cpu")), ((4, 4), (2, 2)), "dots and bounds");
         assert_eq!(drawing.faults(), []);
     }
 

@@ -176,12 +176,12 @@ fn a_run_that_has_not_ended_is_not_the_published_setting() {
     assert!(is_published(&table) && notes(&table, NoteKind::Setting).is_empty(), "{:?}", table.footer);
     kill(&mut results);
     let table = built("re10k", &[&results]);
-    let said = "not the published setting: re10k-2v-256: the run has not ended: 3 of 4 entries under a";
+    let said = "not the published setting: re10k-2v-256: the run is unfinished: 3 of 4 entries under a";
     assert_eq!(notes(&table, NoteKind::Setting), [said]);
     assert!(!is_published(&table) && table.caption.ends_with("not comparable with the paper's numbers."));
     // Of a stand-in, both are said.
     let mut results = whole("rooms-2v-128");
     kill(&mut results);
     let said = notes(&built("re10k", &[&results]), NoteKind::Setting).join("\n");
-    assert!(said.contains("stands for re10k-2v-256") && said.contains("3 of 4 entries under a"), "{said}");
+    assert!(said.contains("stands in for re10k-2v-256") && said.contains("3 of 4 entries under a"), "{said}");
 }

@@ -26,7 +26,7 @@ pub(super) struct Part<'a> {
     pub(super) preset: &'a PresetRecord,
     /// The protocol that the record contains as text.
     pub(super) protocol: Preset,
-    /// For each method with rows whose run has not ended, how far it is.
+    /// For each method with rows whose run is unfinished, how far it got.
     pub(super) unfinished: Vec<String>,
 }
 
@@ -69,8 +69,8 @@ pub(super) fn editions<'a>(
 
 fn unfinished(preset: &PresetRecord, interrupted: &[Unfinished]) -> Vec<String> {
     let own = interrupted.iter().filter(|run| run.preset == preset.name);
-    let text = |Unfinished { preset, method, entries, of, .. }: &Unfinished| {
-        format!("{preset}: the run has not ended: {entries} of {of} entries under {method}")
+    let text = |Unfinished { preset, method, entries, total, .. }: &Unfinished| {
+        format!("{preset}: the run is unfinished: {entries} of {total} entries under {method}")
     };
     own.map(text).collect()
 }
@@ -104,7 +104,7 @@ fn consistent_groups<'a>(parts: Vec<Part<'a>>) -> Vec<(&'a str, Vec<Part<'a>>)> 
 }
 
 /// What distinguishes results of one preset that do not share a table: the dataset appended to its name, or that it only
-/// stands for the published preset.
+/// stands in for the published preset.
 fn suffix_of(record: &PresetRecord) -> &str {
     let own = record.name.strip_prefix(record.preset.as_str()).unwrap_or("");
     if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
@@ -173,10 +173,13 @@ impl Part<'_> {
     pub(super) fn difference(&self) -> Option<String> {
         let record = self.preset;
         if let Some(published) = &record.stands_for {
-            return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
+            return Some(format!(
+                "{} stands in for {published} with other scenes: compare rankings and gaps, not values",
+                record.name
+            ));
         }
         if self.protocol.index.accepted.is_empty() {
-            return Some(format!("{}: no published protocol ({})", record.name, record.dataset));
+            return Some(format!("{}: not a published protocol ({})", record.name, record.dataset));
         }
         if record.index_name.is_none() {
             return Some(format!("{}: the index is not a published one ({})", record.name, record.dataset));

@@ -366,7 +366,7 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     }
 }
 
-/// Columns of a group have the same targets: the counts of the first computed metric stand for all.
+/// Columns of a group have the same targets: the counts of the first computed metric hold for all.
 fn counts_of(cells: &[Cell]) -> Option<String> {
     let with_counts: Vec<(&Cell, Counts)> = cells.iter().filter_map(|cell| Some((cell, cell.counts?))).collect();
     let (cell, counts) = with_counts.iter().find(|(_, counts)| counts.targets > 0).or(with_counts.first())?;

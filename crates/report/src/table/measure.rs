@@ -61,7 +61,7 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
         value: found.mean.map_or(Value::Absent, Value::Number),
         interval: found.interval,
         counts: Some(Counts { outside_bins, ..counts_of(&found) }),
-        set: found.set,
+        set_hash: found.target_set_hash,
         not_computed: found.not_computed,
         ..Cell::default()
     }
@@ -98,7 +98,12 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
         Quantity::Metric(_) | Quantity::Slope(..) | Quantity::Seconds => None,
     };
     let value = value.map_or(Value::Absent, Value::Number);
-    Cell { value, lacks_trials: cost.failed + cost.not_applicable > 0, set: cost.set, ..Cell::default() }
+    Cell {
+        value,
+        lacks_trials: cost.failed + cost.not_applicable > 0,
+        set_hash: cost.trial_set_hash,
+        ..Cell::default()
+    }
 }
 
 /// Seconds from context images to Gaussians, measured by the timing pass, or why there are none.

@@ -162,10 +162,10 @@ pub struct Cell {
     /// Whether it is a size of some trials only, because the method failed on the others or does not support them.
     #[serde(skip)]
     pub lacks_trials: bool,
-    /// Stands for the set of targets or trials that it is over, whatever became of them: numbers over different sets do not
-    /// compare. `None` if it is published, or a time.
+    /// Hash of the targets or trials that it is over, scored or not; numbers with different hashes are not comparable. `None`
+    /// if it is published, or a time.
     #[serde(skip)]
-    pub set: Option<u64>,
+    pub set_hash: Option<u64>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
     /// The spread over trainings and over scenes, if it is a mean over several trainings.

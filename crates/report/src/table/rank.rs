@@ -52,7 +52,7 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<No
 fn is_comparable(table: &Table, printed: &[(usize, f64)], place: Place) -> bool {
     let mut bases = printed.iter().map(|(at, _)| {
         let cell = table.rows[*at].cell(place);
-        (cell.set, cell.timing.as_ref().map(|timing| (&timing.machine, &timing.device)))
+        (cell.set_hash, cell.timing.as_ref().map(|timing| (&timing.machine, &timing.device)))
     });
     let first = bases.next();
     bases.all(|basis| Some(basis) == first)

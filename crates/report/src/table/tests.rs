@@ -210,7 +210,7 @@ fn a_different_index_is_a_different_protocol() {
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
 }
 
-/// Two presets that stand for one published protocol, each with a number for the same method.
+/// Two presets that stand in for one published protocol, each with a number for the same method.
 fn two_stand_ins() -> Results {
     let presets = vec![preset("rooms-2v-128"), preset("rooms-2v-64")];
     let mut results = results(presets, vec![atsplat("atsplat", |_| ()), floor()]);

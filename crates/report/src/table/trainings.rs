@@ -99,7 +99,7 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
                     value: Value::Number(found.mean),
                     interval: found.interval,
                     counts: Some(counts),
-                    set: first.cell((group, at)).set,
+                    set_hash: first.cell((group, at)).set_hash,
                     not_computed: cells.find_map(|cell| cell.not_computed.clone()),
                     trainings: Some(trainings),
                     ..Cell::default()
@@ -112,7 +112,7 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
                 let sizes = sizes.filter(|sizes| !sizes.is_empty())?;
                 let value = Value::Number(sizes.iter().sum::<f64>() / sizes.len() as f64);
                 let lacks_trials = training.rows.iter().any(|row| row.cell((group, at)).lacks_trials);
-                Some(Cell { value, lacks_trials, set: first.cell((group, at)).set, ..Cell::default() })
+                Some(Cell { value, lacks_trials, set_hash: first.cell((group, at)).set_hash, ..Cell::default() })
             }
         };
         columns.columns.iter().enumerate().map(|own| cell(own).unwrap_or_default()).collect()

@@ -57,10 +57,10 @@ struct Manifest<'a> {
 ///
 /// # Errors
 /// As [`Simulation::image`], and [`RoomsError::Pixels`] for a JPEG quality outside 1 to 100.
-pub fn encoded_scene(simulation: &Simulation, coding: ImageEncoding) -> Result<Scene, RoomsError> {
+pub fn encoded_scene(simulation: &Simulation, encoding: ImageEncoding) -> Result<Scene, RoomsError> {
     let encode = |at| -> Result<FrameImage, RoomsError> {
         let image = simulation.image(at)?.to_u8(Rounding::Nearest)?;
-        let bytes = match coding {
+        let bytes = match encoding {
             ImageEncoding::Jpeg(quality) => encode_jpeg(&image, quality)?,
             ImageEncoding::Png => encode_png(&image)?,
         };
@@ -104,10 +104,10 @@ pub fn write_dataset(
         if options.layout == Layout::Re10k || (options.layout == Layout::Chunks && options.depth) {
             distinct_times(&simulation)?;
         }
-        let scene = encoded_scene(&simulation, options.coding)?;
+        let scene = encoded_scene(&simulation, options.encoding)?;
         match options.layout {
-            Layout::Re10k => re10k::write(folder, split, &scene, options.coding, warnings)?,
-            Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.coding, simulation.request().size)?,
+            Layout::Re10k => re10k::write(folder, split, &scene, options.encoding, warnings)?,
+            Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.encoding, simulation.request().size)?,
             Layout::Chunks => {
                 let writer = if let Some(open) = chunks.iter().position(|(of, _)| *of == split) {
                     open
@@ -145,7 +145,7 @@ fn distinct_times(simulation: &Simulation) -> Result<(), RoomsError> {
         None => Ok(()),
         Some(time) => Err(RoomsError::Request {
             field: "trajectory",
-            expected: "every time once, because files are named after it (the nerfstudio layout numbers them)",
+            expected: "distinct times, because files are named after them (except in the nerfstudio layout)",
             found: format!("{time} µs again"),
         }),
     }
@@ -179,7 +179,7 @@ fn entry(simulation: &Simulation) -> ManifestScene {
         height: size.height,
         samples: *samples,
         slowed_to: simulation.slowed_to(),
-        effects: simulation.called_effects().to_vec(),
+        effects: simulation.active_effects().to_vec(),
     }
 }
 

@@ -14,13 +14,13 @@ pub(super) fn stem(position: usize) -> String {
 }
 
 /// Writes `<key>/nerfstudio/transforms.json` and `images/` next to it. Poses are camera-to-world with OpenGL axes.
-pub(super) fn write(folder: &Path, scene: &Scene, coding: ImageEncoding, size: ImageSize) -> Result<(), RoomsError> {
+pub(super) fn write(folder: &Path, scene: &Scene, encoding: ImageEncoding, size: ImageSize) -> Result<(), RoomsError> {
     let folder = folder.join(&scene.key).join("nerfstudio");
     make_folder(&folder.join("images"))?;
     let mut root = lens(&scene.frames[0].camera, size);
     let mut frames = Vec::with_capacity(scene.frames.len());
     for (at, frame) in scene.frames.iter().enumerate() {
-        let file = format!("images/{}.{}", stem(at), coding.extension());
+        let file = format!("images/{}.{}", stem(at), encoding.extension());
         write_file(&folder.join(&file), encoded(frame))?;
         let rows = frame.camera.camera_from_world.inverse().opengl_from_opencv().to_rows();
         let mut matrix = rows.as_chunks::<4>().0.to_vec();

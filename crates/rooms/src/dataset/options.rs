@@ -48,12 +48,12 @@ impl FromStr for ImageEncoding {
     /// `png`, or `jpeg:QUALITY`.
     fn from_str(text: &str) -> Result<Self, InvalidText> {
         let quality = |text: &str| text.parse().ok().filter(|quality| (1..=100).contains(quality));
-        let coding = match text.split_once(':') {
+        let encoding = match text.split_once(':') {
             None if text == "png" => Some(Self::Png),
             Some(("jpeg", text)) => quality(text).map(Self::Jpeg),
             _ => None,
         };
-        coding.ok_or_else(|| InvalidText::new("png, or jpeg:QUALITY from 1 to 100", text))
+        encoding.ok_or_else(|| InvalidText::new("png, or jpeg:QUALITY from 1 to 100", text))
     }
 }
 
@@ -63,7 +63,7 @@ pub struct WriteOptions {
     /// Layout on disk.
     pub layout: Layout,
     /// Encoding of images.
-    pub coding: ImageEncoding,
+    pub encoding: ImageEncoding,
     /// Whether to write `depth/<key>/<frame>.exr`, the channel `Z`.
     pub depth: bool,
 }
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parses_codings() {
+    fn parses_encodings() {
         assert_eq!(("png".parse(), "jpeg:90".parse()), (Ok(ImageEncoding::Png), Ok(ImageEncoding::Jpeg(90))));
         for broken in ["jpeg", "jpeg:0", "jpeg:101", "webp", "png:1"] {
             assert!(broken.parse::<ImageEncoding>().is_err(), "{broken:?}");

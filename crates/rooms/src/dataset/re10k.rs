@@ -14,14 +14,14 @@ pub(super) fn write(
     folder: &Path,
     split: Split,
     scene: &Scene,
-    coding: ImageEncoding,
+    encoding: ImageEncoding,
     warnings: &mut Warnings,
 ) -> Result<(), RoomsError> {
     let folder = folder.join(split.to_string());
     let images = folder.join(&scene.key);
     make_folder(&images)?;
     for frame in &scene.frames {
-        write_file(&images.join(format!("{}.{}", frame.name, coding.extension())), encoded(frame))?;
+        write_file(&images.join(format!("{}.{}", frame.name, encoding.extension())), encoded(frame))?;
     }
     if scene.frames.iter().any(|frame| frame.camera.distortion != Distortion::None) {
         warnings.push(WarningKind::LensDistortion, &scene.key, "an RE10K trajectory cannot store it".to_owned());

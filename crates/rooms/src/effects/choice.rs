@@ -7,7 +7,7 @@ use super::EffectKind;
 /// Choice of effects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum EffectChoice {
-    /// The effects that the scene calls for.
+    /// The effects that the scene needs.
     #[default]
     Auto,
     /// All effects.

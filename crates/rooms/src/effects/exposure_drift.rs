@@ -14,7 +14,7 @@ pub(super) struct ExposureDrift {
 }
 
 /// A change of one stop moves a display-referred value by at most ln 2 / 2.4, at white.
-pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let stops = case.conditions.drift;
     let change = stops * std::f64::consts::LN_2 / 2.4;
     (change > TOLERANCE).then(|| format!("the exposure swings by ±{stops:.2} stops"))

@@ -25,9 +25,9 @@ const RAYS: u32 = 128;
 const STEP: f64 = 0.6;
 const MAX_POINTS: usize = 14;
 
-pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let share = case.conditions.bounce;
-    (share > 0.0).then(|| "surfaces light each other".to_owned())
+    (share > 0.0).then(|| "surfaces reflect light onto each other".to_owned())
 }
 
 impl IndirectLight {

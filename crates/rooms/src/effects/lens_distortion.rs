@@ -12,7 +12,7 @@ pub(super) struct LensDistortion {
 /// Largest displacement of the corner of an image 256 pixels wide that counts as no distortion, in pixels.
 const STRAIGHT: f64 = 0.05;
 
-pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let [k1, k2] = case.conditions.lens;
     let k = case.shots.first()?.camera.intrinsics;
     let squared = (0.5 / k.fx).powi(2) + (0.5 / k.fy).powi(2);

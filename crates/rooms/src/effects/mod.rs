@@ -23,7 +23,7 @@ use crate::lamp::Lamp;
 use crate::path::Shot;
 use crate::world::{Surface, World};
 
-/// Largest change of a display-referred value that does not call for an effect: half a step of 8 bits.
+/// Largest change of a display-referred value below which an effect is not needed: half a step of 8 bits.
 pub const TOLERANCE: f64 = 0.5 / 255.0;
 
 /// Parameters of the camera's effects and of the lighting, drawn from the scene's seed.
@@ -98,7 +98,7 @@ impl fmt::Display for EffectKind {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PixelSample {
     pub pixel: u64,
-    pub sample: u32,
+    pub number: u32,
 }
 
 /// An optional effect. Each method is one stage of rendering; an effect implements one of them.
@@ -116,7 +116,7 @@ pub(crate) trait Effect: fmt::Debug + Send + Sync {
     }
 
     /// Share of a lamp that a surface sees.
-    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _dice: PixelSample) -> Option<f32> {
+    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _sample: PixelSample) -> Option<f32> {
         None
     }
 
@@ -149,7 +149,7 @@ pub struct ActiveEffect {
 #[derive(Debug)]
 pub(crate) struct Effects {
     running: Vec<Box<dyn Effect>>,
-    pub called: Vec<ActiveEffect>,
+    pub active: Vec<ActiveEffect>,
     shadows: Option<usize>,
     ambient: Option<usize>,
     pub mirrors: bool,
@@ -168,7 +168,7 @@ impl Effects {
     pub(crate) fn choose(case: &SceneContext<'_>, choice: &EffectChoice) -> Self {
         let mut effects = Self {
             running: Vec::new(),
-            called: Vec::new(),
+            active: Vec::new(),
             shadows: None,
             ambient: None,
             mirrors: false,
@@ -177,13 +177,13 @@ impl Effects {
         };
         for effect in EffectKind::ALL {
             let reason = match choice {
-                EffectChoice::Auto => called_for(effect, case),
+                EffectChoice::Auto => needed_by(effect, case),
                 EffectChoice::All => Some("requested with all others".to_owned()),
                 EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("requested".to_owned()),
                 EffectChoice::None | EffectChoice::Only(_) => None,
             };
             if let Some(reason) = reason {
-                effects.called.push(ActiveEffect { effect, reason });
+                effects.active.push(ActiveEffect { effect, reason });
                 effects.add(build(effect, case));
             }
         }
@@ -207,8 +207,8 @@ impl Effects {
         self.running.get(index?).map(AsRef::as_ref)
     }
 
-    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: PixelSample) -> f32 {
-        self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, dice)).unwrap_or(1.0)
+    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, sample: PixelSample) -> f32 {
+        self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, sample)).unwrap_or(1.0)
     }
 
     /// Whether shadow rays run.
@@ -225,15 +225,15 @@ impl Effects {
     }
 }
 
-fn called_for(effect: EffectKind, case: &SceneContext<'_>) -> Option<String> {
+fn needed_by(effect: EffectKind, case: &SceneContext<'_>) -> Option<String> {
     match effect {
-        EffectKind::SoftShadows => soft_shadows::called_for(case),
-        EffectKind::SpecularReflection => specular_reflection::called_for(case),
-        EffectKind::IndirectLight => indirect_light::called_for(case),
-        EffectKind::ExposureDrift => exposure_drift::called_for(case),
-        EffectKind::LensDistortion => lens_distortion::called_for(case),
-        EffectKind::MotionBlur => motion_blur::called_for(case),
-        EffectKind::SensorNoise => sensor_noise::called_for(case),
+        EffectKind::SoftShadows => soft_shadows::needed_by(case),
+        EffectKind::SpecularReflection => specular_reflection::needed_by(case),
+        EffectKind::IndirectLight => indirect_light::needed_by(case),
+        EffectKind::ExposureDrift => exposure_drift::needed_by(case),
+        EffectKind::LensDistortion => lens_distortion::needed_by(case),
+        EffectKind::MotionBlur => motion_blur::needed_by(case),
+        EffectKind::SensorNoise => sensor_noise::needed_by(case),
     }
 }
 
@@ -251,13 +251,13 @@ fn build(effect: EffectKind, case: &SceneContext<'_>) -> Box<dyn Effect> {
 }
 
 /// A stratified point in [0, 1)²: consecutive samples of a pixel cycle through the cells of a 2×2 grid.
-fn stratified(dice: PixelSample, salt: u64) -> DVec2 {
-    let bits = crate::rng::mix(dice.pixel ^ salt.rotate_left(40) ^ (u64::from(dice.sample) << 56));
+fn stratified(sample: PixelSample, salt: u64) -> DVec2 {
+    let bits = crate::rng::mix(sample.pixel ^ salt.rotate_left(40) ^ (u64::from(sample.number) << 56));
     let jitter = DVec2::new(
         crate::rng::unit_from_bits(bits),
         crate::rng::unit_from_bits(bits.wrapping_mul(0x9e37_79b9_7f4a_7c15)),
     );
-    let cell = dice.sample % 4;
+    let cell = sample.number % 4;
     (DVec2::new(f64::from(cell % 2), f64::from(cell / 2)) + jitter) * 0.5
 }
 
@@ -284,7 +284,7 @@ mod tests {
         builder.finish(sky, Vec3::ONE, [DVec3::splat(-5.0), DVec3::splat(5.0)])
     }
 
-    fn called(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
+    fn needed(world: &World, conditions: &Conditions) -> Vec<EffectKind> {
         let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
         let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap());
         let moving_to = WorldFromCamera::new(DMat3::from_rotation_y(0.02), DVec3::ZERO).unwrap();
@@ -292,17 +292,17 @@ mod tests {
         let turned = Camera { camera_from_world: moving_to.inverse(), ..camera };
         let shots = [shots[0], Shot { camera: turned, ..shots[1] }];
         let effects = Effects::choose(&SceneContext { world, conditions, shots: &shots }, &EffectChoice::Auto);
-        effects.called.iter().map(|called| called.effect).collect()
+        effects.active.iter().map(|active| active.effect).collect()
     }
 
-    /// Each condition calls for its own effect and for no other, just above its bound and not below.
+    /// Each condition needs its own effect and no other, just above its bound and not below.
     #[test]
-    fn a_scene_runs_the_effects_that_it_calls_for_and_no_others() {
+    fn a_scene_runs_the_effects_that_it_needs_and_no_others() {
         let plain = Conditions { lens: [0.0; 2], shutter: 0.0, noise: 0.0, drift: 0.0, bounce: 0.0, seed: 1 };
         let (matte, bulb) = (world(0.0, Vec::new()), Lamp::Bulb { centre: DVec3::Z, radius: 0.1, radiance: Vec3::ONE });
-        assert_eq!(called(&matte, &plain), []);
-        assert_eq!(called(&world(0.0, vec![bulb]), &plain), [EffectKind::SoftShadows]);
-        assert_eq!(called(&world(0.04, Vec::new()), &plain), [EffectKind::SpecularReflection]);
+        assert_eq!(needed(&matte, &plain), []);
+        assert_eq!(needed(&world(0.0, vec![bulb]), &plain), [EffectKind::SoftShadows]);
+        assert_eq!(needed(&world(0.04, Vec::new()), &plain), [EffectKind::SpecularReflection]);
         let cases = [
             (Conditions { bounce: 1.0, ..plain }, plain, EffectKind::IndirectLight),
             (Conditions { drift: 0.007, ..plain }, Conditions { drift: 0.006, ..plain }, EffectKind::ExposureDrift),
@@ -315,8 +315,8 @@ mod tests {
             (Conditions { noise: 0.0017, ..plain }, Conditions { noise: 0.0016, ..plain }, EffectKind::SensorNoise),
         ];
         for (enough, less, effect) in cases {
-            assert_eq!(called(&matte, &enough), [effect], "{enough:?}");
-            assert_eq!(called(&matte, &less), [], "{less:?}");
+            assert_eq!(needed(&matte, &enough), [effect], "{enough:?}");
+            assert_eq!(needed(&matte, &less), [], "{less:?}");
         }
     }
 }

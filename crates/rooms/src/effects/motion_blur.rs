@@ -10,7 +10,7 @@ pub(super) struct MotionBlur {
 /// Largest motion in an image 256 pixels wide that counts as still, in pixels.
 const STILL: f64 = 0.1;
 
-pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let smears = case.shots.windows(2).map(|pair| {
         let [from, to] = [&pair[0], &pair[1]].map(|shot| shot.camera.camera_from_world.inverse());
         let turn = from.forward().angle_between(to.forward());

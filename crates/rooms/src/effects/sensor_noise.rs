@@ -13,7 +13,7 @@ pub(super) struct SensorNoise {
 }
 
 /// At mid grey, encoding enlarges a deviation of linear light by 1.2.
-pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let sigma = case.conditions.noise;
     (1.2 * sigma > TOLERANCE).then(|| format!("σ = {sigma:.3} of white"))
 }

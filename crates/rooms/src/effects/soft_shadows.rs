@@ -9,7 +9,7 @@ use crate::world::{Surface, World};
 #[derive(Debug)]
 pub(super) struct SoftShadows;
 
-pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
+pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let (lamps, objects) = (case.world.lamps.len(), case.world.objects.len());
     (lamps > 0).then(|| format!("{lamps} lamps among {objects} objects"))
 }
@@ -19,14 +19,14 @@ impl Effect for SoftShadows {
         EffectKind::SoftShadows
     }
 
-    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: PixelSample) -> Option<f32> {
+    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, sample: PixelSample) -> Option<f32> {
         let from = surface.leave();
-        let to_lamp = lamp.towards(from, place_on_lamp(dice));
+        let to_lamp = lamp.towards(from, place_on_lamp(sample));
         Some(if world.blocked(from, to_lamp) { 0.0 } else { 1.0 })
     }
 }
 
 /// The uniform point of a lamp that a sample's shadow rays test.
-pub(crate) fn place_on_lamp(dice: PixelSample) -> DVec2 {
-    stratified(dice, 1)
+pub(crate) fn place_on_lamp(sample: PixelSample) -> DVec2 {
+    stratified(sample, 1)
 }

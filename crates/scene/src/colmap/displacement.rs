@@ -5,7 +5,7 @@ use atsplat_numeric::median;
 use glam::DVec3;
 
 use super::{model_file, parse_images};
-use crate::files::read_file;
+use crate::files::{read_file, split_image_name};
 use crate::nerfstudio::AppliedTransform;
 use crate::{Scene, SceneError};
 
@@ -42,9 +42,12 @@ pub fn displacement(
     let pairs: Vec<(DVec3, DVec3)> = images
         .iter()
         .filter_map(|image| {
-            let stem = Path::new(&image.name).file_stem()?.to_str()?;
+            // Frames of a COLMAP model have their folder in their name, those of nerfstudio do not.
+            let path = split_image_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem);
+            let name = path.rsplit('/').next().unwrap_or(path);
+            let frame = centres.get(path).or_else(|| centres.get(name))?;
             let centre = image.camera_from_world.inverse().centre();
-            Some((applied.map_or(centre, |applied| applied.saved_point(centre)), *centres.get(stem)?))
+            Some((applied.map_or(centre, |applied| applied.saved_point(centre)), *frame))
         })
         .collect();
     let (low, high) = pairs
@@ -56,4 +59,76 @@ pub fn displacement(
     }
     let distance = median(pairs.iter().map(|(image, frame)| image.distance(*frame) / extent));
     Ok(distance.map(|distance| Displacement { images: pairs.len(), distance }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::colmap::{ColmapOptions, ColmapScenes};
+    use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes};
+    use crate::{SceneSource, Warnings};
+    use atsplat_numeric::Tolerance;
+    use serde_json::json;
+
+    /// Cameras at the centres (1, 0, 0), (0, 2, 0) and (0, 0, 2); the last has no frame.
+    const IMAGES: &str =
+        "1 1 0 0 0 -1 0 0 1 left/a.png\n\n2 1 0 0 0 0 -2 0 1 right/b.png\n\n3 1 0 0 0 0 0 -2 1 c.png\n\n";
+
+    fn model(images: &str) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("cameras.txt"), "1 PINHOLE 4 3 4 4 2 1.5\n").unwrap();
+        std::fs::write(folder.path().join("images.txt"), images).unwrap();
+        folder
+    }
+
+    /// Frames `a` and `b` at these centres, and what was applied to them.
+    fn saved(centres: [[f64; 3]; 2], scale: f64) -> (Scene, Option<AppliedTransform>) {
+        let [a, b] = ["a", "b"].map(|name| format!("images/{name}.png"));
+        let frame = |name: String, [x, y, z]: [f64; 3]| {
+            let rows = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]];
+            json!({ "file_path": name, "transform_matrix": rows })
+        };
+        let frames = [frame(a, centres[0]), frame(b, centres[1])];
+        let root = json!({ "w": 4, "h": 3, "fl_x": 4, "applied_scale": scale, "frames": frames });
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("transforms.json");
+        std::fs::write(&file, root.to_string()).unwrap();
+        let source = NerfstudioScenes::open(&file, NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
+        let key = &source.keys()[0];
+        (source.load(key, &mut Warnings::new()).unwrap(), source.applied_transform(key).unwrap())
+    }
+
+    #[test]
+    fn cameras_of_the_same_images_are_compared_in_the_scenes_world() {
+        let folder = model(IMAGES);
+        let (scene, applied) = saved([[3.0, 0.0, 0.0], [0.0, 6.0, 2.0]], 3.0);
+        let found = displacement(folder.path(), &scene, applied).unwrap().unwrap();
+        assert_eq!(found.images, 2, "the third is no frame");
+        // The cameras are 0 and 2 apart, in a box of 3 × 6 × 2.
+        Tolerance::F64.assert([found.distance], [1.0 / 7.0], "median");
+        let found = displacement(folder.path(), &scene, None).unwrap().unwrap();
+        Tolerance::F64.assert([found.distance], [0.5 * (2.0 + 20.0_f64.sqrt()) / 7.0], "without the scale");
+    }
+
+    #[test]
+    fn fewer_than_two_frames_or_one_place_give_no_displacement() {
+        let (apart, _) = saved([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 1.0);
+        let (together, _) = saved([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], 1.0);
+        let found = |images: &str, scene: &Scene| displacement(model(images).path(), scene, None).unwrap();
+        assert!(found(IMAGES, &apart).is_some());
+        assert_eq!(found(IMAGES, &together), None, "in one place");
+        assert_eq!(found("1 1 0 0 0 -1 0 0 1 a.png\n\n3 1 0 0 0 0 0 -2 1 c.png\n\n", &apart), None, "one frame");
+        let empty = tempfile::tempdir().unwrap();
+        assert_eq!(displacement(empty.path(), &apart, None).unwrap(), None, "no images");
+    }
+
+    #[test]
+    fn a_model_is_where_its_own_frames_are() {
+        // One name in two folders.
+        let folder = model("1 1 0 0 0 -1 0 0 1 left/a.png\n\n2 1 0 0 0 0 -2 0 1 right/a.png\n\n");
+        let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
+        let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
+        let found = displacement(folder.path(), &scene, None).unwrap();
+        assert_eq!(found, Some(Displacement { images: 2, distance: 0.0 }));
+    }
 }

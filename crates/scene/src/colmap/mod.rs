@@ -128,7 +128,7 @@ pub fn read_points(folder: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
 }
 
 /// The encoding of the model in a folder: binary if it is there in both, which COLMAP prefers too. Cameras in one encoding
-/// and images in the other are no model: they may stem from two reconstructions.
+/// and images in the other do not form a model: they may stem from two reconstructions.
 fn encoding_of(folder: &Path) -> Option<Encoding> {
     let is_whole = |encoding: &Encoding| ["cameras", "images"].iter().all(|name| encoding.file(folder, name).is_file());
     [Encoding::Binary, Encoding::Text].into_iter().find(is_whole)

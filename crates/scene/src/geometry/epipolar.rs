@@ -179,6 +179,34 @@ mod tests {
     }
 
     #[test]
+    fn a_point_behind_either_camera_is_not_in_front() {
+        let here = view([0.0; 3], [0.0; 3]);
+        let ahead = view([0.0; 3], [0.5, 0.1, 10.0]);
+        // A point between them has the pixels of its reflection in `ahead`, which looks away from it.
+        let (point, centre) = (DVec3::new(0.3, 0.2, 5.0), DVec3::new(0.5, 0.1, 10.0));
+        let seen = match_of(&here, &here, point).unwrap().first;
+        let reflected = match_of(&ahead, &ahead, 2.0 * centre - point).unwrap().first;
+        let matched = PointMatch { first: seen, second: reflected };
+        let geometry = EpipolarGeometry::new(&here, &ahead).unwrap();
+        assert!(PIXELS.accepts(geometry.distance(&matched), 0.0));
+        assert!(!geometry.in_front(&matched), "behind the second");
+        let matched = PointMatch { first: reflected, second: seen };
+        assert!(!EpipolarGeometry::new(&ahead, &here).unwrap().in_front(&matched), "behind the first");
+    }
+
+    #[test]
+    fn a_point_at_the_centre_of_a_camera_is_not_in_front() {
+        let here = view([0.0; 3], [0.0; 3]);
+        let ahead = view([0.0; 3], [0.0, 0.0, 1.0]);
+        // The ray through the middle of one image passes through the other camera, which sees the point anywhere.
+        let (middle, anywhere) = (DVec2::new(320.0, 240.0), DVec2::new(300.0, 250.0));
+        let matched = PointMatch { first: middle, second: anywhere };
+        assert!(!EpipolarGeometry::new(&here, &ahead).unwrap().in_front(&matched), "of the second");
+        let matched = PointMatch { first: anywhere, second: middle };
+        assert!(!EpipolarGeometry::new(&ahead, &here).unwrap().in_front(&matched), "of the first");
+    }
+
+    #[test]
     fn the_essential_matrix_has_two_equal_singular_values_and_a_zero() {
         let (first, second) = pair();
         let e = EpipolarGeometry::new(&first, &second).unwrap().essential();

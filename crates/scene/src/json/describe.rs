@@ -103,6 +103,7 @@ mod tests {
                 json!({ "0a": null, "0b": [{ "context": [1], "target": [2] }] }),
                 "a table of 2 entries, of which \"0b\" is an entry",
             ),
+            (json!({}), "an object with no keys"),
             (json!({ "fx": 1, "fy": 2 }), "an object with the keys \"fx\", \"fy\""),
             (json!({ "a": 1, "b": 1, "c": 1, "d": 1, "e": 1, "f": 1, "g": 1 }), "\"f\" and 1 more"),
         ] {

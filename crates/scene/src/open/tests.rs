@@ -1,6 +1,9 @@
 use super::*;
 use std::fs;
 
+use atsplat_numeric::Tolerance;
+use glam::DVec3;
+
 const TRAJECTORY: &str = "https://youtu.be/x\n1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
 const TRANSFORMS: &str = r#"{"w": 4, "h": 3, "fl_x": 4, "frames": [{"file_path": "images/a_7.png",
     "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
@@ -71,6 +74,17 @@ fn the_variant_of_a_dl3dv_scene_is_an_option() {
         let dataset = open_with(folder.path(), &options, &mut Warnings::new()).unwrap();
         assert_eq!(dataset.load("h", &mut Warnings::new()).unwrap().frames[0].name, name);
     }
+}
+
+#[test]
+fn a_dataset_tells_what_was_applied_to_the_world_of_its_scenes() {
+    let scaled = TRANSFORMS.replacen('{', r#"{"applied_scale": 3, "#, 1);
+    let folder = folder_of(&[("a/transforms.json", scaled.as_bytes()), ("b/transforms.json", TRANSFORMS.as_bytes())]);
+    let dataset = open(folder.path(), &mut Warnings::new()).unwrap();
+    let applied = dataset.applied_transform("a").unwrap().unwrap();
+    let saved = applied.saved_point(DVec3::new(1.0, 2.0, -4.0));
+    Tolerance::F64.assert(saved.to_array(), [3.0, 6.0, -12.0], "a point of structure from motion");
+    assert_eq!(dataset.applied_transform("b").unwrap(), None);
 }
 
 #[test]
@@ -185,7 +199,7 @@ fn errors_name_datasets_below_a_folder() {
     assert!(deep.contains("found a folder without these ("), "only one level: {deep}");
 }
 
-/// The number at the end of a name is no timestamp, neither of one image under three poses nor of two cameras' images.
+/// The number at the end of a name is not a timestamp, neither of one image under three poses nor of two cameras' images.
 #[test]
 fn repeated_images_and_numbers_of_names_are_told_apart() {
     let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";

@@ -38,7 +38,7 @@ pub(super) fn attach_images(
     }
     if let Some(first) = repeated.first() {
         let (count, folder) = (repeated.len(), listing.folder().display());
-        let detail = format!("{count} images have the number of another in {folder}, first: {first}");
+        let detail = format!("{count} images have the same number as another image in {folder}, first: {first}");
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     let naming = naming(scene, &numbers, warnings);
@@ -65,7 +65,7 @@ pub(super) fn attach_images(
         };
     }
     for path in unlisted.iter().filter_map(|number| listing.by_stem(numbers.get(number)?)) {
-        let detail = format!("no row of the trajectory is for {}: is a row lost?", path.display());
+        let detail = format!("no row of the trajectory belongs to {}: is a row missing?", path.display());
         warnings.push(WarningKind::UnlistedImage, &scene.key, detail);
     }
     Ok(())

@@ -254,7 +254,7 @@ fn stage(root: &Path) -> Result<PathBuf, SceneError> {
     })
 }
 
-/// Whether a folder has an index that names an existing file. Other JSON, such as an evaluation index, is no such index.
+/// Whether a folder has an index that names an existing file. Other JSON, such as an evaluation index, does not count.
 fn indexes_a_file(folder: &Path) -> Result<bool, SceneError> {
     let index = folder.join(INDEX);
     if !index.is_file() {

@@ -367,7 +367,7 @@ fn frames_without_an_image_or_number_cannot_be_stored() {
     let error = with(&unnumbered).unwrap_err();
     assert!(matches!(error, SceneError::NoTimestamp { frame: 1, .. }), "{error}");
     let text = error.to_string();
-    assert!(text.ends_with("or ends in _ and one, found the name \"first\"") && !text.contains("image"), "{text}");
+    assert!(text.ends_with("or ends in _ and a number, found the name \"first\"") && !text.contains("image"), "{text}");
     let named = with(&|frame| {
         frame.timestamp_micros = None;
         frame.name = "frame_00042".to_owned();

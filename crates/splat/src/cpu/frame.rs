@@ -13,7 +13,7 @@ use super::project::Splat;
 use super::project::{Project, Run, Target};
 use super::{RasterParams, SimdLevel};
 use crate::view::Optics;
-use crate::{Census, Gaussians, RenderOptions, Rendering, SplatError, View};
+use crate::{GaussianCounts, Gaussians, RenderOptions, Rendering, SplatError, View};
 
 /// Bytes of a frame per Gaussian, excluding tile lists.
 pub(super) const BYTES_EACH: usize = size_of::<Splat>() + size_of::<Reach>() + 2 * size_of::<u32>();
@@ -116,7 +116,7 @@ impl Frame {
     pub(super) fn write(&self, params: &RasterParams<'_>, view: &View, rendering: &mut Rendering<f32>) {
         resize_images(view, params.options, rendering);
         for run in &self.runs {
-            rendering.census += run.census;
+            rendering.counts += run.counts;
         }
         images::write(self.layout, &self.pixels, params, rendering);
     }
@@ -131,15 +131,15 @@ pub(super) fn check_count(what: &'static str, found: u64) -> Result<(), SplatErr
     if found <= most { Ok(()) } else { Err(SplatError::Count { what, most, found }) }
 }
 
-/// Resizes the requested images to the view, and resets the census.
+/// Resizes the requested images to the view, and resets the counts.
 fn resize_images(view: &View, options: &RenderOptions, rendering: &mut Rendering<f32>) {
     let pixels = view.pixels();
     let fit = |image: &mut Option<Vec<f32>>, requested: bool| match image {
         Some(image) if requested => image.resize(pixels, 0.0),
         _ => *image = requested.then(|| vec![0.0; pixels]),
     };
-    let Rendering { size, rgb, alpha, depth, scalar, median_depth, census } = rendering;
-    (*size, *census) = (view.size, Census::default());
+    let Rendering { size, rgb, alpha, depth, scalar, median_depth, counts } = rendering;
+    (*size, *counts) = (view.size, GaussianCounts::default());
     rgb.resize(pixels, [0.0; 3]);
     alpha.resize(pixels, 0.0);
     fit(depth, options.channels.depth);

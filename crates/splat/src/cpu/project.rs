@@ -12,7 +12,7 @@ use crate::constants::{Extent, LARGEST_CHANNEL};
 use crate::reach::reach;
 use crate::rendering::Culled;
 use crate::view::Optics;
-use crate::{Census, Gaussians, RasterMode, RenderOptions, View};
+use crate::{GaussianCounts, Gaussians, RasterMode, RenderOptions, View};
 use glam::DVec2;
 
 /// One projected Gaussian, in one cache line.
@@ -44,7 +44,7 @@ pub(super) const HALF_LOG2_E: f64 = 0.849_321_800_288_019;
 /// Results of projecting one run of Gaussians, apart from its splats.
 #[derive(Debug, Default)]
 pub(super) struct Run {
-    pub(super) census: Census,
+    pub(super) counts: GaussianCounts,
     /// Index of each splat's Gaussian.
     pub(super) positions: Vec<u32>,
 }
@@ -79,7 +79,7 @@ impl WithSimd for Project<'_, '_> {
         let mut footprints = Footprints::zeroed();
         for target in &mut *targets {
             target.run.positions.clear();
-            target.run.census = Census::default();
+            target.run.counts = GaussianCounts::default();
         }
         for first in (first..end).step_by(CHUNK) {
             shapes.load(simd, parts, first, end);
@@ -293,21 +293,21 @@ impl Screen {
     ) {
         let parts = gaussians.parts();
         let packed = options.harmonics.as_deref();
-        let Run { census, positions } = &mut *target.run;
+        let Run { counts, positions } = &mut *target.run;
         for lane in 0..shapes.count {
             let position = shapes.first + lane;
             let lane = lane % CHUNK;
             let reach = match self.visible_range(shapes, footprints, target.view, options, lane) {
                 Ok(reach) => reach,
                 Err(culled) => {
-                    census.count(culled);
+                    counts.count(culled);
                     continue;
                 }
             };
             let scalar = parts.scalars.as_ref().map_or(Some(0.0), |scalars| scalars.get(position).copied());
             let scalar = scalar.filter(|scalar| scalar.abs() <= to_f32(LARGEST_CHANNEL));
             let (Some(rgb), Some(scalar)) = (basis.colour(parts, packed, position, lane), scalar) else {
-                census.invalid += 1;
+                counts.invalid += 1;
                 continue;
             };
             target.splats[positions.len()] = Splat {
@@ -324,7 +324,7 @@ impl Screen {
             };
             #[expect(clippy::cast_possible_truncation, reason = "renderers reject more Gaussians than a u32 counts")]
             positions.push(position as u32);
-            census.drawn += 1;
+            counts.drawn += 1;
         }
     }
 }

@@ -27,7 +27,7 @@ fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
 
 /// A few pixels may fall on the other side of a threshold, and change by 1/255 of a Gaussian.
 fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
-    assert_eq!(actual.census, expected.census, "{what}");
+    assert_eq!(actual.counts, expected.counts, "{what}");
     let flat32: Vec<f32> = actual.rgb.iter().flatten().copied().collect();
     let flat64: Vec<f64> = expected.rgb.iter().flatten().copied().collect();
     let (count, largest) = beyond(&flat32, &flat64, 1e-5);
@@ -137,8 +137,8 @@ fn culled_gaussians_change_nothing() {
     let alone = renderer.render(&gaussians, &view, &everything()).unwrap();
     for both in [hidden.merge(&gaussians), gaussians.merge(&hidden)] {
         let mut rendering = renderer.render(&both, &view, &everything()).unwrap();
-        assert!(rendering.census.invalid >= 150, "{:?}", rendering.census);
-        rendering.census = alone.census;
+        assert!(rendering.counts.invalid >= 150, "{:?}", rendering.counts);
+        rendering.counts = alone.counts;
         assert!(rendering == alone);
     }
 }

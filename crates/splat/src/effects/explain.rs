@@ -38,7 +38,7 @@ pub struct Cost {
     /// The decision.
     #[serde(flatten)]
     pub decision: super::Decision,
-    /// Share of the pixels that call for it: without it, a sample of theirs changes by more than the tolerance, or for an
+    /// Share of the pixels that need it: without it, a sample of theirs changes by more than the tolerance, or for an
     /// image of its own, is not 0. `None` if the effect was not requested.
     pub pixels: Option<f64>,
     /// Time that the effect takes: median over pairs of the time with all of it minus the time with none of it.

@@ -33,7 +33,7 @@ pub(super) fn remove_if_unused(
 fn difference(gaussians: &Gaussians, before: &Request, after: &Request) -> Option<String> {
     let optics = |request: &Request| request.view.optics(&request.options.constants);
     let (Ok(optics_before), Ok(optics_after)) = (optics(before), optics(after)) else {
-        return Some("the view is invalid, which rendering will report".to_owned());
+        return Some("the view is invalid; rendering will report why".to_owned());
     };
     let is_moved = |position: &usize| {
         let one =
@@ -41,7 +41,7 @@ fn difference(gaussians: &Gaussians, before: &Request, after: &Request) -> Optio
         !is_same(&one(before, &optics_before), &one(after, &optics_after))
     };
     let moved = growing_ranges(gaussians.len()).find_map(|positions| positions.into_par_iter().find_first(is_moved))?;
-    Some(format!("it changes where or how strongly Gaussian {moved} shows"))
+    Some(format!("it changes the position, shape or opacity of Gaussian {moved}"))
 }
 
 /// All indices in growing steps: a difference is mostly found early.

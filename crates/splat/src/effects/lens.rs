@@ -28,7 +28,7 @@ impl Effect for LensEffect {
             return Assessment::remove(self, request, 0.0, "its coefficients are zero");
         }
         let Ok(lens) = request.view.camera.distortion.lens() else {
-            return Assessment::keep("the lens is invalid, which rendering will report");
+            return Assessment::keep("the lens is invalid; rendering will report why");
         };
         let moved = farthest_move(&lens, &request.view);
         if moved != 0.0 {

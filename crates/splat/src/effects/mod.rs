@@ -1,4 +1,4 @@
-//! Effects that rendering may skip, one per file, and the plan that runs only what a scene calls for.
+//! Effects that rendering may skip, one per file, and the plan that runs only what a scene needs.
 //!
 //! A plan is a reduced request, which every backend renders like any other, so that a skipped effect costs nothing.
 //! Bounds are proved from the data in exact arithmetic; f32 rounding comes on top, as between any two backends. Shapes,

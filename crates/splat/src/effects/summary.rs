@@ -72,7 +72,7 @@ impl fmt::Display for EffectSummary {
                 Some(0.0) => "changes nothing".to_owned(),
                 Some(bound) => format!("changes no sample by more than {bound:.1e}"),
                 None if is_plane => "its image is not written".to_owned(),
-                None => "with no bound on what that changes".to_owned(),
+                None => "the change is not bounded".to_owned(),
             };
             let frames = |count: usize| if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") };
             write!(f, "{effect}: ")?;

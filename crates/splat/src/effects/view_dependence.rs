@@ -35,12 +35,12 @@ impl Effect for ViewDependence {
         if scene.views() < Scene::FEWEST_VIEWS {
             let few = scene.views();
             return Assessment::keep(format!(
-                "for {few} views, finding out what shows would take longer than it saves"
+                "for {few} views, finding the visible bands would take longer than skipping the others saves"
             ));
         }
         match scene.harmonics(degree, SHARE * budget / gain) {
             Some(packed) => packed_into(request, packed, gain),
-            None => Assessment::keep(format!("nearly every Gaussian shows its bands up to degree {degree}")),
+            None => Assessment::keep(format!("bands up to degree {degree} are visible in nearly every Gaussian")),
         }
     }
 }

@@ -115,7 +115,8 @@ impl Export {
         ];
         let clamped = kinds.into_iter().filter(|(count, ..)| *count > 0);
         let clamped = clamped.map(|(count, what, range)| format!("{what} clamped to SPZ's range {range}: {count}"));
-        let coarser = "coordinates of centres in steps above SPZ's usual 1/4096, because one is beyond ±2047";
+        let coarser =
+            "coordinates of centres rounded more coarsely than SPZ's usual 1/4096, because one is beyond ±2047";
         let centres = (self.centres > 0).then(|| format!("{coarser}: {}", self.centres));
         clamped.chain(centres).collect()
     }

@@ -140,32 +140,32 @@ pub struct ExaminedAdapter {
     pub description: AdapterDescription,
     /// Why it cannot be used, if so.
     pub outcome: Result<(), GpuError>,
-    /// Whether the result is remembered from an earlier test.
-    pub remembered: bool,
+    /// Whether the result is that of an earlier test, which was cached.
+    pub cached: bool,
 }
 
-/// Tests every adapter; results remembered by `observer` are not repeated.
+/// Tests every adapter; those whose verdict `observer` has cached are not tested again.
 pub fn examine(observer: &dyn SelfTestObserver) -> Vec<ExaminedAdapter> {
     let examined = found().into_iter().map(|candidate| {
         let description = candidate.1.clone();
-        let known = recalled(&description, &GpuOptions::default(), observer);
-        let remembered = known.is_some();
+        let known = cached_verdict(&description, &GpuOptions::default(), observer);
+        let cached = known.is_some();
         let outcome = match known {
             Some(verdict) => verdict.outcome(&description.to_string()),
             None => GpuRenderer::open(&candidate, GpuOptions::default(), observer).map(drop),
         };
-        ExaminedAdapter { description, outcome, remembered }
+        ExaminedAdapter { description, outcome, cached }
     });
     examined.collect()
 }
 
-/// The remembered verdict of an earlier test with default options.
-pub(super) fn recalled(
+/// The cached verdict of an earlier test with default options.
+pub(super) fn cached_verdict(
     description: &AdapterDescription,
     options: &GpuOptions,
     observer: &dyn SelfTestObserver,
 ) -> Option<Verdict> {
-    (*options == GpuOptions::default()).then(|| observer.recall(&VerdictKey::of(description))).flatten()
+    (*options == GpuOptions::default()).then(|| observer.cached(&VerdictKey::of(description))).flatten()
 }
 
 /// All adapters; a driver that panics while listing them counts as having none.

@@ -10,7 +10,7 @@ use super::kernels::{Kernel, Pool};
 use super::lists::{Lists, list};
 use super::record::Recorder;
 use super::render::{Resources, bytes_needed, check_memory, composite, pair_capacity};
-use super::sort::words;
+use super::sort::{word, words};
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
 use crate::{SplatError, View, sh_coefficients};
@@ -129,7 +129,7 @@ fn composite_backward(
     recorder.clear(&d_pair, 48 * capacity);
     recorder.stage("composite backward");
     let mut block = lists.block;
-    block.window[0] = u32::try_from(pixels).unwrap_or(u32::MAX);
+    block.window[0] = word(pixels);
     let extra_gradients = images.extras.as_ref().unwrap_or(&none);
     let block = block.with_flag(flag::EXTRA_GRADIENTS, images.extras.is_some());
     let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &d_background];

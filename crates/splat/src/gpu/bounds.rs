@@ -8,6 +8,7 @@ use atsplat_camera::ImageSize;
 use super::GpuError;
 use super::context::Context;
 use super::job::Job;
+use super::sort::word;
 use super::status::Status;
 use super::windows::{Window, window_of_batch, windows};
 
@@ -17,7 +18,7 @@ const LEAST_PAIRS: u64 = 1 << 14;
 const PAIRS_PER_GAUSSIAN: u64 = 2;
 /// Length of a tile's list that it composites.
 const FIRST_ENTRIES: u64 = 4096;
-/// Sizes of scenes and images that are remembered; beyond that, all are forgotten.
+/// Sizes of scenes and images that are stored; if there are more, all are dropped.
 const MOST_KEYS: usize = 256;
 
 /// What bounds are learnt for: the numbers of Gaussians and pixels, and whether there is a backward pass.
@@ -88,7 +89,7 @@ impl Bounds {
         let each = u64::from(context.entries_per_dispatch);
         let entries = known.map_or(FIRST_ENTRIES, |known| known.entries);
         let passes = entries.min(key.gaussians).min(capacity).div_ceil(each).max(1);
-        let passes = u32::try_from(passes).unwrap_or(u32::MAX);
+        let passes = word(passes);
         let plan = Plan { key, capacity, most, passes, halvings, is_finest: tiles <= 1, is_batch: images > 1 };
         (plan, windows)
     }

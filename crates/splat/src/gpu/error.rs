@@ -48,7 +48,7 @@ pub enum GpuError {
         reason: String,
     },
     /// More than the adapter can bind, even when split.
-    #[error("{adapter}: {what} take {needed} {unit}, at most {limit} are possible")]
+    #[error("{adapter}: {what} need {needed} {unit}, the limit is {limit}")]
     TooLarge {
         /// Name of the adapter.
         adapter: String,

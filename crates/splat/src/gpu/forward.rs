@@ -4,7 +4,7 @@ use super::GpuError;
 use super::job::Job;
 use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
-use super::sort::{Items, Sorted, sort};
+use super::sort::{Items, Sorted, sort, word};
 use super::status;
 use super::uniforms::ViewBlock;
 
@@ -69,7 +69,7 @@ pub(super) fn project(
     }
     recorder.stage("sort");
     let mut block = blocks[0];
-    block.window[3] = u32::try_from(count).unwrap_or(u32::MAX);
+    block.window[3] = word(count);
     let buffers = [&reaches, &positions, &keys.keys, &keys.values, report];
     recorder.dispatch(Kernel::Keys, block.bytes(), &buffers, count.div_ceil(64))?;
     let order = sort(recorder, pool, keys, spare, Items::Known(count), u32::BITS)?.values;

@@ -145,8 +145,10 @@ impl GpuGaussians {
                 context.write(&buffer, bytes);
                 Ok(buffer)
             };
+            #[expect(clippy::expect_used, reason = "see `part_length`")]
+            let count = u32::try_from(past - from).expect("at most 2^30 Gaussians");
             parts.push(GpuPart {
-                count: u32::try_from(past - from).unwrap_or(u32::MAX),
+                count,
                 means: upload("means", of.means[from..past].as_flattened())?,
                 quaternions: upload("quaternions", of.quaternions[from..past].as_flattened())?,
                 log_scales: upload("log scales", of.log_scales[from..past].as_flattened())?,

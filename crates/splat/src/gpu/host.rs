@@ -116,10 +116,10 @@ impl GpuRenderer {
             let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
             let images = GpuRendering::allocate(context, work.pool, job, &mut allocate)?;
             let report = work.pool.get(context, "report", 0, status::BYTES)?;
-            let (census, finished) = work.run(&report, &images.sources(), &|recorder, resources| {
+            let (counts, finished) = work.run(&report, &images.sources(), &|recorder, resources| {
                 render::record(recorder, resources, job, &images)
             })?;
-            Ok::<_, SplatError>((images.arrange(&finished.contents, census), finished.timings))
+            Ok::<_, SplatError>((images.arrange(&finished.contents, counts), finished.timings))
         })?;
         self.stages = stages(&timings, start.elapsed().as_secs_f64());
         Ok(rendering)

@@ -6,7 +6,7 @@ use super::kernels::Kernel;
 use super::record::Recorder;
 use super::sort::words;
 use super::{GpuError, GpuRenderer, GpuRendering, Pending};
-use crate::{Census, SplatError};
+use crate::{GaussianCounts, SplatError};
 
 /// The numbers of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub struct GpuImage {
     /// Its numbers, little-endian.
     pub bytes: Vec<u8>,
     /// Counts of drawn and culled Gaussians.
-    pub census: Census,
+    pub counts: GaussianCounts,
 }
 
 impl ImageFormat {
@@ -86,11 +86,11 @@ impl GpuRenderer {
         };
         let sources: Vec<_> =
             packed.iter().zip(&bytes).map(|(packed, bytes)| (packed, bytes.next_multiple_of(4))).collect();
-        let (mut contents, census) = self.complete(rendering, &sources, &pack)?;
+        let (mut contents, counts) = self.complete(rendering, &sources, &pack)?;
         for (content, bytes) in contents.iter_mut().zip(&bytes) {
             content.truncate(usize::try_from(*bytes).unwrap_or(usize::MAX));
         }
         let bytes = if contents.len() == 1 { contents.remove(0) } else { contents.concat() };
-        Ok(GpuImage { size: *size, format, bytes, census })
+        Ok(GpuImage { size: *size, format, bytes, counts })
     }
 }

@@ -6,7 +6,7 @@ use super::forward::TILE;
 use super::job::Job;
 use super::kernels::Pool;
 use super::render::Allocate;
-use crate::{Census, Channels, Rendering, SplatError, View};
+use crate::{Channels, GaussianCounts, Rendering, SplatError, View};
 
 /// Images in device memory, split into strips of rows that the adapter can bind.
 #[derive(Clone, Debug)]
@@ -92,7 +92,7 @@ impl GpuRendering {
     }
 
     /// The images from their copies.
-    pub(super) fn arrange(&self, contents: &[Vec<u8>], census: Census) -> Rendering<f32> {
+    pub(super) fn arrange(&self, contents: &[Vec<u8>], counts: GaussianCounts) -> Rendering<f32> {
         let (colours, extras) = contents.split_at(self.strips.len().min(contents.len()));
         let of_extras = |requested: bool, channel: usize| requested.then(|| each(extras, |four| four[channel]));
         Rendering {
@@ -102,7 +102,7 @@ impl GpuRendering {
             depth: of_extras(self.channels.depth, 0),
             scalar: of_extras(self.channels.scalar, 1),
             median_depth: of_extras(self.channels.median_depth, 2),
-            census,
+            counts,
         }
     }
 }

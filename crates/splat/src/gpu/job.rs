@@ -6,6 +6,7 @@ use super::GpuError;
 use super::context::Context;
 use super::gaussians::{GpuGaussians, GpuPart};
 use super::images;
+use super::sort::word;
 use super::uniforms::{MOST_VIEWS, ViewBlock, flag};
 use crate::{RenderOptions, SplatError, View, sh_coefficients};
 
@@ -73,7 +74,7 @@ impl<'a> Job<'a> {
     pub(super) fn check(&self, context: &Context) -> Result<(), SplatError> {
         self.options.check()?;
         self.views.iter().try_for_each(|view| view.optics(&self.options.constants).map(|_| ()))?;
-        // A single view of several scenes is no batch, and would show a part of the Gaussians.
+        // A single view of several scenes is not a batch, and would show only some of the Gaussians.
         if !self.is_batch() && self.scenes <= 1 {
             return Ok(());
         }
@@ -112,7 +113,7 @@ impl<'a> Job<'a> {
             let block = ViewBlock::new(view, &optics, self.options);
             let block = flags.iter().fold(block, |block, (flag, on)| block.with_flag(*flag, *on));
             Ok(if self.is_batch() {
-                let splats = u32::try_from(self.gaussians_of_scene()).unwrap_or(u32::MAX);
+                let splats = word(self.gaussians_of_scene());
                 block.in_batch(splats, self.views_of_scene(), self.images())
             } else {
                 block
@@ -133,7 +134,7 @@ impl<'a> Job<'a> {
             let mut block = block
                 .with_flag(flag::HAS_FILTER, part.filter_3d.is_some())
                 .with_flag(flag::HAS_SCALAR, part.scalars.is_some());
-            block.part = [u32::try_from(count).unwrap_or(u32::MAX), first, stored, degree.into()];
+            block.part = [word(count), first, stored, degree.into()];
             bytes.extend_from_slice(block.bytes());
         }
         if self.is_batch() {

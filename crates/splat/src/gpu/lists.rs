@@ -5,7 +5,7 @@ use super::bounds::Plan;
 use super::forward::Scene;
 use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
-use super::sort::{Items, Sorted, scan, sort};
+use super::sort::{Items, Sorted, scan, sort, word};
 use super::uniforms::{ViewBlock, flag};
 use super::windows::Window;
 
@@ -47,7 +47,6 @@ pub(super) fn list(
 ) -> Result<Lists, GpuError> {
     let (context, capacity, tiles) = (recorder.context(), plan.capacity, window.tiles());
     let [columns, rows] = [window.columns, window.rows];
-    let word = |value: u64| u32::try_from(value).unwrap_or(u32::MAX);
     let mut block = *block;
     block.tiles = [columns[0], rows[0], columns[1] - columns[0], rows[1] - rows[0]];
     block.window = [0, word(capacity), window.first_row, word(scene.count)];

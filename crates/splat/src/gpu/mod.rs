@@ -95,7 +95,7 @@ impl GpuRenderer {
         Self::observed(choice, options, &())
     }
 
-    /// As [`Self::new`], reporting to `observer`; an adapter whose verdict it remembers is not tested again.
+    /// As [`Self::new`], reporting to `observer`; an adapter whose verdict it has cached is not tested again.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -107,15 +107,15 @@ impl GpuRenderer {
         Self::open(&adapters::choose(choice)?, options, observer)
     }
 
-    /// Opens an adapter, and tests it unless its verdict is remembered.
+    /// Opens an adapter, and tests it unless its verdict is cached.
     fn open(
         (adapter, description): &adapters::Candidate,
         options: GpuOptions,
         observer: &dyn SelfTestObserver,
     ) -> Result<Self, GpuError> {
         let name = description.to_string();
-        let known = adapters::recalled(description, &options, observer);
-        tracing::debug!(adapter = name, is_test_remembered = known.is_some(), "opening graphics adapter");
+        let known = adapters::cached_verdict(description, &options, observer);
+        tracing::debug!(adapter = name, is_verdict_cached = known.is_some(), "opening graphics adapter");
         if let Some(verdict) = &known {
             verdict.outcome(&name)?;
         }
@@ -126,7 +126,7 @@ impl GpuRenderer {
             if known.is_none() {
                 let tested = self_test::self_test(&mut renderer, &|stage| observer.begins(description, stage));
                 if let Some(verdict) = Verdict::of(&tested).filter(|_| options == GpuOptions::default()) {
-                    observer.keep(&VerdictKey::of(description), &verdict);
+                    observer.store(&VerdictKey::of(description), &verdict);
                 }
                 tested?;
             }

@@ -10,7 +10,7 @@ use super::render::{self, Resources};
 use super::status::{self, Status};
 use super::work::Work;
 use super::{GpuError, GpuGradients, GpuImageGradients, GpuRenderer, GpuRendering, backward};
-use crate::{Census, Gaussians, Gradients, RenderOptions, Rendering, SplatError, View};
+use crate::{GaussianCounts, Gaussians, Gradients, RenderOptions, Rendering, SplatError, View};
 
 /// A result on the device that the host has not waited for.
 ///
@@ -25,7 +25,7 @@ pub struct Pending<T> {
     report: wgpu::Buffer,
     plan: Plan,
     /// Set once the result is complete.
-    census: OnceLock<Census>,
+    counts: OnceLock<GaussianCounts>,
 }
 
 /// Records a task into its result.
@@ -79,7 +79,7 @@ pub struct Settled<'a, T> {
     /// The result.
     pub result: &'a T,
     /// Counts of drawn and culled Gaussians.
-    pub census: Census,
+    pub counts: GaussianCounts,
     /// Whether it had to be computed again.
     pub was_repeated: bool,
 }
@@ -101,7 +101,7 @@ impl GpuRenderer {
 
     /// As [`Self::render_resident`] for several scenes at once: equal numbers of Gaussians, stored scene by scene, and equal numbers
     /// of views, all of one size, those of the first scene first. Every kernel runs once for all of them. Images are stacked
-    /// vertically; the census counts Gaussians of all views together.
+    /// vertically; the counts of Gaussians are totals over all views.
     ///
     /// # Errors
     /// As [`Self::render_resident`]; [`SplatError::Length`] if there is no view or scenes differ; [`GpuError::TooLarge`] if one
@@ -181,14 +181,14 @@ impl GpuRenderer {
     ///
     /// # Errors
     /// [`SplatError::Gpu`].
-    #[expect(clippy::expect_used, reason = "results without a census stay open")]
+    #[expect(clippy::expect_used, reason = "results without counts stay open")]
     pub fn settle_all<'a, T>(&mut self, pending: &[&'a Pending<T>]) -> Result<Vec<Settled<'a, T>>, SplatError> {
         let mut work = self.work();
         let context = work.context;
         context.guarded(|| {
             let mut repeated = vec![false; pending.len()];
             let mut open: Vec<(usize, Plan)> = pending.iter().map(|one| one.plan).enumerate().collect();
-            open.retain(|(at, _)| pending[*at].census.get().is_none());
+            open.retain(|(at, _)| pending[*at].counts.get().is_none());
             while !open.is_empty() {
                 let reports: Vec<_> = open.iter().map(|(at, _)| (&pending[*at].report, status::BYTES)).collect();
                 let contents = context.read(&reports)?;
@@ -199,14 +199,14 @@ impl GpuRenderer {
                         repeated[at] = true;
                         incomplete.push((at, pending[at].submit(&mut work)?));
                     } else {
-                        pending[at].census.get_or_init(|| status.census);
+                        pending[at].counts.get_or_init(|| status.counts);
                     }
                 }
                 open = incomplete;
             }
             let settled = pending.iter().zip(repeated).map(|(one, was_repeated)| {
-                let census = *one.census.get().expect("the loop ends when every result has its census");
-                Settled { result: &one.result, census, was_repeated }
+                let counts = *one.counts.get().expect("the loop ends when every result has its counts");
+                Settled { result: &one.result, counts, was_repeated }
             });
             Ok(settled.collect())
         })
@@ -217,8 +217,8 @@ impl GpuRenderer {
     /// # Errors
     /// [`SplatError::Gpu`].
     pub fn read(&mut self, rendering: &Pending<GpuRendering>) -> Result<Rendering<f32>, SplatError> {
-        let (contents, census) = self.complete(rendering, &rendering.result.sources(), &|_| Ok(()))?;
-        Ok(rendering.result.arrange(&contents, census))
+        let (contents, counts) = self.complete(rendering, &rendering.result.sources(), &|_| Ok(()))?;
+        Ok(rendering.result.arrange(&contents, counts))
     }
 
     /// Copies gradients to the host, with one wait for the device; `gaussians` must have the size and arrays that they
@@ -243,7 +243,7 @@ impl GpuRenderer {
         pending: &Pending<T>,
         sources: &[(&wgpu::Buffer, u64)],
         prepare: &dyn Fn(&mut Recorder<'_>) -> Result<(), GpuError>,
-    ) -> Result<(Vec<Vec<u8>>, Census), SplatError> {
+    ) -> Result<(Vec<Vec<u8>>, GaussianCounts), SplatError> {
         let mut work = self.work();
         let context = work.context;
         context.guarded(|| {
@@ -253,7 +253,7 @@ impl GpuRenderer {
                 prepare(&mut recorder)?;
                 let (finished, status) = recorder.submit_and_read_with_status(sources, &pending.report)?;
                 if !work.bounds.learn(context, &plan, &status)? {
-                    return Ok((finished.contents, *pending.census.get_or_init(|| status.census)));
+                    return Ok((finished.contents, *pending.counts.get_or_init(|| status.counts)));
                 }
                 plan = pending.submit(&mut work)?;
             }
@@ -268,7 +268,7 @@ fn image_gradients(task: &Task) -> &GpuImageGradients {
 
 fn begin<T>(work: &mut Work<'_>, task: Task, result: T, record: Record<T>) -> Result<Pending<T>, SplatError> {
     let report = work.context.buffer("report", status::BYTES)?;
-    let census = OnceLock::new();
+    let counts = OnceLock::new();
     let plan = work.submit(&report, &|recorder, resources| record(recorder, resources, &task, &result))?;
-    Ok(Pending { result, task, record, report, plan, census })
+    Ok(Pending { result, task, record, report, plan, counts })
 }

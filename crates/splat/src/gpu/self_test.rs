@@ -66,9 +66,9 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
         if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
     };
     let counts =
-        [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_image]);
+        [actual.counts, expected.counts].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_image]);
     let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
-    check("census", miscounted as f64, 0.0)?;
+    check("Gaussian count", miscounted as f64, 0.0)?;
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
         check(what, max_difference(actual, &expected), PIXEL_BOUND)?;
     }
@@ -128,12 +128,13 @@ impl Case {
     }
 }
 
+#[expect(clippy::expect_used, reason = "the self-test requests both images")]
 fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
     vec![
         ("colour", rendering.rgb.as_flattened().to_vec()),
         ("alpha", rendering.alpha),
-        ("depth", rendering.depth.unwrap_or_default()),
-        ("scalar", rendering.scalar.unwrap_or_default()),
+        ("depth", rendering.depth.expect("the self-test requests depth")),
+        ("scalar", rendering.scalar.expect("the self-test requests the scalar")),
     ]
 }
 
@@ -150,7 +151,7 @@ fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
 mod tests {
     use super::SOURCES;
 
-    /// They choose adapters, count, describe errors, keep verdicts, or serve what the self-test does not call.
+    /// They choose adapters, count, describe errors, cache verdicts, or serve what the self-test does not call.
     const OTHERS: [&str; 9] = [
         "adapters.rs",
         "counts.rs",
@@ -163,7 +164,7 @@ mod tests {
         "verdict_cache.rs",
     ];
 
-    /// A remembered verdict would outlive changes of a file that is in neither list.
+    /// A cached verdict would outlive changes of a file that is in neither list.
     #[test]
     fn every_file_determines_verdicts_or_is_known_not_to() {
         let folder = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/gpu")).unwrap();

@@ -131,13 +131,15 @@ pub(super) fn sort(
     Ok(from)
 }
 
-/// A uniform block of four words; too large values saturate, and are rejected elsewhere.
+/// A uniform block of four words.
 pub(super) fn words(values: &[u64; 4]) -> Vec<u8> {
     values.iter().flat_map(|value| word(*value).to_le_bytes()).collect()
 }
 
-fn word(value: u64) -> u32 {
-    u32::try_from(value).unwrap_or(u32::MAX)
+/// A number of items as a word of a uniform block.
+#[expect(clippy::expect_used, reason = "a buffer holds the items, and no binding has as many words as a u32 can count")]
+pub(super) fn word(value: u64) -> u32 {
+    u32::try_from(value).expect("the buffer of these items was allocated")
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 use super::GpuError;
-use crate::Census;
+use crate::GaussianCounts;
 
 /// Words of the buffer.
 const WORDS: usize = 8;
@@ -9,7 +9,7 @@ pub(super) const BYTES: u64 = 4 * WORDS as u64;
 /// What the device reports about a rendering; see `needs.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Status {
-    pub(super) census: Census,
+    pub(super) counts: GaussianCounts,
     /// Whether lists were too short, so that the results are incomplete.
     pub(super) is_incomplete: bool,
     /// Most pairs of a window, and of a tile.
@@ -24,7 +24,7 @@ impl Status {
             let reason = format!("status: expected {BYTES} bytes, found {}", bytes.len());
             return Err(GpuError::Device { adapter: adapter.to_owned(), reason });
         };
-        let census = Census { drawn, invalid, outside_depth, faint, outside_image };
-        Ok(Self { census, is_incomplete: incomplete != 0, pairs, longest })
+        let counts = GaussianCounts { drawn, invalid, outside_depth, faint, outside_image };
+        Ok(Self { counts, is_incomplete: incomplete != 0, pairs, longest })
     }
 }

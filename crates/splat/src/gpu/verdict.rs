@@ -49,19 +49,19 @@ pub enum ProbeStage {
     Derivative,
 }
 
-/// Observes the examination of adapters, and may remember the verdicts.
+/// Observes the examination of adapters, and may cache the verdicts.
 pub trait SelfTestObserver {
     /// A stage begins.
     fn begins(&self, _adapter: &AdapterDescription, _stage: ProbeStage) {}
 
-    /// The verdict of an earlier test, which then is not repeated.
-    fn recall(&self, _key: &VerdictKey) -> Option<Verdict> {
+    /// The cached verdict of an earlier test, which is then not repeated.
+    fn cached(&self, _key: &VerdictKey) -> Option<Verdict> {
         None
     }
 
     /// A test passed, or failed deterministically. Results that may differ next time, such as a lost device, are not
-    /// kept.
-    fn keep(&self, _key: &VerdictKey, _verdict: &Verdict) {}
+    /// stored.
+    fn store(&self, _key: &VerdictKey, _verdict: &Verdict) {}
 }
 
 /// Ignores everything.

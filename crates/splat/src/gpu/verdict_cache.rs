@@ -11,7 +11,7 @@ const MAX_TESTS: usize = 64;
 /// A larger file was not written by this crate.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A JSON file that remembers verdicts for a [`SelfTestObserver`](super::SelfTestObserver).
+/// A JSON file that caches verdicts for a [`SelfTestObserver`](super::SelfTestObserver).
 #[derive(Clone, Debug)]
 pub struct VerdictCache(PathBuf);
 
@@ -43,15 +43,15 @@ impl VerdictCache {
     ///
     /// # Errors
     /// I/O errors, and [`ErrorKind::InvalidData`] for a file that this crate did not write.
-    pub fn recall(&self, key: &VerdictKey) -> io::Result<Option<Verdict>> {
+    pub fn get(&self, key: &VerdictKey) -> io::Result<Option<Verdict>> {
         Ok(self.read()?.tests.into_iter().rev().find(|test| test.of == *key).map(|test| test.verdict))
     }
 
-    /// Adds a verdict, in place of that of the same key; a file that cannot be read is replaced.
+    /// Adds a verdict, or replaces that of the same key; a file that cannot be read is replaced.
     ///
     /// # Errors
     /// I/O errors of writing.
-    pub fn keep(&self, key: &VerdictKey, verdict: &Verdict) -> io::Result<()> {
+    pub fn insert(&self, key: &VerdictKey, verdict: &Verdict) -> io::Result<()> {
         let mut cache = self.read().unwrap_or_default();
         cache.tests.retain(|test| test.of != *key);
         cache.tests.push(Test { of: key.clone(), verdict: verdict.clone() });
@@ -86,18 +86,18 @@ mod tests {
     }
 
     #[test]
-    fn verdicts_are_kept_by_driver_and_a_corrupt_file_is_replaced() {
+    fn verdicts_are_cached_by_driver_and_a_corrupt_file_is_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let cache = VerdictCache::new(folder.path().join("cache/adapters.json"));
         let passed = Verdict { fault: None };
-        assert_eq!(cache.recall(&key("Mesa 22")).unwrap(), None);
-        cache.keep(&key("Mesa 22"), &passed).unwrap();
-        assert_eq!(cache.recall(&key("Mesa 22")).unwrap(), Some(passed.clone()));
-        assert_eq!(cache.recall(&key("Mesa 23")).unwrap(), None, "verdicts of other drivers do not count");
+        assert_eq!(cache.get(&key("Mesa 22")).unwrap(), None);
+        cache.insert(&key("Mesa 22"), &passed).unwrap();
+        assert_eq!(cache.get(&key("Mesa 22")).unwrap(), Some(passed.clone()));
+        assert_eq!(cache.get(&key("Mesa 23")).unwrap(), None, "verdicts of other drivers do not count");
         fs::write(cache.file(), "{\"tests\": [{\"of\"").unwrap();
-        assert!(cache.recall(&key("Mesa 22")).is_err());
-        cache.keep(&key("Mesa 22"), &passed).unwrap();
-        assert_eq!(cache.recall(&key("Mesa 22")).unwrap(), Some(passed));
+        assert!(cache.get(&key("Mesa 22")).is_err());
+        cache.insert(&key("Mesa 22"), &passed).unwrap();
+        assert_eq!(cache.get(&key("Mesa 22")).unwrap(), Some(passed));
     }
 
     #[test]
@@ -105,9 +105,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = VerdictCache::new(folder.path().join("adapters.json"));
         for driver in 0..=MAX_TESTS {
-            cache.keep(&key(&driver.to_string()), &Verdict { fault: None }).unwrap();
+            cache.insert(&key(&driver.to_string()), &Verdict { fault: None }).unwrap();
         }
-        assert_eq!((cache.recall(&key("0")).unwrap(), cache.read().unwrap().tests.len()), (None, MAX_TESTS));
-        assert!(cache.recall(&key(&MAX_TESTS.to_string())).unwrap().is_some());
+        assert_eq!((cache.get(&key("0")).unwrap(), cache.read().unwrap().tests.len()), (None, MAX_TESTS));
+        assert!(cache.get(&key(&MAX_TESTS.to_string())).unwrap().is_some());
     }
 }

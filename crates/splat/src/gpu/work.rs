@@ -4,7 +4,7 @@ use super::context::Context;
 use super::kernels::{Pipelines, Pool};
 use super::record::{Finished, Recorder};
 use super::render::Resources;
-use crate::{Census, SplatError};
+use crate::{GaussianCounts, SplatError};
 
 /// Records commands that may be repeated.
 pub(super) type Record<'a> = &'a dyn Fn(&mut Recorder<'_>, Resources<'_>) -> Result<Plan, SplatError>;
@@ -34,14 +34,14 @@ impl Work<'_> {
         report: &wgpu::Buffer,
         sources: &[(&wgpu::Buffer, u64)],
         record: Record<'_>,
-    ) -> Result<(Census, Finished), SplatError> {
+    ) -> Result<(GaussianCounts, Finished), SplatError> {
         loop {
             let mut recorder = Recorder::new(self.context, self.pipelines).timed();
             let plan =
                 record(&mut recorder, Resources { pool: self.pool, limits: self.limits, bounds: self.bounds, report })?;
             let (finished, status) = recorder.submit_and_read_with_status(sources, report)?;
             if !self.bounds.learn(self.context, &plan, &status)? {
-                return Ok((status.census, finished));
+                return Ok((status.counts, finished));
             }
         }
     }

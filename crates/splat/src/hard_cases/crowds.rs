@@ -14,7 +14,7 @@ fn coincident(count: usize, logit: f32) -> impl Iterator<Item = Sample> {
 pub(super) fn cases() -> Vec<HardCase> {
     let batch = |name, count| {
         let description = "counts around the capacity of a batch or a byte";
-        let case = case(name, description, gaussians(coincident(count, -3.5))).with_census([count as u64, 0, 0, 0, 0]);
+        let case = case(name, description, gaussians(coincident(count, -3.5))).with_counts([count as u64, 0, 0, 0, 0]);
         case.with_image_bound(5e-6).with_gradient_bound(1e-3)
     };
     let ties = (0..300).map(|n| {
@@ -29,12 +29,12 @@ pub(super) fn cases() -> Vec<HardCase> {
     });
     let adjacent: Vec<Sample> = adjacent.take(12).collect();
     let crowd = case("ten-thousand", "ten thousand Gaussians at one position", gaussians(coincident(10_000, -4.0)))
-        .with_census([10_000, 0, 0, 0, 0])
+        .with_counts([10_000, 0, 0, 0, 0])
         .with_image_bound(1e-5)
         .with_gradient_bound(1e-3);
     let small = ImageSize { width: 5, height: 4 };
     vec![
-        case("nothing", "no Gaussians at all", gaussians([])).with_census([0; 5]),
+        case("nothing", "no Gaussians at all", gaussians([])).with_counts([0; 5]),
         crowd.with_view(view_of_size(small.width, small.height)),
         batch("255-in-one-place", 255),
         batch("256-in-one-place", 256),

@@ -11,7 +11,7 @@ mod scene;
 mod shapes;
 mod views;
 
-use crate::{Census, Gaussians, RenderOptions, View};
+use crate::{GaussianCounts, Gaussians, RenderOptions, View};
 
 /// A scene that is hard to render.
 #[derive(Clone, Debug)]
@@ -26,8 +26,8 @@ pub struct HardCase {
     pub view: View,
     /// The render options.
     pub options: RenderOptions,
-    /// Expected census; `None` if it depends on rounding near a threshold.
-    pub census: Option<Census>,
+    /// Expected counts; `None` if they depend on rounding near a threshold.
+    pub counts: Option<GaussianCounts>,
     /// Error bounds for a renderer in f32.
     pub bounds: ErrorBounds,
     /// Whether accurate gradients need geometry in f64; of other renderers only finite gradients are required.

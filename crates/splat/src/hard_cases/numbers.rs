@@ -23,27 +23,27 @@ pub(super) fn cases() -> Vec<HardCase> {
     };
     let e3nn = || options_with(|constants| constants.sh_axes = ShAxes::E3nn);
     vec![
-        case("not-a-number", "NaN in each field", in_each_field(f32::NAN)).with_census([1, 6, 0, 0, 0]),
+        case("not-a-number", "NaN in each field", in_each_field(f32::NAN)).with_counts([1, 6, 0, 0, 0]),
         case("infinity", "infinity in each field; as an opacity logit it is valid", in_each_field(f32::INFINITY))
-            .with_census([2, 5, 0, 0, 0]),
+            .with_counts([2, 5, 0, 0, 0]),
         case("minus-infinity", "minus infinity in each field: a scale of zero is valid, an opacity of zero faint", {
             in_each_field(f32::NEG_INFINITY)
         })
-        .with_census([2, 4, 0, 1, 0]),
+        .with_counts([2, 4, 0, 1, 0]),
         case("largest", "the largest float in each field", in_each_field(f32::MAX)),
         case("smallest", "the smallest float in each field", in_each_field(f32::from_bits(1))),
         case("zero-quaternions", "zero quaternions are invalid", gaussians([quaternion([0.0; 4]), BACKDROP]))
-            .with_census([1, 1, 0, 0, 0]),
+            .with_counts([1, 1, 0, 0, 0]),
         case("long-quaternions", "quaternions far from unit norm", {
             gaussians([quaternion([1e-20, 2e-20, 0.0, 1e-20]), quaternion([3e30, 1e30, -2e30, 0.0]), BACKDROP])
         })
-        .with_census([3, 0, 0, 0, 0]),
+        .with_counts([3, 0, 0, 0, 0]),
         case("bright", "colours of a billion", gaussians([Sample { colour: [3e9, 1e9, -3e9], ..SAMPLE }, BACKDROP]))
             .with_gradient_bound(1e-3),
         case("too-bright", "colours beyond the largest channel are invalid", {
             gaussians([Sample { colour: [1e13, 0.0, 0.0], ..SAMPLE }, Sample { scalar: -1e13, ..SAMPLE }, BACKDROP])
         })
-        .with_census([1, 2, 0, 0, 0]),
+        .with_counts([1, 2, 0, 0, 0]),
         case("every-degree", "spherical harmonics of degree 4 that change sign across the scene", {
             of_degree(4, (0..5).map(spread), wave(0.6))
         }),

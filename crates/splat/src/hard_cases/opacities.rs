@@ -23,7 +23,7 @@ pub(super) fn cases() -> Vec<HardCase> {
             gaussians(logits.into_iter().enumerate().map(one))
         })
         .with_gradient_bound(5e-4)
-        .with_census([4, 0, 0, 4, 0]),
+        .with_counts([4, 0, 0, 4, 0]),
         case("faintest", "opacities of 1/255, and within eight units in the last place of it", {
             let mut logit = FAINTEST;
             (0..8).for_each(|_| logit = logit.next_down());

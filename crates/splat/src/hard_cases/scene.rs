@@ -4,7 +4,9 @@ use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedI
 use glam::{DMat3, DVec3};
 
 use super::{ErrorBounds, HardCase};
-use crate::{Census, Channels, GaussianParts, Gaussians, RenderOptions, RendererConstants, View, sh_coefficients};
+use crate::{
+    Channels, GaussianCounts, GaussianParts, Gaussians, RenderOptions, RendererConstants, View, sh_coefficients,
+};
 
 /// One Gaussian of a case.
 #[derive(Clone, Copy, Debug)]
@@ -120,7 +122,7 @@ pub(super) fn case(name: &'static str, description: &'static str, gaussians: Gau
         gaussians,
         view: view(),
         options: options(),
-        census: None,
+        counts: None,
         bounds: ErrorBounds::default(),
         derivatives_need_f64: false,
     }
@@ -151,7 +153,7 @@ impl HardCase {
     }
 
     /// Sets the expected counts: drawn, invalid, outside depth, faint, outside the image.
-    pub(super) fn with_census(self, [drawn, invalid, outside_depth, faint, outside_image]: [u64; 5]) -> Self {
-        Self { census: Some(Census { drawn, invalid, outside_depth, faint, outside_image }), ..self }
+    pub(super) fn with_counts(self, [drawn, invalid, outside_depth, faint, outside_image]: [u64; 5]) -> Self {
+        Self { counts: Some(GaussianCounts { drawn, invalid, outside_depth, faint, outside_image }), ..self }
     }
 }

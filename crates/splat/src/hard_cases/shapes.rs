@@ -35,29 +35,29 @@ pub(super) fn cases() -> Vec<HardCase> {
     };
     vec![
         case("needles", "a thousand times longer than wide, in every direction", gaussians(rotated([0.0, -7.0, -7.0])))
-            .with_census([6, 0, 0, 0, 0]),
+            .with_counts([6, 0, 0, 0, 0]),
         case("long-needles", "a hundred million times longer than wide", gaussians(rotated([8.0, -11.0, -11.0])))
             .with_gradient_bound(3e-2)
             .with_gradients_in_f64_only(),
         case("needle-end-on", "a needle along the optical axis", gaussians([end_on, BACKDROP]))
-            .with_census([2, 0, 0, 0, 0]),
+            .with_counts([2, 0, 0, 0, 0]),
         case(
             "flat-discs",
             "one scale is almost zero, seen from the front and edge-on",
             gaussians(rotated([-1.0, -1.0, -60.0])),
         )
-        .with_census([6, 0, 0, 0, 0]),
+        .with_counts([6, 0, 0, 0, 0]),
         case("points", "all scales are almost zero: only the blur is drawn", gaussians(rotated([-100.0; 3])))
-            .with_census([6, 0, 0, 0, 0]),
+            .with_counts([6, 0, 0, 0, 0]),
         case("denormal-scales", "scales that are denormal in f32, or zero", {
             let scales = [-87.0, -88.0, -100.0, -103.0, -104.0, -200.0];
             gaussians(rotated([0.0; 3]).zip(scales).map(|(one, log)| Sample { log_scales: [log, -1.5, log], ..one }))
         }),
         case("tiny", "scales of 1e-6, in classic mode", gaussians(rotated([-13.8, -14.3, -13.5])))
-            .with_census([6, 0, 0, 0, 0]),
+            .with_counts([6, 0, 0, 0, 0]),
         case("tiny-antialiased", "scales of 1e-6, antialiased to nothing", gaussians(rotated([-13.8, -14.3, -13.5])))
             .with_options(antialiased())
-            .with_census([0, 0, 0, 6, 0]),
+            .with_counts([0, 0, 0, 6, 0]),
         case("huge", "scales of 1e6", gaussians(rotated([13.8, 14.3, 13.5]))).with_gradient_bound(1e-3),
         case("dust", "hundreds of Gaussians a hundredth of a pixel wide", gaussians(dust.clone())),
         case("dust-antialiased", "the same, antialiased, most of it too faint", gaussians(dust.clone()))
@@ -82,9 +82,9 @@ pub(super) fn cases() -> Vec<HardCase> {
             gaussians([Sample { mean: [0.0, 0.0, 2.0], ..disc }, BACKDROP])
         })
         .with_options(options_with(|constants| constants.blur = 0.0))
-        .with_census([1, 1, 0, 0, 0]),
+        .with_counts([1, 1, 0, 0, 0]),
         case("filter-none", "a 3D filter of zero", filtered(0.0)),
         case("filter-thin", "a 3D filter wider than a needle", filtered(0.05)),
-        case("filter-huge", "a 3D filter that reduces opacity to nothing", filtered(1e6)).with_census([0, 0, 0, 3, 0]),
+        case("filter-huge", "a 3D filter that reduces opacity to nothing", filtered(1e6)).with_counts([0, 0, 0, 3, 0]),
     ]
 }

@@ -156,10 +156,10 @@ fn prepare(
     for position in 0..gaussians.len() {
         match project::project(gaussians, position, &optics, view.size, options) {
             Ok(splat) => {
-                rendering.census.drawn += 1;
+                rendering.counts.drawn += 1;
                 splats.push(*splat);
             }
-            Err(culled) => rendering.census.count(culled),
+            Err(culled) => rendering.counts.count(culled),
         }
     }
     // Published rasterizers sort f32 keys, so depths that are equal in f32 keep their order.

@@ -180,7 +180,7 @@ fn a_pixel_stops_before_the_gaussian_that_would_finish_it() {
     let constants = RendererConstants { min_transmittance: 0.999e-4, ..RendererConstants::default() };
     let rendering = render(&gaussians, &view, &RenderOptions { constants, ..RenderOptions::default() }).unwrap();
     Tolerance::absolute(1e-6).assert(rendering.alpha, [0.9999], "the third would leave 1e-5");
-    assert_eq!(rendering.census.drawn, 3);
+    assert_eq!(rendering.counts.drawn, 3);
 }
 
 mod lenses;

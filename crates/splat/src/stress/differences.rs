@@ -59,15 +59,15 @@ impl Differences {
         Ok(Self { of: of.collect(), images })
     }
 
-    /// Compares a path's gradients with the differences.
+    /// Compares a renderer's gradients with the differences.
     pub(super) fn error(
         &self,
         case: &HardCase,
-        path: &mut dyn Renderer,
+        renderer: &mut dyn Renderer,
         bound: f64,
     ) -> Result<MeasuredError, SplatError> {
         let options = smooth(&case.options, FADED_IN_F32);
-        let gradients = path.backward(&case.gaussians, &case.view, &options, &self.images)?;
+        let gradients = renderer.backward(&case.gaussians, &case.view, &options, &self.images)?;
         let compared = self.of.len() as u64;
         let mut error = MeasuredError { name: "differences", absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {

@@ -17,7 +17,7 @@ struct Compared<'a> {
 /// The largest error over all images, minus the allowed jumps.
 ///
 /// # Errors
-/// [`SplatError::Length`] naming the first image that is missing or of another size, which cannot be compared.
+/// [`SplatError::Image`] naming the first image that is missing or of another size, which cannot be compared.
 pub(super) fn error(
     case: &HardCase,
     actual: &Rendering<f32>,
@@ -62,9 +62,11 @@ pub(super) fn error(
 }
 
 fn check_lengths(actual: &Rendering<f32>, expected: &Rendering<f64>) -> Result<(), SplatError> {
-    for ((field, found), (_, expected)) in lengths(actual).into_iter().zip(lengths(expected)) {
+    let described =
+        |pixels: Option<usize>| pixels.map_or_else(|| "no such image".to_owned(), |count| format!("{count} pixels"));
+    for ((image, found), (_, expected)) in lengths(actual).into_iter().zip(lengths(expected)) {
         if found != expected {
-            return Err(SplatError::Length { field, expected: expected.unwrap_or(0), found: found.unwrap_or(0) });
+            return Err(SplatError::Image { image, expected: described(expected), found: described(found) });
         }
     }
     Ok(())
@@ -117,10 +119,11 @@ mod tests {
         let of = |actual: &Rendering<f32>| error(&case, actual, &expected, &jumps, 1e-6);
         let complete = expected.clone().map(saturated);
         assert!(of(&complete).unwrap().passes());
-        let outcome = of(&Rendering { depth: None, ..complete.clone() });
-        assert!(matches!(outcome, Err(SplatError::Length { field: "depth image", expected: 432, found: 0 })));
+        let text = |actual: &Rendering<f32>| of(actual).unwrap_err().to_string();
+        let without_depth = Rendering { depth: None, ..complete.clone() };
+        assert_eq!(text(&without_depth), "depth image: expected 432 pixels, found no such image");
         let mut short = complete;
         short.alpha.pop();
-        assert!(matches!(of(&short), Err(SplatError::Length { field: "alpha image", expected: 432, found: 431 })));
+        assert_eq!(text(&short), "alpha image: expected 432 pixels, found 431 pixels");
     }
 }

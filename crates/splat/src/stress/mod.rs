@@ -110,35 +110,35 @@ impl<'a> Expected<'a> {
         })
     }
 
-    fn row(&self, path: &mut dyn Renderer) -> StressRow {
+    fn row(&self, renderer: &mut dyn Renderer) -> StressRow {
         let mut row = StressRow {
             case: self.case.name.to_owned(),
-            path: path.name(),
+            renderer: renderer.name(),
             errors: Vec::new(),
             non_finite: 0,
             findings: Vec::new(),
         };
-        if let Err(error) = self.try_row(path, &mut row) {
+        if let Err(error) = self.try_row(renderer, &mut row) {
             row.findings.push(error.to_string());
         }
         row
     }
 
-    fn try_row(&self, path: &mut dyn Renderer, row: &mut StressRow) -> Result<(), SplatError> {
-        let HardCase { gaussians, view, options, census, .. } = self.case;
-        let rendering = path.render(gaussians, view, options)?;
-        let gradients = path.backward(gaussians, view, options, &self.images)?;
+    fn try_row(&self, renderer: &mut dyn Renderer, row: &mut StressRow) -> Result<(), SplatError> {
+        let HardCase { gaussians, view, options, counts, .. } = self.case;
+        let rendering = renderer.render(gaussians, view, options)?;
+        let gradients = renderer.backward(gaussians, view, options, &self.images)?;
         row.non_finite = rendering.non_finite() + gradients.non_finite();
         row.errors.push(images::error(self.case, &rendering, &self.rendering, &self.jumps, self.bounds.image)?);
         row.errors.push(gradients::error(&gradients, &self.gradients, self.bounds.gradient)?);
-        row.errors.push(self.differences.error(self.case, path, self.bounds.gradient)?);
-        if self.rendering.census.drawn > 0 {
+        row.errors.push(self.differences.error(self.case, renderer, self.bounds.gradient)?);
+        if self.rendering.counts.drawn > 0 {
             row.findings.extend(uncompared(&row.errors));
         }
-        if let Some(census) = census
-            && rendering.census != *census
+        if let Some(counts) = counts
+            && rendering.counts != *counts
         {
-            row.findings.push(format!("census: expected {census:?}, found {:?}", rendering.census));
+            row.findings.push(format!("counts: expected {counts:?}, found {:?}", rendering.counts));
         }
         Ok(())
     }

@@ -4,13 +4,13 @@ use serde::Serialize;
 
 use super::{MeasuredError, StressRow};
 
-/// Errors of all cases and paths. [`Display`](fmt::Display) prints them as a table and lists the failures.
+/// Errors of all cases and renderers. [`Display`](fmt::Display) prints them as a table and lists the failures.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct StressReport {
     /// Number of failed rows.
     pub failed: usize,
-    /// A row per case and path.
+    /// A row per case and renderer.
     pub rows: Vec<StressRow>,
 }
 
@@ -26,7 +26,7 @@ impl fmt::Display for StressReport {
         writeln!(
             f,
             "{:<24} {:<16} {:>8} {:>8} {:>9} {:>11} {:>10}  verdict",
-            "case", "path", "absolute", "relative", "gradient", "differences", "not finite"
+            "case", "renderer", "absolute", "relative", "gradient", "differences", "not finite"
         )?;
         let mut before = "";
         for row in &self.rows {
@@ -39,7 +39,7 @@ impl fmt::Display for StressReport {
             writeln!(
                 f,
                 "{case:<24} {:<16} {:>8} {:>8} {:>9} {:>11} {:>10}  {}",
-                row.path,
+                row.renderer,
                 of("image", |error| error.absolute),
                 of("image", |error| error.relative),
                 of("gradient", |error| error.relative),
@@ -56,13 +56,13 @@ impl fmt::Display for StressReport {
                     f,
                     "{}, {}: {name} {}, at most {}",
                     row.case,
-                    row.path,
+                    row.renderer,
                     scientific(*relative),
                     scientific(*bound)
                 )?;
             }
             for finding in &row.findings {
-                writeln!(f, "{}, {}: {finding}", row.case, row.path)?;
+                writeln!(f, "{}, {}: {finding}", row.case, row.renderer)?;
             }
         }
         writeln!(
@@ -94,15 +94,15 @@ mod tests {
     fn failures_are_listed_at_the_end() {
         let error =
             |name, relative| MeasuredError { name, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
-        let row = |path: &str, relative, findings: &[&str]| StressRow {
+        let row = |renderer: &str, relative, findings: &[&str]| StressRow {
             case: "needles".to_owned(),
-            path: path.to_owned(),
+            renderer: renderer.to_owned(),
             errors: vec![error("image", relative), error("gradient", 0.0)],
             non_finite: 0,
             findings: findings.iter().map(ToString::to_string).collect(),
         };
         let rows =
-            vec![row("reference", 1e-8, &[]), row("cpu, avx2", f64::NAN, &[]), row("gpu", 1e-4, &["census: off"])];
+            vec![row("reference", 1e-8, &[]), row("cpu, avx2", f64::NAN, &[]), row("gpu", 1e-4, &["counts: off"])];
         let report = StressReport::of(rows);
         assert_eq!(report.failed, 2);
         let text = report.to_string();
@@ -114,7 +114,7 @@ mod tests {
         assert!(lines[1].ends_with("ok") && lines[2].ends_with("FAILED") && lines[3].ends_with("FAILED"), "{text}");
         assert!(!text.contains('*'), "{text}");
         assert_eq!(lines[5], "needles, cpu, avx2: image NaN, at most 1.0e-5");
-        assert_eq!(lines[7], "needles, gpu: census: off");
+        assert_eq!(lines[7], "needles, gpu: counts: off");
     }
 
     #[test]
@@ -122,7 +122,7 @@ mod tests {
         let error = MeasuredError { name: "gradient", absolute: 3.0, relative: 3.0, bound: f64::INFINITY, compared: 9 };
         let row = StressRow {
             case: "needles".to_owned(),
-            path: "gpu".to_owned(),
+            renderer: "gpu".to_owned(),
             errors: vec![error],
             non_finite: 0,
             findings: vec![],

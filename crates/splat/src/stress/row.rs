@@ -1,13 +1,13 @@
 use serde::Serialize;
 
-/// Result of one implementation on one hard case: a row of the table of `atsplat stress`, shared by several crates.
+/// Result of one renderer on one hard case: a row of the table of `atsplat stress`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct StressRow {
     /// Name of the hard case.
     pub case: String,
-    /// Name of the implementation.
-    pub path: String,
+    /// Name of the renderer.
+    pub renderer: String,
     /// Errors, in the same order in every row of a case.
     pub errors: Vec<MeasuredError>,
     /// Number of unexpected NaN or infinite values.
@@ -60,13 +60,13 @@ mod tests {
         let error = |relative| MeasuredError { name: "image", absolute: 0.0, relative, bound: 1e-5, compared: 1 };
         let row = |relative, non_finite, findings: &[&str]| StressRow {
             case: "needles".to_owned(),
-            path: "cpu".to_owned(),
+            renderer: "cpu".to_owned(),
             errors: vec![error(relative)],
             non_finite,
             findings: findings.iter().map(ToString::to_string).collect(),
         };
         assert!(row(1e-6, 0, &[]).passes());
-        for failing in [row(f64::NAN, 0, &[]), row(1e-4, 0, &[]), row(0.0, 1, &[]), row(0.0, 0, &["census"])] {
+        for failing in [row(f64::NAN, 0, &[]), row(1e-4, 0, &[]), row(0.0, 1, &[]), row(0.0, 0, &["counts"])] {
             assert!(!failing.passes(), "{failing:?}");
         }
     }

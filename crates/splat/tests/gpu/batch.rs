@@ -95,10 +95,10 @@ fn a_batch_equals_its_views_one_by_one() {
             "view {at}"
         );
         assert!(batch.scalar.as_ref().unwrap()[own] == *alone.scalar.as_ref().unwrap(), "view {at}");
-        assert!(alone.census.drawn > 100 && alone.census.outside_image > 0, "{:?}", alone.census);
-        drawn += alone.census.drawn;
+        assert!(alone.counts.drawn > 100 && alone.counts.outside_image > 0, "{:?}", alone.counts);
+        drawn += alone.counts.drawn;
     }
-    assert_eq!(batch.census.drawn, drawn);
+    assert_eq!(batch.counts.drawn, drawn);
 
     let phases = |at: usize| {
         let mut own = narrow(&image_gradients(&views[at]));

@@ -106,7 +106,7 @@ fn matches_the_reference_far_from_the_origin_and_at_other_scales() {
         let constants = RendererConstants { near: base.near * f64::from(scale), ..base };
         let options = RenderOptions { constants, ..everything() };
         let expected = reference::render(&gaussians, &view, &options).unwrap();
-        assert!(expected.census.drawn > 500, "{:?}", expected.census);
+        assert!(expected.counts.drawn > 500, "{:?}", expected.counts);
         let actual = gpu.render(&gaussians, &view, &options).unwrap();
         assert_bound(&actual, &expected, &format!("scale {scale}, shift {shift}"));
     }
@@ -150,11 +150,11 @@ fn culls_centres_too_far_aside_or_too_deep() {
         parts.opacity_logits = vec![3.0];
         let gaussians = Gaussians::new(parts).unwrap();
         let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };
-        let expected = CpuRenderer::default().render(&gaussians, &view, &options).unwrap().census;
+        let expected = CpuRenderer::default().render(&gaussians, &view, &options).unwrap().counts;
         let counts = [expected.drawn, expected.outside_depth, expected.outside_image];
         assert_eq!(counts, [drawn, outside_depth, outside_image], "{preset}, {mean:?}");
         let actual = gpu.render(&gaussians, &view, &options).unwrap();
-        assert_eq!(actual.census, expected, "{preset}, {mean:?}");
+        assert_eq!(actual.counts, expected, "{preset}, {mean:?}");
         check(&mut gpu, &gaussians, &view, &options, &format!("{preset}, {mean:?}"));
     }
 }

@@ -26,7 +26,7 @@ fn renders_more_gaussians_per_tile_than_a_loop_allows() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (specks(200_000), view(16, 16));
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-    assert!(expected.census.drawn > 65_535, "{:?}", expected.census);
+    assert!(expected.counts.drawn > 65_535, "{:?}", expected.counts);
     assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "specks");
     let images = image_gradients(&view);
     let expected = reference::backward(&gaussians, &view, &everything(), &images).unwrap();
@@ -42,7 +42,7 @@ fn renders_needles_across_a_whole_tile() {
     let (gaussians, view) = (needles(4000), straight(16, 16));
     let images = image_gradients(&view);
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-    assert_eq!(expected.census.drawn, 4000);
+    assert_eq!(expected.counts.drawn, 4000);
     let largest = expected.alpha.iter().fold(0.0f64, |largest, alpha| largest.maximum_of(*alpha));
     assert!(largest < 0.999, "{largest}");
     let gradients = reference::backward(&gaussians, &view, &everything(), &images).unwrap();

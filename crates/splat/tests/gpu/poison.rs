@@ -26,11 +26,11 @@ fn check(gpu: &mut GpuRenderer, poisoned: &[(usize, f32)], mode: RasterMode) {
     let what = format!("{poisoned:?} {mode:?}");
     let culled_in_f32 = poisoned.iter().filter(|poison| is_beyond_f32(**poison)).count();
     if culled_in_f32 > 0 {
-        assert!(rendering.census.drawn.abs_diff(expected.census.drawn) <= culled_in_f32 as u64, "{what}");
+        assert!(rendering.counts.drawn.abs_diff(expected.counts.drawn) <= culled_in_f32 as u64, "{what}");
     } else {
-        assert_eq!(rendering.census.drawn, expected.census.drawn, "{what}");
+        assert_eq!(rendering.counts.drawn, expected.counts.drawn, "{what}");
         // If several reasons to cull a Gaussian apply, any may be counted.
-        assert!(poisoned.len() > 1 || rendering.census == expected.census, "{what}: {:?}", rendering.census);
+        assert!(poisoned.len() > 1 || rendering.counts == expected.counts, "{what}: {:?}", rendering.counts);
         let expected = expected.rgb.as_flattened();
         let size = expected.iter().fold(1.0f64, |most, value| most.maximum_of(value.abs()));
         let actual = rendering.rgb.iter().flatten().map(|value| f64::from(*value));

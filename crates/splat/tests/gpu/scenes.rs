@@ -90,9 +90,9 @@ pub(crate) fn straight(width: u32, height: u32) -> View {
     View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
 }
 
-/// Asserts the documented bound: 99.99 % of all pixels within 1/255, a PSNR of at least 60 dB, and equal censuses.
+/// Asserts the documented bound: 99.99 % of all pixels within 1/255, a PSNR of at least 60 dB, and equal counts of Gaussians.
 pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
-    assert_eq!(actual.census, expected.census, "{what}");
+    assert_eq!(actual.counts, expected.counts, "{what}");
     let flat: Vec<f64> = actual.rgb.iter().flatten().map(|value| f64::from(*value)).collect();
     within(&flat, expected.rgb.as_flattened(), 1.0 / 255.0, &format!("{what}: rgb"));
     let image = |values: &[f32]| values.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();

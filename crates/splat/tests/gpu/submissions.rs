@@ -33,8 +33,8 @@ fn a_resident_image_is_one_submission_and_reading_it_one_wait() {
     let (read, counts) = counted(&mut gpu, |gpu| gpu.read(&image).unwrap());
     assert_eq!((asked(counts), counts.dispatches), ([1, 1, 0], 0), "{counts:?}");
     assert!(read == expected);
-    let (census, counts) = counted(&mut gpu, |gpu| gpu.settle(&image).unwrap().census);
-    assert_eq!((asked(counts), census), ([0, 0, 0], expected.census), "known from reading");
+    let (of_gaussians, counts) = counted(&mut gpu, |gpu| gpu.settle(&image).unwrap().counts);
+    assert_eq!((asked(counts), of_gaussians), ([0, 0, 0], expected.counts), "known from reading");
 
     let strip = &image.unsettled().strips[0];
     let images = GpuImageGradients {
@@ -95,9 +95,9 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     assert_eq!(asked(counts), [2, 0, 0], "{counts:?}");
     let (settled, counts) = counted(&mut short, |gpu| {
         let settled = gpu.settle_all(&[&images[0], &images[1]]).unwrap();
-        settled.iter().map(|settled| (settled.was_repeated, settled.census)).collect::<Vec<_>>()
+        settled.iter().map(|settled| (settled.was_repeated, settled.counts)).collect::<Vec<_>>()
     });
-    assert_eq!(settled, [(true, expected.census); 2]);
+    assert_eq!(settled, [(true, expected.counts); 2]);
     assert_eq!((counts.waits, counts.repeats), (2, 2), "one wait for both, and one for both repeated: {counts:?}");
     for image in &images {
         assert!(short.read(image).unwrap() == expected);
@@ -109,7 +109,7 @@ fn lists_that_are_too_short_cost_one_repeat_and_no_pixel() {
     assert_eq!((asked(counts), next == expected), ([2, 1, 0], true), "{counts:?}");
 }
 
-/// Converted on the device; of several strips, whose lengths are no whole words; after a repeat, too.
+/// Converted on the device; of several strips, whose lengths are not whole words; after a repeat, too.
 #[test]
 fn images_are_read_in_the_format_asked_for() {
     let short = GpuOptions { binding_limit: 64 << 10, first_pairs: 100, ..GpuOptions::default() };
@@ -149,7 +149,7 @@ fn images_are_read_in_the_format_asked_for() {
                     assert!(words.eq(values.iter().map(|value| value.to_bits())), "alpha {alpha}");
                 }
             }
-            assert_eq!(image.census, expected.census);
+            assert_eq!(image.counts, expected.counts);
             if counts.repeats == 0 {
                 let loads = counts.bytes_down.div_ceil(staging);
                 assert_eq!(asked(counts), [loads, loads, 0], "{counts:?}");

@@ -44,7 +44,7 @@ impl TrainConfig {
             let warm_up = views.gaps.warm_up_steps;
             if warm_up > 0 && self.distinct.is_some() {
                 let field = format!("data[{at}].source.{kind}.views.gaps.warm-up-steps");
-                return refuse(field, "0 with `distinct`, as samples whose gaps grow do not repeat", warm_up);
+                return refuse(field, "0 with `distinct`, because samples do not repeat while gaps grow", warm_up);
             }
         }
         for (field, source) in self.sources() {
@@ -80,7 +80,7 @@ impl TrainConfig {
     }
 
     /// Checks the configuration against its network: patches divide the images of every source of known image size,
-    /// those of the training have the scale of the network's resolution, samples that go together expand as many tokens, only a
+    /// those of the training have the scale of the network's resolution, samples of a micro-batch expand as many tokens, only a
     /// frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
     /// # Errors
@@ -105,10 +105,10 @@ impl TrainConfig {
         }
         let expansions = model.decoder.blocks.iter().filter_map(|block| block.expansion.as_ref());
         let by_threshold = expansions.filter(|expansion| matches!(expansion, BlockExpansion::Threshold(_))).count();
-        if self.together.get() > 1 && by_threshold > 0 {
+        if self.micro_batch.get() > 1 && by_threshold > 0 {
             let expected =
-                "1 for a network that expands by thresholds, which select other numbers of tokens in each sample";
-            return refuse("together".to_owned(), expected, self.together);
+                "1 for a network that expands by thresholds, which select a different number of tokens in each sample";
+            return refuse("micro-batch".to_owned(), expected, self.micro_batch);
         }
         Ok(())
     }
@@ -138,7 +138,7 @@ fn size_of(preset: &Preset) -> Option<ImageSize> {
 fn check_size(field: &str, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
     match model.coarse_grid(size).and_then(|_| model.fine_grid(size)) {
         Err(ModelError::Indivisible { branch, step, found }) => {
-            let expected = format!("height and width that the {branch} branch's patches of {step} pixels divide");
+            let expected = format!("a height and width divisible by {step}, the side of the {branch} branch's patches");
             refuse(field.to_owned(), &expected, found)
         }
         Err(other) => Err(other.into()),
@@ -163,7 +163,8 @@ fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
     for step in [0, last_step] {
         for context in (fewest.get()..=most.get()).filter_map(NonZeroUsize::new) {
             if let Err(error) = try_draws(&rooms.views, context, offered, step) {
-                let expected = format!("frames among the {offered} that a clip offers at a stride of {}", rooms.stride);
+                let expected =
+                    format!("windows that fit into the {offered} frames of a clip at a stride of {}", rooms.stride);
                 return refuse(views, &expected, format!("{error}, for {context} context views at step {step}"));
             }
         }
@@ -204,12 +205,12 @@ fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
         }
     }
     if gaps.warm_up_steps == 0 && (gaps.initial_min > 0 || gaps.initial_max > 0) {
-        let expected = "a number of steps with initial-min and initial-max, which hold at their beginning";
+        let expected = "a positive number if initial-min or initial-max is set";
         return refuse(format!("{field}.gaps.warm-up-steps"), expected, gaps.warm_up_steps);
     }
     match gaps.falling() {
         Some((names, initial, last)) => {
-            let expected = format!("{names} in order, as windows grow during the warm-up");
+            let expected = format!("{names} in order, because windows grow during the warm-up");
             refuse(format!("{field}.gaps"), &expected, format!("{initial} and {last}"))
         }
         None => Ok(()),
@@ -305,14 +306,14 @@ mod tests {
     }
 
     #[test]
-    fn samples_go_together_only_if_they_expand_as_many_tokens() {
+    fn the_samples_of_a_micro_batch_must_expand_as_many_tokens() {
         let two = NonZeroUsize::new(2).unwrap();
-        let config = TrainConfig { together: two, ..TrainConfig::shortest() };
+        let config = TrainConfig { micro_batch: two, ..TrainConfig::shortest() };
         let by_ratio = config.model.config().unwrap();
         let by_threshold = by_ratio.with_thresholds(&[0.1; 3]).unwrap();
         config.check_model(&by_ratio).unwrap();
         let error = config.check_model(&by_threshold).unwrap_err().to_string();
-        assert!(error.contains("together") && error.contains("found 2"), "{error}");
-        TrainConfig { together: NonZeroUsize::MIN, ..config }.check_model(&by_threshold).unwrap();
+        assert!(error.contains("micro-batch") && error.contains("found 2"), "{error}");
+        TrainConfig { micro_batch: NonZeroUsize::MIN, ..config }.check_model(&by_threshold).unwrap();
     }
 }

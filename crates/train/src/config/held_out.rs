@@ -9,9 +9,9 @@ use super::{SourceConfig, TrainConfig};
 use crate::samples::{DatasetConfig, DatasetSource};
 
 impl TrainConfig {
-    /// Whether the evaluation's scenes are known to be none of those that this run trains on: simulated ones of another kind,
-    /// of the other split or with other numbers, or those of another folder and of other names than its scenes; datasets are opened for
-    /// that. Weights that the run starts from may have seen them.
+    /// Whether this run provably never trains on the evaluation's scenes: simulated scenes of another kind, split or seed range, or
+    /// scenes of another dataset folder with other names. Datasets are opened to compare the names. Weights that the run starts from
+    /// may have seen the scenes.
     pub fn is_evaluation_held_out(&self) -> bool {
         let differs = |source: &SourceConfig| {
             self.data.iter().all(|data| are_disjoint(&data.source, source, &self.pose_normalisation))

@@ -15,12 +15,12 @@ pub struct LossConfig {
     pub perceptual: PerceptualChoice,
     /// `λp`.
     pub perceptual_weight: f64,
-    /// `λp` in the last quarter of the run; by default as before.
+    /// `λp` in the last quarter of the run; unchanged by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub late_perceptual_weight: Option<f64>,
     /// `λint`.
     pub intermediate_weight: f64,
-    /// `λs`, which the paper does not state; 0.5 by default, as `λp`, but it does not follow another value of that.
+    /// `λs`, which the paper does not state; 0.5 by default, whatever `λp` is.
     pub intermediate_d_ssim_weight: f64,
     /// `λunc`.
     pub uncertainty_weight: f64,
@@ -32,7 +32,7 @@ pub struct LossConfig {
     /// Number of targets that the intermediate sets are rendered to; by default all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intermediate_targets: Option<NonZeroUsize>,
-    /// RGB behind the Gaussians, from 0 to 1.
+    /// Background colour: RGB from 0 to 1.
     pub background: [f64; 3],
 }
 

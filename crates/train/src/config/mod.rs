@@ -38,9 +38,10 @@ pub struct TrainConfig {
     pub steps: NonZeroU64,
     /// Samples per step; their gradients are averaged, so any number fits into memory.
     pub batch: NonZeroUsize,
-    /// Samples that go through the network together. More are quicker, need more memory, and change the order of sums.
+    /// Samples per micro-batch: they go through the network as one batch. More are quicker, need more memory, and change the
+    /// order of sums.
     #[serde(default = "one", skip_serializing_if = "is_one")]
-    pub together: NonZeroUsize,
+    pub micro_batch: NonZeroUsize,
     /// The network.
     pub model: ModelChoice,
     /// Normalisation of poses before they are given to the network.
@@ -70,10 +71,10 @@ pub struct TrainConfig {
     /// those of the average. If absent, they are those of the last step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub average: Option<f64>,
-    /// Precision of the network's matrix products while it is trained; evaluations have f32. Weights, sums, losses and updates are in
-    /// f32 anyway.
+    /// Precision of the network's matrix products during training. Weights, sums, losses and updates are always in f32, and so
+    /// are evaluations.
     #[serde(default, skip_serializing_if = "is_default")]
-    pub products: MatmulPrecision,
+    pub matmul_precision: MatmulPrecision,
     /// Evaluation during training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationConfig>,
@@ -148,8 +149,8 @@ fn is_one(number: &NonZeroUsize) -> bool {
 }
 
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_default(products: &MatmulPrecision) -> bool {
-    *products == MatmulPrecision::default()
+fn is_default(precision: &MatmulPrecision) -> bool {
+    *precision == MatmulPrecision::default()
 }
 
 const fn unit() -> f64 {
@@ -214,9 +215,9 @@ impl TrainConfig {
     }
 
     fn validate(&self) -> Result<(), TrainError> {
-        if self.products == MatmulPrecision::F16 {
+        if self.matmul_precision == MatmulPrecision::F16 {
             let expected = "f32 or bf16: gradients can be too small for float16";
-            return Err(TrainError::malformed(WHAT, "products", expected, self.products.name()));
+            return Err(TrainError::malformed(WHAT, "matmul-precision", expected, self.matmul_precision.name()));
         }
         let numbers = [
             ("clip", self.clip),
@@ -252,8 +253,8 @@ impl TrainConfig {
     /// Opens all sources of samples and adds what is wrong with them to `warnings`.
     ///
     /// # Errors
-    /// As [`DatasetSource::open`] and [`Mixture::new`]; [`TrainError::Malformed`] for a dataset whose folder holds its training
-    /// scenes in `train` and its test scenes in `test`, or test scenes alone.
+    /// As [`DatasetSource::open`] and [`Mixture::new`]; [`TrainError::Malformed`] for a dataset folder from which the
+    /// reader would take test scenes; [`TrainError::Scene`] if its `train` or `test` cannot be opened.
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
         for (at, data) in self.data.iter().enumerate() {
             if let SourceConfig::Dataset(dataset) = &data.source {

@@ -20,7 +20,7 @@ use crate::{FeatureCache, TrainError};
 use group::{Group, Run};
 use terms::Clock;
 
-/// A group of samples, which go through the network together, and what else decides their losses.
+/// A group of samples, which go through the network as one batch, and what else decides their losses.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupInput<'a> {
     /// The samples, with equal numbers and sizes of context images.
@@ -40,7 +40,7 @@ impl<'a> GroupInput<'a> {
     }
 }
 
-/// The losses of a group of samples, which go through the network together, and the gradients of their sum.
+/// The losses of a group of samples, which go through the network as one batch, and the gradients of their sum.
 #[derive(Clone, Debug, Default)]
 pub struct GroupGradients {
     /// The loss of each sample.

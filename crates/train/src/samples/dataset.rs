@@ -10,7 +10,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset, ProtocolError};
-use atsplat_scene::{OneScene, Scene, SceneSource, Warning, WarningKind, Warnings};
+use atsplat_scene::{Dataset, OneScene, Scene, SceneError, SceneSource, Warning, WarningKind, Warnings};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -36,28 +36,40 @@ pub struct DatasetConfig {
 }
 
 impl DatasetConfig {
-    /// Refuses training data whose folder leads to test scenes: of `train` and `test` the reader would take all scenes, or the
-    /// test scenes alone; without `train` it may take those in `test`. A path that ends in `test` asks for them.
+    /// Rejects a folder from which the reader would take test scenes: one with both `train` and `test`, or with `test` alone.
+    /// A path that ends in `test` is accepted.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] for such a folder; [`TrainError::Scene`] if one of its splits holds a dataset that cannot be
+    /// opened, because its scenes are unknown then.
     pub(crate) fn require_one_split(&self, field: String) -> Result<(), TrainError> {
         let [train, test] = ["train", "test"].map(|split| self.path.join(split));
-        let open = |folder: &Path| atsplat_scene::open(folder, &mut Warnings::new()).ok();
-        let holds_scenes = |folder: &Path| folder.is_dir() && open(folder).is_some();
-        if !holds_scenes(&test) {
+        let holds_scenes = |folder: &Path| Ok::<_, SceneError>(folder.is_dir() && dataset_in(folder)?.is_some());
+        if !holds_scenes(&test)? {
             return Ok(());
         }
-        if holds_scenes(&train) {
+        if holds_scenes(&train)? {
             let expected = format!("{}, without the test scenes in {}", train.display(), test.display());
             return Err(TrainError::malformed(WHAT, field, expected, self.path.display()));
         }
-        let Some(dataset) = open(&self.path) else { return Ok(()) };
+        let Some(dataset) = dataset_in(&self.path)? else { return Ok(()) };
         for key in dataset.keys() {
             if dataset.files(key)?.iter().any(|file| file.is_file() && file.starts_with(&test)) {
                 let expected = format!("a folder of training scenes, or {} to train on those", test.display());
-                let found = format!("{}, whose scene {key} lies in its test", self.path.display());
+                let found = format!("{}, whose scene {key} is in test", self.path.display());
                 return Err(TrainError::malformed(WHAT, field, expected, found));
             }
         }
         Ok(())
+    }
+}
+
+/// The dataset that a folder holds, if any.
+fn dataset_in(folder: &Path) -> Result<Option<Dataset>, SceneError> {
+    match atsplat_scene::open(folder, &mut Warnings::new()) {
+        Ok(dataset) => Ok(Some(dataset)),
+        Err(SceneError::Unrecognized { .. }) => Ok(None),
+        Err(error) => Err(error),
     }
 }
 

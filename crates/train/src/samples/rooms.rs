@@ -190,7 +190,7 @@ impl RoomsSource {
         request.size = pixel_size(self.config.size);
         request.samples = self.config.samples;
         let mut simulation = Simulation::new(request.clone())?;
-        let called: Vec<EffectKind> = simulation.called_effects().iter().map(|called| called.effect).collect();
+        let called: Vec<EffectKind> = simulation.active_effects().iter().map(|called| called.effect).collect();
         if called.contains(&EffectKind::LensDistortion) {
             let others = called.into_iter().filter(|kind| *kind != EffectKind::LensDistortion).collect();
             request.effects = EffectChoice::Only(others);

@@ -43,7 +43,7 @@ pub(super) fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), 
     if !start.is_resumed() || folder.join(STEPS).is_file() || Checkpoints::exist_in(folder) {
         return Ok(());
     }
-    let expected = "a run that was started there; start one without `--resume`";
+    let expected = "a run to resume; start one without `--resume`";
     Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
 }
 
@@ -184,7 +184,7 @@ fn require_same(
         more => format!(" and {more} more"),
     };
     others.truncate(NAMED);
-    let expected = format!("the frozen weights that {} holds, rounded or not", weights.display());
+    let expected = format!("the frozen weights in {}, up to rounding", weights.display());
     let found = format!("others in {}: {}{more}", backbone.display(), others.join(", "));
     Err(TrainError::malformed(WHAT, "model.backbone", expected, found))
 }

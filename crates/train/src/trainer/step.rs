@@ -14,8 +14,8 @@ use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Te
 use crate::samples::{Sample, SampleId};
 use crate::update::update;
 
-/// Samples that go through the network together.
-struct Together<'a> {
+/// Samples that go through the network as one batch.
+struct MicroBatch<'a> {
     samples: &'a [Sample],
     /// Number of the first.
     first: u64,
@@ -44,7 +44,7 @@ impl Trainer {
             parts: PartSeconds::default(),
             fault: None,
         };
-        let done = if self.resident.is_some() {
+        let done = if self.device_state.is_some() {
             self.step_on_adapter(&numbers, &mut record)
         } else {
             let network = self.state.parameters.network(&self.template)?;
@@ -74,17 +74,17 @@ impl Trainer {
     }
 
     fn step_on_cpu(&mut self, numbers: &[u64], network: &Network, record: &mut StepRecord) -> Result<(), Fault> {
-        let (objective, features, products) = (&self.objective, self.features.as_ref(), self.config.products);
-        let gradients = |together: &Together<'_>| {
+        let (objective, features, precision) = (&self.objective, self.features.as_ref(), self.config.matmul_precision);
+        let gradients = |micro_batch: &MicroBatch<'_>| {
             // Each group has its own graph over the same weights, so groups run in parallel.
             let network = network.clone().fork(&network.device());
-            let Together { samples, first, share, drawing } = *together;
+            let MicroBatch { samples, first, share, drawing } = *micro_batch;
             let input = GroupInput { samples, features, call_seed: first, share };
-            let mut group = products.scope(|| objective.gradients(&network, &input))?;
+            let mut group = precision.scope(|| objective.gradients(&network, &input))?;
             group.seconds.sample = drawing;
             Ok(group)
         };
-        let parts = numbers.par_chunks(self.config.together.get());
+        let parts = numbers.par_chunks(self.config.micro_batch.get());
         // Every group is computed, so that the same fault is reported at any number of threads.
         let groups: Vec<Result<Vec<GroupGradients>, Fault>> = parts.map(|part| self.groups(part, gradients)).collect();
         let groups = groups.into_iter().collect::<Result<Vec<_>, Fault>>()?.concat();
@@ -95,35 +95,35 @@ impl Trainer {
 
     #[expect(clippy::expect_used, reason = "the caller has looked")]
     fn step_on_adapter(&mut self, numbers: &[u64], record: &mut StepRecord) -> Result<(), Fault> {
-        let mut resident = self.resident.take().expect("a run on an adapter");
-        let gradients = |together: &Together<'_>| {
-            let Together { samples, first, share, drawing } = *together;
+        let mut device_state = self.device_state.take().expect("a run on an adapter");
+        let gradients = |micro_batch: &MicroBatch<'_>| {
+            let MicroBatch { samples, first, share, drawing } = *micro_batch;
             let input = GroupInput { samples, features: self.features.as_ref(), call_seed: first, share };
-            let mut group = self.objective.flat_gradient(resident.network(), &input)?;
+            let mut group = self.objective.flat_gradient(device_state.network(), &input)?;
             group.seconds.sample = drawing;
             Ok(group)
         };
         // An adapter runs one group at a time, with all of its threads.
-        let parts = numbers.chunks(self.config.together.get());
+        let parts = numbers.chunks(self.config.micro_batch.get());
         let groups: Result<Vec<Vec<FlatGradient>>, Fault> = parts.map(|part| self.groups(part, gradients)).collect();
         let done = groups.map(|groups| {
             let groups = groups.concat();
-            let norm = resident.update(self.state.updates, &groups, record.rate, &self.config);
+            let norm = device_state.update(self.state.updates, &groups, record.rate, &self.config);
             let groups = groups.into_iter().map(|FlatGradient { terms, seconds, .. }| (terms, seconds));
             (norm, groups.unzip())
         });
-        self.resident = Some(resident);
+        self.device_state = Some(device_state);
         let (norm, groups) = done?;
         self.state.updates += u64::from(norm.is_ok());
         complete(record, norm, groups)
     }
 
-    /// What `compute` makes of the samples with these consecutive numbers, which go through the network together as far as their
-    /// images are as many and as large.
+    /// What `compute` returns for the samples with these consecutive numbers: once for all of them if they have the same number
+    /// and sizes of images, else for each run of samples that do.
     fn groups<T>(
         &self,
         numbers: &[u64],
-        compute: impl Fn(&Together<'_>) -> Result<T, SampleFault>,
+        compute: impl Fn(&MicroBatch<'_>) -> Result<T, SampleFault>,
     ) -> Result<Vec<T>, Fault> {
         let step = self.state.step;
         let start = Instant::now();
@@ -140,7 +140,7 @@ impl Trainer {
         let mut groups = Vec::new();
         let mut done = 0;
         for samples in samples.chunk_by(Sample::has_shape_of) {
-            let computed = compute(&Together { samples, first: numbers[done], share, drawing });
+            let computed = compute(&MicroBatch { samples, first: numbers[done], share, drawing });
             groups.push(computed.map_err(|SampleFault { sample, what }| Fault { step, sample, what })?);
             done += samples.len();
             drawing = 0.0;

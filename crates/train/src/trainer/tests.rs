@@ -112,7 +112,7 @@ fn resuming_needs_a_log_or_checkpoints() {
     assert!(require_run_to_resume(neither, &Start::Fresh).is_ok());
     // Given weights, if there were any, were not written yet.
     let error = require_run_to_resume(neither, &Start::Resume).unwrap_err().to_string();
-    assert!(error.contains("neither: expected a run that was started there"), "{error}");
+    assert!(error.contains("neither: expected a run to resume"), "{error}");
 }
 
 /// Of two processes that found no folder, one creates it and may have ended when the other locks it.
@@ -152,11 +152,34 @@ fn training_on_a_folder_with_test_scenes_alone_needs_its_name() {
         }
         let error = samples_of(folder.path()).unwrap_err().to_string();
         let asked_for = format!("{} to train on those", test.display());
-        for expected in ["data[0].source.dataset.path", asked_for.as_str(), "whose scene rooms-test-00000000 lies"] {
+        for expected in
+            ["data[0].source.dataset.path", asked_for.as_str(), "whose scene rooms-test-00000000 is in test"]
+        {
             assert!(error.contains(expected), "{error}");
         }
     }
     samples_of(&test).unwrap();
+}
+
+/// Its scenes are unknown, so they may be among those that would be drawn. A folder that holds no dataset is fine.
+#[test]
+fn training_beside_a_test_folder_that_cannot_be_opened_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write_chunks(folder.path(), &[Split::Train, Split::Test]);
+    let (train, test) = (folder.path().join("train"), folder.path().join("test"));
+    std::fs::write(test.join("index.json"), "{\"a\": ").unwrap();
+    // As `train` alone would be read.
+    for chunks in [folder.path(), train.as_path()] {
+        if chunks == train {
+            std::fs::rename(&test, train.join("test")).unwrap();
+        }
+        let error = samples_of(chunks).unwrap_err();
+        assert!(matches!(error, TrainError::Scene(_)) && error.to_string().contains("index.json"), "{error}");
+    }
+    std::fs::remove_dir_all(train.join("test")).unwrap();
+    std::fs::create_dir(train.join("test")).unwrap();
+    std::fs::write(train.join("test/notes.txt"), "hello world").unwrap();
+    samples_of(&train).unwrap();
 }
 
 /// Chunks in the folder itself are what is read, whatever lies in `test`.
@@ -176,7 +199,7 @@ fn write_scenes(folder: &Path, count: u32) {
         let seed = SceneSeed { split: Split::Train, number };
         Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
     });
-    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
     write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }
 
@@ -197,7 +220,7 @@ fn write_chunks(folder: &Path, splits: &[Split]) {
         let seed = SceneSeed { split: *split, number: 0 };
         Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
     });
-    let options = WriteOptions { layout: Layout::Chunks, coding: ImageEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Chunks, encoding: ImageEncoding::Png, depth: false };
     write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }
 

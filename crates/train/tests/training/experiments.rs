@@ -227,25 +227,25 @@ fn windows_that_hold_no_sample_name_file_and_field() {
             "min = 4, max = 9",
             "min = 4, max = 9, initial-min = 5, initial-max = 9, warm-up-steps = 9",
             "data[0].source.rooms.views.gaps",
-            "initial-min and min in order, as windows grow during the warm-up, found 5 and 4",
+            "initial-min and min in order, because windows grow during the warm-up, found 5 and 4",
         ),
         (
             "min = 4, max = 9",
             "min = 4, max = 9, initial-min = 4, initial-max = 10, warm-up-steps = 9",
             "data[0].source.rooms.views.gaps",
-            "initial-max and max in order, as windows grow during the warm-up, found 10 and 9",
+            "initial-max and max in order, because windows grow during the warm-up, found 10 and 9",
         ),
         (
             "min = 4, max = 9",
             "min = 4, max = 9, initial-min = 2, initial-max = 4",
             "data[0].source.rooms.views.gaps.warm-up-steps",
-            "a number of steps with initial-min and initial-max, which hold at their beginning, found 0",
+            "a positive number if initial-min or initial-max is set, found 0",
         ),
         (
             "min = 4, max = 9",
             "min = 15, max = 20",
             "data[0].source.rooms.views",
-            "frames among the 15 that a clip offers",
+            "windows that fit into the 15 frames of a clip",
         ),
         // Windows of nine frames hold ten context views, not eleven.
         (
@@ -263,12 +263,7 @@ fn errors_of_a_configuration_name_file_and_field() {
     assert!(error_of(&whole.replace("seed = 1", "sead = 1")).contains("sead"));
     assert!(error_of(&whole.replace("learning-rate = ", "learning-rate = -")).contains("a positive number"));
     assert_refused(&[
-        (
-            "size = [128, 128]",
-            "size = [128, 100]",
-            "data[0].source.rooms.size",
-            "patches of 16 pixels divide, found 128x100",
-        ),
+        ("size = [128, 128]", "size = [128, 100]", "data[0].source.rooms.size", "branch's patches, found 128x100"),
         (
             "scenes = 400",
             "scenes = 400\nfirst = 4294966897",

@@ -47,7 +47,7 @@ fn features_from_disk_equal_the_backbones() {
 
     let folder = tempdir().unwrap();
     let open_in =
-        |frozen: &StoredTensors, products| FeatureCache::open(folder.path(), &config, frozen, products).unwrap();
+        |frozen: &StoredTensors, precision| FeatureCache::open(folder.path(), &config, frozen, precision).unwrap();
     let open = |frozen: &StoredTensors| open_in(frozen, MatmulPrecision::F32);
     let cache = open(&backbone(&weights));
     assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "when written");

@@ -87,7 +87,7 @@ fn test_scenes_are_excluded_by_the_hash_of_their_index() {
             for excluded in &dataset.exclude {
                 let known = excluded.index.file_stem().unwrap().to_string_lossy();
                 let published = KNOWN_INDICES.iter().find(|index| index.name == known);
-                let published = published.unwrap_or_else(|| panic!("{name}: {known} is no published index"));
+                let published = published.unwrap_or_else(|| panic!("{name}: {known} is not a published index"));
                 assert_eq!(excluded.sha256, published.sha256, "{name}: {known}");
             }
             let accepted = Preset::resolve(&dataset.preset).unwrap().index.accepted;
@@ -135,7 +135,7 @@ fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
         (request.samples, request.frames) = (1, FRAMES);
         request
     };
-    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
     write_dataset(folder, vec![request(0), request(1)], &options, &mut Warnings::new(), |_, _| ()).unwrap();
     let index = folder.join("index.json");
     let json = r#"{"rooms-train-00000001": {"context": [0, 3], "target": [1]}}"#;

@@ -319,7 +319,7 @@ fn products_in_bfloat16_change_a_step_a_little() {
         let step = steps(folder.path()).swap_remove(0);
         (step.terms.unwrap().total, step.gradient_norm.unwrap())
     };
-    let (exact, rounded) = (first(""), first("products = \"bf16\""));
+    let (exact, rounded) = (first(""), first("matmul-precision = \"bf16\""));
     for (exact, rounded) in [(exact.0, rounded.0), (exact.1, rounded.1)] {
         let moved = ((rounded - exact) / exact).abs();
         assert!(moved > 1e-7 && moved < 0.03, "{exact} became {rounded}");

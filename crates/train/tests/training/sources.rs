@@ -307,6 +307,6 @@ fn write_rooms(folder: &Path, frames: [usize; 2]) {
             request
         })
         .into();
-    let options = WriteOptions { layout: Layout::Re10k, coding: ImageEncoding::Png, depth: false };
+    let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
     write_dataset(folder, requests, &options, &mut Warnings::new(), |_, _| ()).unwrap();
 }

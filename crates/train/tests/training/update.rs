@@ -71,10 +71,10 @@ fn a_step_updates_every_weight_by_the_clipped_mean_gradient() {
     }
 }
 
-/// Every second sample has one context image less, so that of three samples that may go together none can; without that, two go
-/// together and the third alone.
+/// Every second sample has one context image less, so that no two of a micro-batch's three samples form one batch; without that,
+/// two do, and the third is alone.
 #[test]
-fn a_step_sees_the_same_samples_however_many_go_together() {
+fn a_step_sees_the_same_samples_at_any_size_of_the_micro_batch() {
     let mixed = Noise {
         corrupt: |number, sample| {
             if number % 2 == 1 {
@@ -84,9 +84,12 @@ fn a_step_sees_the_same_samples_however_many_go_together() {
         },
     };
     for source in [Noise::CLEAN, mixed] {
-        let first = [1, 2, 3, 8].map(|together| {
-            let config =
-                TrainConfig { batch: 3.try_into().unwrap(), together: together.try_into().unwrap(), ..config("") };
+        let first = [1, 2, 3, 8].map(|micro_batch| {
+            let config = TrainConfig {
+                batch: 3.try_into().unwrap(),
+                micro_batch: micro_batch.try_into().unwrap(),
+                ..config("")
+            };
             let folder = tempdir().unwrap();
             trainer(config, folder.path(), &Start::Fresh, source).step(&mut |_| ()).unwrap();
             journal::read::<StepRecord>(&folder.path().join("steps.jsonl")).unwrap().remove(0)

@@ -85,9 +85,9 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     let Outputs { inputs, views, .. } = baseline;
     let decoded = inputs.files.iter().map(|file| stages.decode(file)).collect::<Result<Vec<_>, _>>()?;
     let resized_alone = resized(stages, inputs, &baseline.decoded)?;
-    let gaussians = stages.model(context(inputs, views))?;
-    let renders = rendered(stages, &baseline.gaussians, targets(inputs, views))?;
-    let scores = scored(stages, &baseline.renders, targets(inputs, views))?;
+    let gaussians = stages.model(context(inputs, views)?)?;
+    let renders = rendered(stages, &baseline.gaussians, targets(inputs, views)?)?;
+    let scores = scored(stages, &baseline.renders, targets(inputs, views)?)?;
     let alone = [
         of_images(&decoded),
         of_views(&resized_alone),
@@ -99,16 +99,16 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
     let changes = changes.map(|(stage, now)| change(stage, &baseline.values(stage), now, same_machine)).collect();
 
     let from_gaussians = |gaussians: &Gaussians, views: &[View]| {
-        let targets = targets(inputs, views);
+        let targets = targets(inputs, views)?;
         Ok::<_, DriftError>(mean_scores(&scored(stages, &rendered(stages, gaussians, targets)?, targets)?))
     };
-    let from_views = |views: &[View]| from_gaussians(&stages.model(context(inputs, views))?, views);
+    let from_views = |views: &[View]| from_gaussians(&stages.model(context(inputs, views)?)?, views);
     // Numbers with the current implementation from each stage on; the baseline's numbers last.
     let numbers = [
         from_views(&resized(stages, inputs, &decoded)?)?,
         from_views(&resized_alone)?,
         from_gaussians(&gaussians, views)?,
-        mean_scores(&scored(stages, &renders, targets(inputs, views))?),
+        mean_scores(&scored(stages, &renders, targets(inputs, views)?)?),
         mean_scores(&scores),
         baseline.mean_scores(),
     ];

@@ -41,11 +41,13 @@ pub struct Fingerprint {
     /// Number of values.
     pub values: u64,
     /// Smallest value.
-    pub least: f64,
+    #[serde(alias = "least")]
+    pub min: f64,
     /// Mean value.
     pub mean: f64,
     /// Largest value.
-    pub most: f64,
+    #[serde(alias = "most")]
+    pub max: f64,
 }
 
 /// Runs all stages.
@@ -55,9 +57,9 @@ pub struct Fingerprint {
 pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> {
     let decoded = inputs.files.iter().map(|file| stages.decode(file)).collect::<Result<Vec<_>, _>>()?;
     let views = resized(stages, inputs, &decoded)?;
-    let gaussians = stages.model(context(inputs, &views))?;
-    let renders = rendered(stages, &gaussians, targets(inputs, &views))?;
-    let scores = scored(stages, &renders, targets(inputs, &views))?;
+    let gaussians = stages.model(context(inputs, &views)?)?;
+    let renders = rendered(stages, &gaussians, targets(inputs, &views)?)?;
+    let scores = scored(stages, &renders, targets(inputs, &views)?)?;
     let sheet = stages.splat(&inputs.sheet, &sheet_view()?)?;
     Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, sheet, scores })
 }
@@ -79,14 +81,18 @@ pub(super) fn scored(
     renders.iter().zip(targets).map(|(render, target)| stages.score(render, &target.image)).collect()
 }
 
-/// The context views; none if the inputs have fewer views than they claim.
-pub(super) fn context<'a>(inputs: &Inputs, views: &'a [View]) -> &'a [View] {
-    views.get(..inputs.context).unwrap_or_default()
+/// The context views.
+pub(super) fn context<'a>(inputs: &Inputs, views: &'a [View]) -> Result<&'a [View], DriftError> {
+    views.get(..inputs.context).ok_or_else(|| too_few_views(inputs, views))
 }
 
 /// The target views.
-pub(super) fn targets<'a>(inputs: &Inputs, views: &'a [View]) -> &'a [View] {
-    views.get(inputs.context..).unwrap_or_default()
+pub(super) fn targets<'a>(inputs: &Inputs, views: &'a [View]) -> Result<&'a [View], DriftError> {
+    views.get(inputs.context..).ok_or_else(|| too_few_views(inputs, views))
+}
+
+fn too_few_views(inputs: &Inputs, views: &[View]) -> DriftError {
+    DriftError::invalid("the probe's views", format!("at least {}, its context", inputs.context), views.len())
 }
 
 impl Outputs {
@@ -168,11 +174,11 @@ pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
 
 fn fingerprint(stage: Stage, values: &[f64]) -> Fingerprint {
     let mut hash = Sha256::new();
-    let (mut least, mut most, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
+    let (mut min, mut max, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
     for value in values {
         hash.update(value.to_le_bytes());
-        (least, most, sum) = (least.minimum_of(*value), most.maximum_of(*value), sum + value);
+        (min, max, sum) = (min.minimum_of(*value), max.maximum_of(*value), sum + value);
     }
     let sha256 = Sha256Digest::finish(hash).to_string();
-    Fingerprint { stage, sha256, values: values.len() as u64, least, mean: sum / values.len() as f64, most }
+    Fingerprint { stage, sha256, values: values.len() as u64, min, mean: sum / values.len() as f64, max }
 }

@@ -153,5 +153,5 @@ fn a_stage_without_values_is_not_the_same() {
     let baseline = Baseline::new(&base, &[], acceptance("first"));
     let report = compare(&base, &baseline).with_attribution(Ok(attribution));
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Nothing, None));
-    assert!(report.to_string().contains("on the probe there was nothing to compare for: metric."), "{report}");
+    assert!(report.to_string().contains("the probe had nothing to compare for: metric."), "{report}");
 }

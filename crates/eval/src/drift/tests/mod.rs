@@ -99,7 +99,7 @@ fn an_acceptance_names_targets_without_a_score() {
         base.targets[row].status = status;
         base.targets[row].scores.clear();
     }
-    let [failed, non_finite] = ["2 targets failed", "1 target with samples that are no numbers"]
+    let [failed, non_finite] = ["2 targets failed", "1 target with NaN or infinite samples"]
         .map(|text| format!("warning: without a score: {text}\n"));
     let partial = text(&base);
     assert!(partial.contains(&format!("{failed}{non_finite}")), "{partial}");
@@ -237,7 +237,7 @@ fn reports_have_human_readable_numbers() {
         limit: least_limit("psnr"),
         runs: 1,
     };
-    assert_eq!(limit.to_string(), "p, m: psnr may move by 0.01 dB, from 1 run");
+    assert_eq!(limit.to_string(), "p, m: psnr may vary by 0.01 dB, from 1 run");
     for part in ["21.97 dB", "21.84 dB", "-0.125 dB", "largest change 0.12 dB at scene 000 0 frame 0", "DRIFTED, worse"]
     {
         assert!(report.contains(part), "{part}: {report}");

@@ -107,7 +107,7 @@ impl Exec {
                 slot.process = Some(process);
                 Ok((answer, Cost { stages, own_peak_bytes, ..Cost::default() }))
             }
-            Err(why) => Err(MethodError::Failed(with_last_words(&why, &process.kill()))),
+            Err(why) => Err(MethodError::Failed(with_stderr_tail(&why, &process.kill()))),
         }
     }
 
@@ -117,9 +117,7 @@ impl Exec {
             return Ok(process);
         }
         let differences = differences(&self.hello, &hello);
-        Err(format!(
-            "the method's process: after a restart it describes itself differently, before and after: {differences}"
-        ))
+        Err(format!("the method's process: it describes itself differently after a restart: {differences}"))
     }
 }
 
@@ -139,11 +137,11 @@ fn start(words: &[String], number: usize, limit: Duration) -> Result<(Process, H
     let line = process.line(limit).map_err(|fault| fault.to_string());
     match line.and_then(|line| Hello::parse(&line)) {
         Ok(hello) => Ok((process, hello)),
-        Err(why) => Err(with_last_words(&why, &process.kill())),
+        Err(why) => Err(with_stderr_tail(&why, &process.kill())),
     }
 }
 
-fn with_last_words(why: &str, lines: &[String]) -> String {
+fn with_stderr_tail(why: &str, lines: &[String]) -> String {
     match lines {
         [] => format!("the method's process: {why}; it wrote nothing to standard error"),
         lines => format!("the method's process: {why}; its last lines on standard error: {}", lines.join(" | ")),
@@ -229,7 +227,7 @@ impl Method for Exec {
             (Answer::NotApplicable(why), _) => return Err(MethodError::NotApplicable(why)),
             (Answer::Error(why), _) => format!("the method says: {why}"),
             (other, gives) => {
-                format!("expected {}, as it said when it started, found {}", gives.name(), other.name())
+                format!("expected {}, as announced at its start, found {}", gives.name(), other.name())
             }
         };
         Err(MethodError::Failed(why))

@@ -48,7 +48,7 @@ pub(super) struct Process {
     /// Lines for its standard input, which is closed when this is dropped.
     requests: Option<Sender<String>>,
     lines: Receiver<Result<String, &'static str>>,
-    last_words: LastWords,
+    stderr_tail: StderrTail,
     /// Ends the thread that started the process; see [`spawn_and_write`].
     _alive: Sender<()>,
 }
@@ -66,8 +66,8 @@ impl Process {
         if let Some(stdout) = child.stdout.take() {
             waiting_thread(move || read_lines(stdout, &sender));
         }
-        let last_words = LastWords::of(child.stderr.take());
-        Ok(Self { child, requests: Some(requests), lines, last_words, _alive: alive })
+        let stderr_tail = StderrTail::of(child.stderr.take());
+        Ok(Self { child, requests: Some(requests), lines, stderr_tail, _alive: alive })
     }
 
     pub(super) fn id(&self) -> u32 {
@@ -113,7 +113,7 @@ impl Process {
     /// Kills it; its last lines on standard error.
     pub(super) fn kill(mut self) -> Vec<String> {
         self.kill_all();
-        self.last_words.take()
+        self.stderr_tail.take()
     }
 
     /// Waits until it has ended; `None` if it is still running.
@@ -214,13 +214,13 @@ fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>)
 
 /// The last lines that a process wrote to standard error.
 #[derive(Debug)]
-struct LastWords {
+struct StderrTail {
     lines: Arc<Mutex<VecDeque<String>>>,
     /// Disconnected when standard error has ended.
     end: Receiver<()>,
 }
 
-impl LastWords {
+impl StderrTail {
     fn of(stderr: Option<ChildStderr>) -> Self {
         let lines = Arc::new(Mutex::new(VecDeque::new()));
         let (at_end, end) = channel();

@@ -194,7 +194,7 @@ impl Answer {
             return Err(format!("expected the answer to trial {trial}, found that to trial {}", answer.trial));
         }
         if let Some((name, secs)) = answer.seconds.iter().find(|(_, secs)| !secs.is_finite() || **secs < 0.0) {
-            return Err(format!("expected seconds of {name} of at least 0, found {secs}"));
+            return Err(format!("{name}: expected seconds of at least 0, found {secs}"));
         }
         let parts = [
             answer.images.map(Self::Images),

@@ -4,7 +4,7 @@ use super::*;
 
 fn shard(number: u32, scenes: &[&str]) -> Results {
     let folder = tempfile::tempdir().unwrap();
-    let provenance = Provenance { shard: Some(Shard { number, of: 3 }), ..Provenance::default() };
+    let provenance = Provenance { shard: Some(Shard { number, count: 3 }), ..Provenance::default() };
     let store = Store::create(folder.path(), provenance).unwrap();
     for scene in scenes {
         store.append(&trial(scene), &targets(scene)).unwrap();

@@ -74,7 +74,7 @@ fn failures_of_a_replaced_method_do_not_return_after_a_kill() {
     }
 }
 
-/// Killed between the two tables, after them, and between the parts that stand for them meanwhile.
+/// Killed between the two tables, after them, and between the part files that override them meanwhile.
 #[test]
 fn a_replacement_can_be_interrupted() {
     let [torn, whole] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];

@@ -6,7 +6,7 @@ use atsplat_splat::gpu::{
     GpuCounts, GpuError, GpuGaussians, GpuGradients, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuRendering,
     GpuStripGradients,
 };
-use atsplat_splat::{Census, SplatError, sh_coefficients};
+use atsplat_splat::{GaussianCounts, SplatError, sh_coefficients};
 use burn::backend::ops::FloatTensorOps as _;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Cube, CubeDevice, DispatchDevice, TensorMetadata};
@@ -135,20 +135,20 @@ fn rendered(
             done => Some(done?),
         },
     };
-    let (scenes, census, images) = match done {
+    let (scenes, counts, images) = match done {
         Some(done) => done,
         None => one_by_one(renderer, inputs, request)?,
     };
-    if census.iter().any(|census| census.invalid > 0) {
+    if counts.iter().any(|counts| counts.invalid > 0) {
         // Values that are not finite are an error, shapes that overflow are skipped: the CPU renderer distinguishes them.
         host::scenes::<Cube>(inputs.clone(), request)?;
     }
-    request.set_outcome(Ok(census));
+    request.set_outcome(Ok(counts));
     Ok((scenes, images))
 }
 
 /// Copies of the Gaussians, counts, and images.
-type Rendered = (Vec<Scenes>, Vec<Census>, FloatTensor<Cube>);
+type Rendered = (Vec<Scenes>, Vec<GaussianCounts>, FloatTensor<Cube>);
 
 /// All scenes by one launch of each kernel.
 fn batch(
@@ -160,14 +160,14 @@ fn batch(
     let gaussians = gaussians(renderer, inputs, request)?;
     let pending = renderer.render_batch(&gaussians, in_u32(scenes), &request.views, &request.options)?;
     let settled = renderer.settle(&pending)?;
-    let (census, result) = (settled.census, settled.result);
+    let (counts, result) = (settled.counts, settled.result);
     let images = image(renderer, result, request.views.len(), request, &inputs[0])?;
-    Ok((vec![Scenes { gaussians, count: scenes }], vec![census], images))
+    Ok((vec![Scenes { gaussians, count: scenes }], vec![counts], images))
 }
 
 /// Each view by its own launches, with one wait for a scene.
 fn one_by_one(renderer: &mut GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -> Result<Rendered, SplatError> {
-    let (mut scenes, mut census, mut images) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut scenes, mut counts, mut images) = (Vec::new(), Vec::new(), Vec::new());
     for (at, views) in request.views_by_scene().enumerate() {
         let row = |input: &FloatTensor<Cube>| Cube::float_slice(input.clone(), &[Slice::from(at..at + 1)]);
         let gaussians = match request.scenes {
@@ -177,12 +177,12 @@ fn one_by_one(renderer: &mut GpuRenderer, inputs: &Inputs<Cube>, request: &Reque
         let mut render = |view| renderer.render_resident(&gaussians, view, &request.options);
         let pending = views.iter().map(&mut render).collect::<Result<Vec<_>, _>>()?;
         for settled in renderer.settle_all(&pending.iter().collect::<Vec<_>>())? {
-            census.push(settled.census);
+            counts.push(settled.counts);
             images.push(image(renderer, settled.result, 1, request, &inputs[0])?);
         }
         scenes.push(Scenes { gaussians, count: 1 });
     }
-    Ok((scenes, census, Cube::float_cat(images, 0)))
+    Ok((scenes, counts, Cube::float_cat(images, 0)))
 }
 
 #[expect(clippy::expect_used, reason = "an adapter holds fewer")]

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use atsplat_splat::cpu::{CpuRenderer, Recording};
 use atsplat_splat::{
-    Census, GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, SplatError, View, sh_coefficients,
+    GaussianCounts, GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, SplatError, View, sh_coefficients,
 };
 use burn::backend::tensor::{Device, FloatTensor};
 use burn::backend::{Backend, Flex, TensorMetadata};
@@ -45,7 +45,7 @@ pub(super) fn render<B: Backend>(inputs: Inputs<B>, request: &Request) -> FloatT
         let scenes = scenes.into_iter().zip(request.views_by_scene());
         Ok(scenes.map(render).collect::<Result<Vec<_>, SplatError>>()?.concat())
     });
-    let images = rendered.map(|images| images.iter().map(|image| (image.census, request.interleaved(image))).unzip());
+    let images = rendered.map(|images| images.iter().map(|image| (image.counts, request.interleaved(image))).unzip());
     tensor::<B>(request.finish(images), request.shape(), &device)
 }
 
@@ -65,7 +65,7 @@ pub(super) fn record<B: Backend>(inputs: Inputs<B>, request: &Request) -> (Recor
     let (recordings, images) = match recorded {
         Ok(recordings) => {
             let images = recordings.iter().map(Recording::rendering);
-            let images = images.map(|image| (image.census, request.interleaved(image))).unzip();
+            let images = images.map(|image| (image.counts, request.interleaved(image))).unzip();
             (recordings, request.finish(Ok(images)))
         }
         Err(error) => (Vec::new(), request.finish(Err(error))),
@@ -135,9 +135,9 @@ pub(super) fn scenes<B: Backend>(inputs: Inputs<B>, request: &Request) -> Result
 
 impl Request {
     /// Sets the outcome and returns the images, or zeros after an error.
-    fn finish(&self, images: Result<(Vec<Census>, Vec<Vec<f32>>), SplatError>) -> Vec<f32> {
+    fn finish(&self, images: Result<(Vec<GaussianCounts>, Vec<Vec<f32>>), SplatError>) -> Vec<f32> {
         let (outcome, images) = match images {
-            Ok((census, images)) => (Ok(census), images.concat()),
+            Ok((counts, images)) => (Ok(counts), images.concat()),
             Err(error) => (Err(error), vec![0.0; self.shape().iter().product()]),
         };
         self.set_outcome(outcome);

@@ -8,7 +8,7 @@ mod host;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use atsplat_splat::{Census, RenderOptions, SplatError, View};
+use atsplat_splat::{GaussianCounts, RenderOptions, SplatError, View};
 #[cfg(feature = "gpu-network")]
 use burn::backend::Cube;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
@@ -68,7 +68,7 @@ pub(super) struct Request {
     scenes: usize,
     options: RenderOptions,
     sh_degree: u8,
-    outcome: Mutex<Option<Result<Vec<Census>, SplatError>>>,
+    outcome: Mutex<Option<Result<Vec<GaussianCounts>, SplatError>>>,
 }
 
 impl Request {
@@ -81,13 +81,13 @@ impl Request {
         self.views.chunks((self.views.len() / self.scenes.max(1)).max(1))
     }
 
-    /// Census of the Gaussians in each view, or in all of them.
+    /// Counts of the Gaussians in each view, or in all of them.
     #[expect(clippy::expect_used, reason = "every implementation of the operation sets the outcome")]
-    pub(super) fn outcome(&self) -> Result<Vec<Census>, SplatError> {
+    pub(super) fn outcome(&self) -> Result<Vec<GaussianCounts>, SplatError> {
         self.outcome.lock().unwrap_or_else(PoisonError::into_inner).take().expect("the outcome of a rendering")
     }
 
-    fn set_outcome(&self, outcome: Result<Vec<Census>, SplatError>) {
+    fn set_outcome(&self, outcome: Result<Vec<GaussianCounts>, SplatError>) {
         *self.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
     }
 

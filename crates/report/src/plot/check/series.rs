@@ -11,8 +11,8 @@ const SAME: f64 = 0.75;
 /// Points farther apart than this many times the least step have a gap between them.
 const GAP: f64 = 1.6;
 
-/// Series that share a colour or have none of the palette, that the legend does not explain, or whose bands lie where there
-/// are no points.
+/// Series that share a colour, use one outside the palette, are missing from the legend, or have bands where they have no
+/// points.
 pub(super) fn faults(drawing: &Drawing) -> Vec<PlotFault> {
     let mut faults = Vec::new();
     let mut data = BTreeMap::<&str, Vec<&Item>>::new();

@@ -203,7 +203,7 @@ fn headings_without_protocol_or_count_are_found() {
     let subtitle =
         |text: &'static str| kinds(move |plot| retext(plot, &Role::Subtitle, |own| own.text = text.to_owned()));
     assert_eq!(subtitle("../shared/index.json"), [FaultKind::Heading], "a path");
-    assert_eq!(subtitle("RealEstate10K, 2 views; means"), [FaultKind::Heading], "views are no scenes");
+    assert_eq!(subtitle("RealEstate10K, 2 views; means"), [FaultKind::Heading], "views are not scenes");
     assert_eq!(subtitle("8 scenes"), [FaultKind::Heading], "of what?");
     assert_eq!(subtitle("Simulated rooms; 24 simulated scenes"), []);
     assert_eq!(kinds(|plot| retext(plot, &Role::Title, |own| own.text.clear())), [FaultKind::Heading]);

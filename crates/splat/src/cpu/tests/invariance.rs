@@ -108,8 +108,8 @@ fn occluded_gaussians_change_nothing() {
     let expected = gradients(&walls, &view, SimdLevel::best());
     for (both, first) in [(hidden.merge(&walls), 5000), (walls.merge(&hidden), 0)] {
         let mut rendering = rendered(&both, &view, &everything(), CpuOptions::default());
-        assert!(rendering.census.drawn > alone.census.drawn + 1000, "{:?}", rendering.census);
-        rendering.census = alone.census;
+        assert!(rendering.counts.drawn > alone.counts.drawn + 1000, "{:?}", rendering.counts);
+        rendering.counts = alone.counts;
         assert!(rendering == alone);
         let found = gradients(&both, &view, SimdLevel::best());
         assert_eq!(shared(&found), shared(&expected));

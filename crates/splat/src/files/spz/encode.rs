@@ -204,7 +204,8 @@ mod tests {
         assert_eq!(exported([2047.0, odd, 0.1]), Export::default(), "steps of 1/4096");
         assert_eq!(exported([3000.0, odd, 0.5]), Export { centres: 1, ..Export::default() }, "steps of 1/2048");
         let whole = exported([8_388_607.0, 0.3, -0.6]);
-        let expected = "coordinates of centres in steps above SPZ's usual 1/4096, because one is beyond ±2047: 2";
+        let expected =
+            "coordinates of centres rounded more coarsely than SPZ's usual 1/4096, because one is beyond ±2047: 2";
         assert_eq!(whole.warnings(), [expected]);
     }
 }

@@ -1,4 +1,4 @@
-//! What a results store lacks.
+//! What a results store is missing: everything that makes `run --strict` fail.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,9 +7,9 @@ use atsplat_eval::store::Unfinished;
 use atsplat_eval::{Results, TargetStatus};
 use atsplat_report::table::Source;
 
-/// Something that a store lacks.
+/// A kind of gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Lack {
+enum Gap {
     MissingScenes,
     /// Scenes or frames of the data, of this kind.
     NotSampled(&'static str),
@@ -21,13 +21,13 @@ enum Lack {
     Undrawn,
 }
 
-/// How often something is lacking under a protocol, and the first case; the method is empty where it is of all methods.
-type Counts<'a> = BTreeMap<(&'a str, &'a str, Lack), (u64, String)>;
+/// How often each gap occurs under a protocol, and its first case. An empty method means all methods.
+type Counts<'a> = BTreeMap<(&'a str, &'a str, Gap), (u64, String)>;
 
-/// A line for everything that makes `run --strict` exit with another code than 0, by protocol and method.
-pub(super) fn of(Source { label, results }: &Source<'_>) -> Vec<String> {
-    let line = |((preset, method, lack), (count, first)): ((&str, &str, Lack), (u64, String))| {
-        format!("{label}: {preset}: {}: {first}", lack.text(count, method))
+/// One line for each gap, by protocol and method.
+pub(super) fn gaps_in(Source { label, results }: &Source<'_>) -> Vec<String> {
+    let line = |((preset, method, gap), (count, first)): ((&str, &str, Gap), (u64, String))| {
+        format!("{label}: {preset}: {}: {first}", gap.text(count, method))
     };
     counts(results, &results.interrupted()).into_iter().map(line).collect()
 }
@@ -37,68 +37,68 @@ fn counts<'a>(results: &'a Results, interrupted: &'a [Unfinished]) -> Counts<'a>
     let mut add = |at, count: u64, first: String| counts.entry(at).or_insert((0, first)).0 += count;
     let provenance = &results.provenance;
     for warning in &provenance.warnings {
-        let lack = match warning.kind.as_str() {
-            MISSING_SCENES => Lack::MissingScenes,
-            kind if kind.starts_with(DROPPED_BY_SPLIT) => Lack::DroppedBySplit,
+        let gap = match warning.kind.as_str() {
+            MISSING_SCENES => Gap::MissingScenes,
+            kind if kind.starts_with(DROPPED_BY_SPLIT) => Gap::DroppedBySplit,
             kind => match NOT_SAMPLED.into_iter().find(|of| kind.starts_with(of)) {
-                Some(kind) => Lack::NotSampled(kind),
+                Some(kind) => Gap::NotSampled(kind),
                 None => continue,
             },
         };
-        add((warning.preset.as_str(), "", lack), warning.count, warning.example.clone());
+        add((warning.preset.as_str(), "", gap), warning.count, warning.example.clone());
     }
-    for Unfinished { preset, method, entries, of, .. } in interrupted {
-        let at = (preset.as_str(), method.as_str(), Lack::Unfinished);
-        add(at, of - entries, format!("{entries} of {of} index entries"));
+    for Unfinished { preset, method, entries, total, .. } in interrupted {
+        let at = (preset.as_str(), method.as_str(), Gap::Unfinished);
+        add(at, total - entries, format!("{entries} of {total} index entries"));
     }
     // Methods with other poses may give other reasons for one entry.
     let mut seen = BTreeSet::new();
     for entry in provenance.skipped.iter().filter(|entry| seen.insert((&entry.preset, &entry.scene, entry.entry))) {
         let first = format!("scene {}, entry {}: {}: {}", entry.scene, entry.entry, entry.reason, entry.detail);
-        // Of several, the first stands for those that share its poses.
+        // Methods with the same poses skip the same entries: the first is named.
         let method = entry.methods.first().map_or("", String::as_str);
-        add((entry.preset.as_str(), method, Lack::Skipped), 1, first);
+        add((entry.preset.as_str(), method, Gap::Skipped), 1, first);
     }
     for trial in &results.trials {
-        let at = |lack| (trial.key.preset.as_str(), trial.key.method.as_str(), lack);
+        let at = |gap| (trial.key.preset.as_str(), trial.key.method.as_str(), gap);
         let scene = &trial.key.scene;
         if trial.status.is_incomplete() {
             let (status, reason) = (trial.status.name(), trial.detail.as_deref().unwrap_or("no reason recorded"));
-            add(at(Lack::Incomplete), 1, format!("{scene} {status}: {reason}"));
+            add(at(Gap::Incomplete), 1, format!("{scene} {status}: {reason}"));
         }
         if trial.draws_nothing() {
-            add(at(Lack::Undrawn), 1, format!("scene {scene}, entry {}", trial.key.entry));
+            add(at(Gap::Undrawn), 1, format!("scene {scene}, entry {}", trial.key.entry));
         }
     }
     for target in results.targets.iter().filter(|target| target.status == TargetStatus::NonFinite) {
-        let at = (target.key.preset.as_str(), target.key.method.as_str(), Lack::NonFinite);
+        let at = (target.key.preset.as_str(), target.key.method.as_str(), Gap::NonFinite);
         let reason = target.detail.as_deref().unwrap_or("no reason recorded");
         add(at, 1, format!("scene {}, frame {}: {reason}", target.key.scene, target.frame));
     }
     counts
 }
 
-impl Lack {
+impl Gap {
     /// The count, and what is counted.
     fn text(self, count: u64, method: &str) -> String {
         let one = count == 1;
         let [scenes, entries, trials, targets] =
             if one { ["scene", "entry", "trial", "target"] } else { ["scenes", "entries", "trials", "targets"] };
-        let [are, have] = if one { ["is", "has"] } else { ["are", "have"] };
+        let [are, have, draw] = if one { ["is", "has", "draws"] } else { ["are", "have", "draw"] };
         match self {
             Self::MissingScenes => format!("{count} {scenes} of the index {are} not in the data"),
             Self::NotSampled(kind) => format!("{count} {kind}"),
-            Self::Unfinished => format!("the run of {method} has not ended"),
+            Self::Unfinished => format!("the run of {method} is unfinished"),
             Self::DroppedBySplit => {
-                format!("{count} {entries} of the published index {have} no place in the split derived from it")
+                format!("{count} {entries} of the published index {are} dropped by the split derived from it")
             }
             Self::Skipped => {
                 let of = if method.is_empty() { String::new() } else { format!(" for {method}") };
                 format!("{count} index {entries} {} skipped{of}", if one { "was" } else { "were" })
             }
             Self::Incomplete => format!("{count} {trials} of {method} {are} incomplete"),
-            Self::NonFinite => format!("{count} {targets} of {method} {have} samples that are no numbers"),
-            Self::Undrawn => format!("{count} {trials} of {method} {have} no Gaussian in any target"),
+            Self::NonFinite => format!("{count} {targets} of {method} {have} NaN or infinite samples"),
+            Self::Undrawn => format!("{count} {trials} of {method} {draw} no Gaussian in any target"),
         }
     }
 }
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn entries_that_a_derived_split_drops_are_lacking() {
+    fn entries_that_a_derived_split_drops_are_gaps() {
         let warning = |kind: String, count, example: &str| WarningCount {
             preset: "p".to_owned(),
             kind,
@@ -131,15 +131,12 @@ mod tests {
             warning(format!("{DROPPED_BY_SPLIT}: scene too short"), 2, "short"),
             warning("entries with a target twice".to_owned(), 5, "a"),
         ];
-        let lines = of(&Source { label: "run", results: &results });
-        assert_eq!(
-            lines,
-            ["run: p: 2 entries of the published index have no place in the split derived from it: short"]
-        );
+        let lines = gaps_in(&Source { label: "run", results: &results });
+        assert_eq!(lines, ["run: p: 2 entries of the published index are dropped by the split derived from it: short"]);
     }
 
     #[test]
-    fn what_is_not_sampled_is_lacking() {
+    fn what_is_not_sampled_is_a_gap() {
         let warning = |kind: &str, count, example: &str| WarningCount {
             preset: "p".to_owned(),
             kind: kind.to_owned(),
@@ -159,20 +156,20 @@ mod tests {
             "run: p: 3 scenes that are not read, and not sampled: b: holds images",
             "run: p: 1 scenes without an entry in the sampled index: d, …: 1 unreadable",
         ];
-        assert_eq!(of(&Source { label: "run", results: &results }), expected);
+        assert_eq!(gaps_in(&Source { label: "run", results: &results }), expected);
     }
 
     /// Killed after two of three entries under the second method; the third was never requested under this protocol.
     #[test]
-    fn a_killed_run_is_lacking() {
+    fn a_killed_run_is_a_gap() {
         let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
         let mut results = Results::default();
         results.provenance.presets = vec![PresetRecord { name: "p".to_owned(), entries: 3, ..PresetRecord::default() }];
         results.provenance.methods = ["first", "second", "third"].map(method).to_vec();
         let rows = [("first", "a"), ("first", "b"), ("first", "c"), ("second", "a"), ("second", "b")];
         results.trials = rows.map(|(method, scene)| trial(method, scene)).to_vec();
-        let lines = |results: &Results| of(&Source { label: "run", results });
-        assert_eq!(lines(&results), ["run: p: the run of second has not ended: 2 of 3 index entries"]);
+        let lines = |results: &Results| gaps_in(&Source { label: "run", results });
+        assert_eq!(lines(&results), ["run: p: the run of second is unfinished: 2 of 3 index entries"]);
         results.trials.push(trial("second", "c"));
         assert_eq!(lines(&results), [""; 0]);
     }

@@ -4,15 +4,15 @@ use atsplat_files::{FileError, Malformed, malformed_toml};
 
 use crate::overlap::OverlapEstimator;
 use crate::samplers::{Bounded, EvenlySpaced, FarthestPoint, Sampler, TargetRule};
-use crate::{IndexBuilder, ProtocolError};
+use crate::{ProtocolError, SamplingRule};
 
 macro_rules! built_in {
     ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!("../../../eval/samplers/", $name, ".toml")))),*]
+        &[$(($name, include_str!(concat!("../../../../eval/samplers/", $name, ".toml")))),*]
     };
 }
 
-/// The rules in `eval/samplers/`, which reproduce how published indices were made.
+/// The sampling rules in `eval/samplers/`, which reproduce how published indices were made.
 const BUILT_IN: &[(&str, &str)] = built_in![
     "re10k-2v",
     "re10k-extrapolation",
@@ -30,13 +30,13 @@ const BUILT_IN: &[(&str, &str)] = built_in![
     "photos-3v",
 ];
 
-impl IndexBuilder {
-    /// Names of the built-in rules, as in `eval/samplers/`.
+impl SamplingRule {
+    /// Names of the built-in sampling rules, as in `eval/samplers/`.
     pub fn names() -> impl Iterator<Item = &'static str> {
         BUILT_IN.iter().map(|(name, _)| *name)
     }
 
-    /// A built-in rule by name, or the one in a TOML file if the argument ends in `.toml`.
+    /// A built-in sampling rule by name, or the one in a TOML file if the argument ends in `.toml`.
     ///
     /// # Errors
     /// [`ProtocolError::Malformed`] for an unknown name, or with line and field for text that is not a valid rule;
@@ -90,7 +90,7 @@ impl IndexBuilder {
                 checks.push((
                     *ratio > 0.0 && *ratio <= 1.0,
                     "ratio".to_owned(),
-                    "a part of the scene, above 0 up to 1",
+                    "a fraction of the scene, above 0 and at most 1",
                     ratio.to_string(),
                 ));
             }
@@ -107,7 +107,7 @@ impl IndexBuilder {
                 let (least, most) = (schedule.initial_min, schedule.initial_max);
                 checks.push(gaps("gaps, initial-min and initial-max", least, most));
                 let least = min_distance_to_context.saturating_mul(2).max(views.saturating_sub(1));
-                let expected = "a gap that holds the context views and twice min-distance-to-context";
+                let expected = "a gap with room for the context views and for twice min-distance-to-context";
                 let found = format!("{}, where {least} are needed", schedule.max);
                 checks.push((schedule.max >= least, "gaps, max".to_owned(), expected, found));
                 if let Some((names, initial, last)) = schedule.falling() {
@@ -122,7 +122,7 @@ impl IndexBuilder {
                     TargetRule::Sampled { count, .. } => views.max(count.get()),
                     TargetRule::Window | TargetRule::BetweenContext => views,
                 };
-                let expected = "a window that holds the context views and the sampled targets";
+                let expected = "a window with room for the context views and the sampled targets";
                 let found = format!("{window}, where {least} are needed");
                 checks.push((window >= least, "window".to_owned(), expected, found));
             }
@@ -142,8 +142,8 @@ mod tests {
 
     #[test]
     fn every_built_in_rule_is_valid() {
-        for name in IndexBuilder::names() {
-            let rule = IndexBuilder::resolve(name);
+        for name in SamplingRule::names() {
+            let rule = SamplingRule::resolve(name);
             assert!(rule.is_ok(), "{name}: {}", rule.unwrap_err());
         }
     }
@@ -153,13 +153,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mine.toml");
         std::fs::write(&path, "[sampler]\nsampler = \"all-frames\"\n").unwrap();
-        assert_eq!(IndexBuilder::resolve(path.to_str().unwrap()).unwrap().sampler.name(), "all-frames");
+        assert_eq!(SamplingRule::resolve(path.to_str().unwrap()).unwrap().sampler.name(), "all-frames");
         std::fs::write(&path, "[sampler]\nsampler = \"guess\"\n").unwrap();
-        let broken = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
+        let broken = SamplingRule::resolve(path.to_str().unwrap()).unwrap_err().to_string();
         assert!(broken.contains("guess") && broken.contains("farthest-point"), "{broken}");
         let depth = "[sampler]\nsampler = \"all-frames\"\n[overlap.estimator]\nestimator = \"depth-covisibility\"\n";
         std::fs::write(&path, depth).unwrap();
-        let depth = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
+        let depth = SamplingRule::resolve(path.to_str().unwrap()).unwrap_err().to_string();
         assert!(depth.contains("no depth maps"), "{depth}");
         let bounded = "[sampler]\nsampler = \"bounded\"\ncontext-views = 2\ntarget-views = 3\nseed = 1\ngaps = { min = 4, max = 9 }\n";
         let pairs = "[sampler]\nsampler = \"overlap-pairs\"\nseed = 1\ntargets = { side = \"inside\", count = 3 }\n";
@@ -169,7 +169,7 @@ mod tests {
         let bounds = with_overlap("minimum = 0.2\nmaximum = 0.2");
         for valid in [bounded.to_owned(), pairs.to_owned(), farthest.to_owned(), bounds] {
             std::fs::write(&path, &valid).unwrap();
-            let rule = IndexBuilder::resolve(path.to_str().unwrap());
+            let rule = SamplingRule::resolve(path.to_str().unwrap());
             assert!(rule.is_ok(), "{valid}: {}", rule.unwrap_err());
         }
         for (text, expected) in [
@@ -188,7 +188,7 @@ mod tests {
                 bounded.replace("max = 9", "max = 9, initial-min = 4, initial-max = 12, warm-up-steps = 100"),
                 "found 12 and 9",
             ),
-            (farthest.replace("window = 9", "window = 8"), "window: a window that holds the context views"),
+            (farthest.replace("window = 9", "window = 8"), "window: a window with room for the context views"),
             (farthest.replace("false", "true").replace("window = 9", "window = 5"), "found 5, where 6 are needed"),
             (format!("{pairs}min-overlap = 0.9\nmax-overlap = 0.1\n"), "0.9 and 0.1"),
             (format!("{pairs}max-distance = 10\n"), "45 and 10"),
@@ -197,10 +197,10 @@ mod tests {
             (with_overlap("maximum = 60"), "0 and 60"),
         ] {
             std::fs::write(&path, &text).unwrap();
-            let broken = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
+            let broken = SamplingRule::resolve(path.to_str().unwrap()).unwrap_err().to_string();
             assert!(broken.contains(expected), "{text}: {broken}");
         }
-        let unknown = IndexBuilder::resolve("re10k").unwrap_err().to_string();
+        let unknown = SamplingRule::resolve("re10k").unwrap_err().to_string();
         assert!(unknown.contains("re10k-2v"), "the names are listed: {unknown}");
     }
 }

@@ -5,12 +5,12 @@ use atsplat_splat::{
 use serde::Serialize;
 use serde_json::Value;
 
-use super::{Frame, Shot};
+use super::{Frame, FrameRequest};
 
 /// How views are rendered: the options, and which effects may be skipped.
 #[derive(Debug)]
-pub struct Look {
-    /// The options; the exposure is that of each shot.
+pub struct RenderSettings {
+    /// The options; the exposure is that of each request.
     pub options: RenderOptions,
     /// Which of the requested effects run.
     pub effects: EffectSelection,
@@ -18,14 +18,14 @@ pub struct Look {
     pub tolerance: f64,
 }
 
-impl Look {
+impl RenderSettings {
     /// Plans the effects of a view.
     ///
     /// # Errors
     /// Those of [`EffectPlan::for_scene`].
-    pub fn plan(&self, scene: &Scene<'_>, shot: &Shot) -> Result<EffectPlan, SplatError> {
-        let options = shot.exposed(&self.options);
-        EffectPlan::for_scene(scene, &shot.view, &options, &self.effects, self.tolerance)
+    pub fn plan(&self, scene: &Scene<'_>, request: &FrameRequest) -> Result<EffectPlan, SplatError> {
+        let options = request.exposed(&self.options);
+        EffectPlan::for_scene(scene, &request.view, &options, &self.effects, self.tolerance)
     }
 
     /// Plans and renders a view.
@@ -36,9 +36,9 @@ impl Look {
         &self,
         renderer: &mut dyn Renderer,
         scene: &Scene<'_>,
-        shot: &Shot,
+        request: &FrameRequest,
     ) -> Result<(Rendering<f32>, EffectPlan), SplatError> {
-        let plan = self.plan(scene, shot)?;
+        let plan = self.plan(scene, request)?;
         Ok((plan.render(renderer, scene.gaussians())?, plan))
     }
 
@@ -49,13 +49,13 @@ impl Look {
 }
 
 /// The warning about principal points that the constants ignore.
-pub fn ignored_principal_points(constants: &RendererConstants, shots: &[Shot]) -> Option<String> {
+pub fn ignored_principal_points(constants: &RendererConstants, requests: &[FrameRequest]) -> Option<String> {
     const CENTRED: f64 = 1e-3;
-    let is_off = |shot: &&Shot| {
-        let intrinsics = shot.view.camera.intrinsics;
+    let is_off = |request: &&FrameRequest| {
+        let intrinsics = request.view.camera.intrinsics;
         !((intrinsics.cx - 0.5).abs() <= CENTRED && (intrinsics.cy - 0.5).abs() <= CENTRED)
     };
-    let off = shots.iter().filter(is_off).count();
+    let off = requests.iter().filter(is_off).count();
     (off > 0 && constants.principal_point == PrincipalPoint::Centre).then(|| {
         format!("{off} cameras have a principal point off the centre, which the constants {} ignore", constants.name)
     })
@@ -64,7 +64,7 @@ pub fn ignored_principal_points(constants: &RendererConstants, shots: &[Shot]) -
 /// [`RenderOptions`] as recorded in `render.json`.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct LookRecord {
+pub struct RenderSettingsRecord {
     constants: Value,
     background: [f64; 3],
     mode: RasterMode,
@@ -72,7 +72,7 @@ pub struct LookRecord {
     channels: Channels,
 }
 
-impl LookRecord {
+impl RenderSettingsRecord {
     /// The record of these options.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! What a store keeps beside rows that may be replaced.
+//! Images and times that a store keeps next to its rows.
 
 use std::collections::BTreeMap;
 

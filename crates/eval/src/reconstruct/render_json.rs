@@ -3,7 +3,7 @@ use std::path::Path;
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
 use atsplat_scene::{Frame, FrameImage, Scene, Warnings};
 
-use crate::images::frame_file_name;
+use crate::rendering::frame_file_name;
 
 /// Output of `atsplat render` as a scene; `None` for anything but a `render.json` or a folder with one.
 ///

@@ -1,19 +1,19 @@
-//! Images and times belong to the rows that they were made with: they are removed before a row is replaced, so that a run that
-//! is killed leaves them out rather than beside another row.
+//! Images and times belong to the rows that they were made with: they are removed before a row is replaced, so that a killed run
+//! loses them instead of leaving them with another row.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
 use atsplat_protocol::trial::Trial;
 
+use super::group_run::to_u32;
 use super::images::{self, CONTEXT, KeepImages, TRUTH};
-use super::walk::to_u32;
 use crate::store::OwnImage;
 use crate::{EvalError, Store, TrialKey, TrialRow};
 
-/// What a store had beside its rows when a run began.
+/// Images and times that a store held when a run began.
 #[derive(Debug)]
-pub(super) struct Extras<'a> {
+pub(super) struct ImagesAndTimes<'a> {
     store: &'a Store,
     /// The images of each result that are to be kept; empty unless the run keeps all images.
     own: BTreeMap<TrialKey, Vec<OwnImage>>,
@@ -23,7 +23,7 @@ pub(super) struct Extras<'a> {
     renewed: Mutex<BTreeSet<TrialKey>>,
 }
 
-impl<'a> Extras<'a> {
+impl<'a> ImagesAndTimes<'a> {
     pub(super) fn of(store: &'a Store, keep: KeepImages) -> Result<Self, EvalError> {
         let own = if keep == KeepImages::All { store.own_images()? } else { BTreeMap::new() };
         let timed = store.timings()?.into_iter().map(|row| row.key).collect();
@@ -118,15 +118,15 @@ mod tests {
     fn images_of_other_data_are_removed_once() {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path(), "data x 0");
-        let extras = Extras::of(&store, KeepImages::Nothing).unwrap();
+        let images_and_times = ImagesAndTimes::of(&store, KeepImages::Nothing).unwrap();
         let of_x = key("", "x", 0);
-        extras.remove_images_of(&of_x, "data x 0").unwrap();
+        images_and_times.remove_images_of(&of_x, "data x 0").unwrap();
         assert_eq!(stored(&store, "x"), [true; 4], "the same data");
-        extras.remove_images_of(&of_x, "other").unwrap();
+        images_and_times.remove_images_of(&of_x, "other").unwrap();
         assert_eq!((stored(&store, "x"), stored(&store, "y")), ([false; 4], [true; 4]));
         // a was evaluated again; b has other poses, and follows.
         write(&store, "x", &["a", TRUTH]);
-        extras.remove_images_of(&of_x, "other").unwrap();
+        images_and_times.remove_images_of(&of_x, "other").unwrap();
         assert_eq!(stored(&store, "x"), [true, false, true, false]);
     }
 
@@ -134,8 +134,8 @@ mod tests {
     fn images_of_new_data_stay_if_a_run_was_killed_between_two_methods() {
         let folder = tempfile::tempdir().unwrap();
         let store = store(folder.path(), "other");
-        let extras = Extras::of(&store, KeepImages::Nothing).unwrap();
-        extras.remove_images_of(&key("", "x", 0), "other").unwrap();
+        let images_and_times = ImagesAndTimes::of(&store, KeepImages::Nothing).unwrap();
+        images_and_times.remove_images_of(&key("", "x", 0), "other").unwrap();
         assert_eq!(stored(&store, "x"), [true, false, true, true]);
     }
 }

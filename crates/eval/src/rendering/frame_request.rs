@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// One image to render.
 #[derive(Clone, Debug)]
-pub struct Shot {
+pub struct FrameRequest {
     /// Number in its file names.
     pub number: usize,
     /// Name of the view.
@@ -18,16 +18,16 @@ pub struct Shot {
     pub exposure: Option<Exposure>,
 }
 
-impl Shot {
-    /// Shots of one size without exposure, numbered and named from 0.
+impl FrameRequest {
+    /// Requests of one size without exposure, numbered and named from 0.
     pub fn numbered(cameras: Vec<Camera>, size: ImageSize) -> Vec<Self> {
-        let shot = |(number, camera): (usize, Camera)| Self {
+        let request = |(number, camera): (usize, Camera)| Self {
             number,
             name: number.to_string(),
             view: View { camera, size },
             exposure: None,
         };
-        cameras.into_iter().enumerate().map(shot).collect()
+        cameras.into_iter().enumerate().map(request).collect()
     }
 
     /// The camera as recorded in `render.json`.
@@ -36,7 +36,7 @@ impl Shot {
         CameraRecord::new(self.number, self.name.clone(), &self.view.camera, self.view.size, exposure)
     }
 
-    /// The same options with the exposure of this shot.
+    /// The same options with the exposure of this request.
     pub fn exposed(&self, options: &RenderOptions) -> RenderOptions {
         RenderOptions { exposure: self.exposure, ..options.clone() }
     }
@@ -44,9 +44,9 @@ impl Shot {
 
 /// The images to render, and where their cameras come from.
 #[derive(Debug)]
-pub struct Plan {
+pub struct RenderPlan {
     /// The images.
-    pub shots: Vec<Shot>,
+    pub requests: Vec<FrameRequest>,
     /// Where the cameras come from.
     pub path: PathRecord,
     /// Warnings.

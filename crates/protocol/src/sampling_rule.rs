@@ -1,3 +1,5 @@
+mod named;
+
 use std::collections::BTreeMap;
 
 use atsplat_camera::Camera;
@@ -9,10 +11,10 @@ use crate::overlap::{FeatureOverlap, OverlapEstimator, context_overlap};
 use crate::samplers::{NoEntry, Sampler, SceneViews};
 use crate::{EvaluationIndex, IndexEntry, Overlap};
 
-/// Builds an evaluation index for a dataset that has none.
+/// How to build an evaluation index for a dataset that has none: which frames to choose, and which overlap to require.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct IndexBuilder {
+pub struct SamplingRule {
     /// Chooses context and target frames.
     pub sampler: Sampler,
     /// Measures the overlap of the context views and rejects entries outside its bounds.
@@ -56,7 +58,7 @@ pub struct BuiltIndex {
     pub missing_images: usize,
 }
 
-impl IndexBuilder {
+impl SamplingRule {
     /// The same rule with [`OverlapEstimator::with_features`].
     #[must_use]
     pub fn with_features(mut self, measure: Option<FeatureOverlap>) -> Self {
@@ -186,7 +188,7 @@ mod tests {
     use super::*;
     use crate::test_source::{MemorySource, scene};
 
-    fn builder(text: &str) -> IndexBuilder {
+    fn rule(text: &str) -> SamplingRule {
         toml::from_str(text).unwrap()
     }
 
@@ -204,7 +206,7 @@ mod tests {
         let progress = || {
             calls.fetch_add(1, Ordering::SeqCst);
         };
-        let built = builder(FARTHEST).build(&source(), &progress, &mut warnings);
+        let built = rule(FARTHEST).build(&source(), &progress, &mut warnings);
         assert_eq!(built.index.scenes.keys().collect::<Vec<_>>(), ["e", "d", "c", "b", "a"]);
         assert_eq!((built.scenes, built.entries, calls.into_inner()), (3, 3, 5));
         assert_eq!(built.nulls.into_iter().collect::<Vec<_>>(), [("too-few-frames", 1), ("too-few-targets", 1)]);
@@ -216,7 +218,7 @@ mod tests {
     fn the_index_does_not_depend_on_the_number_of_threads() {
         let build = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| builder(FARTHEST).build(&source(), &|| (), &mut Warnings::new()))
+            pool.install(|| rule(FARTHEST).build(&source(), &|| (), &mut Warnings::new()))
         };
         let one = build(1);
         assert!(one.index.scenes["e"][0].target != one.index.scenes["a"][0].target, "each scene has its own stream");
@@ -227,22 +229,22 @@ mod tests {
 
     #[test]
     fn rejects_entries_outside_the_overlap_bounds() {
-        let rule = |minimum: f64, maximum: f64| {
+        let with_bounds = |minimum: f64, maximum: f64| {
             format!(
                 "{FARTHEST}[overlap]\nestimator = {{ estimator = 'epipolar-ray' }}\nminimum = {minimum}\nmaximum = {maximum}\n"
             )
         };
-        let all = builder(&rule(0.0, 1.0)).build(&source(), &|| (), &mut Warnings::new());
+        let all = rule(&with_bounds(0.0, 1.0)).build(&source(), &|| (), &mut Warnings::new());
         let measured = all.index.scenes["e"][0].overlap.clone().unwrap();
         assert_eq!(measured.estimator.as_deref(), Some("epipolar-ray"));
         let overlap = measured.value;
         assert!(overlap > 0.05 && overlap < 0.95, "{overlap}");
-        let none = builder(&rule(overlap + 0.01, 1.0)).build(&source(), &|| (), &mut Warnings::new());
+        let none = rule(&with_bounds(overlap + 0.01, 1.0)).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!((none.nulls["overlap-outside"], none.refused_entries), (2, 2), "a and e; c overlaps more");
-        let at_the_bound = builder(&rule(overlap, overlap)).build(&source(), &|| (), &mut Warnings::new());
+        let at_the_bound = rule(&with_bounds(overlap, overlap)).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!(at_the_bound.index.scenes["e"], all.index.scenes["e"], "bounds are inclusive");
         let unbounded = format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'epipolar-ray' }}\n");
-        let unbounded = builder(&unbounded).build(&source(), &|| (), &mut Warnings::new());
+        let unbounded = rule(&unbounded).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!(unbounded.index, all.index, "any overlap by default");
     }
 
@@ -255,7 +257,7 @@ mod tests {
             incomplete.frames[at].image = FrameImage::Missing(format!("{at}.png").into());
         }
         let source = MemorySource::new([incomplete, scene("whole", 14, 0)]);
-        let built = builder(FARTHEST).build(&source, &|| (), &mut Warnings::new());
+        let built = rule(FARTHEST).build(&source, &|| (), &mut Warnings::new());
         assert_eq!((built.scenes, built.missing_images), (2, 3));
         let entry = |key: &str| built.index.scenes[key][0].clone();
         assert_eq!((entry("s").context, entry("whole").context), (vec![0, 12], vec![0, 9]));
@@ -267,7 +269,7 @@ mod tests {
     fn unreadable_scenes_become_null_with_a_warning() {
         let source = MemorySource::new([scene("kept", 12, 0)]).with_key("lost");
         let mut warnings = Warnings::new();
-        let built = builder(FARTHEST).build(&source, &|| (), &mut warnings);
+        let built = rule(FARTHEST).build(&source, &|| (), &mut warnings);
         assert_eq!((built.scenes, built.nulls["unreadable"]), (1, 1));
         assert!(built.index.scenes["lost"].is_empty());
         assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
@@ -280,9 +282,9 @@ mod tests {
         garbled.frames[10].image = FrameImage::Encoded(SharedBytes::new(b"no image".to_vec()));
         let source = MemorySource::new([garbled, scene("whole", 12, 0)]);
         let half: FeatureOverlap = |_, _| Ok(0.5);
-        let rule = builder(&format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'feature-coverage' }}\n"));
+        let by_features = rule(&format!("{FARTHEST}[overlap]\nestimator = {{ estimator = 'feature-coverage' }}\n"));
         let mut warnings = Warnings::new();
-        let built = rule.with_features(Some(half)).build(&source, &|| (), &mut warnings);
+        let built = by_features.with_features(Some(half)).build(&source, &|| (), &mut warnings);
         let measured = Overlap { value: 0.5, estimator: Some("feature-coverage".to_owned()) };
         assert_eq!(built.index.scenes["whole"][0].overlap, Some(measured));
         assert_eq!((built.nulls["unreadable"], built.refused_entries), (1, 1));

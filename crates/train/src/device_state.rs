@@ -11,7 +11,7 @@ use crate::{TrainConfig, TrainError};
 
 /// The part of a [`State`] that steps change, in the order of [`Network::flat`].
 #[derive(Clone, Debug)]
-pub(crate) struct Resident {
+pub(crate) struct DeviceState {
     /// With the current weights.
     network: Network,
     moments: FlatMoments,
@@ -20,7 +20,7 @@ pub(crate) struct Resident {
     decays: Tensor<1>,
 }
 
-impl Resident {
+impl DeviceState {
     /// Copies a state to the device of a network, whose weights are replaced.
     pub(crate) fn new(state: &State, template: &Network) -> Result<Self, TrainError> {
         let flat =
@@ -111,7 +111,7 @@ mod tests {
         let parameters = Parameters::fresh(&model, 3, StoredTensors::default());
         let config = TrainConfig { average: Some(0.9), ..TrainConfig::shortest() };
         let mut on_cpu = State::new(parameters).with_average();
-        let mut resident = Resident::new(&on_cpu, &template).unwrap();
+        let mut device_state = DeviceState::new(&on_cpu, &template).unwrap();
         for step in 0..4u64 {
             let size = if step == 2 { 1.0f32 } else { 1e-4 };
             let wave = |place: usize, phase: f32| size * (place as f32 * 0.37 + phase).sin();
@@ -132,13 +132,13 @@ mod tests {
             let rate = 1e-3 * (step + 1) as f64;
             let updates = on_cpu.updates;
             let expected = update(&mut on_cpu, &groups, rate, &config).unwrap();
-            let found = resident.update(updates, &flat, rate, &config).unwrap();
+            let found = device_state.update(updates, &flat, rate, &config).unwrap();
             assert_eq!(found > config.clip, step == 2, "one step is clipped");
             Tolerance::relative(1e-5).assert([found], [expected], "norm");
         }
         let mut copied = on_cpu.clone();
         copied.parameters.values_mut().iter_mut().flatten().for_each(|value| *value = 0.0);
-        resident.copy_to(&mut copied).unwrap();
+        device_state.copy_to(&mut copied).unwrap();
         let numbers = |values: &[Vec<f32>]| values.concat().into_iter().map(f64::from).collect::<Vec<f64>>();
         let close = Tolerance::absolute(1e-6);
         close.assert(numbers(copied.parameters.values()), numbers(on_cpu.parameters.values()), "weights");
@@ -154,13 +154,13 @@ mod tests {
         let model = ModelConfig::named("nano").unwrap();
         let template = Network::new(&model, &Device::flex().autodiff()).unwrap();
         let state = State::new(Parameters::fresh(&model, 3, StoredTensors::default()));
-        let mut resident = Resident::new(&state, &template).unwrap();
-        let gradient = resident.network().flat() * f32::NAN;
+        let mut device_state = DeviceState::new(&state, &template).unwrap();
+        let gradient = device_state.network().flat() * f32::NAN;
         let broken = FlatGradient { terms: vec![Terms::default()], gradient, seconds: PartSeconds::default() };
-        let refused = resident.update(0, &[broken], 1e-2, &TrainConfig::shortest());
+        let refused = device_state.update(0, &[broken], 1e-2, &TrainConfig::shortest());
         assert!(matches!(refused, Err(FaultKind::Gradients(_))));
         let mut after = state.clone();
-        resident.copy_to(&mut after).unwrap();
+        device_state.copy_to(&mut after).unwrap();
         assert_eq!(after.parameters.values(), state.parameters.values());
     }
 }

@@ -2,13 +2,13 @@ use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
 
 /// The optimised Gaussians with Adam's moments, which are arrays of the same lengths.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Scene {
+pub struct OptimisedGaussians {
     pub(crate) parts: GaussianParts,
     pub(crate) first: GaussianParts,
     pub(crate) second: GaussianParts,
 }
 
-impl Scene {
+impl OptimisedGaussians {
     /// Gaussians without any history.
     pub fn new(gaussians: Gaussians) -> Self {
         let parts = gaussians.into_parts();

@@ -7,7 +7,7 @@ use crate::parse;
 
 /// Render options.
 #[derive(Debug, clap::Args)]
-pub(crate) struct LookArgs {
+pub(crate) struct RenderSettingsArgs {
     /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
     #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
     constants: String,
@@ -44,7 +44,7 @@ pub(super) enum ChannelArg {
     MedianDepth,
 }
 
-impl LookArgs {
+impl RenderSettingsArgs {
     /// The constants; overrides are appended to their name.
     pub(crate) fn constants(&self) -> anyhow::Result<RendererConstants> {
         let mut constants = parse::constants(&self.constants)?;
@@ -60,8 +60,8 @@ impl LookArgs {
         Ok(constants)
     }
 
-    /// What a user should know of Gaussians that are drawn with `mode` for want of `--mode`: a PLY records the 3D filter of
-    /// Mip-Splatting, but not the 2D filter that belongs to it.
+    /// A warning for Gaussians with Mip-Splatting's 3D filter that are drawn in the default mode: a PLY records this filter, but not
+    /// the 2D filter that belongs to it.
     pub(crate) fn warning(&self, gaussians: &Gaussians, mode: RasterMode) -> Option<&'static str> {
         let is_mip = gaussians.parts().filter_3d.is_some() && mode == RasterMode::Classic;
         (is_mip && self.mode.is_none()).then_some(
@@ -115,7 +115,7 @@ mod tests {
     #[derive(clap::Parser)]
     struct Command {
         #[command(flatten)]
-        look: LookArgs,
+        settings: RenderSettingsArgs,
     }
 
     #[test]
@@ -123,9 +123,9 @@ mod tests {
         let warning = |file: &str, args: &[&str]| {
             let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files").join(file);
             let scene = SceneFile::read(&path, Cleaning::Import, false).unwrap();
-            let look = Command::parse_from([&["render"][..], args].concat()).look;
-            let options = look.options(look.constants().unwrap(), &scene, false).unwrap();
-            look.warning(&scene.gaussians, options.mode)
+            let settings = Command::parse_from([&["render"][..], args].concat()).settings;
+            let options = settings.options(settings.constants().unwrap(), &scene, false).unwrap();
+            settings.warning(&scene.gaussians, options.mode)
         };
         let (mip, other) = ("degree4_mip_uncertainty.ply", "degree1_ascii.ply");
         let found = warning(mip, &[]).unwrap();

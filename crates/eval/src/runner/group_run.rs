@@ -9,9 +9,9 @@ use rayon::prelude::*;
 
 use super::Findings;
 use super::evaluate::{DecodedTrial, Evaluation};
-use super::extras::Extras;
 use super::findings::SceneWarnings;
 use super::images::{self, ImageSink};
+use super::images_and_times::ImagesAndTimes;
 use super::outdated::Outdated;
 use super::plan::{Dataset, Plan, Summary};
 use crate::method::Method;
@@ -76,23 +76,23 @@ fn scene_of(outcome: &Result<(Trial, TargetImages), Skipped>) -> &str {
 struct SceneState {
     trials: u64,
     skipped: u64,
-    /// Whether some method still has to evaluate one of its trials: then the scene is walked again with images.
+    /// Whether some method still has to evaluate one of its trials: then the scene is read again with images.
     is_incomplete: bool,
 }
 
 /// Evaluates a group of methods on a dataset.
-pub(super) struct Walk<'a> {
+pub(super) struct GroupRun<'a> {
     pub(super) plan: &'a Plan<'a>,
     pub(super) dataset: &'a Dataset,
     pub(super) methods: Vec<Arc<dyn Method>>,
     pub(super) store: &'a Store,
-    pub(super) extras: &'a Extras<'a>,
+    pub(super) images_and_times: &'a ImagesAndTimes<'a>,
     pub(super) images: ImageSink<'a>,
     pub(super) step: &'a (dyn Fn() + Sync),
     pub(super) stop: &'a (dyn Fn() -> bool + Sync),
 }
 
-impl Walk<'_> {
+impl GroupRun<'_> {
     pub(super) fn run(
         &self,
         index: &EvaluationIndex,
@@ -203,15 +203,15 @@ impl Walk<'_> {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
             let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
-            (!is_known || self.extras.lacks_images(&key)).then_some(input_hash)
+            (!is_known || self.images_and_times.lacks_images(&key)).then_some(input_hash)
         };
         self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
     }
 
     /// Trials that are evaluated concurrently. Networks need too much memory for more than one.
     fn batch_size(&self) -> usize {
-        let is_heavy = self.methods.iter().any(|method| method.is_heavy());
-        if is_heavy { 1 } else { 2 * rayon::current_num_threads() }
+        let runs_alone = self.methods.iter().any(|method| method.runs_alone());
+        if runs_alone { 1 } else { 2 * rayon::current_num_threads() }
     }
 
     /// Evaluates a trial under each method without a result; returns how many were evaluated and how many had one.
@@ -222,7 +222,7 @@ impl Walk<'_> {
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         outdated.check_trial(&decoded.trial, &decoded.data_hash);
         outdated.into_result()?;
-        self.extras.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
+        self.images_and_times.remove_outdated_images(&self.dataset.name, &decoded.trial, &decoded.data_hash)?;
         let missing = self.missing(&decoded.trial, &decoded.data_hash);
         let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, images: self.images };
         let before = (self.methods.len() - missing.len()) as u64;
@@ -236,7 +236,7 @@ impl Walk<'_> {
             let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             // A trial that was interrupted has not failed.
             self.check_stop()?;
-            self.extras.remove_outdated_times(&row)?;
+            self.images_and_times.remove_outdated_times(&row)?;
             self.store.append(&row, &targets)?;
             images::publish(self.images.store, &row.key)?;
             (self.step)();

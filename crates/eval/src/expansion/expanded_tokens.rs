@@ -9,7 +9,7 @@ use super::ExpansionError;
 /// An expanded token and its children, each at the mean centre of the Gaussians that the head decodes it to: the parent as it
 /// enters its block, the children as they leave it. They share an anchor, so their separation is learned.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Family {
+pub struct ExpandedToken {
     /// Number of the decoder block that expanded it, from 1.
     pub block: usize,
     /// Predicted uncertainty, if the block scores tokens.
@@ -20,10 +20,10 @@ pub struct Family {
     pub children: Vec<DVec3>,
 }
 
-/// A [`Family`] in an image, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
+/// A [`ExpandedToken`] in an image, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
 #[derive(Clone, Debug, PartialEq)]
-pub struct ProjectedFamily {
-    /// Same as [`Family::block`].
+pub struct ProjectedToken {
+    /// Same as [`ExpandedToken::block`].
     pub block: usize,
     /// Inside the image.
     pub parent: [f64; 2],
@@ -32,11 +32,11 @@ pub struct ProjectedFamily {
 }
 
 /// Every expanded token, block by block.
-pub(super) fn families(trace: &Trace) -> Vec<Family> {
-    let made = &trace.made;
-    // Without tokens there are no families.
+pub(super) fn expanded_tokens(trace: &Trace) -> Vec<ExpandedToken> {
+    let made = &trace.reconstruction;
+    // A network without tokens expands none.
     let Some(per_token) = made.budget.gaussians.checked_div(made.budget.final_tokens) else { return Vec::new() };
-    let mut families = Vec::new();
+    let mut expanded_tokens = Vec::new();
     for (at, (block, entering)) in made.blocks.iter().zip(&trace.entering).enumerate() {
         let mut children: BTreeMap<usize, Vec<DVec3>> =
             block.selected.iter().map(|&token| (token, Vec::new())).collect();
@@ -45,12 +45,12 @@ pub(super) fn families(trace: &Trace) -> Vec<Family> {
                 of_parent.extend(mean_centre(trace.leaving(at), token, per_token));
             }
         }
-        families.extend(children.into_iter().filter_map(|(token, children)| {
+        expanded_tokens.extend(children.into_iter().filter_map(|(token, children)| {
             let score = block.scores.as_ref().and_then(|scores| scores.get(token)).copied();
-            Some(Family { block: at + 1, score, parent: mean_centre(entering, token, per_token)?, children })
+            Some(ExpandedToken { block: at + 1, score, parent: mean_centre(entering, token, per_token)?, children })
         }));
     }
-    families
+    expanded_tokens
 }
 
 /// `None` if a token has no Gaussians.
@@ -60,17 +60,17 @@ fn mean_centre(gaussians: &Gaussians, token: usize, per_token: usize) -> Option<
     Some(sum / means.len() as f64)
 }
 
-/// Families whose parent projects into an image, occluded or not.
+/// Expanded tokens whose parent projects into an image, occluded or not.
 ///
 /// # Errors
 /// [`ExpansionError::Camera`] for an invalid camera.
-pub fn seen_by(families: &[Family], view: &View) -> Result<Vec<ProjectedFamily>, ExpansionError> {
+pub fn seen_by(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Vec<ProjectedToken>, ExpansionError> {
     let projector = view.camera.projector()?;
-    let seen = |family: &Family| {
-        let parent = projector.project(family.parent).ok().filter(atsplat_camera::Projected::is_inside)?;
-        let children = family.children.iter().filter_map(|&child| projector.project(child).ok());
+    let seen = |expanded: &ExpandedToken| {
+        let parent = projector.project(expanded.parent).ok().filter(atsplat_camera::Projected::is_inside)?;
+        let children = expanded.children.iter().filter_map(|&child| projector.project(child).ok());
         let children = children.map(|child| child.pixel(view.size).to_array()).collect();
-        Some(ProjectedFamily { block: family.block, parent: parent.pixel(view.size).to_array(), children })
+        Some(ProjectedToken { block: expanded.block, parent: parent.pixel(view.size).to_array(), children })
     };
-    Ok(families.iter().filter_map(seen).collect())
+    Ok(expanded_tokens.iter().filter_map(seen).collect())
 }

@@ -4,22 +4,22 @@ use atsplat_protocol::trial::{TargetImages, Trial};
 use atsplat_splat::{RenderOptions, View};
 use glam::DVec2;
 
-use super::families::families;
+use super::expanded_tokens::expanded_tokens;
 use super::uncertainty::of_block;
-use super::{ExpansionError, Family, Subject, Uncertainty, seen_by};
+use super::{ExpandedToken, ExpansionError, Subject, Uncertainty, seen_by};
 
 /// Token expansion in one trial.
 #[derive(Clone, Debug)]
-pub struct TrialSurvey {
+pub struct TrialMeasurement {
     /// Key of the scene.
     pub scene: String,
     /// The blocks that expanded a token or scored their tokens, in order.
-    pub blocks: Vec<BlockSurvey>,
+    pub blocks: Vec<BlockMeasurement>,
 }
 
 /// One block of the decoder in one trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BlockSurvey {
+pub struct BlockMeasurement {
     /// Its number, from 1.
     pub block: usize,
     /// Number of tokens that entered it.
@@ -32,7 +32,7 @@ pub struct BlockSurvey {
     pub correlation: Option<f64>,
     /// Mean error where the expanded tokens' Gaussians cover a target, divided by that elsewhere, mean over targets.
     pub contrast: Option<f64>,
-    /// Medians over the families that the first context view sees.
+    /// Medians over the expanded tokens that the first context view sees.
     pub children: Option<Spread>,
 }
 
@@ -49,26 +49,27 @@ pub struct Spread {
 ///
 /// # Errors
 /// Those of [`Subject::of`] and [`study`](super::study).
-pub fn survey(
+pub fn measure_trial(
     network: &Network,
     (trial, truths): (&Trial, &TargetImages),
     options: RenderOptions,
     call_seed: u64,
-) -> Result<TrialSurvey, ExpansionError> {
+) -> Result<TrialMeasurement, ExpansionError> {
     let targets: Vec<usize> = (0..trial.targets().len()).collect();
     let subject = Subject::of(trial, truths, &targets, options, call_seed)?;
     let trace = network.trace(&subject.views, subject.call_seed)?;
-    let families = families(&trace);
+    let expanded_tokens = expanded_tokens(&trace);
     let first = trial.context().first().map(|view| View { camera: view.camera, size: view.size });
     let mut blocks = Vec::new();
-    for (at, made) in trace.made.blocks.iter().enumerate() {
+    for (at, made) in trace.reconstruction.blocks.iter().enumerate() {
         let scores: Vec<f64> = made.scores.iter().flatten().copied().map(f64::from).collect();
         if scores.is_empty() && made.selected.is_empty() {
             continue;
         }
         let predictions = predictions(&trace, at, &subject)?;
-        let own: Vec<Family> = families.iter().filter(|family| family.block == at + 1).cloned().collect();
-        blocks.push(BlockSurvey {
+        let own: Vec<ExpandedToken> =
+            expanded_tokens.iter().filter(|expanded| expanded.block == at + 1).cloned().collect();
+        blocks.push(BlockMeasurement {
             block: at + 1,
             tokens: made.parents.iter().max().map_or(0, |last| last + 1),
             expanded: made.selected.len(),
@@ -78,7 +79,7 @@ pub fn survey(
             children: first.as_ref().map(|view| spread(&own, view)).transpose()?.flatten(),
         });
     }
-    Ok(TrialSurvey { scene: trial.scene().to_owned(), blocks })
+    Ok(TrialMeasurement { scene: trial.scene().to_owned(), blocks })
 }
 
 /// The uncertainty in each target; empty if the block does not score its tokens.
@@ -101,17 +102,17 @@ fn contrast(own: &Uncertainty) -> Option<f64> {
     (outside > 0.0).then(|| inside / outside)
 }
 
-/// `None` if the view sees no family of which at least two children are in front of the camera.
-fn spread(families: &[Family], view: &View) -> Result<Option<Spread>, ExpansionError> {
-    let seen = seen_by(families, view)?;
-    let siblings = seen.iter().filter(|family| family.children.len() > 1);
+/// `None` if the view sees no expanded token of which at least two children are in front of the camera.
+fn spread(expanded_tokens: &[ExpandedToken], view: &View) -> Result<Option<Spread>, ExpansionError> {
+    let seen = seen_by(expanded_tokens, view)?;
+    let siblings = seen.iter().filter(|expanded| expanded.children.len() > 1);
     let (spreads, shifts): (Vec<f64>, Vec<f64>) = siblings
-        .map(|family| {
-            let children: Vec<DVec2> = family.children.iter().copied().map(DVec2::from).collect();
+        .map(|expanded| {
+            let children: Vec<DVec2> = expanded.children.iter().copied().map(DVec2::from).collect();
             let count = children.len() as f64;
             let centre = children.iter().sum::<DVec2>() / count;
             let squares: f64 = children.iter().map(|child| child.distance_squared(centre)).sum();
-            ((squares / count).sqrt(), centre.distance(DVec2::from(family.parent)))
+            ((squares / count).sqrt(), centre.distance(DVec2::from(expanded.parent)))
         })
         .unzip();
     Ok(median(spreads).zip(median(shifts)).map(|(of_children, from_parent)| Spread { of_children, from_parent }))
@@ -138,11 +139,11 @@ mod tests {
     fn blocks_are_those_of_the_study() {
         let (trial, truths) = trial();
         let network = network(&nano());
-        let found = survey(&network, (&trial, &truths), RenderOptions::default(), 0).unwrap();
+        let found = measure_trial(&network, (&trial, &truths), RenderOptions::default(), 0).unwrap();
         assert_eq!(found.scene, trial.scene());
         let subject = Subject::of(&trial, &truths, &[0, 1], RenderOptions::default(), 0).unwrap();
         let studied = study(&network, &subject).unwrap();
-        let budget = &studied.trace.made.budget;
+        let budget = &studied.trace.reconstruction.budget;
         assert_eq!(found.blocks.iter().map(|own| own.block).collect::<Vec<_>>(), [2, 3, 4]);
         for own in &found.blocks {
             assert_eq!(own.expanded, budget.expanded[own.block - 1]);
@@ -182,17 +183,17 @@ mod tests {
             NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
         );
         let view = View { camera, size: ImageSize { width: 100, height: 100 } };
-        let family = |children: &[[f64; 2]]| Family {
+        let expanded = |children: &[[f64; 2]]| ExpandedToken {
             block: 2,
             score: None,
             parent: DVec3::Z,
             children: children.iter().map(|[x, y]| DVec3::new(*x, *y, 1.0)).collect(),
         };
-        let of = |families: &[Family]| spread(families, &view).unwrap();
-        let found = of(&[family(&[[0.02, 0.0], [0.06, 0.0]]), family(&[[0.1, 0.1]])]).unwrap();
+        let of = |expanded_tokens: &[ExpandedToken]| spread(expanded_tokens, &view).unwrap();
+        let found = of(&[expanded(&[[0.02, 0.0], [0.06, 0.0]]), expanded(&[[0.1, 0.1]])]).unwrap();
         Tolerance::absolute(1e-9).assert([found.of_children, found.from_parent], [2.0, 4.0], "both to one side");
-        let found = of(&[family(&[[0.03, -0.04], [-0.03, 0.04]])]).unwrap();
+        let found = of(&[expanded(&[[0.03, -0.04], [-0.03, 0.04]])]).unwrap();
         Tolerance::absolute(1e-9).assert([found.of_children, found.from_parent], [5.0, 0.0], "around the parent");
-        assert_eq!(of(&[family(&[[0.1, 0.1]])]), None);
+        assert_eq!(of(&[expanded(&[[0.1, 0.1]])]), None);
     }
 }

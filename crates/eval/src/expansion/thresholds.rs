@@ -7,9 +7,9 @@ use atsplat_model::network::Network;
 use atsplat_numeric::quantile;
 use atsplat_protocol::EvaluationIndex;
 
+use super::context_views;
 use crate::EvalError;
 use crate::context::trial_seed;
-use crate::expansion::context_views;
 use crate::runner::Dataset;
 
 /// The paper's thresholds (supplement, "Per-scene dynamic budgets"), each with the quantiles whose mean budgets have the

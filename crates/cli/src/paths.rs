@@ -1,0 +1,103 @@
+//! Paths of arguments, and files and folders that a command creates before its work and removes if it fails.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf, absolute};
+
+use anyhow::Context as _;
+use atsplat_files::{AtomicFile, Writer};
+
+/// The canonical path of a file or folder; for a missing one, its absolute path.
+pub(crate) fn canonical_path(path: &Path) -> std::io::Result<PathBuf> {
+    Path::new(".").join(path).canonicalize().or_else(|_missing| absolute(path))
+}
+
+/// Folders that were created before the work started. Dropped, those that are still empty are removed: a command that fails
+/// leaves none behind.
+#[derive(Debug, Default)]
+pub(crate) struct NewFolders(Vec<PathBuf>);
+
+impl NewFolders {
+    /// Creates a folder, and those above it that are missing.
+    pub(crate) fn of(folder: &Path) -> anyhow::Result<Self> {
+        let mut folders = Self::default();
+        folders.create(folder)?;
+        Ok(folders)
+    }
+
+    /// Creates the folder of a file.
+    pub(crate) fn create_for(&mut self, file: &Path) -> anyhow::Result<()> {
+        file.parent().filter(|folder| !folder.as_os_str().is_empty()).map_or(Ok(()), |folder| self.create(folder))
+    }
+
+    fn create(&mut self, folder: &Path) -> anyhow::Result<()> {
+        let is_missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+        let missing: Vec<&Path> = folder.ancestors().take_while(is_missing).collect();
+        self.0.extend(missing.into_iter().rev().map(Path::to_owned));
+        std::fs::create_dir_all(folder).with_context(|| format!("creating the folder {}", folder.display()))
+    }
+}
+
+impl Drop for NewFolders {
+    fn drop(&mut self) {
+        // From the inside out. One that holds something cannot be removed.
+        for folder in self.0.iter().rev() {
+            std::fs::remove_dir(folder).ok();
+        }
+    }
+}
+
+/// A file opened before long work starts, which replaces its target only when the work is done.
+#[derive(Debug)]
+pub(crate) struct PendingFile {
+    /// Before the folders, which are empty only without its temporary file.
+    file: AtomicFile,
+    _folders: NewFolders,
+}
+
+impl PendingFile {
+    /// Opens a temporary file next to `target`, creating missing folders.
+    pub(crate) fn open(target: &Path) -> anyhow::Result<Self> {
+        let mut folders = NewFolders::default();
+        folders.create_for(target)?;
+        let file = AtomicFile::create(target).with_context(|| format!("writing {}", target.display()))?;
+        Ok(Self { file, _folders: folders })
+    }
+
+    /// Writes the contents and moves the file to its target.
+    pub(crate) fn finish(self, bytes: &[u8]) -> anyhow::Result<()> {
+        self.writer().write_all(bytes).with_context(|| format!("writing {}", self.file.target().display()))?;
+        self.commit()
+    }
+
+    /// A writer for incremental output.
+    pub(crate) fn writer(&self) -> Writer {
+        self.file.writer()
+    }
+
+    /// Moves the file to its target.
+    pub(crate) fn commit(self) -> anyhow::Result<()> {
+        let writing = format!("writing {}", self.file.target().display());
+        self.file.commit().map(drop).context(writing)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn new_folders_stay_only_if_something_is_in_them() {
+        let root = tempfile::tempdir().unwrap();
+        let [old, kept, file] = ["old", "new/kept", "new/empty/above/file"].map(|path| root.path().join(path));
+        std::fs::create_dir(&old).unwrap();
+        let mut folders = NewFolders::of(&old).unwrap();
+        folders.create_for(&old.join("empty/file")).unwrap();
+        folders.create(&kept).unwrap();
+        drop(PendingFile::open(&file).unwrap());
+        assert!(!root.path().join("new/empty").exists(), "the folders of a file that was not written");
+        PendingFile::open(&file).unwrap().finish(b"written").unwrap();
+        drop(folders);
+        assert!(old.is_dir() && !old.join("empty").exists() && !kept.exists() && file.is_file());
+        assert!(NewFolders::of(&file.join("inside")).is_err(), "a file in the place of a folder");
+    }
+}

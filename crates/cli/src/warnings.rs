@@ -1,0 +1,106 @@
+//! Prints counted warnings about data, and those of runs.
+
+use std::collections::BTreeMap;
+
+use atsplat_eval::{Results, WarningCount};
+use atsplat_scene::Warnings;
+
+use crate::print::{print_status, warn};
+
+/// Prints the warnings of runs, about their data and their trials, counted by protocol and kind, with the first of each.
+/// Warnings in `printed` were already printed when the data were opened and sampled.
+pub(crate) fn print_findings(stores: &[&Results], printed: &Warnings) {
+    for ((preset, kind), (count, example)) in findings(stores, printed) {
+        warn(&format!("{preset}: {count} × {kind}"));
+        print_status(&format!("    {example}"));
+    }
+    for results in stores {
+        print_trial_warnings(results);
+    }
+}
+
+/// Warnings about data by protocol and kind, with the first of each. Stores of one protocol's data all have them: they count
+/// once. Those of which as many were printed are left out.
+fn findings<'a>(stores: &[&'a Results], printed: &Warnings) -> BTreeMap<(&'a str, &'a str), (u64, &'a str)> {
+    let printed: BTreeMap<String, u64> = printed.counts().map(|(kind, count)| (kind.to_string(), count)).collect();
+    let all = stores.iter().copied().flat_map(|own| &own.provenance.warnings);
+    let mut findings: BTreeMap<(&str, &str), (u64, &str)> = BTreeMap::new();
+    for WarningCount { preset, kind, count, example } in all {
+        if printed.get(kind).is_none_or(|printed| printed < count) {
+            let known = findings.entry((preset, kind)).or_insert((*count, example));
+            if known.0 < *count {
+                *known = (*count, example);
+            }
+        }
+    }
+    findings
+}
+
+/// Prints what trials noted, as warnings, by protocol, method and kind.
+fn print_trial_warnings(results: &Results) {
+    let mut notes: BTreeMap<(&str, &str, &str), (u64, String)> = BTreeMap::new();
+    for trial in &results.trials {
+        for note in &trial.notes {
+            let kind = note.split_once(": ").map_or(note.as_str(), |(kind, _)| kind);
+            let example = || (0, format!("{}: {note}", trial.key.scene));
+            notes.entry((&trial.key.preset, &trial.key.method, kind)).or_insert_with(example).0 += 1;
+        }
+    }
+    for ((preset, method, kind), (count, example)) in notes {
+        warn(&format!("{preset}: {count} × {kind}, in trials of {method}"));
+        print_status(&format!("    {example}"));
+    }
+}
+
+/// Prints counted warnings on standard error, by kind, with the first few of each.
+pub(crate) fn print_warnings(warnings: &Warnings) {
+    const SHOWN: usize = 3;
+    for (kind, count) in warnings.counts() {
+        warn(&format!("{count} × {kind}"));
+        for warning in warnings.kept().iter().filter(|warning| warning.kind == kind).take(SHOWN) {
+            print_status(&format!("    {warning}"));
+        }
+        if count > SHOWN as u64 {
+            print_status(&format!("    and {} more", count - SHOWN as u64));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_eval::Provenance;
+    use atsplat_scene::WarningKind;
+
+    use super::*;
+
+    fn store(warnings: &[(&str, &str, u64)]) -> Results {
+        let warning = |(preset, kind, count): &(&str, &str, u64)| WarningCount {
+            preset: (*preset).to_owned(),
+            kind: (*kind).to_owned(),
+            count: *count,
+            example: format!("one of {count}"),
+        };
+        let warnings = warnings.iter().map(warning).collect();
+        Results { provenance: Provenance { warnings, ..Provenance::default() }, ..Results::default() }
+    }
+
+    /// Networks and their ablations are in two stores, on the same data; a few unreadable scenes were known when it was opened.
+    #[test]
+    fn findings_of_stores_with_the_same_data_count_once() {
+        let networks = store(&[("rooms", "missing-image", 5), ("yards", "missing-image", 2)]);
+        let ablations = store(&[("rooms", "missing-image", 5), ("rooms", "unreadable-scene", 3)]);
+        let mut printed = Warnings::new();
+        for scene in ["a", "b", "c"] {
+            let found: Vec<_> = findings(&[&networks, &ablations], &printed).into_iter().collect();
+            let expected = [
+                (("rooms", "missing-image"), (5, "one of 5")),
+                (("rooms", "unreadable-scene"), (3, "one of 3")),
+                (("yards", "missing-image"), (2, "one of 2")),
+            ];
+            assert_eq!(found, expected, "fewer were printed than there are");
+            printed.push(WarningKind::UnreadableScene, scene, "cut off");
+        }
+        let kinds: Vec<&str> = findings(&[&ablations], &printed).into_keys().map(|(_, kind)| kind).collect();
+        assert_eq!(kinds, ["missing-image"], "all three were printed");
+    }
+}
