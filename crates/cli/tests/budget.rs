@@ -85,7 +85,7 @@ fn the_network_agrees_with_the_formula() {
 #[test]
 fn rejects_inputs_without_a_budget() {
     for (args, code, message) in [
-        (&["--model", "nano", "--size", "40x32"][..], 1, "divides"),
+        (&["--model", "nano", "--size", "40x32"][..], 1, "divisible by 16"),
         (&["--model", "gone.toml"], 1, "gone.toml"),
         (&["--model", "nano", "--thresholds", "1"], 1, "3 thresholds"),
         (&["--model", "none"], 2, "paper-re10k"),

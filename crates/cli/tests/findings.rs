@@ -106,7 +106,10 @@ fn replaced_overlaps_name_their_estimator_and_get_their_own_bins() {
         assert!(message.contains(text) && !message.contains("  small"), "{text}: {message}");
     }
     let forced = succeed(here, &[&measure[..], &["--force"]].concat());
-    assert!(forced.contains("  small, 0.05") && forced.contains("these overlaps are epipolar-ray's"), "{forced}");
+    assert!(
+        forced.contains("  small, 0.05") && forced.contains("these overlaps were measured by epipolar-ray"),
+        "{forced}"
+    );
     let index = IndexFile::read(&here.join("measured.json")).unwrap().index;
     let overlap = index.scenes["a"][0].overlap.clone().unwrap();
     assert_eq!(overlap.estimator.as_deref(), Some("epipolar-ray"));

@@ -333,9 +333,9 @@ fn rejects_input_that_cannot_be_reconstructed() {
     for (more, message) in [
         (&["--views", "0,4"][..], "004.png"),
         (&["--views", "0,4"], "error: scene \""),
-        (&["--views", "0,9"], "position 9"),
+        (&["--views", "0,9"], "positions below 6"),
         (&["--views", "0,2,0"], "selected twice"),
-        (&["--views", "0,2", "--size", "40x32"], "divides"),
+        (&["--views", "0,2", "--size", "40x32"], "divisible by"),
         (&["--views", "0,2", "--size", "96x64"], "48×32"),
         (&["--views", "0,2", "--size", "96x64"], "photos scaled to 96×64 (--size, or the model's resolution): "),
         (&["--views", "0,2", "--protocol", "re10k-2v-256"], "640×360"),

@@ -28,6 +28,15 @@ fn every_strategy_learns_views_that_it_does_not_see() {
     }
 }
 
+#[test]
+fn only_mcmc_adds_regularisers_to_the_loss() {
+    for strategy in Strategy::ALL {
+        let mut fit = Fit::new(config(strategy, 10), views().0, &start(strategy, 20)).unwrap();
+        let regularisers = fit.step().unwrap().regularisers;
+        assert_eq!(regularisers > 0.0, strategy == Strategy::Mcmc, "{}", strategy.name());
+    }
+}
+
 /// The Gaussians are known and hardly change, so that every view has to find its own camera and exposure.
 #[test]
 fn perturbed_cameras_and_exposures_are_recovered() {

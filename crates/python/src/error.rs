@@ -200,7 +200,22 @@ impl From<EvalError> for Failure {
         if matches!(error, EvalError::Stopped) {
             return Self::Python(PyKeyboardInterrupt::new_err(()));
         }
-        Self::Library { message: message(&error), place: of_store(&error) }
+        Self::Library { message: in_python(&error, message(&error)), place: of_store(&error) }
+    }
+}
+
+/// Advice about options of the command line as advice about arguments.
+fn in_python(error: &EvalError, text: String) -> String {
+    match error {
+        EvalError::NoIndex { sampler, .. } => {
+            let rule = sampler.as_ref().map_or_else(String::new, |name| format!(" {name}"));
+            let argument = sampler.as_ref().map_or_else(|| "sampler=…".to_owned(), |name| format!("sampler={name:?}"));
+            text.replace("--index", "index=…").replace(&format!("--sampler{rule}"), &argument)
+        }
+        EvalError::InUse { .. } => text
+            .replace("--shard 1/2 and --shard 2/2", "shard=(1, 2) and shard=(2, 2)")
+            .replace("`atsplat merge`", "atsplat.merge"),
+        _ => text,
     }
 }
 

@@ -107,14 +107,12 @@ fn check_numbers(gaussians: &atsplat_splat::Gaussians) -> Result<(), MethodError
 /// One image of each target, of its size.
 fn check(trial: &Trial, images: &Images) -> Result<(), MethodError> {
     let Images { count, width, height, .. } = *images;
-    let sizes = |sizes: &mut dyn Iterator<Item = (u32, u32)>| {
-        let mut all: Vec<String> = sizes.map(|(height, width)| format!("{height} × {width}")).collect();
-        let count = all.len();
-        all.dedup();
-        format!("{count} × {} × 3", if all.len() == 1 { all.concat() } else { format!("({})", all.join(", ")) })
-    };
-    let expected = sizes(&mut trial.targets().iter().map(|target| (target.size.height, target.size.width)));
-    let found = sizes(&mut std::iter::repeat_n((height, width), count));
+    let targets = trial.targets();
+    let mut sizes: Vec<String> =
+        targets.iter().map(|target| format!("{} × {}", target.size.height, target.size.width)).collect();
+    sizes.dedup();
+    let size = if sizes.len() == 1 { sizes.concat() } else { format!("({})", sizes.join(", ")) };
+    let (expected, found) = (format!("{} × {size} × 3", targets.len()), format!("{count} × {height} × {width} × 3"));
     if expected == found {
         return Ok(());
     }

@@ -66,24 +66,26 @@ impl Suite {
     ) -> Result<Vec<Vec<f64>>, Failure> {
         let renders = Images::of(&shape, &renders.0, renders.1.as_bytes())?;
         let truths = Images::of(&shape, &truths.0, truths.1.as_bytes())?;
+        let count = renders.count;
+        let of = |at| if count > 1 { format!("image {at} of {count}: ") } else { String::new() };
         let image = |field, images: &Images, at| {
             let image = images.image(at)?;
-            check_range(&image).map_err(|problem| Failure::invalid(field, problem))?;
+            check_range(&image).map_err(|problem| Failure::invalid(field, format!("{}{problem}", of(at))))?;
             Ok::<Image, Failure>(image)
         };
         let score = |at| {
             let (render, truth) = (image("render", &renders, at)?, image("truth", &truths, at)?);
-            numbers(self.0.score(&render, &truth).scores)
+            numbers(self.0.score(&render, &truth).scores, &of(at))
         };
-        work(py, || (0..renders.count).map(score).collect())
+        work(py, || (0..count).map(score).collect())
     }
 }
 
-fn numbers(scores: Vec<(&'static str, Score)>) -> Result<Vec<f64>, Failure> {
+fn numbers(scores: Vec<(&'static str, Score)>, of: &str) -> Result<Vec<f64>, Failure> {
     let number = |(id, score): (&str, Score)| match score {
         Score::Value(value) => Ok(value),
         Score::Identical => Ok(f64::INFINITY),
-        Score::NotComputed(why) => Err(Failure::invalid(id, why)),
+        Score::NotComputed(why) => Err(Failure::invalid(id, format!("{of}{why}"))),
     };
     scores.into_iter().map(number).collect()
 }

@@ -23,11 +23,11 @@ import sys
 import numpy as np
 import atsplat
 
-rooms, index, images, out, kind = sys.argv[1:]
+rooms, index, stored, out, kind = sys.argv[1:]
 arrays = kind == "arrays"
 
 def ready(images, context, target, *, trial):
-    folder = f"{images}/{trial.scene}-{trial.entry}"
+    folder = f"{stored}/{trial.scene}-{trial.entry}"
     if arrays:
         return np.load(folder + ".npy")
     from PIL import Image
@@ -57,8 +57,8 @@ def main(binary, pairs="5", kind="arrays"):
         seconds(binary, "run", *common, "--method", "warp", "--keep-images", "all", "--out", warped)
         images = warped / "images" / PROTOCOL / "warp"
         for trial in list(images.iterdir()):
-            images = [np.asarray(Image.open(file)) for file in sorted(trial.glob("*.png"))]
-            np.save(trial.with_name(trial.name + ".npy"), np.stack(images))
+            ready = [np.asarray(Image.open(file)) for file in sorted(trial.glob("*.png"))]
+            np.save(trial.with_name(trial.name + ".npy"), np.stack(ready))
         ratios = []
         for pair in range(pairs):
             out = Path(folder) / f"pair-{pair}"

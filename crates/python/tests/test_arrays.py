@@ -75,6 +75,72 @@ def test_images_in_another_range_are_errors(score):
     assert score((255 * truth).astype(np.uint8), truth)[1] > score(render, truth)[1]
 
 
+def test_what_is_wrong_with_one_of_several_images_is_told_with_its_number():
+    render, truth = pair()
+    render[1, 2, 3, 0] = np.nan
+    with pytest.raises(atsplat.InvalidError, match="psnr: image 1 of 2: .*expected finite samples"):
+        atsplat.psnr(render, truth)
+    render[1] = 200
+    with pytest.raises(atsplat.InvalidError, match=r"render: image 1 of 2: expected samples in \[0, 1\]") as raised:
+        atsplat.psnr(render, truth)
+    assert raised.value.field == "render"
+
+
+@pytest.mark.parametrize("images, problem", [
+    (np.ones((8, 8, 3), np.uint8), "multiply them by 255"),
+    (np.zeros((0, 8, 8, 3)), "at least one image"),
+    ([np.ones((8, 8, 3)), np.full((8, 8, 3), 255, np.uint8)], "float64 and uint8"),
+    (np.ma.masked_greater(np.linspace(0, 1, 192).reshape(8, 8, 3), 0.5), "masked"),
+    (None, "found NoneType"),
+])
+def test_arrays_that_would_be_taken_for_others_are_errors(images, problem):
+    with pytest.raises(atsplat.InvalidError, match=problem) as raised:
+        atsplat.psnr(images, images)
+    assert raised.value.field == "render"
+    with pytest.raises(atsplat.InvalidError, match="existing folder") as raised:
+        atsplat.lpips(np.zeros((64, 64, 3)), np.zeros((64, 64, 3)), weights="/nope")
+    assert raised.value.field == "weights"
+
+
+def test_rendering_stops_on_ctrl_c():
+    script = """if True:
+        import signal, threading, time
+        import numpy as np
+        import atsplat
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        rng, count = np.random.default_rng(0), 20000
+        means, quaternions = rng.normal(size=(count, 3)) + [0, 0, 4], np.tile([1, 0, 0, 0], (count, 1))
+        shape = {"scales": np.full((count, 3), 0.1), "opacities": np.full(count, 0.1), "colours": np.ones((count, 3))}
+        made, matrix = atsplat.Gaussians(means, quaternions, **shape), [[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]]
+        many = np.tile(np.eye(4), (2000, 1, 1))
+        cameras = atsplat.Cameras.from_arrays(camera_from_world=many, intrinsics=matrix, height=64, width=64)
+        threading.Timer(1, lambda: signal.raise_signal(signal.SIGINT)).start()
+        try:
+            atsplat.render(made, cameras)
+        except KeyboardInterrupt:
+            print("stopped")
+    """
+    import subprocess
+    import sys
+
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100).stdout == "stopped\n"
+
+
+def test_wrong_arguments_of_rendering_are_named():
+    cameras = atsplat.Cameras.from_arrays(camera_from_world=np.eye(4), intrinsics=[[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]], height=8, width=8)
+    for arguments, options, field in [
+        (((1, 2), cameras), {}, "gaussians"),
+        ((gaussians(), [cameras]), {}, "cameras"),
+        ((gaussians(), cameras), {"width": 0}, "width"),
+        ((gaussians(), cameras), {"background": (0, 0)}, "background"),
+    ]:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            atsplat.render(*arguments, **options)
+        assert raised.value.field == field
+    for width in (3, None):
+        assert atsplat.render(gaussians(), cameras, width=width).images.shape == (1, 8, width or 8, 3)
+
+
 @pytest.mark.parametrize("wrap", [
     OnlyArray,
     OnlyDlpack,
@@ -205,6 +271,18 @@ def test_gaussians_that_are_not_drawn_are_a_warning():
     assert np.isfinite(rendered.images).all() and raised[0].filename == __file__
 
 
+def test_colours_of_bytes_are_those_of_floats():
+    def made(colours):
+        return atsplat.Gaussians(np.zeros((2, 3)), [[1, 0, 0, 0]] * 2, scales=np.ones((2, 3)), opacities=[0.5] * 2, colours=colours)
+
+    colours = np.array([[0, 51, 255], [102, 1, 0]], np.uint8)
+    assert np.allclose(made(colours).sh, made(colours / 255).sh, atol=1e-6)
+    with pytest.raises(atsplat.InvalidError, match="log_scales takes their logarithms"):
+        atsplat.Gaussians(np.zeros((1, 3)), [[1, 0, 0, 0]], scales=[[-3, -3, -3]], opacities=[0.5], colours=[[1, 1, 1]])
+    with pytest.raises(atsplat.InvalidError, match="found 0 to 255; divide"):
+        made(255.0 * (colours > 0))
+
+
 def test_plain_parameters_are_converted():
     made = atsplat.Gaussians([[0, 0, 1]], [[1, 0, 0, 0]], scales=[[0.5, 1, 2]], opacities=[0.2], colours=[[0.5, 1, 0]])
     assert np.allclose(made.log_scales, np.log([[0.5, 1, 2]]))
@@ -216,6 +294,13 @@ def test_plain_parameters_are_converted():
     ({"means": np.zeros((2, 3))}, "quaternions"),
     ({"opacities": [1.5]}, "opacities"),
     ({"opacities": None}, "opacity_logits"),
+    ({"opacities": [np.nan]}, "opacities"),
+    ({"scales": [[-3, -3, -3]]}, "scales"),
+    ({"scales": [[1, np.nan, 1]]}, "scales"),
+    ({"colours": [[0, 128.0, 255]]}, "colours"),
+    ({"colours": [[-1.0, 0, 1]]}, "colours"),
+    ({"filter_3d": [-0.5]}, "filter_3d"),
+    ({"filter_3d": [np.nan]}, "filter_3d"),
     ({"colours": None, "sh": np.zeros((1, 3, 3))}, "sh"),
     ({"scales": [["a", "b", "c"]]}, "scales"),
     ({"scalars": [0.5, 0.5]}, "scalars"),

@@ -72,11 +72,53 @@ def test_wrong_cameras_say_what_is_wrong():
         Cameras.from_arrays(world_from_camera=np.eye(4), intrinsics=np.eye(3), height=8, width=8, convention="blender")
     with pytest.raises(atsplat.InvalidError, match="3 × 4"):
         Cameras.from_arrays(world_from_camera=np.eye(3), intrinsics=np.eye(3), height=8, width=8)
-    mirrored = Cameras.from_arrays(world_from_camera=np.diag([-1.0, 1, 1, 1]), intrinsics=np.eye(3), height=8, width=8)
+
+
+@pytest.mark.parametrize("change, problem", [
+    (lambda pose: pose * [-1.0, 1, 1, 1], "mirrored"),
+    (lambda pose: np.diag([1.1, 1.1, 1.1, 1]), "a scale of 1.1"),
+    (lambda pose: pose * [0.0, 0, 0, 1], "rotation"),
+    (lambda pose: pose * np.nan, "finite"),
+])
+def test_poses_that_are_no_rotations_are_refused_with_their_number(change, problem):
+    poses = np.stack([np.eye(4)[:3], change(np.eye(4))[:3]])
+    for field in ("world_from_camera", "camera_from_world"):
+        with pytest.raises(atsplat.InvalidError, match=f"pose 1: .*{problem}") as raised:
+            Cameras.from_arrays(**{field: poses}, intrinsics=np.eye(3), height=8, width=8)
+        assert raised.value.field == field
+    good = Cameras.from_arrays(world_from_camera=np.stack([np.eye(4)] * 2), intrinsics=np.eye(3), height=8, width=8)
+    whole = np.tile(np.eye(4), (2, 1, 1))
+    whole[:, :3] = poses
+    with pytest.raises(atsplat.InvalidError, match="pose 1"):
+        replace(good, camera_from_world=whole)
+
+
+@pytest.mark.parametrize("field, matrix, problem", [
+    ("intrinsics", [[-1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]], "positive focal lengths, found -1 and 1"),
+    ("intrinsics", [[1, 0, 0.5], [0, 0, 0.5], [0, 0, 1]], "positive focal lengths, found 1 and 0"),
+    ("intrinsics", [[1, 0, 0.5], [0, np.nan, 0.5], [0, 0, 1]], "positive focal lengths"),
+    ("intrinsics", INTRINSICS, "pixel_intrinsics takes those in pixels"),
+    ("pixel_intrinsics", [[0.9, 0, 0.5], [0, 0.9, 0.5], [0, 0, 1]], "intrinsics takes those in units"),
+    ("pixel_intrinsics", INTRINSICS * [[1, 1, 10], [1, 1, 1], [1, 1, 1]], "this height and width"),
+])
+def test_intrinsics_of_another_unit_are_refused(field, matrix, problem):
+    good = INTRINSICS if field == "pixel_intrinsics" else np.eye(3)
+    with pytest.raises(atsplat.InvalidError, match=f"matrix 1: .*{problem}") as raised:
+        Cameras.from_arrays(world_from_camera=np.stack([np.eye(4)] * 2), height=80, width=128, **{field: np.stack([good, matrix])})
+    assert raised.value.field == field
+
+
+@pytest.mark.parametrize("height", [0, -64, 64.0, "64", True, None])
+def test_sizes_are_positive_integers(height):
+    with pytest.raises(atsplat.InvalidError, match="integer from 1") as raised:
+        Cameras.from_arrays(world_from_camera=np.eye(4), intrinsics=np.eye(3), height=height, width=8)
+    assert raised.value.field == "height"
+    cameras = Cameras.from_arrays(world_from_camera=np.eye(4), intrinsics=np.eye(3), height=np.int64(8), width=8)
     gaussian = atsplat.Gaussians([[0, 0, 1]], [[1, 0, 0, 0]], scales=[[0.1] * 3], opacities=[0.5], colours=[[1, 1, 1]])
-    with pytest.raises(atsplat.InvalidError) as raised:
-        atsplat.render(gaussian, mirrored)
-    assert raised.value.field == "rotation"
+    if height is not None:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            atsplat.render(gaussian, cameras, height=height)
+        assert raised.value.field == "height"
 
 
 def test_what_pinhole_cameras_cannot_have_is_refused():

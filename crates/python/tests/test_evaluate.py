@@ -1,12 +1,15 @@
 """The runner: numbers of the binary, failures, interruption, resuming."""
 
+import functools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -40,11 +43,11 @@ def test_a_python_method_has_the_binarys_numbers_to_the_bit(rooms, warped, binar
 def test_ready_images_have_the_binarys_tables(rooms, warped, binary, tmp_path):
     """uint8 images from files: `atsplat score` and `evaluate` of a method that reads them."""
     Image = pytest.importorskip("PIL.Image")
-    images = warped / "images" / PROTOCOL / "warp"
-    binary("score", PROTOCOL, "--data", rooms, "--index", INDEX, "--renders", images, "--name", "mine", "--out", tmp_path / "rust")
+    ready = warped / "images" / PROTOCOL / "warp"
+    binary("score", PROTOCOL, "--data", rooms, "--index", INDEX, "--renders", ready, "--name", "mine", "--out", tmp_path / "rust")
 
     def mine(images, context, target, *, trial):
-        files = [images / f"{trial.scene}-{trial.entry}" / f"{frame:06}.png" for frame in target.frames]
+        files = [ready / f"{trial.scene}-{trial.entry}" / f"{frame:06}.png" for frame in target.frames]
         return np.stack([np.asarray(Image.open(file)) for file in files])
 
     store = evaluated(mine, rooms, tmp_path / "python", title="mine")
@@ -120,7 +123,15 @@ def test_gaussians_with_nan_are_a_failed_row_and_others_that_are_not_drawn_a_not
     (lambda n: np.zeros((n + 1, 128, 128, 3)), "found 4 × 128 × 128 × 3"),
     (lambda n: np.zeros((n, 128, 128, 3), dtype=np.int64), "int64"),
     (lambda n: np.tile(np.linspace(-1, 1, 128)[:, None, None], (n, 1, 128, 3)), "which seems to be −1…1"),
-    (lambda n: None, "found a single number"),
+    (lambda n: None, "found NoneType"),
+    (lambda n: {"rgb": 0}, "found dict"),
+    (lambda n: (image for image in np.zeros((n, 128, 128, 3))), "found generator"),
+    (lambda n: "images.npy", "found str"),
+    (lambda n: atsplat.Rendering(np.zeros((n, 128, 128, 3)), np.zeros((n, 128, 128))), "return its .images"),
+    (lambda n: (np.zeros((n, 128, 128, 3)), np.zeros((n, 128, 128))), "found 3 × 128 × 128 × 3 and 3 × 128 × 128"),
+    (lambda n: [np.zeros((128, 128, 3)), np.full((128, 128, 3), 200, np.uint8), np.zeros((128, 128, 3))], "float64 and uint8"),
+    (lambda n: np.linspace(0, 1, n * 128 * 128 * 3).reshape(n, 128, 128, 3).astype(np.uint8), "multiply them by 255"),
+    (lambda n: np.ma.masked_less(np.tile(np.linspace(0, 1, 128)[:, None, None], (n, 1, 128, 3)), 0.5), "masked"),
     (lambda n: [np.zeros((128, 128, 3)), np.zeros((64, 128, 3))], "same shape"),
 ])
 def test_wrong_output_says_what_is_wrong(rooms, tmp_path, output, reason):
@@ -156,21 +167,26 @@ def test_calls_are_on_the_callers_thread_and_may_use_the_package(rooms, tmp_path
 
 
 def test_results_are_kept_and_a_changed_method_is_an_error(rooms, tmp_path):
-    calls = []
+    calls = 0
 
     def method(images, context, target):
-        calls.append(1)
+        nonlocal calls
+        calls += 1
         return nearest(images, context, target)
 
     evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1})
-    with pytest.raises(atsplat.InvalidError, match="limit"):
-        evaluated(method, rooms, tmp_path / "store", limit=2, parameters={"step": 1})
+    for options, field in [({"limit": 2}, "limit"), ({"metrics": ["ssim-inria"]}, "metrics"), ({"any_size": True}, "out")]:
+        with pytest.raises(atsplat.InvalidError, match="another folder|choose another") as raised:
+            evaluated(method, rooms, tmp_path / "store", **{"limit": 1, "parameters": {"step": 1}, **options})
+        if field != "out":
+            assert (raised.value.field, raised.value.file) == (field, str(tmp_path / "store"))
     evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1})
-    assert len(calls) == 1
+    assert calls == 1
     with pytest.raises(atsplat.InvalidError, match="step"):
         evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 2})
-    with pytest.raises(atsplat.InvalidError, match="without results"):
+    with pytest.raises(atsplat.InvalidError, match="without results") as raised:
         evaluated(method, rooms, tmp_path / "store", limit=1, parameters={"step": 1}, resume=False)
+    assert (raised.value.field, raised.value.file) == ("out", str(tmp_path / "store"))
 
 
 def test_shards_merge_into_the_whole(rooms, tmp_path):
@@ -242,9 +258,159 @@ def test_what_a_built_in_method_would_ignore_is_an_error(field, given):
 
 
 def test_settings_are_checked(rooms, tmp_path):
-    for options, field in [({"setting": "pixelsplats"}, "setting"), ({"name": "truth"}, "name"), ({"keep_images": "some"}, "keep_images")]:
+    wrong = [
+        ({"setting": "pixelsplats"}, "setting"),
+        ({"name": "truth"}, "name"),
+        ({"keep_images": "some"}, "keep_images"),
+        ({"limit": -1}, "limit"),
+        ({"limit": 0}, "limit"),
+        ({"limit": 1.5}, "limit"),
+        ({"shard": "1/2"}, "shard"),
+        ({"shard": (3, 2)}, "shard"),
+        ({"weights": "/nope"}, "weights"),
+        ({"sampler": 3}, "sampler"),
+        ({"parameters": {"setting": "MVSplat"}}, "parameters"),
+        ({"parameters": {"a": object()}}, "parameters"),
+        ({"parameters": [1]}, "parameters"),
+        ({"version": 1.5}, "version"),
+        ({"constants": "gsplat"}, "constants"),
+        ({"background": 0}, "background"),
+        *(({"ray": ray}, "ray") for ray in (None, 2, {"workers": 0}, {"shards": 0}, {"retries": 1.5}, {"num_cpus": -1})),
+    ]
+    for options, field in wrong:
         with pytest.raises(atsplat.InvalidError) as raised:
             evaluated(nearest, rooms, tmp_path / "store", **options)
-        assert raised.value.field == field
+        assert raised.value.field == field, options
     with pytest.raises(atsplat.InvalidError, match="nearest-view, warp"):
         evaluated("nearest", rooms, tmp_path / "store")
+    with pytest.raises(atsplat.InvalidError, match="at least one") as raised:
+        atsplat.evaluate(nearest, [], data=rooms, out=tmp_path / "store")
+    assert raised.value.field == "protocols"
+    with pytest.raises(atsplat.InvalidError) as raised:
+        evaluated("warp", rooms, tmp_path / "store", antialiased=True)
+    assert raised.value.field == "antialiased"
+    store = evaluated(nearest, rooms, tmp_path / "store", parameters={"rate": np.float32(0.5)})
+    assert store.provenance["methods"][0]["parameters"]["rate"] == 0.5
+
+
+def test_a_bound_argument_named_trial_stays(rooms, tmp_path):
+    def method(images, context, target, trial):
+        assert trial == 7
+        return nearest(images, context, target)
+
+    assert not evaluated(functools.partial(method, trial=7), rooms, tmp_path / "store").failures()
+
+
+def test_what_is_missing_is_a_warning_and_an_error_if_strict(rooms, tmp_path, binary):
+    broken = tmp_path / "broken"
+    shutil.copytree(rooms, broken)
+    entries = json.loads(INDEX.read_text())
+    first, *_ = entries
+    entry = entries[first][0] if isinstance(entries[first], list) else entries[first]
+    images = sorted((broken / first).glob("*.png"), key=lambda path: int(path.stem))
+    images[entry["context"][0]].unlink()
+
+    def method(images, context, target, trial):
+        if trial.scene.endswith("1"):
+            raise ValueError("no idea")
+        return nearest(images, context, target)
+
+    with pytest.warns(UserWarning) as warned:
+        store = evaluated(method, broken, tmp_path / "store")
+    texts = [str(one.message) for one in warned if str(one.message).startswith(PROTOCOL)]
+    assert len(texts) == len(set(texts)) and warned[0].filename == __file__
+    for expected in (f"{len(entries) - SCENES} × scenes of the index that are not in the data", "1 × index entries skipped", "failed: "):
+        assert any(expected in text for text in texts), expected
+    assert [row["scene"] for row in store.skipped] == [first] and store.skipped[0]["detail"]
+    assert any(row["count"] == len(entries) - SCENES for row in store.warnings)
+    with pytest.raises(atsplat.AtsplatError, match="1 incomplete trials, 1 skipped entries, 21 scenes that are not in the data") as raised:
+        evaluated(method, broken, tmp_path / "strict", strict=True)
+    assert raised.value.file == str(tmp_path / "strict") and len(atsplat.open_store(tmp_path / "strict").rows()) == len(store.rows())
+    index = tmp_path / "index.json"
+    index.write_text(json.dumps({scene: entries[scene] for scene in list(entries)[1:SCENES]}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        atsplat.evaluate(nearest, PROTOCOL, data=broken, index=index, out=tmp_path / "whole", strict=True)
+    data = atsplat.protocol(PROTOCOL).open(rooms, index=INDEX)
+    assert data.warnings["scenes of the index that are not in the data"] == len(data.missing) == len(entries) - SCENES
+    with pytest.warns(UserWarning, match="not in the data"):
+        atsplat.accept_baseline(store, tmp_path / "baseline.json", why="first")
+
+
+@pytest.mark.parametrize("options, flags", [
+    ({}, []),
+    ({"antialiased": True}, ["--mode", "antialiased"]),
+    (
+        {"antialiased": False, "constants": "inria", "background": (0.25, 0.5, 1)},
+        ["--mode", "classic", "--constants", "inria", "--background", "0.25,0.5,1"],
+    ),
+])
+def test_gaussians_are_drawn_as_the_binary_draws_them(rooms, binary, tmp_path, options, flags):
+    (tmp_path / "ply").mkdir()
+
+    def method(images, context, target, trial):
+        rng = np.random.default_rng(3)
+        rays = np.stack([rng.uniform(-0.6, 0.6, 200), rng.uniform(-0.5, 0.5, 200), np.ones(200)], axis=-1) * 2
+        made = atsplat.Gaussians(
+            rays @ context.world_from_camera[0, :3, :3].T + context.centres[0], rng.normal(size=(200, 4)),
+            scales=rng.uniform(0.001, 0.05, (200, 3)), opacities=rng.uniform(0.1, 0.9, 200), colours=rng.uniform(size=(200, 3)),
+        )
+        made.write(tmp_path / "ply" / f"{trial.scene}.ply")
+        return made
+
+    store = evaluated(method, rooms, tmp_path / "python", name="mine", deterministic=True, **options)
+    common = (PROTOCOL, "--data", rooms, "--index", INDEX, "--ply", tmp_path / "ply", "--ply-frame", "trial", "--name", "mine")
+    binary("score", *common, *flags, "--out", tmp_path / "rust")
+    theirs = atsplat.open_store(tmp_path / "rust")
+    columns = ("scene", "target", "psnr", "ssim", "render_hash", "status")
+    assert [[row[key] for key in columns] for row in store.rows()] == [[row[key] for key in columns] for row in theirs.rows()]
+    own, other = (one.provenance["methods"][0] for one in (store, theirs))
+    if options:
+        named = ("background", "effects", "tolerance", "renderer", "mode")
+        assert [own[key] for key in ("constants", "backend")] == [other[key] for key in ("constants", "backend")]
+        assert [own["parameters"][key] for key in named] == [other["parameters"][key] for key in named]
+        with pytest.raises(atsplat.InvalidError, match="mine"):
+            evaluated(method, rooms, tmp_path / "python", name="mine", deterministic=True)
+
+
+def test_stores_in_a_forked_process_are_an_error_and_do_not_hang(rooms, tmp_path):
+    script = textwrap.dedent(f"""
+        import multiprocessing, sys
+        import atsplat
+        sys.path.insert(0, {os.path.dirname(__file__)!r})
+        from conftest import nearest, INDEX, PROTOCOL
+
+        def run(out):
+            return atsplat.evaluate(nearest, PROTOCOL, data={str(rooms)!r}, index=INDEX, out=out, limit=1)
+
+        def child(queue):
+            store, baseline = {str(tmp_path / "store")!r}, {str(tmp_path / "baseline.json")!r}
+            uses = [lambda: run({str(tmp_path / "other")!r}), lambda: atsplat.open_store(store), lambda: atsplat.report(store),
+                    lambda: atsplat.merge([store], {str(tmp_path / "merged")!r}), lambda: atsplat.drift(store, baseline),
+                    lambda: atsplat.accept_baseline(store, baseline, why="x")]
+            for use in uses:
+                try:
+                    use()
+                except RuntimeError as error:
+                    queue.put(str(error))
+
+        run({str(tmp_path / "store")!r})
+        context = multiprocessing.get_context("fork")
+        queue = context.Queue()
+        process = context.Process(target=child, args=(queue,))
+        process.start()
+        print(sum("spawn" in queue.get(timeout=50) for _ in range(6)))
+        process.join(10)
+        print(process.exitcode)
+    """)
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", script], capture_output=True, text=True, timeout=100)
+    assert done.stdout == "6\n0\n", done.stderr
+
+
+def test_advice_is_about_arguments_and_not_about_options(rooms, tmp_path):
+    def method(images, context, target):
+        with pytest.raises(atsplat.InvalidError, match=r"shard=\(1, 2\) and shard=\(2, 2\), and merge the parts with atsplat\.merge"):
+            evaluated(nearest, rooms, tmp_path / "store")
+        return nearest(images, context, target)
+
+    assert not evaluated(method, rooms, tmp_path / "store", limit=1, version=1).failures()

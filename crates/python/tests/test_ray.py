@@ -64,7 +64,7 @@ def many(tmp_path_factory, binary):
     """Eight scenes, and their store by one process."""
     folder = tmp_path_factory.mktemp("many")
     binary("data", "simulate", folder / "rooms", "--scenes", 8, "--size", "128x128", "--samples", 1)
-    return folder / "rooms/test", evaluated(nearest, folder / "rooms/test", folder / "store", deterministic=True)
+    return folder / "rooms/test", evaluated(nearest, folder / "rooms/test", folder / "store", deterministic=True, version=1)
 
 
 def same(store, whole):
@@ -117,7 +117,7 @@ def test_a_lost_node_and_a_killed_worker_change_no_table(cluster, many, tmp_path
     killer.start()
     steps = []
     store = evaluated(
-        lambda: Loaded(notes), rooms, tmp_path / "store", name="nearest", deterministic=True,
+        lambda: Loaded(notes), rooms, tmp_path / "store", name="nearest", deterministic=True, version=1,
         progress=lambda: steps.append(1), ray={"factory": True},
     )
     killer.join(1)
@@ -144,10 +144,14 @@ def test_a_worker_that_always_dies_ends_the_run_and_another_goes_on(cluster, man
     def method(deadly):
         return lambda images, context, target, trial: nearest_or_death(images, context, target, trial=trial, deadly=deadly)
 
-    options = {"name": "nearest", "deterministic": True, "ray": {"shards": 4, "workers": 1, "retries": 1}}
+    options = {"name": "nearest", "deterministic": True, "version": 1, "ray": {"shards": 4, "workers": 1, "retries": 1}}
     with pytest.raises(atsplat.AtsplatError, match="worker died with shard 4 of 4, 2 times"):
         evaluated(method(True), rooms, out, **options)
     assert sorted(os.listdir(out / "shards")) == ["1-of-4", "2-of-4", "3-of-4"]
+    for change, differs in [({"version": 2}, "version"), ({"version": None}, "identity")]:
+        with pytest.raises(atsplat.InvalidError, match=differs) as raised:
+            evaluated(method(False), rooms, out, **{**options, **change})
+        assert raised.value.field == "method"
     assert same(evaluated(method(False), rooms, out, **options), whole)
     assert sorted(call.name.split("-")[2] for call in calls.glob("*-False")) == ["00000006", "00000007"]
 

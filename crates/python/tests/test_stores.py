@@ -33,6 +33,26 @@ def test_rows_and_columns_agree(store):
         assert np.isnan(columns["lpips"]).all() and rows[0]["not_computed"]["lpips"]
 
 
+def test_rows_of_failed_targets_have_keys_of_metrics_and_are_copies(rooms, tmp_path):
+    def method(images, context, target, trial):
+        if trial.scene.endswith("1"):
+            raise ValueError("no idea")
+        return nearest(images, context, target)
+
+    store = atsplat.evaluate(method, PROTOCOL, data=rooms, index=INDEX, out=tmp_path / "store")
+    rows = store.rows()
+    assert {tuple(sorted(row)) for row in rows} == {tuple(sorted(rows[0]))}
+    failed = [row for row in rows if row["status"] == "failed"]
+    assert len(failed) == 3 and all(row["psnr"] is None for row in failed)
+    assert np.isnan(store.columns()["psnr"]).sum() == 3
+    rows[0]["not_computed"]["psnr"] = "mine"
+    store.trials()[0]["notes"].append("mine")
+    assert "psnr" not in store.rows()[0]["not_computed"] and store.trials()[0]["notes"] == []
+    for wrong in ([store, store], None):
+        with pytest.raises(atsplat.InvalidError):
+            atsplat.report(wrong)
+
+
 def test_tables_are_the_binarys(store, warped, binary, tmp_path):
     binary("report", store.path, warped, "--out", tmp_path / "page")
     report = atsplat.report(store, warped)

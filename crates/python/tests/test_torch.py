@@ -1,9 +1,12 @@
 """The dataset and the training callbacks; skipped without PyTorch."""
 
+import functools
 import json
+import pickle
 import sys
 import types
 import warnings
+import weakref
 
 import numpy as np
 import pytest
@@ -46,9 +49,27 @@ def test_a_data_loader_gives_the_trials(trials, rooms, workers):
 
 
 def test_entries_without_a_trial_are_a_warning(rooms):
-    with pytest.warns(UserWarning, match=f"{SCENES} of {SCENES} entries"):
+    listed = len(json.loads(INDEX.read_text()))
+    with pytest.warns(UserWarning, match=f"{listed} of {listed} entries"):
         dataset = TrialDataset("re10k-2v-256", rooms, index=INDEX)
-    assert len(dataset) == 0 and len(dataset.skipped) == SCENES and "128" in dataset.skipped[0].detail
+    assert len(dataset) == 0 and len(dataset.skipped) == listed
+    missing, unsized = dataset.skipped[: listed - SCENES], dataset.skipped[listed - SCENES :]
+    assert {own.reason for own in missing} == {"missing-scene"} and all("128" in own.detail for own in unsized)
+    with pytest.warns(UserWarning, match=f"{listed - SCENES} of {listed} entries .*not in the data"):
+        assert len(TrialDataset(PROTOCOL, rooms, index=INDEX)) == SCENES
+
+
+def test_opened_data_may_be_given_and_items_have_frames(data, trials):
+    dataset = pickle.loads(pickle.dumps(TrialDataset(PROTOCOL, data)))
+    assert len(dataset) == SCENES
+    for item, trial in zip(dataset, trials):
+        assert tuple(item["context_frames"].tolist()) == trial.context.cameras.frames
+        assert tuple(item["target_frames"].tolist()) == trial.target.cameras.frames
+    assert dataset[torch.tensor(1)]["scene"] == trials[1].scene
+    with pytest.raises(atsplat.InvalidError, match="Subset"):
+        dataset[0:2]
+    with pytest.raises(atsplat.InvalidError, match="open"):
+        TrialDataset("re10k-2v-256", data)
 
 
 def test_lens_distortion_that_items_leave_out_is_one_warning(tmp_path, binary):
@@ -98,8 +119,68 @@ def test_the_results_of_an_earlier_training_are_not_taken_for_those_of_this_one(
     with pytest.raises(atsplat.InvalidError, match="recipe"):
         trained(Blend(), parameters={"recipe": "another"})
     # Nothing tells which state a function has.
-    with pytest.raises(atsplat.InvalidError, match="without results"):
-        trained(lambda images, context, target: same(images, context, target))
+    for _ in range(2):
+        with pytest.warns(UserWarning, match="no module"), pytest.raises(atsplat.InvalidError, match="without results"):
+            trained(lambda images, context, target: np.zeros((3, 128, 128, 3)))
+
+
+class Wrapper:
+    def __init__(self, module):
+        self.module = module
+
+    def __call__(self, *views):
+        return self.module(*views)
+
+
+@pytest.mark.parametrize("wrap", [
+    lambda model: lambda *views: model(*views),
+    lambda model: functools.partial(lambda model, *views: model(*views), model),
+    Wrapper,
+])
+def test_a_wrapped_module_is_in_eval_mode_and_resumed_with_its_state(rooms, tmp_path, wrap):
+    model = Blend()
+    first = Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=1, index=INDEX, limit=1, name="Blend")(1, wrap(model))
+    assert model.modes == {(False, False)} and model.training
+    assert "state-sha256" in first.provenance["methods"][0]["parameters"]
+    with pytest.raises(atsplat.InvalidError, match="state-sha256"):
+        Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=1, index=INDEX, limit=1, name="Blend")(1, wrap(Blend(0.25)))
+
+
+def test_a_hidden_module_may_be_named(rooms, tmp_path):
+    model = Blend()
+    models = weakref.WeakValueDictionary({"model": model})
+
+    def hidden(*views):
+        return models["model"](*views)
+
+    def evaluated(folder, **options):
+        return Evaluation(PROTOCOL, rooms, tmp_path / folder, every=1, index=INDEX, limit=1, **options)(1, hidden)
+
+    with pytest.warns(UserWarning, match="no module was found in hidden"):
+        evaluated("silent")
+    assert model.modes == {(True, False)}
+    model.modes.clear()
+    evaluated("named", module=model)
+    assert model.modes == {(False, False)} and model.training
+
+
+@pytest.mark.parametrize("break_it", ["raise", "nan", "refuse"])
+def test_targets_that_fail_now_are_worse(rooms, tmp_path, break_it):
+    baseline = baseline_of(rooms, tmp_path)
+
+    class Breaking(Blend):
+        def forward(self, images, context, target, trial):
+            mixed = super().forward(images, context, target)
+            if trial.scene.endswith("1") and break_it == "raise":
+                raise ValueError("diverged")
+            if trial.scene.endswith("1") and break_it == "refuse":
+                raise atsplat.NotApplicable("diverged")
+            return mixed * float("nan") if trial.scene.endswith("1") else mixed
+
+    check = Evaluation(PROTOCOL, rooms, tmp_path / "runs", every=1, baseline=baseline, index=INDEX, deterministic=True, name="Blend")
+    with pytest.raises(atsplat.DriftedError):
+        check(1, Breaking())
+    assert len(check.drift.lost) == 3 and "rooms-test-00000001" in check.drift.lost[0]
 
 
 def test_the_hash_of_a_state_is_that_of_names_types_shapes_and_values():

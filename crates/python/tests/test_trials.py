@@ -1,5 +1,9 @@
 """Trials: what a method sees, and scoring of images and Gaussians."""
 
+import json
+import pickle
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import INDEX, PROTOCOL, SCENES
@@ -107,6 +111,40 @@ def test_identical_images_have_no_finite_psnr(trials, rooms):
     assert all(row["status"] == "identical" and row["psnr"] == np.inf and row["ssim"] == 1 for row in scored.targets)
 
 
+def test_scores_of_failed_output_say_why(trials):
+    scored = trials[0].score(np.zeros((2, 128, 128, 3)))
+    assert scored.status == "failed" and len(scored.targets) == 3
+    assert all(row["psnr"] is None and row["ssim"] is None for row in scored.targets)
+    for again in (scored, pickle.loads(pickle.dumps(scored))):
+        with pytest.raises(atsplat.InvalidError, match="found 2 × 128 × 128 × 3") as raised:
+            again.mean["psnr"]
+        assert raised.value.field == "psnr" and again.mean.get("psnr") is None
+
+
+def test_wrong_arguments_of_trials_are_named(rooms, data):
+    protocol = atsplat.protocol(PROTOCOL)
+    wrong = [({"limit": limit}, "limit") for limit in (-1, 0, 2.0)]
+    for options, field in [*wrong, ({"weights": "/nope"}, "weights"), ({"setting": 3}, "setting")]:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            protocol.trials(data, **options)
+        assert raised.value.field == field
+    for options, field in [({"images": 1.5}, "images"), ({"any_size": "no"}, "any_size"), ({"index": 3}, "index")]:
+        with pytest.raises(atsplat.InvalidError) as raised:
+            protocol.open(rooms, **options)
+        assert raised.value.field == field
+    assert len(protocol.open(rooms, sampler=Path("re10k-2v")).entries) == SCENES
+
+
+def test_an_index_with_a_repeated_target_is_in_the_warnings(rooms, tmp_path):
+    entries = json.loads(INDEX.read_text())
+    first = next(iter(entries))
+    entry = entries[first][0] if isinstance(entries[first], list) else entries[first]
+    (tmp_path / "index.json").write_text(json.dumps({first: {**entry, "target": [entry["target"][0]] * 3}}))
+    opened = atsplat.protocol(PROTOCOL).open(rooms, index=tmp_path / "index.json")
+    kind = next(kind for kind in opened.warnings if "target" in kind)
+    assert opened.warnings[kind] >= 1 and first in opened.examples[kind]
+
+
 def test_open_data_keeps_its_protocol_and_index(data):
     for protocol, options in [("re10k-2v-256", {}), (PROTOCOL, {"sampler": "re10k-2v"})]:
         with pytest.raises(atsplat.InvalidError) as raised:
@@ -135,7 +173,7 @@ def test_errors_name_file_and_field(rooms, tmp_path):
     with pytest.raises(atsplat.InvalidError) as raised:
         atsplat.protocol(tmp_path / "broken.toml")
     assert raised.value.file == str(tmp_path / "broken.toml") and raised.value.field.startswith("line 2")
-    with pytest.raises(atsplat.InvalidError, match="no evaluation index") as raised:
+    with pytest.raises(atsplat.InvalidError, match=r'no evaluation index.*\(index=…\).*\(sampler=') as raised:
         atsplat.protocol(PROTOCOL).open(rooms)
     assert raised.value.file == str(rooms) and raised.value.field == "index"
     with pytest.raises(atsplat.AtsplatError) as raised:

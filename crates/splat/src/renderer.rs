@@ -130,3 +130,13 @@ impl Renderer for CpuRenderer {
 pub(crate) const fn saturated(value: f64) -> f32 {
     value.clamp(f32::MIN as f64, f32::MAX as f64) as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reference_has_a_name() {
+        assert_eq!(ReferenceRenderer.name(), "reference");
+    }
+}

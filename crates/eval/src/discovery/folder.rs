@@ -308,7 +308,7 @@ fn has_images(source: &dyn SceneSource) -> Result<bool, SceneError> {
 
 /// Size of the first scene's first image; of later scenes if that cannot be read. `None` if there are no images.
 fn image_size(source: &dyn SceneSource) -> Result<Option<ImageSize>, SceneError> {
-    first_readable(source, |frame, key, at| frame.size(key, at))
+    first_readable(source, Frame::size)
 }
 
 /// What `read` returns for the first image of the first scene that can be read. `None` if no scene has an image; the first error
@@ -392,17 +392,14 @@ mod tests {
     #[test]
     fn what_opening_a_dataset_leaves_out_is_passed_on_unless_it_is_found_by_itself() {
         let root = tempfile::tempdir().unwrap();
-        let captures = root.path().join("captures");
-        capture(&captures.join("a"));
-        capture(&captures.join("lost"));
-        std::fs::create_dir(captures.join("lost/images")).unwrap();
-        std::fs::rename(captures.join("lost/0.png"), captures.join("lost/images/0.png")).unwrap();
-        std::fs::remove_file(captures.join("lost/transforms.json")).unwrap();
-        let clip = captures.join("clip");
-        std::fs::create_dir(&clip).unwrap();
-        std::fs::copy(captures.join("a/0.png"), clip.join("0.png")).unwrap();
-        std::fs::write(clip.join("clip.txt"), "https://example.org\n0 1 1 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n")
-            .unwrap();
+        let [captured, lost, clip] = ["a", "lost/images", "clip/clip"].map(|name| root.path().join(name));
+        capture(&captured);
+        for (folder, image) in [(&lost, "0.png"), (&clip, "0.png")] {
+            std::fs::create_dir_all(folder).unwrap();
+            std::fs::copy(captured.join("0.png"), folder.join(image)).unwrap();
+        }
+        let trajectory = "https://example.org\n0 1 1 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
+        std::fs::write(root.path().join("clip/clip.txt"), trajectory).unwrap();
         let mut on_disk = Vec::new();
         search(root.path(), 0, &mut on_disk, &mut Vec::new());
         let ignored = |on_disk: &[DatasetOnDisk]| -> Vec<String> {

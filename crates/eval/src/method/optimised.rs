@@ -273,7 +273,7 @@ mod tests {
 
     /// Patches of 16 pixels do not divide it. The network alone does not support it either.
     #[test]
-    fn a_size_that_the_network_does_not_take_is_no_failure() {
+    fn a_size_that_the_network_does_not_take_does_not_count_as_a_failure() {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let (trial, images) = trials(&preset).swap_remove(0);
         let image = Arc::new(ImageU8::new(100, 100, vec![9; 30_000]).unwrap());
@@ -281,7 +281,7 @@ mod tests {
         let input = TrialInput { preset: &preset, trial: &trial, images: &images };
         let method = refined(Splatting::default());
         let why = method.predict(input).err().unwrap();
-        assert!(matches!(&why, MethodError::NotApplicable(why) if why.contains("16 divides")), "{why}");
+        assert!(matches!(&why, MethodError::NotApplicable(why) if why.contains("divisible by 16")), "{why}");
     }
 
     /// Between the Gaussians of the start, images show the background.

@@ -129,7 +129,7 @@ pub(super) fn read(
     if import.antialiased == Some(true) && mode.is_none() {
         notes.push(format!(
             "{DRAWN_CLASSIC}the file says that its Gaussians were trained with antialiasing; see --mode antialiased of run and \
-             score"
+             score, in Python antialiased=True"
         ));
     }
     if as_stored {

@@ -159,8 +159,8 @@ impl Splatting {
         let is_noted = gaussians.parts().filter_3d.is_some() && self.mode.is_none();
         is_noted.then(|| {
             format!(
-                "{DRAWN_CLASSIC}the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them; see --mode antialiased of \
-                 run and score, and --constants for a file with a blur of 0.1"
+                "{DRAWN_CLASSIC}the Gaussians have 3D filters (filter_3D), as Mip-Splatting makes them; see --mode antialiased, \
+                 in Python antialiased=True, and --constants for a file with a blur of 0.1"
             )
         })
     }

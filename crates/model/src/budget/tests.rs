@@ -112,7 +112,7 @@ fn the_formula_agrees_with_counted_selections() {
 #[test]
 fn rejects_images_that_patches_do_not_divide() {
     let error = budget(&preset("paper-re10k"), 2, ImageSize::new(250, 256)).unwrap_err().to_string();
-    assert!(error.contains("16 divides") && error.contains("250x256"), "{error}");
+    assert!(error.contains("divisible by 16") && error.contains("250x256"), "{error}");
     assert!(budget(&preset("paper-dl3dv-hr"), 2, ImageSize::new(272, 256)).is_err(), "half of it has no whole patches");
 }
 

@@ -47,7 +47,7 @@ struct Losses {
 
 fn losses(network: &Network) -> Losses {
     let cameras = vec![camera(0.0), camera(0.5)];
-    let views = Views::new(SIZE, noise("images", 2 * 64 * 64 * 3), cameras).unwrap();
+    let views = Views::new(SIZE, noise("pictures", 2 * 64 * 64 * 3), cameras).unwrap();
     let forward = network.forward(&[views], 0).unwrap();
     let size = atsplat_camera::ImageSize { width: 32, height: 32 };
     let targets = [View { camera: camera(0.2), size }, View { camera: camera(0.4), size }];

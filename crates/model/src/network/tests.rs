@@ -238,7 +238,7 @@ fn rejects_input_that_does_not_fit() {
     assert!(refused(&[]).contains("at least one"));
     let small = views.resized(ImageSize::new(32, 32));
     assert!(refused(&[views.clone(), small]).contains("2 views of 32x48 in each"));
-    assert!(refused(&[views.resized(ImageSize::new(30, 48))]).contains("16 divides"));
+    assert!(refused(&[views.resized(ImageSize::new(30, 48))]).contains("divisible by 16"));
     assert!(Views::new(views.size(), vec![0.0; 5], views.cameras.clone()).is_err());
     let mut broken = views.images.clone();
     broken[7] = f32::NAN;

@@ -29,7 +29,10 @@ def as_array(value: Any, field: str = "array") -> np.ndarray:
     if hasattr(value, "__dlpack__"):
         on_cpu = not hasattr(value, "__dlpack_device__") or value.__dlpack_device__()[0] == 1
         return np.from_dlpack(value) if on_cpu else np.from_dlpack(value, device="cpu")
-    return np.asarray(value)
+    array = np.asarray(value)
+    if array.dtype.kind in "OSU":
+        raise invalid(field, f"expected an array of numbers, found {type(value).__name__}")
+    return array
 
 
 def _stacked(arrays: list[np.ndarray], field: str) -> np.ndarray:
@@ -61,8 +64,6 @@ def images(value: Any, field: str = "images") -> Stored:
     if type(value).__name__ == "Rendering" and hasattr(value, "images"):
         raise invalid(field, "expected an array, found a Rendering: return its .images")
     array = as_array(value, field)
-    if array.dtype.kind in "OSU":
-        raise invalid(field, f"expected an array of numbers, found {type(value).__name__}")
     if array.ndim != 4 or array.shape[-1] != 3:
         hint = "; permute channels to the end" if array.ndim == 4 and array.shape[1] == 3 else ""
         raise invalid(field, f"expected count × height × width × 3, found {describe(array)}{hint}")

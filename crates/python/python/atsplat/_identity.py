@@ -5,7 +5,7 @@ nothing depends on addresses, or on the order of sets and dicts.
 
 A part is the source of a function or class, or the value of a variable. Followed are variables in closures and globals, defaults, what a
 method is bound to, and the arguments of ``functools.partial``; code of installed packages counts by name. Not followed are files, random
-generators, and objects of other libraries. Variables that a function assigns itself are its state, not what it is.
+generators, and objects of other libraries. Variables that one of the functions assigns are the method's state, not what it is.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ import inspect
 import os
 import struct
 import sys
-import sysconfig
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from enum import Enum
 from pathlib import PurePath
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType
@@ -30,12 +29,15 @@ import numpy as np
 #: Parts that are listed in a record; further ones share a hash.
 LISTED = 48
 
-_STANDARD = tuple(os.path.realpath(sysconfig.get_path(kind)) + os.sep for kind in ("stdlib", "platstdlib"))
+#: Top-level modules that count by name wherever they lie.
+_FOREIGN = sys.stdlib_module_names - {"__main__"} | {"builtins", "atsplat"}
 
 
-def identity(method: Callable) -> dict[str, str]:
+def identity(method: Callable[..., Any]) -> dict[str, str]:
     """Hashes of the parts of a method, by what they are."""
     walk = _Walk(method)
+    if walk.assigned:
+        walk = _Walk(method, walk.assigned)
     if len(walk.parts) <= LISTED:
         return walk.parts
     names = list(walk.parts)
@@ -44,7 +46,7 @@ def identity(method: Callable) -> dict[str, str]:
     return {**kept, f"{len(names) - LISTED + 1} others": _digest(b"others", *others).hex()[:16]}
 
 
-def modules(method: Callable) -> list[Any]:
+def modules(method: Callable[..., Any]) -> list[Any]:
     """The ``torch.nn.Module`` that a method is, holds or uses; without those inside of others."""
     return _Walk(method).modules
 
@@ -52,13 +54,16 @@ def modules(method: Callable) -> list[Any]:
 class _Walk:
     """Goes through everything that a method uses."""
 
-    def __init__(self, method: Callable) -> None:
+    def __init__(self, method: Callable[..., Any], state: Set[tuple[int, str]] = frozenset()) -> None:
+        #: Variables that functions assign, by the address of their cell or globals; ``state`` has those that are left out.
+        self.assigned: set[tuple[int, str]] = set()
+        self._state = state
         self.parts: dict[str, str] = {}
         self.modules: list[Any] = []
         #: Digests by address, with the objects, which keep their addresses that way.
         self._known: dict[int, tuple[Any, bytes]] = {}
         of = method if isinstance(method, (FunctionType, type)) else type(getattr(method, "func", getattr(method, "__self__", method)))
-        self._package = _root(of.__module__)
+        self._package = _root(of.__module__ or "")
         digest = self._value(method)
         if not isinstance(method, FunctionType):
             self._add("method", digest)
@@ -85,13 +90,13 @@ class _Walk:
 
     def _compound(self, value: Any) -> bytes:
         torch = sys.modules.get("torch")
-        if hasattr(torch, "nn") and isinstance(value, torch.nn.Module):
+        if torch is not None and hasattr(torch, "nn") and isinstance(value, torch.nn.Module):
             return self._module(value)
         array = _array(value, torch)
         if array is not None:
             return array
         if isinstance(value, (list, tuple)):
-            return _digest(b"list", *(self._value(item) for item in value))
+            return _digest(b"list" if isinstance(value, list) else b"tuple", *(self._value(item) for item in value))
         if isinstance(value, Mapping) and type(value).__module__ in ("builtins", "collections", "types"):
             return self._named(b"dict", value.items())
         if isinstance(value, (set, frozenset)):
@@ -119,16 +124,22 @@ class _Walk:
     def _function(self, function: FunctionType) -> bytes:
         """Its source is a part, and so is each of its variables; to others it is a name."""
         name, code = _short(function), function.__code__
-        assigned = set(_assigned(code))
-        cells = zip(code.co_freevars, function.__closure__ or ())
-        used = {key: cell.cell_contents for key, cell in cells if key not in (*assigned, "__class__") and _is_filled(cell)}
+        cells = dict(zip(code.co_freevars, function.__closure__ or ()))
+        scope = id(function.__globals__)
+        for key, is_global in _assigned(code):
+            if is_global or key in cells:
+                self.assigned.add((scope if is_global else id(cells[key]), key))
+        cells = {key: cell for key, cell in cells.items() if key != "__class__" and (id(cell), key) not in self._state}
+        used = {key: cell.cell_contents for key, cell in cells.items() if _is_filled(cell)}
         defaults = self._value(function.__defaults__), self._value(function.__kwdefaults__)
         if not self._is_own(function):
             # A decorator of another library, for example: what it wraps is in its closure.
             own = (self._value(value) for _, value in sorted(used.items(), key=_first))
             return _digest(b"function", _name(function).encode(), *defaults, *own)
-        names = {name for name in _names(code) if not name.startswith("__")} - assigned - used.keys()
-        used |= {key: function.__globals__[key] for key in names if key in function.__globals__}
+        for key in _loaded(code):
+            if key in function.__globals__ and not key.startswith("__") and (scope, key) not in self._state:
+                used[key] = function.__globals__[key]
+        names = {name for one in _codes(code) for name in one.co_names if not name.startswith("__")}
         for key, value in list(used.items()):
             if isinstance(value, ModuleType) and self._is_own(value):
                 used |= {f"{key}.{own}": vars(value)[own] for own in names & vars(value).keys()}
@@ -201,13 +212,13 @@ class _Walk:
     def _is_own(self, value: Any) -> bool:
         """Whether this is the user's code: of the method's package, or not installed."""
         module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
-        if not isinstance(module, str) or _root(module) in ("builtins", "atsplat"):
+        # A function that was compiled from a text may have none.
+        module = "" if module is None and isinstance(value, FunctionType) else module
+        if not isinstance(module, str) or _root(module) in _FOREIGN:
             return False
         file = value.__code__.co_filename if isinstance(value, FunctionType) else getattr(sys.modules.get(module), "__file__", None)
         place = os.path.realpath(file) if file else ""
         is_installed = "site-packages" in place or "dist-packages" in place
-        if not is_installed and (place.startswith(_STANDARD) or str(file).startswith("<frozen")):
-            return False
         return not is_installed or _root(module) == self._package
 
 
@@ -267,16 +278,17 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(one)
 
 
-def _names(code: CodeType) -> Iterator[str]:
-    return (name for one in _codes(code) for name in one.co_names)
+def _loaded(code: CodeType) -> set[str]:
+    """Globals that a function reads."""
+    found = (one for part in _codes(code) for one in dis.get_instructions(part))
+    return {one.argval for one in found if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
 
 
-def _assigned(code: CodeType) -> Iterator[str]:
-    """Variables from outside that a function assigns."""
-    for one in _codes(code):
-        for instruction in dis.get_instructions(one):
-            if instruction.opname in ("STORE_GLOBAL", "DELETE_GLOBAL", "STORE_DEREF", "DELETE_DEREF"):
-                yield instruction.argval
+def _assigned(code: CodeType) -> set[tuple[str, bool]]:
+    """Variables that a function assigns, and whether they are globals; others may be of its closure."""
+    found = (one for part in _codes(code) for one in dis.get_instructions(part))
+    kinds = {"STORE_GLOBAL": True, "DELETE_GLOBAL": True, "STORE_DEREF": False, "DELETE_DEREF": False}
+    return {(one.argval, kinds[one.opname]) for one in found if one.opname in kinds}
 
 
 def _is_filled(cell: Any) -> bool:

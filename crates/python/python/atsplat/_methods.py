@@ -25,14 +25,14 @@ BUILT_IN = {"nearest-view": "nearest view", "warp": "plane warp"}
 RESERVED = ("setting", "version", "identity", "background", "effects", "tolerance", "renderer", "mode")
 
 
-def name_of(method: Callable) -> str:
+def name_of(method: Callable[..., Any]) -> str:
     """The name of a function, or of an object's class."""
     name = getattr(method, "__name__", None) or type(method).__name__
     return "method" if name == "<lambda>" else name
 
 
 def record(
-    method: Callable | str,
+    method: Callable[..., Any] | str,
     name: str | None,
     title: str | None,
     parameters: Mapping[str, Any],
@@ -61,7 +61,7 @@ def record(
     if name in ("truth", "context") or not all(c.isalnum() or c in "-_.+ " for c in name) or not name.strip():
         raise invalid("name", f"expected letters, digits, spaces, - _ . and +, other than truth and context, found {name!r}")
     own = {name: _stated(name, value) for name, value in parameters.items()}
-    if kind == "python":
+    if not isinstance(method, str):
         own |= {"setting": setting, **({"identity": _identity(method)} if version is None else {"version": version})}
     return json.dumps({
         "name": name,
@@ -88,7 +88,7 @@ def _stated(name: str, value: Any) -> Any:
     return value
 
 
-def _identity(method: Callable) -> dict[str, str]:
+def _identity(method: Callable[..., Any]) -> dict[str, str]:
     try:
         return identity(method)
     except Exception as error:
@@ -110,7 +110,7 @@ class Info:
     overlap: float | None
 
 
-def adapted(method: Callable) -> Callable:
+def adapted(method: Callable[..., Any]) -> Callable[..., Any]:
     """Calls a method with arrays, and makes its output plain."""
     takes_trial = _takes_trial(method)
 
@@ -123,7 +123,7 @@ def adapted(method: Callable) -> Callable:
     return call
 
 
-def _takes_trial(method: Callable) -> bool:
+def _takes_trial(method: Callable[..., Any]) -> bool:
     # A module's call takes anything; what it passes on says more.
     if isinstance(method, functools.partial) and "trial" in method.keywords:
         return False

@@ -7,6 +7,7 @@ in the folder ``shards`` of the store until all of them are merged.
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import tempfile
@@ -28,7 +29,7 @@ DEFAULTS = RayOptions(retries=3, num_cpus=1, num_gpus=0, factory=False)
 
 
 def evaluate(
-    run: Run, method: Callable | str, given: bool | RayOptions, out: str, progress: Callable[[], None] | None
+    run: Run, method: Callable[..., Any] | str, given: bool | RayOptions, out: str, progress: Callable[[], None] | None
 ) -> tuple[Outcome, list[Data]]:
     """Evaluates a run on a cluster: the one that Ray is connected to, or the one that ``ray.init()`` finds or starts."""
     options = _checked(given)
@@ -52,7 +53,7 @@ def evaluate(
     shards = {number: folder / f"{number}-of-{count}" for number in range(1, count + 1)}
     is_connected = ray.is_initialized()
     if not is_connected:
-        ray.init(logging_level="warning")
+        ray.init(logging_level=logging.WARNING)
     workers = _Workers(ray, {**DEFAULTS, **options})
     try:
         outcomes = workers.evaluate(run, method, shards, progress)
@@ -97,12 +98,12 @@ class _Workers:
         self._awaited: dict[Any, tuple[Any, int | None]] = {}
 
     def evaluate(
-        self, run: Run, method: Callable | str, shards: dict[int, Path], progress: Callable[[], None] | None
+        self, run: Run, method: Callable[..., Any] | str, shards: dict[int, Path], progress: Callable[[], None] | None
     ) -> dict[int, Outcome]:
         """Evaluates shards into stores."""
         threads = max(1, int(self._options["num_cpus"]))
         self._loaded = self._ray.put((run, method, self._options["factory"], threads, os.getcwd()))
-        queue, lost, outcomes, left = deque(shards), Counter(), {}, set(shards)
+        queue, lost, outcomes, left = deque(shards), Counter[Any](), {}, set(shards)
         for _ in range(min(self._options.get("workers", self._fitting()), len(queue))):
             self._start()
         while left:
@@ -131,8 +132,9 @@ class _Workers:
                     files, steps, outcomes[number] = result
                     _write(files, shards[number])
                     left.remove(number)
-                    for _ in range(steps if progress else 0):
-                        progress()
+                    if progress is not None:
+                        for _ in range(steps):
+                            progress()
             while queue and self._idle:
                 actor, number = self._idle.pop(), queue.popleft()
                 self._awaited[actor.evaluate.remote(number, len(shards), _read(shards[number]))] = actor, number
@@ -161,13 +163,13 @@ class _Workers:
 class Worker:
     """An actor: what it loads stays from shard to shard."""
 
-    def load(self, loaded: tuple[Run, Callable | str, bool, int, str]) -> None:
+    def load(self, loaded: tuple[Run, Callable[..., Any] | str, bool, int, str]) -> None:
         self._run, method, is_factory, threads, folder = loaded
         os.environ.setdefault("RAYON_NUM_THREADS", str(threads))
         if os.path.isdir(folder):
             # Relative paths are the driver's.
             os.chdir(folder)
-        self._method = method() if is_factory else method
+        self._method = method() if is_factory and not isinstance(method, str) else method
         if is_factory and not callable(self._method):
             raise invalid("method", f"expected a factory that returns a callable, found {type(self._method).__name__}")
         self._data = self._run.open()

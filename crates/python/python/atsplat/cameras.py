@@ -110,7 +110,7 @@ class Cameras:
         return cls(camera_from_world, matrices, height, width, tuple(range(count)), (("pinhole", ()),) * count)
 
     @classmethod
-    def _of(cls, cameras: list, frames: Sequence[int]) -> Cameras:
+    def _of(cls, cameras: list[Any], frames: Sequence[int]) -> Cameras:
         poses = np.tile(np.eye(4), (len(cameras), 1, 1))
         matrices = np.tile(np.eye(3), (len(cameras), 1, 1))
         for at, (pose, (fx, fy, cx, cy), *_) in enumerate(cameras):
@@ -123,7 +123,7 @@ class Cameras:
         lenses = tuple((lens, tuple(coefficients)) for _, _, lens, coefficients, _, _ in cameras)
         return cls(poses, matrices, height, width, tuple(frames), lenses)
 
-    def _numbers(self) -> list:
+    def _numbers(self) -> list[Any]:
         k = self.intrinsics
         return [
             (pose[:3].ravel().tolist(), [k[0, 0], k[1, 1], k[0, 2], k[1, 2]], lens, list(coefficients), self.width, self.height)
@@ -160,16 +160,19 @@ class Cameras:
     @property
     def centres(self) -> np.ndarray:
         """N × 3, float64: the cameras' centres in the world."""
-        return self.world_from_camera[:, :3, 3]
+        centres: np.ndarray = self.world_from_camera[:, :3, 3]
+        return centres
 
     def world_from_camera_in(self, convention: str) -> np.ndarray:
         """N × 4 × 4, float64: camera to world for cameras with the axes of ``opengl`` (nerfstudio, Blender) or ``pytorch3d``.
         Only the camera's axes differ between conventions, never the world's."""
-        return self.world_from_camera @ _flip(convention)
+        turned: np.ndarray = self.world_from_camera @ _flip(convention)
+        return turned
 
     def camera_from_world_in(self, convention: str) -> np.ndarray:
         """N × 4 × 4, float64: world to camera for cameras with the axes of ``convention``."""
-        return _flip(convention) @ self.camera_from_world
+        turned: np.ndarray = _flip(convention) @ self.camera_from_world
+        return turned
 
 
 def _flip(convention: str) -> np.ndarray:
@@ -220,8 +223,9 @@ def _check_poses(poses: np.ndarray, field: str) -> None:
         residual, determinant = abs(rotation @ rotation.T - np.eye(3)).max(), np.linalg.det(rotation)
         if not (residual <= ROTATION and determinant > 0):
             scale = np.cbrt(abs(determinant))
-            kind = "a mirrored one" if determinant < 0 and residual <= ROTATION else f"one with a scale of {scale:.4g}"
-            raise invalid(field, f"pose {at}: expected a rotation in the left 3 × 3, found {kind} that is off by {residual:.2g}")
+            kind = f"one with a scale of {scale:.4g}" if abs(scale - 1) > ROTATION / 10 else f"a matrix that is off by {residual:.2g}"
+            kind = "a mirrored one" if determinant < 0 else kind
+            raise invalid(field, f"pose {at}: expected a rotation in the left 3 × 3, found {kind}")
 
 
 def _check_focal(matrices: np.ndarray, given: np.ndarray, field: str) -> None:

@@ -13,7 +13,7 @@ from ._warnings import of_run, skipped, unscored
 from .errors import DriftedError
 from .stores import Store, folder_of, open_store
 
-Path = str | PathLike
+Path = str | PathLike[str]
 
 
 class Drift:
@@ -31,12 +31,12 @@ class Drift:
     @property
     def verdict(self) -> str:
         """``same``, ``within``, ``nothing`` (there was nothing to compare) or ``drifted``."""
-        return self.report["verdict"]
+        return str(self.report["verdict"])
 
     @property
     def comparisons(self) -> list[dict[str, Any]]:
         """For each preset, method and metric: the verdict, both means, and the largest change of a target."""
-        return self.report["comparisons"]
+        return list(self.report["comparisons"])
 
     def raise_if_drifted(self) -> None:
         """Raises :class:`~atsplat.DriftedError` if a number moved, or if there was nothing to compare."""

@@ -18,7 +18,7 @@ from .errors import AtsplatError
 from .protocols import Data, Protocol, check_setting, ids_of, protocol
 from .stores import Store, open_store
 
-Path = str | PathLike
+Path = str | PathLike[str]
 
 
 class RayOptions(TypedDict, total=False):
@@ -39,7 +39,7 @@ class RayOptions(TypedDict, total=False):
 
 
 def evaluate(
-    method: Callable | str,
+    method: Callable[..., Any] | str,
     protocols: str | Path | Protocol | Sequence[str | Path | Protocol],
     *,
     data: Path | Data,
@@ -128,11 +128,11 @@ def evaluate(
     for one in named:
         check_setting(one, setting)
     rendering = (("antialiased", antialiased), ("constants", constants), ("background", background))
-    for field, given in rendering if isinstance(method, str) else ():
-        if given is not None:
-            raise invalid(field, f"expected none for {method}, which gives no Gaussians, found {given!r}")
+    for field, chosen in rendering if isinstance(method, str) else ():
+        if chosen is not None:
+            raise invalid(field, f"expected none for {method}, which gives no Gaussians, found {chosen!r}")
     record = _methods.record(method, name, title, {} if parameters is None else parameters, setting, deterministic, version)
-    settings = {
+    settings: dict[str, Any] = {
         "out": path_of(out, "out"),
         "resume": resume,
         "limit": at_most(limit),
@@ -199,8 +199,8 @@ class Run:
     def open(self) -> list[Data]:
         return [one.open(self.data, **self.options) for one in self.protocols]
 
-    def evaluate(self, method: Callable | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any) -> str | None:
-        """Evaluates into a store, with changed settings; returns why nothing was evaluated, or ``None``."""
+    def evaluate(self, method: Callable[..., Any] | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any) -> Outcome:
+        """Evaluates into a store, with changed settings."""
         called = method if isinstance(method, str) else _methods.adapted(method)
         settings = {**self.settings, **changes}
         nothing, gaps = _native.evaluate(called, self.record, [one._native for one in data], settings, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from os import PathLike, fspath
 from typing import Any
 
@@ -78,7 +79,7 @@ class Gaussians:
         return gaussians
 
     @classmethod
-    def read(cls, path: str | PathLike, *, opacities_as_stored: bool = False) -> Gaussians:
+    def read(cls, path: str | PathLike[str], *, opacities_as_stored: bool = False) -> Gaussians:
         """Reads PLY, compressed PLY, SPZ or ``.splat``; problems, and fields of the file that are not read, are warnings.
 
         ``opacities_as_stored`` reads opacities, not logits, as the exporters of pixelSplat and NoPoSplat write them.
@@ -88,7 +89,7 @@ class Gaussians:
             warnings.warn(f"{fspath(path)}: {note}", stacklevel=2)
         return cls._of(native)
 
-    def write(self, path: str | PathLike, *, antialiased: bool = False) -> None:
+    def write(self, path: str | PathLike[str], *, antialiased: bool = False) -> None:
         """Writes ``.ply`` (lossless, but infinite opacity logits become ±20) or ``.spz`` (quantised; values beyond its ranges are
         clamped, with a warning).
 
@@ -103,7 +104,7 @@ class Gaussians:
     def __repr__(self) -> str:
         return f"Gaussians({len(self)}, SH degree {self.sh_degree})"
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         required = (self.means, self.quaternions, self.log_scales, self.opacity_logits, self.sh)
         return _rebuilt, (*required, self.scalars, self.filter_3d)
 
@@ -115,27 +116,27 @@ class Gaussians:
     @property
     def means(self) -> np.ndarray:
         """N × 3, float32: centres."""
-        return self._native.means
+        return _array(self._native.means)
 
     @property
     def quaternions(self) -> np.ndarray:
         """N × 4, float32: rotations as ``w, x, y, z``, as they were given."""
-        return self._native.quaternions
+        return _array(self._native.quaternions)
 
     @property
     def log_scales(self) -> np.ndarray:
         """N × 3, float32: natural logarithms of the standard deviations."""
-        return self._native.log_scales
+        return _array(self._native.log_scales)
 
     @property
     def opacity_logits(self) -> np.ndarray:
         """N, float32: opacities before the sigmoid."""
-        return self._native.opacity_logits
+        return _array(self._native.opacity_logits)
 
     @property
     def sh(self) -> np.ndarray:
         """N × (degree + 1)² × 3, float32: coefficients of spherical harmonics."""
-        return self._native.sh
+        return _array(self._native.sh)
 
     @property
     def scalars(self) -> np.ndarray | None:
@@ -149,7 +150,9 @@ class Gaussians:
 
 
 # Pickles of earlier versions have the first five arrays.
-def _rebuilt(means, quaternions, log_scales, opacity_logits, sh, scalars=None, filter_3d=None) -> Gaussians:
+def _rebuilt(
+    means: Any, quaternions: Any, log_scales: Any, opacity_logits: Any, sh: Any, scalars: Any = None, filter_3d: Any = None
+) -> Gaussians:
     return Gaussians(
         means,
         quaternions,
@@ -161,7 +164,15 @@ def _rebuilt(means, quaternions, log_scales, opacity_logits, sh, scalars=None, f
     )
 
 
-def _one_of(stored, stored_value, plain, plain_value, convert, stored_shape, plain_shape) -> np.ndarray:
+def _one_of(
+    stored: str,
+    stored_value: Any,
+    plain: str,
+    plain_value: Any,
+    convert: Callable[[np.ndarray], np.ndarray],
+    stored_shape: tuple[int | None, ...],
+    plain_shape: tuple[int | None, ...],
+) -> np.ndarray:
     if (stored_value is None) == (plain_value is None):
         raise invalid(stored, f"expected one of {stored} and {plain}")
     if stored_value is not None:
@@ -174,12 +185,17 @@ def _one_of(stored, stored_value, plain, plain_value, convert, stored_shape, pla
     return np.ascontiguousarray(converted, dtype=np.float32)
 
 
+def _array(value: Any) -> np.ndarray:
+    array: np.ndarray = value
+    return array
+
+
 def _logarithms(scales: np.ndarray) -> np.ndarray:
     wrong = ~(scales >= 0)
     if wrong.any():
         found = _first(scales, wrong)
         raise invalid("scales", f"expected standard deviations from 0, found {found}; log_scales takes their logarithms")
-    return np.log(scales)
+    return _array(np.log(scales))
 
 
 def _filter(values: Any, count: int) -> np.ndarray | None:
@@ -203,7 +219,7 @@ def _coefficients(colours: np.ndarray) -> np.ndarray:
     if far.sum() * FAR_ONE_IN > colours.size:
         problem = f"expected RGB in [0, 1], found {np.nanmin(colours):g} to {np.nanmax(colours):g}"
         raise invalid("colours", f"{problem}; divide those up to 255 by 255. sh takes coefficients")
-    return ((colours - 0.5) / C0)[:, None]
+    return _array(((colours - 0.5) / C0)[:, None])
 
 
 def _logits(opacities: np.ndarray) -> np.ndarray:
@@ -211,4 +227,4 @@ def _logits(opacities: np.ndarray) -> np.ndarray:
     if wrong.any():
         found = _first(opacities, wrong)
         raise invalid("opacities", f"expected numbers in [0, 1], found {found}; opacity_logits takes numbers before the sigmoid")
-    return np.log(opacities / (1.0 - opacities))
+    return _array(np.log(opacities / (1.0 - opacities)))

@@ -23,7 +23,7 @@ class EvaluationCallback(Callback):
             itself.
     """
 
-    def __init__(self, evaluation: Evaluation, method: Callable[[Any], Callable] | None = None) -> None:
+    def __init__(self, evaluation: Evaluation, method: Callable[[Any], Callable[..., Any]] | None = None) -> None:
         super().__init__()
         self.evaluation = evaluation
         self._method = method

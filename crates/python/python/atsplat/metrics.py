@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from os import PathLike
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,6 @@ from ._arrays import as_array, describe, images, invalid
 
 #: The convention of pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM and TokenGS.
 PIXELSPLAT = "pixelsplat"
-
-if TYPE_CHECKING:
-    Image = np.ndarray[tuple[int, int, int], np.dtype[Any]]
-    Images = np.ndarray[tuple[int, int, int, int], np.dtype[Any]]
 
 
 def metrics() -> list[dict[str, Any]]:
@@ -29,13 +25,7 @@ def metrics() -> list[dict[str, Any]]:
     ]
 
 
-@overload
-def psnr(a: Image, b: Any, convention: str = ...) -> float: ...
-@overload
-def psnr(a: Images, b: Any, convention: str = ...) -> np.ndarray: ...
-@overload
-def psnr(a: Any, b: Any, convention: str = ...) -> Any: ...
-def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
+def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> Any:
     """PSNR in dB; infinite for identical images.
 
     Args:
@@ -45,7 +35,7 @@ def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
             ``8bit-truncated``, ``8bit-rounded``.
 
     Returns:
-        A number, or N of them.
+        A float, or an array of N of them. Type checkers cannot tell which: to them it is ``Any``.
 
     Raises:
         InvalidError: also for floats that are meant in another range, such as 0 to 255.
@@ -53,13 +43,7 @@ def psnr(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     return _score("psnr", a, b, convention, None)
 
 
-@overload
-def ssim(a: Image, b: Any, convention: str = ...) -> float: ...
-@overload
-def ssim(a: Images, b: Any, convention: str = ...) -> np.ndarray: ...
-@overload
-def ssim(a: Any, b: Any, convention: str = ...) -> Any: ...
-def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
+def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> Any:
     """SSIM, at most 1.
 
     Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (skimage, Gaussian), ``clipped``, ``8bit-truncated``,
@@ -68,13 +52,7 @@ def ssim(a: Any, b: Any, convention: str = PIXELSPLAT) -> float | np.ndarray:
     return _score("ssim", a, b, convention, None)
 
 
-@overload
-def lpips(a: Image, b: Any, convention: str = ..., *, weights: str | PathLike | None = ...) -> float: ...
-@overload
-def lpips(a: Images, b: Any, convention: str = ..., *, weights: str | PathLike | None = ...) -> np.ndarray: ...
-@overload
-def lpips(a: Any, b: Any, convention: str = ..., *, weights: str | PathLike | None = ...) -> Any: ...
-def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLike | None = None) -> float | np.ndarray:
+def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLike[str] | None = None) -> Any:
     """LPIPS, at least 0.
 
     Arguments and errors as for :func:`psnr`; conventions: ``pixelsplat`` (VGG16, v0.1), ``clipped``, ``8bit-truncated``, ``alex``.
@@ -85,7 +63,7 @@ def lpips(a: Any, b: Any, convention: str = PIXELSPLAT, *, weights: str | PathLi
     return _score("lpips", a, b, convention, weights)
 
 
-def _score(metric: str, a: Any, b: Any, convention: str, weights: str | PathLike | None) -> float | np.ndarray:
+def _score(metric: str, a: Any, b: Any, convention: str, weights: str | PathLike[str] | None) -> float | np.ndarray:
     known = [named["id"] for named in metrics() if named["id"].split("-")[0] == metric]
     key = metric if convention == PIXELSPLAT else f"{metric}-{convention}"
     if key not in known:
@@ -95,7 +73,7 @@ def _score(metric: str, a: Any, b: Any, convention: str, weights: str | PathLike
     if render.shape != truth.shape:
         raise invalid("truth", f"expected {describe(render)} like the render, found {describe(truth)}")
     single = render.ndim == 3
-    if render.shape[0] == 0:
+    if render.ndim > 0 and len(render) == 0:
         raise invalid("render", "expected at least one image, found none")
     shape, kind, samples = images(render[None] if single else render, "render")
     _, truth_kind, truth_samples = images(truth[None] if single else truth, "truth")

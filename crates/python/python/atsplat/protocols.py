@@ -18,7 +18,7 @@ from ._arrays import invalid
 from .cameras import Cameras
 from .gaussians import Gaussians
 
-Path = str | PathLike
+Path = str | PathLike[str]
 
 
 def protocols() -> list[str]:
@@ -44,7 +44,7 @@ class Protocol:
         #: SHA-256 of everything in it that can change a number.
         self.hash: str = self._native.hash
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         return Protocol, (self._source,)
 
     def __repr__(self) -> str:
@@ -142,7 +142,7 @@ class Data:
     @property
     def entries(self) -> list[tuple[str, int]]:
         """Scenes of the index that are in the data, each with its number of entries."""
-        return self._native.entries()
+        return list(self._native.entries())
 
     @property
     def missing(self) -> list[Skipped]:
@@ -181,7 +181,7 @@ class Trials:
 
     def __len__(self) -> int:
         """Trials that are left, and entries that may turn out to have none."""
-        return self._trials.left()
+        return int(self._trials.left())
 
     def __iter__(self) -> Iterator[Trial]:
         return self
@@ -230,7 +230,8 @@ class Views:
         """V × H × W × 3, float32 in [0, 1], after the protocol's crop and resizing."""
         if self._images is None:
             raise AttributeError("a method may not see the images of targets")
-        return self._images()
+        images: np.ndarray = self._images()
+        return images
 
 
 @dataclass(frozen=True)
@@ -290,7 +291,8 @@ class Trial:
             rows = self._native.score_gaussians(output._native, self._suite)
         else:
             rows = self._native.score_images(*stored_images(output), self._suite)
-        return scores(*json.loads(rows), self._suite.ids)
+        trial, targets = json.loads(rows)
+        return scores(trial, targets, self._suite.ids)
 
 
 class Means(dict[str, float]):

@@ -11,7 +11,7 @@ from . import _native
 from ._arrays import invalid
 from .stores import Store, folder_of
 
-Path = str | PathLike
+Path = str | PathLike[str]
 
 
 def report(*stores: Path | Store, force: bool = False) -> Report:
@@ -97,7 +97,8 @@ class Table:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as ``atsplat report --json`` prints it."""
-        return json.loads(self._json)
+        whole: dict[str, Any] = json.loads(self._json)
+        return whole
 
     @property
     def rows(self) -> list[dict[str, Any]]:

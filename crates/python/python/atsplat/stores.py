@@ -14,7 +14,7 @@ from ._arguments import path_of
 from .metrics import metrics
 from .protocols import with_metrics
 
-Path = str | PathLike
+Path = str | PathLike[str]
 
 
 class Store:

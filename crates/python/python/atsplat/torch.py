@@ -25,16 +25,16 @@ from .metrics import metrics
 from .protocols import Data, Protocol, Skipped, check_setting, protocol
 from .stores import Store
 
-Path = str | PathLike
+Path = str | PathLike[str]
 
 
-class TrialDataset(Dataset):
+class TrialDataset(Dataset[dict[str, Any]]):
     """The trials of a protocol as tensors, for data loaders with any number of workers.
 
     An item is a dict of ``scene`` and ``entry``, ``near_far`` (2), and for ``context`` and ``target`` each: ``context_frames`` (V,
-    positions in the scene), ``context_images`` (V × 3 × H × W, float32 in [0, 1]), ``context_world_from_camera`` (V × 4 × 4, float32, OpenCV axes) and ``context_intrinsics``
-    (V × 3 × 3, float32, in units of the image's size); lens distortion is left out, with a warning. ``target_images`` are only there
-    with ``supervise=True``, for training: a method under evaluation may not see them.
+    positions in the scene), ``context_images`` (V × 3 × H × W, float32 in [0, 1]), ``context_world_from_camera`` (V × 4 × 4, float32,
+    OpenCV axes) and ``context_intrinsics`` (V × 3 × 3, float32, in units of the image's size); lens distortion is left out, with a
+    warning. ``target_images`` are only there with ``supervise=True``, for training: a method under evaluation may not see them.
 
     Args:
         of: a protocol, by name or opened.
@@ -172,7 +172,7 @@ class Evaluation:
         #: The last comparison with the baseline.
         self.drift: Drift | None = None
 
-    def __call__(self, step: int, method: Callable) -> Store | None:
+    def __call__(self, step: int, method: Callable[..., Any]) -> Store | None:
         """Evaluates ``method`` if it is time to, its modules in ``eval`` mode and without gradients.
 
         Raises:
@@ -187,7 +187,7 @@ class Evaluation:
                 raise DriftedError(self.drift)
         return store
 
-    def _evaluate(self, step: int, method: Callable) -> Store:
+    def _evaluate(self, step: int, method: Callable[..., Any]) -> Store:
         modules = modules_of(method) if self._modules is None else self._modules
         if not modules:
             text = f"no module was found in {name_of(method)}: its mode (training or not) stays as it is; module=… names modules"
@@ -236,7 +236,7 @@ def worse(of: Drift) -> list[dict[str, Any]]:
 
     def is_worse(one: dict[str, Any]) -> bool:
         if one["verdict"] != "drifted" or one["now"] is None or one["baseline"] is None:
-            return one["verdict"] == "drifted"
-        return one["now"] < one["baseline"] if one["metric"] in higher else one["now"] > one["baseline"]
+            return bool(one["verdict"] == "drifted")
+        return bool(one["now"] < one["baseline"] if one["metric"] in higher else one["now"] > one["baseline"])
 
     return [one for one in of.comparisons if is_worse(one)] + [{"lost": target} for target in of.lost]

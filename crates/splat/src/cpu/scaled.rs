@@ -59,3 +59,24 @@ fn power_of_two(value: f64) -> f64 {
     const EXPONENT: u64 = 0x7ff << 52;
     if value > 0.0 { f64::from_bits(value.to_bits() & EXPONENT) } else { 1.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scaled_copy_takes_the_bytes_that_are_reserved_for_it() {
+        let images = ImageGradients {
+            rgb: vec![[1e9; 3]; 5],
+            alpha: Some(vec![2.0; 5]),
+            depth: None,
+            scalar: Some(vec![3.0; 5]),
+        };
+        let scaled = Scaled::of(&images, 1e9, &RenderOptions::default());
+        assert!(matches!(scaled.images, Cow::Owned(_)));
+        let copy = &*scaled.images;
+        let planes = [&copy.alpha, &copy.depth, &copy.scalar].into_iter().flatten();
+        let bytes = size_of_val(copy.rgb.as_slice()) + planes.map(|plane| size_of_val(plane.as_slice())).sum::<usize>();
+        assert_eq!((Scaled::bytes(&images), bytes), (100, 100));
+    }
+}

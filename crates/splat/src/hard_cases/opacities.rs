@@ -66,3 +66,16 @@ pub(super) fn cases() -> Vec<HardCase> {
         }),
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_infinite_logits_are_invalid() {
+        for case in cases() {
+            let invalid = case.gaussians.validate().invalid;
+            assert_eq!(invalid > 0, case.name == "opacity-0-and-1", "{}: {invalid} invalid", case.name);
+        }
+    }
+}

@@ -107,6 +107,7 @@ fn spreads(case: &HardCase) -> Result<[f64; 3], SplatError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Exposure;
     use crate::hard_cases::catalogue;
     use crate::renderer::saturated;
 
@@ -125,5 +126,21 @@ mod tests {
         let mut short = complete;
         short.alpha.pop();
         assert_eq!(text(&short), "alpha image: expected 432 pixels, found 431 pixels");
+    }
+    /// An exposure brightens jumps of colour as it brightens the image.
+    #[test]
+    fn allowed_jumps_of_colour_are_as_large_as_the_exposure_shows_them() {
+        let mut case = catalogue().into_iter().find(|case| case.name == "zero-quaternions").unwrap();
+        case.options.exposure = Some(Exposure::uniform(4.0));
+        let expected = reference::render(&case.gaussians, &case.view, &case.options).unwrap();
+        let [colours, ..] = spreads(&case).unwrap();
+        assert!(colours > 0.0);
+        let jumps = vec![Jump { share: 0.125, median: false }; expected.rgb.len()];
+        let with_change = |share: f64| {
+            let mut changed = expected.clone();
+            changed.rgb[7][1] += share * colours;
+            error(&case, &changed.map(saturated), &expected, &jumps, 1e-6).unwrap().passes()
+        };
+        assert_eq!([with_change(0.45), with_change(0.55)], [true, false], "four times an eighth of the colours' range");
     }
 }

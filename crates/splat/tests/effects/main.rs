@@ -234,7 +234,7 @@ fn visible_effects_run_and_give_a_reason() {
         "white",
         "up to degree 3",
         "border",
-        "how strongly",
+        "position, shape or opacity",
         "empty pixel",
         "requested",
         "requested",
