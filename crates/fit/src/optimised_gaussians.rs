@@ -121,3 +121,24 @@ pub(crate) fn logit(opacity: f64) -> f32 {
 pub(crate) const fn narrowed(value: f64) -> f32 {
     value as f32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaussians_are_empty_if_there_are_none() {
+        let none = OptimisedGaussians::default();
+        assert_eq!((none.len(), none.is_empty()), (0, true));
+        let parts = GaussianParts {
+            means: vec![[0.0; 3]; 2],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+            log_scales: vec![[0.0; 3]; 2],
+            opacity_logits: vec![0.0; 2],
+            sh: vec![[0.0; 3]; 2],
+            ..GaussianParts::default()
+        };
+        let two = OptimisedGaussians::new(whole(parts));
+        assert_eq!((two.len(), two.is_empty()), (2, false));
+    }
+}

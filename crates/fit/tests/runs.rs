@@ -37,6 +37,17 @@ fn only_mcmc_adds_regularisers_to_the_loss() {
     }
 }
 
+#[test]
+fn gaussians_are_rendered_with_the_degree_so_far() {
+    // With 60 steps, the degree rises after every second one.
+    let mut fit = Fit::new(config(Strategy::Fixed, 60), views().0, &start(Strategy::Fixed, 20)).unwrap();
+    let degrees = [0, 1, 1, 1].map(|steps| {
+        run(&mut fit, steps);
+        fit.options().max_sh_degree
+    });
+    assert_eq!(degrees, [0, 0, 1, 1]);
+}
+
 /// The Gaussians are known and hardly change, so that every view has to find its own camera and exposure.
 #[test]
 fn perturbed_cameras_and_exposures_are_recovered() {

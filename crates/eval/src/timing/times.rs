@@ -149,7 +149,7 @@ fn untimed(results: &Results, rows: &[&TimingRow]) -> String {
         return "the store was written by an older atsplat, which measured times while other trials ran: run again with --timing"
             .to_owned();
     }
-    "no timing pass was made: `atsplat run --timing` makes one, for all methods but those of Python".to_owned()
+    "no timing pass was made: `atsplat run --timing` makes one".to_owned()
 }
 
 /// The first schema version with a table of times.
