@@ -105,10 +105,7 @@ impl Protocol {
 
 /// What was found when data were opened, irregularities of the index, and scenes that the data lack.
 fn problems(dataset: &Dataset, opening: &Warnings) -> Vec<(String, u64, String)> {
-    let found = opening.counts().map(|(kind, count)| {
-        let first = opening.kept().iter().find(|warning| warning.kind == kind);
-        (kind.to_string(), count, first.map_or_else(String::new, ToString::to_string))
-    });
+    let found = opening.summary().map(|(kind, count, first)| (kind.to_string(), count, first.to_string()));
     let index = &dataset.index;
     let notices = index.notices.iter().map(|(kind, notice)| (kind.clone(), notice.count, notice.example.clone()));
     let mismatches = dataset.preset.mismatches(&index.index, &index.sha256);

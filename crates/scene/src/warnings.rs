@@ -145,22 +145,33 @@ impl Warnings {
         self
     }
 
-    /// The warnings without the kept ones of a kind about scenes that turned out to be no problem.
-    #[must_use]
-    pub fn without(mut self, kind: WarningKind, is_no_problem: impl Fn(&str) -> bool) -> Self {
-        let before = self.kept.len();
-        self.kept.retain(|warning| warning.kind != kind || !is_no_problem(&warning.scene));
-        let removed = (before - self.kept.len()) as u64;
-        if let Some(count) = self.counts.get_mut(&kind) {
-            *count -= removed;
+    /// Removes the warnings of a kind about scenes that turned out to be no problem. Where there are more than are kept, all stay:
+    /// which scenes the others are about is not known.
+    pub fn remove(&mut self, kind: WarningKind, is_no_problem: impl Fn(&str) -> bool) {
+        if self.count(kind) > Self::KEPT_PER_KIND {
+            return;
         }
-        self.counts.retain(|_, count| *count > 0);
-        self
+        self.kept.retain(|warning| warning.kind != kind || !is_no_problem(&warning.scene));
+        let left = self.kept.iter().filter(|warning| warning.kind == kind).count() as u64;
+        if left > 0 {
+            self.counts.insert(kind, left);
+        } else {
+            self.counts.remove(&kind);
+        }
     }
 
     /// Counts by kind, in the order of the kinds.
     pub fn counts(&self) -> impl Iterator<Item = (WarningKind, u64)> {
         self.counts.iter().map(|(kind, count)| (*kind, *count))
+    }
+
+    /// Each kind with its count and its first warning, in the order of the kinds.
+    #[expect(clippy::expect_used, reason = "the first warning of each kind is kept")]
+    pub fn summary(&self) -> impl Iterator<Item = (WarningKind, u64, &Warning)> {
+        self.counts().map(|(kind, count)| {
+            let first = self.kept.iter().find(|warning| warning.kind == kind);
+            (kind, count, first.expect("the first of each kind is kept"))
+        })
     }
 
     /// Number of warnings of one kind.
@@ -234,6 +245,30 @@ mod tests {
         assert_eq!(all.counts().collect::<Vec<_>>(), [(WarningKind::MissingImage, 30), (WarningKind::BadCamera, 2)]);
         let details: Vec<&str> = all.kept().iter().skip(20).map(|warning| warning.detail.as_str()).collect();
         assert_eq!(details, ["y", "z"], "after the twenty images that are kept");
+    }
+
+    #[test]
+    fn warnings_are_removed_only_if_all_of_their_kind_are_known() {
+        let ignored = |scenes: usize| {
+            let mut warnings = Warnings::new();
+            for scene in 0..scenes {
+                warnings.push(WarningKind::IgnoredScene, scene.to_string(), "detail");
+                warnings.push(WarningKind::BadCamera, scene.to_string(), "detail");
+            }
+            warnings
+        };
+        let summary = |warnings: &Warnings| -> Vec<(WarningKind, u64, String)> {
+            warnings.summary().map(|(kind, count, first)| (kind, count, first.scene.clone())).collect()
+        };
+        let mut few = ignored(20);
+        few.remove(WarningKind::IgnoredScene, |scene| scene != "7");
+        let expected = [(WarningKind::BadCamera, 20, "0".to_owned()), (WarningKind::IgnoredScene, 1, "7".to_owned())];
+        assert_eq!(summary(&few), expected);
+        few.remove(WarningKind::IgnoredScene, |scene| scene == "7");
+        assert_eq!(summary(&few), expected[..1]);
+        let mut many = ignored(21);
+        many.remove(WarningKind::IgnoredScene, |_| true);
+        assert_eq!(summary(&many), summary(&ignored(21)));
     }
 
     #[test]

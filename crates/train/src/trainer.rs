@@ -307,10 +307,9 @@ impl Trainer {
     /// more scenes.
     fn report_warnings(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) {
         let warnings = self.warnings();
-        for (kind, count) in warnings.counts().filter(|(kind, count)| *count > self.reported_warnings.count(*kind)) {
-            let example = warnings.kept().iter().find(|warning| warning.kind == kind);
-            let example = example.map(|warning| format!("; the first: {warning}")).unwrap_or_default();
-            on_event(&Event::Notice(&format!("warning: {count} × {kind}{example}")));
+        let reported = |kind| self.reported_warnings.count(kind);
+        for (kind, count, first) in warnings.summary().filter(|(kind, count, _)| *count > reported(*kind)) {
+            on_event(&Event::Notice(&format!("warning: {count} × {kind}; the first: {first}")));
         }
         self.reported_warnings = warnings;
         let refused = self.samples.refused();

@@ -147,7 +147,7 @@ fn leave_out_found(on_disk: &mut [DatasetOnDisk]) {
     for dataset in on_disk {
         let below: Vec<&Path> = paths.iter().filter_map(|path| path.strip_prefix(&dataset.path).ok()).collect();
         let is_found = |scene: &str| below.iter().any(|path| path.iter().any(|part| part == scene));
-        dataset.opening = std::mem::take(&mut dataset.opening).without(WarningKind::IgnoredScene, is_found);
+        dataset.opening.remove(WarningKind::IgnoredScene, is_found);
     }
 }
 

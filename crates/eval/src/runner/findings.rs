@@ -50,11 +50,9 @@ impl SceneWarnings {
 
 impl Findings {
     /// Adds the warnings of a dataset under a preset.
-    #[expect(clippy::expect_used, reason = "warnings keep the first of each kind")]
     pub(super) fn add_warnings(&mut self, preset: &str, warnings: &Warnings) {
-        for (kind, count) in warnings.counts() {
-            let example = warnings.kept().iter().find(|warning| warning.kind == kind);
-            self.add(preset, &kind.to_string(), count, example.expect("the first of its kind").to_string());
+        for (kind, count, first) in warnings.summary() {
+            self.add(preset, &kind.to_string(), count, first.to_string());
         }
     }
 

@@ -140,9 +140,9 @@ impl PlannedIndex {
     /// Notes the scenes of a sampled index's data that were not read when the data were opened, by the warnings of opening: the
     /// sampler did not see them.
     pub fn note_unread(&mut self, opening: &Warnings) {
-        for kind in [WarningKind::UnreadableScene, WarningKind::IgnoredScene] {
-            let Some(first) = opening.kept().iter().find(|warning| warning.kind == kind) else { continue };
-            let notice = IndexNotice { count: opening.count(kind), example: first.to_string(), missing: Missing::Data };
+        const UNREAD: [WarningKind; 2] = [WarningKind::UnreadableScene, WarningKind::IgnoredScene];
+        for (kind, count, first) in opening.summary().filter(|(kind, ..)| UNREAD.contains(kind)) {
+            let notice = IndexNotice { count, example: first.to_string(), missing: Missing::Data };
             self.notices.insert(format!("{NOT_READ}: {kind}"), notice);
         }
     }

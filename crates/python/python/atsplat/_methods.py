@@ -92,7 +92,7 @@ def _identity(method: Callable[..., Any]) -> dict[str, str]:
     try:
         return identity(method)
     except Exception as error:
-        problem = f"its code and values cannot be told from another method's ({type(error).__name__}: {error}): give version=…"
+        problem = f"its code and values cannot be distinguished from another method's ({type(error).__name__}: {error}): give version=…"
         raise invalid("method", problem) from error
 
 

@@ -206,6 +206,7 @@ mod tests {
             assert_eq!(tiling.columns(&splat, 1, (0, 2)), (0, 0), "slope {slope}: past the end");
         }
     }
+
     #[test]
     fn lists_without_entries_take_the_bytes_that_are_reserved_for_them() {
         let tiling = Tiling { side: 16, columns: 5, rows: 3 };

@@ -31,7 +31,7 @@ mod tests {
     use super::described;
 
     #[test]
-    fn processors_of_one_name_are_told_apart_by_family_and_model() {
+    fn family_and_model_distinguish_processors_of_one_name() {
         let epyc = |family: u32, model: u32| {
             format!(
                 "processor\t: 0\nvendor_id\t: AuthenticAMD\ncpu family\t: {family}\nmodel\t\t: {model}\nmodel name\t: AMD EPYC\n"

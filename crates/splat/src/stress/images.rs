@@ -127,6 +127,7 @@ mod tests {
         short.alpha.pop();
         assert_eq!(text(&short), "alpha image: expected 432 pixels, found 431 pixels");
     }
+
     /// An exposure brightens jumps of colour as it brightens the image.
     #[test]
     fn allowed_jumps_of_colour_are_as_large_as_the_exposure_shows_them() {
