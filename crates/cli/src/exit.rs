@@ -33,7 +33,8 @@ pub(crate) struct WithStrict<A: clap::Args> {
     #[command(flatten)]
     args: A,
 
-    /// Exit with code 4 if scenes or frames were skipped, a trial failed, or none of a trial's Gaussians is drawn.
+    /// Exit with code 4 if the results are incomplete: scenes or frames are missing, entries were skipped, a trial failed, or none of
+    /// its Gaussians is drawn.
     #[arg(long)]
     strict: bool,
 }

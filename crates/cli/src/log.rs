@@ -8,17 +8,19 @@ use tracing_subscriber::fmt::time::uptime;
 use tracing_subscriber::layer::{Layer as _, SubscriberExt as _};
 use tracing_subscriber::util::SubscriberInitExt as _;
 
+use crate::EVERYWHERE;
+
 /// The targets of our events are crates with this prefix and their modules.
 const CRATE_PREFIX: &str = "atsplat";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct LogArgs {
     /// Log to standard error what is read, chosen and resumed; -vv also logs every scene and trial, -vvv everything.
-    #[arg(long, short, global = true, action = clap::ArgAction::Count, conflicts_with = "log")]
+    #[arg(long, short, global = true, help_heading = EVERYWHERE, action = clap::ArgAction::Count, conflicts_with = "log")]
     verbose: u8,
 
     /// Log only these parts: PART=LEVEL,…, for example `atsplat_splat=debug,atsplat_eval=info`.
-    #[arg(long, global = true, value_name = "FILTER", value_parser = filter)]
+    #[arg(long, global = true, help_heading = EVERYWHERE, value_name = "FILTER", value_parser = filter)]
     log: Option<Targets>,
 }
 

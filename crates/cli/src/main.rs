@@ -46,12 +46,20 @@ use crate::exit::{Exit, WithStrict, done};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Evaluates feed-forward 3D Gaussian splatting: scenes, protocols, trials.
+/// The heading of options that every command has.
+const EVERYWHERE: &str = "Every command";
+
+const REPORT_STRICT: &str = "Exit with code 4 if a store is incomplete (scenes are missing, entries were skipped, trials failed, \
+                             renders are not finite, the run was interrupted) or a table of --tables has no results";
+
+const RENDER_STRICT: &str = "Exit with code 4 if a frame could not be written, or none of the Gaussians is drawn";
+
+/// Evaluates feed-forward 3D Gaussian Splatting, from a dataset's bytes to a paper's table.
 #[derive(Debug, Parser)]
 #[command(name = "atsplat", version, propagate_version = true)]
 struct Cli {
     /// Number of worker threads, which does not affect results; 0 takes one per core.
-    #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=512))]
+    #[arg(long, global = true, help_heading = EVERYWHERE, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=512))]
     threads: u16,
 
     #[command(flatten)]
@@ -79,12 +87,14 @@ enum Command {
     /// Merge the shards of a run.
     Merge(run::merge::Args),
     /// Compare results with the paper: tables, plots and one HTML page.
+    #[command(mut_arg("strict", |strict| strict.help(REPORT_STRICT)))]
     Report(WithStrict<report::Args>),
     /// Reconstruct Gaussians from posed photos.
     Reconstruct(Box<reconstruct::Args>),
     /// Optimise Gaussians for one scene: 3DGS, Mip-Splatting, MCMC, or the refinement of a network's Gaussians.
     Fit(Box<fit::Args>),
     /// Render Gaussians along a camera path into PNG, EXR and an animation.
+    #[command(mut_arg("strict", |strict| strict.help(RENDER_STRICT)))]
     Render(Box<WithStrict<render::Args>>),
     /// Print the numbers of tokens and Gaussians of each setting of the paper, next to the published figures.
     Budget(budget::Args),

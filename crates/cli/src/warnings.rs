@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use atsplat_eval::method::STEPS_TAKEN;
 use atsplat_eval::{Results, WarningCount};
 use atsplat_scene::Warnings;
 
@@ -37,10 +38,10 @@ fn findings<'a>(stores: &[&'a Results], printed: &Warnings) -> BTreeMap<(&'a str
 }
 
 /// Prints what trials noted, as warnings, by protocol, method and kind.
-fn print_trial_warnings(results: &Results) {
+pub(crate) fn print_trial_warnings(results: &Results) {
     let mut notes: BTreeMap<(&str, &str, &str), (u64, String)> = BTreeMap::new();
     for trial in &results.trials {
-        for note in &trial.notes {
+        for note in trial.notes.iter().filter(|note| !note.starts_with(STEPS_TAKEN)) {
             let kind = note.split_once(": ").map_or(note.as_str(), |(kind, _)| kind);
             let example = || (0, format!("{}: {note}", trial.key.scene));
             notes.entry((&trial.key.preset, &trial.key.method, kind)).or_insert_with(example).0 += 1;

@@ -259,7 +259,7 @@ fn merges_shards_and_reports_missing_ones() {
     succeed(here, &["merge", "part-1", "part-3", "part-2", "--out", "merged"]);
     assert_eq!(bare(&Results::read(&here.join("merged")).unwrap()), bare(&whole));
     let twice = atsplat(here, &["merge", "part-1", "part-2", "part-3", "--out", "merged"]);
-    let why = "folder of the results: expected one without results, found results in merged; choose another folder";
+    let why = "merged: expected a folder without results, found results; choose another folder";
     assert!(twice.code == 1 && twice.stderr.contains(why), "{}", twice.stderr);
     assert_eq!(atsplat(here, &["run", "tiny.toml", "--data", "data/test", "--out", "x", "--shard", "4/3"]).code, 2);
 }

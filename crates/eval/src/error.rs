@@ -18,6 +18,9 @@ pub enum EvalError {
     /// A folder without a store.
     #[error("{} holds no results: expected the file {} in it", folder.display(), super::store::PROVENANCE)]
     NoStore { folder: PathBuf },
+    /// A new store in a folder that already holds one, or rows of one.
+    #[error("{}: expected a folder without results, found {found}; choose another folder", folder.display())]
+    HasResults { folder: PathBuf, found: String },
     /// A store written by a newer atsplat.
     #[error(
         "{} was written with schema version {found}; this atsplat reads versions 1 to {newest}: a newer atsplat is needed",
@@ -29,11 +32,13 @@ pub enum EvalError {
     SchemaHash { path: PathBuf, version: u32, expected: String, found: String },
     /// Two runs that cannot share a store.
     #[error("{what} of the two runs differ: expected {expected}, found {found}{advice}")]
-    Different { what: String, expected: String, found: String, advice: &'static str },
+    Different { what: &'static str, expected: String, found: String, advice: &'static str },
     /// Two records that must be equal within one run.
-    #[error("{what} of the two runs differ: {differences}{advice}")]
+    #[error("{what}{} of the two runs differ: {differences}{advice}", name.as_ref().map_or_else(String::new, |name| format!(" {name}")))]
     Differences {
-        what: String,
+        what: &'static str,
+        /// Which of them, if there are several.
+        name: Option<String>,
         /// Each differing field with the first and the second value.
         differences: String,
         advice: &'static str,

@@ -14,6 +14,7 @@ mod error;
 pub mod expansion;
 mod file_name;
 pub mod fitting;
+mod gaps;
 pub mod live;
 pub mod method;
 pub mod overlap_estimators;
@@ -37,6 +38,7 @@ pub use context::network_views;
 pub use device::ComputeDevice;
 pub use error::EvalError;
 pub use file_name::file_name;
+pub use gaps::{Gap, GapKind};
 pub use rows::difference::differences;
 pub use rows::{
     AdapterRecord, IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow,

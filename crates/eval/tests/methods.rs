@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use atsplat_camera::Similarity;
+use atsplat_eval::GapKind;
 use atsplat_eval::method::{
     AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsSource,
     constants_of,
@@ -378,7 +379,9 @@ fn gaussians_that_draw_nothing_are_noted() {
     let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
     let run = Run::new(vec![dataset(Walls::new(3, 8), &[entry(&[0, 4], &[1, 2])])], vec![Arc::new(ply)]);
     let (results, summary) = run.run(&folder.path().join("store")).unwrap();
-    assert_eq!((summary.incomplete, summary.undrawn, summary.is_complete()), (0, 2, false), "scored, but empty");
+    assert_eq!((summary.incomplete, summary.undrawn), (0, 2), "scored, but empty");
+    let gaps: Vec<_> = results.gaps().into_iter().map(|gap| (gap.kind, gap.count, gap.first)).collect();
+    assert_eq!(gaps, [(GapKind::Undrawn, 2, "scene wall-0, entry 0".to_owned())]);
     let notes: Vec<String> = results.trials.iter().map(|trial| trial.notes.join("; ")).collect();
     assert_eq!(notes[0], "no Gaussian is left: 2 of 2 renders show the background");
     assert!(notes[1].starts_with("no Gaussian is drawn: 2 of 2 renders show the background; do "), "{}", notes[1]);

@@ -8,8 +8,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
-use atsplat_eval::runner::{IndexNotice, KeepImages, Missing, PlannedIndex, current_provenance, image_path};
-use atsplat_eval::{IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus};
+use atsplat_eval::runner::{
+    DROPPED_BY_SPLIT, IndexNotice, KeepImages, Missing, NOT_SAMPLED, PlannedIndex, current_provenance, image_path,
+};
+use atsplat_eval::{
+    Gap, GapKind, IDENTICAL, MethodRecord, Results, RunReport, Shard, TargetStatus, TrialKey, TrialStatus,
+};
 use atsplat_pixels::Image;
 use atsplat_protocol::SamplingRule;
 use atsplat_scene::Warnings;
@@ -95,7 +99,7 @@ fn baselines_have_complete_rows() {
     let folder = tempfile::tempdir().unwrap();
     let (results, summary) = settings(Walls::new(3, 8), baselines()).run(folder.path()).unwrap();
     assert_eq!((results.trials.len(), results.targets.len()), (6, 18));
-    assert!(summary.is_complete() && summary.evaluated == 6, "{summary:?}");
+    assert_eq!((summary.evaluated, results.gaps()), (6, Vec::new()));
     for trial in &results.trials {
         assert_eq!((trial.status, &trial.context[..], trial.targets), (TrialStatus::Done, &[0, 4][..], 3));
         assert_eq!((trial.width, trial.height, trial.overlap), (64, 64, Some(0.5)));
@@ -143,7 +147,8 @@ fn every_outcome_is_a_row() {
     let nan = results.targets.iter().find(|row| row.key == key("faulty", 4)).unwrap();
     assert_eq!((nan.status, nan.non_finite, nan.scores.len()), (TargetStatus::NonFinite, 64 * 64 * 3, 0));
     assert_eq!((summary.incomplete, summary.not_applicable, summary.non_finite), (5, 1, 1));
-    assert!(!summary.is_complete());
+    let gaps: Vec<_> = results.gaps().iter().map(|gap| (gap.kind, gap.count)).collect();
+    assert_eq!(gaps, [(GapKind::Incomplete, 5), (GapKind::NonFinite, 1)]);
 }
 
 /// One scene that the method does not support, and then one in which it fails.
@@ -154,10 +159,10 @@ fn what_a_method_does_not_support_is_no_failure() {
         let run = settings(Walls::new(scenes, 8), vec![Arc::new(Faulty::default())]);
         let (results, summary) = run.run(folder.path()).unwrap();
         let text = RunReport::of(&results, Some(summary), folder.path()).to_string();
-        (text, summary, run.plan().nothing_evaluated(&results))
+        (text, summary, results.gaps().len(), run.plan().nothing_evaluated(&results))
     };
-    let (text, summary, why) = run_on(1);
-    assert_eq!((summary.incomplete, summary.not_applicable, summary.is_complete(), why), (0, 1, true, None));
+    let (text, summary, gaps, why) = run_on(1);
+    assert_eq!((summary.incomplete, summary.not_applicable, gaps, why), (0, 1, 0, None));
     for line in [
         "  3 not applicable\n",
         "walls: 1 trial of faulty not applicable: scene wall-0: two views are too few\n",
@@ -165,8 +170,8 @@ fn what_a_method_does_not_support_is_no_failure() {
     ] {
         assert!(text.contains(line) && !text.contains("of faulty failed"), "{line}: {text}");
     }
-    let (text, summary, why) = run_on(2);
-    assert_eq!((summary.incomplete, summary.not_applicable, summary.is_complete()), (1, 1, false));
+    let (text, summary, gaps, why) = run_on(2);
+    assert_eq!((summary.incomplete, summary.not_applicable, gaps), (1, 1, 1));
     assert_eq!(why.as_deref(), Some("all of 3 targets failed, the first with: out of memory"));
     assert!(text.contains("  3 failed  3 not applicable\n") && text.contains("3 targets of faulty failed: "), "{text}");
 }
@@ -283,8 +288,14 @@ fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
     let (results, summary) = run.run(folder.path()).unwrap();
     let scenes: Vec<&str> = results.trials.iter().map(|trial| trial.key.scene.as_str()).collect();
     assert_eq!(scenes, ["wall-0", "wall-3", "wall-6", "wall-0", "wall-3", "wall-6"]);
-    assert_eq!((summary.missing_scenes, summary.is_complete()), (1, false));
-    assert_eq!(results.provenance.warnings[0].example, "gone");
+    let gap = Gap {
+        preset: "walls".to_owned(),
+        method: None,
+        kind: GapKind::MissingScenes,
+        count: 1,
+        first: "gone".to_owned(),
+    };
+    assert_eq!((summary.missing_scenes, results.gaps()), (1, vec![gap]));
     run.selection.limit = None;
     let all = tempfile::tempdir().unwrap();
     let (results, summary) = run.run(all.path()).unwrap();
@@ -304,15 +315,15 @@ fn what_an_index_leaves_out_is_a_warning() {
         let (results, summary) = run.run(folder.path()).unwrap();
         let warnings = results.provenance.warnings.iter();
         let counted = warnings.map(|warning| (warning.kind.clone(), warning.count)).collect::<Vec<_>>();
-        (counted, [summary.skipped, summary.not_sampled], summary.is_complete())
+        (counted, [summary.skipped, summary.not_sampled], results.gaps().len())
     };
     let of = |kind: &str, count| (kind.to_owned(), count);
     let rejected = of("rejected", 3);
-    assert_eq!(found(&run), (vec![rejected.clone()], [0, 0], true));
-    run.datasets[0].index.notices.insert("not sampled".to_owned(), notice(5, Missing::Data));
-    assert_eq!(found(&run), (vec![of("not sampled", 5), rejected.clone()], [0, 5], false));
-    run.datasets[0].index.notices.insert("dropped".to_owned(), notice(2, Missing::Entries));
-    assert_eq!(found(&run), (vec![of("dropped", 2), of("not sampled", 5), rejected], [2, 5], false));
+    assert_eq!(found(&run), (vec![rejected.clone()], [0, 0], 0));
+    run.datasets[0].index.notices.insert(NOT_SAMPLED[0].to_owned(), notice(5, Missing::Data));
+    assert_eq!(found(&run), (vec![rejected.clone(), of(NOT_SAMPLED[0], 5)], [0, 5], 1));
+    run.datasets[0].index.notices.insert(DROPPED_BY_SPLIT.to_owned(), notice(2, Missing::Entries));
+    assert_eq!(found(&run), (vec![of(DROPPED_BY_SPLIT, 2), rejected, of(NOT_SAMPLED[0], 5)], [2, 5], 2));
     let parts = [1, 2, 3].map(|number| {
         run.selection.shard = Some(Shard { number, count: 3 });
         found(&run)

@@ -271,6 +271,18 @@ const fn lpips(id: Text, name: Text, values: Values, network: Network, conventio
 mod tests {
     use super::*;
 
+    /// The page lists each metric once, with its convention.
+    #[test]
+    fn documented() {
+        let page = include_str!("../../../docs/metrics.md");
+        for Definition { id, convention, .. } in definitions() {
+            assert!(page.contains(&format!("\n| `{id}` | {convention} |\n")), "docs/metrics.md lacks the line of {id}");
+        }
+        let listed =
+            page.lines().skip_while(|line| *line != "| id | convention |").take_while(|line| line.starts_with('|'));
+        assert_eq!(listed.count(), definitions().len() + 2);
+    }
+
     #[test]
     fn ids_are_unique_and_definitions_are_complete() {
         for (at, definition) in DEFINITIONS.iter().enumerate() {

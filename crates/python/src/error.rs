@@ -24,9 +24,6 @@ pub(crate) enum Failure {
     Python(PyErr),
 }
 
-/// What an error calls the folder of a store.
-const FOLDER: &str = "folder of the results";
-
 /// Where an error is.
 #[derive(Debug, Default)]
 pub(crate) struct Place {
@@ -68,16 +65,8 @@ impl Failure {
 
     /// A store that holds the results of another run: what differs, and the argument that decides about it.
     pub(crate) fn of_store(error: EvalError, folder: &Path) -> Self {
-        let place = |field: &str| Place::file(folder).at(field);
-        let (what, differences) = match &error {
-            EvalError::Differences { what, differences, .. } => (what.as_str(), differences),
-            EvalError::Settings { what: FOLDER, .. } => {
-                return Self::Library { message: message(&error), place: place("out") };
-            }
-            _ => return error.into(),
-        };
-        let (kind, name) = what.split_once(' ').unwrap_or((what, ""));
-        let field = match kind {
+        let EvalError::Differences { what, name, differences, .. } = &error else { return error.into() };
+        let field = match *what {
             "methods" => "method",
             "presets" => "protocols",
             "metrics" => "metrics",
@@ -85,15 +74,18 @@ impl Failure {
             "shards" => "shard",
             _ => "out",
         };
-        let folder = folder.display();
-        let advice = match field {
-            "method" => format!(
+        let (at, folder) = (Place::file(folder).at(field), folder.display());
+        let advice = match name {
+            Some(name) if field == "method" => format!(
                 "the results of {name} in {folder} were made by another method: {differences}; give another folder (out), or remove that \
                  one. From the first run on, version=… can identify a method instead of its code and values"
             ),
-            _ => format!("{what} of the results in {folder} differ: {differences}; give another folder (out)"),
+            _ => {
+                let of = name.as_ref().map_or_else(|| (*what).to_owned(), |name| format!("{what} {name}"));
+                format!("{of} of the results in {folder} differ: {differences}; give another folder (out)")
+            }
         };
-        Self::Library { message: format!("{field}: {advice}"), place: place(field) }
+        Self::Library { message: format!("{field}: {advice}"), place: at }
     }
 
     /// A wrong setting or argument.
@@ -200,22 +192,34 @@ impl From<EvalError> for Failure {
         if matches!(error, EvalError::Stopped) {
             return Self::Python(PyKeyboardInterrupt::new_err(()));
         }
-        Self::Library { message: in_python(&error, message(&error)), place: of_store(&error) }
+        Self::Library { message: in_python(&error), place: of_store(&error) }
     }
 }
 
-/// Advice about options of the command line as advice about arguments.
-fn in_python(error: &EvalError, text: String) -> String {
+/// The message; where the library's gives advice about options of the command line, with advice about arguments instead.
+fn in_python(error: &EvalError) -> String {
     match error {
-        EvalError::NoIndex { sampler, .. } => {
-            let rule = sampler.as_ref().map_or_else(String::new, |name| format!(" {name}"));
-            let argument = sampler.as_ref().map_or_else(|| "sampler=…".to_owned(), |name| format!("sampler={name:?}"));
-            text.replace("--index", "index=…").replace(&format!("--sampler{rule}"), &argument)
+        EvalError::NoIndex { data, accepted, sampler } => {
+            let file = if accepted.is_empty() {
+                "an index".to_owned()
+            } else {
+                format!("the file of {}", accepted.join(" or "))
+            };
+            let rule = sampler.as_ref().map_or_else(|| "…".to_owned(), |name| format!("{name:?}"));
+            format!(
+                "no evaluation index in {}: give {file} (index=…), or a sampling rule for data without an index (sampler={rule})",
+                data.display()
+            )
         }
-        EvalError::InUse { .. } => text
-            .replace("--shard 1/2 and --shard 2/2", "shard=(1, 2) and shard=(2, 2)")
-            .replace("`atsplat merge`", "atsplat.merge"),
-        _ => text,
+        EvalError::InUse { folder, by } => format!(
+            "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a folder of \
+             its own, with shard=(1, 2) and shard=(2, 2), and merge the parts with atsplat.merge",
+            folder.display()
+        ),
+        EvalError::HasResults { folder, found } => {
+            format!("out: expected a folder without results, found {found} in {}", folder.display())
+        }
+        _ => message(error),
     }
 }
 
@@ -225,9 +229,12 @@ fn of_store(error: &EvalError) -> Place {
         EvalError::Malformed(error) => of_malformed(error),
         EvalError::TooNew { path, .. } | EvalError::SchemaHash { path, .. } => Place::file(path).at("schema-version"),
         EvalError::NoStore { folder } | EvalError::InUse { folder, .. } => Place::file(folder),
+        EvalError::HasResults { folder, .. } => Place::file(folder).at("out"),
         EvalError::NoIndex { data, .. } => Place::file(data).at("index"),
-        EvalError::Unknown { what, .. } | EvalError::Settings { what, .. } => Place::field(what),
-        EvalError::Different { what, .. } | EvalError::Differences { what, .. } => Place::field(what),
+        EvalError::Unknown { what, .. }
+        | EvalError::Settings { what, .. }
+        | EvalError::Different { what, .. }
+        | EvalError::Differences { what, .. } => Place::field(what),
         EvalError::NotFinite { field, .. } | EvalError::Disagreement { field, .. } => Place::field(field),
         EvalError::Protocol(error) => of_protocol(error),
         _ => Place::default(),

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_eval::method::{ConstantsChoice, Method, NearestView, Splatting, Warp};
-use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, Summary, current_provenance, run_until};
+use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, current_provenance, run_until};
 use atsplat_eval::{MethodRecord, Shard, Store};
 use atsplat_protocol::trial::Prefetch;
 use atsplat_splat::RasterMode;
@@ -37,10 +37,8 @@ pub(crate) struct Settings {
     command: Vec<String>,
 }
 
-/// Why nothing was evaluated, if so, and the counts of what is missing.
-type Outcome = (Option<String>, Vec<(&'static str, u64)>);
-
-/// Evaluates a built-in method, or a callable that the package wrapped, of which `record` is a method record as JSON.
+/// Evaluates a built-in method, or a callable that the package wrapped, of which `record` is a method record as JSON. Returns why
+/// nothing was evaluated, if so.
 #[pyfunction]
 pub(crate) fn evaluate(
     py: Python<'_>,
@@ -49,7 +47,7 @@ pub(crate) fn evaluate(
     data: Vec<PyRef<'_, Data>>,
     settings: Settings,
     progress: Option<Py<PyAny>>,
-) -> Result<Outcome, Failure> {
+) -> Result<Option<String>, Failure> {
     check_process()?;
     let datasets: Vec<Dataset> = data.iter().map(|data| Dataset::clone(&data.dataset)).collect();
     let exchange = Exchange::new();
@@ -72,7 +70,7 @@ fn run(
     settings: Settings,
     step: &(dyn Fn() + Sync),
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Outcome, Failure> {
+) -> Result<Option<String>, Failure> {
     let Settings { out, resume, limit, shard, metrics, weights, keep_images, command, .. } = settings;
     let suite = runner::suite(datasets, &metrics, weights.as_deref())?;
     let images = match keep_images.as_str() {
@@ -96,22 +94,8 @@ fn run(
         plan.provenance(current_provenance(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), command))?;
     let store = if resume { Store::resume(&out, provenance) } else { Store::create(&out, provenance) };
     let store = store.map_err(|error| Failure::of_store(error, &out))?;
-    let (results, summary) = run_until(&plan, store, step, stop)?;
-    Ok((plan.nothing_evaluated(&results), gaps(summary)))
-}
-
-/// What makes a run incomplete, as [`Summary::is_complete`] decides.
-fn gaps(summary: Summary) -> Vec<(&'static str, u64)> {
-    let Summary { incomplete, non_finite, undrawn, skipped, not_sampled, missing_scenes, .. } = summary;
-    let counts = [
-        ("incomplete trials", incomplete),
-        ("targets with NaN or infinite samples", non_finite),
-        ("trials that draw no Gaussian", undrawn),
-        ("skipped entries", skipped),
-        ("scenes or frames that are not sampled", not_sampled),
-        ("scenes that are not in the data", missing_scenes),
-    ];
-    counts.into_iter().filter(|(_, count)| *count > 0).collect()
+    let (results, _) = run_until(&plan, store, step, stop)?;
+    Ok(plan.nothing_evaluated(&results))
 }
 
 impl Settings {

@@ -5,17 +5,24 @@ use std::path::PathBuf;
 use atsplat_eval::{Results, RunReport};
 use pyo3::prelude::*;
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::error::Failure;
 use crate::threads::work_with_stores;
 
-/// Provenance, rows of trials, rows of targets, each as JSON, and a summary as text.
+/// Provenance, rows of trials, rows of targets, gaps, each as JSON, and a summary as text.
 #[pyfunction]
-pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, String, String, String), Failure> {
+pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, String, String, String, String), Failure> {
     work_with_stores(py, || {
         let results = Results::read(&folder)?;
+        let gaps: Vec<Value> = results
+            .gaps()
+            .iter()
+            .map(|gap| json!({ "preset": gap.preset, "method": gap.method, "count": gap.count, "text": gap.to_string() }))
+            .collect();
         let summary = RunReport::of(&results, None, &folder).to_string();
-        Ok((json(&results.provenance)?, json(&results.trials)?, json(&results.targets)?, summary))
+        let Results { provenance, trials, targets, .. } = &results;
+        Ok((json(provenance)?, json(trials)?, json(targets)?, json(&gaps)?, summary))
     })
 }
 

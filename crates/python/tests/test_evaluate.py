@@ -323,7 +323,14 @@ def test_what_is_missing_is_a_warning_and_an_error_if_strict(rooms, tmp_path, bi
         assert any(expected in text for text in texts), expected
     assert [row["scene"] for row in store.skipped] == [first] and store.skipped[0]["detail"]
     assert any(row["count"] == len(entries) - SCENES for row in store.warnings)
-    with pytest.raises(atsplat.AtsplatError, match="1 incomplete trials, 1 skipped entries, 21 scenes that are not in the data") as raised:
+    gaps = [gap["text"].split(": ")[1] for gap in store.gaps]
+    assert gaps == [
+        f"{len(entries) - SCENES} scenes of the index are not in the data",
+        "1 index entry was skipped",
+        "1 trial of method is incomplete",
+    ]
+    missing = "21 scenes of the index are not in the data: .*; .*1 index entry was skipped: .*; .*1 trial of method is incomplete: .*no idea"
+    with pytest.raises(atsplat.AtsplatError, match=missing) as raised:
         evaluated(method, broken, tmp_path / "strict", strict=True)
     assert raised.value.file == str(tmp_path / "strict") and len(atsplat.open_store(tmp_path / "strict").rows()) == len(store.rows())
     index = tmp_path / "index.json"

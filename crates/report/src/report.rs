@@ -52,7 +52,9 @@ impl Report {
     /// [`ReportError::UnknownTable`], and the errors of tables, plots and pages.
     pub fn new(request: &Request, stores: &[PageStore<'_>]) -> Result<Self, ReportError> {
         let sources: Vec<Source<'_>> = stores.iter().map(|store| store.source).collect();
-        let (mut measured, mut unmeasured, mut plots) = (Vec::new(), Vec::new(), of_frontier(&sources)?);
+        let (mut measured, mut unmeasured) = (Vec::new(), Vec::new());
+        let mut plots = of_frontier(&sources)?;
+        let cost = cost_section(&mut plots);
         for name in &request.tables {
             let definition = TableDefinition::named(name)?;
             for table in tables(&definition, &sources, request.mixing)? {
@@ -75,7 +77,7 @@ impl Report {
             }
         }
         let sections: Vec<PlotSection> =
-            optimisation_section(&sources)?.into_iter().chain(request.sections.iter().cloned()).collect();
+            cost.into_iter().chain(optimisation_section(&sources)?).chain(request.sections.iter().cloned()).collect();
         let title = request.title.clone();
         let (live, max_bytes) = (request.live.as_slice(), request.max_bytes);
         let page = Page { title, tables: &measured, plots: &plots, sections: &sections, live, stores, max_bytes };
@@ -135,6 +137,25 @@ impl Report {
         writing.write(page::FILE.to_owned(), self.html.as_bytes())?;
         writing.finish(&before)
     }
+}
+
+/// What a report begins with: the first frontier, which is taken out of the plots.
+fn cost_section(frontiers: &mut Vec<(String, Drawing)>) -> Option<PlotSection> {
+    if frontiers.is_empty() {
+        return None;
+    }
+    let hint = match frontiers.len() {
+        1 => "What each method takes for its quality, in seconds and in Gaussians.",
+        _ => {
+            "What each method takes for its quality, in seconds and in Gaussians; other protocols are among the plots below."
+        }
+    };
+    Some(PlotSection {
+        title: "What accuracy costs".to_owned(),
+        hint: hint.to_owned(),
+        plots: vec![frontiers.remove(0)],
+        before_tables: true,
+    })
 }
 
 /// Labels of stores, all different: the folder's name, with a number if several have the same.

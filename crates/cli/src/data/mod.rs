@@ -18,21 +18,28 @@ const INSPECT_STRICT: &str =
 const EXPORT_STRICT: &str =
     "Exit with code 4 if scenes were skipped, or an image in a chunk is cut short or cannot be read";
 
+const CLIPS_STRICT: &str = "Exit with code 4 if scenes were skipped";
+
+const FRAMES_STRICT: &str = "Exit with code 4 if a timestamp has no frame in the video";
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print the contents of a dataset: format, counts, sizes, intrinsics, baselines, problems.
     #[command(mut_arg("strict", |strict| strict.help(INSPECT_STRICT)))]
     Inspect(WithStrict<inspect::Args>),
     /// Measure camera motion: speed, turn rate, straightness, baselines, focal length; of simulated and real clips.
+    #[command(mut_arg("strict", |strict| strict.help(CLIPS_STRICT)))]
     Motion(WithStrict<motion::Args>),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
     #[command(mut_arg("strict", |strict| strict.help(EXPORT_STRICT)))]
     Export(WithStrict<export::Args>),
-    /// Simulate scenes from seeds into a dataset, with exact depth.
+    /// Simulate scenes from seeds into a dataset; --depth adds exact depth.
     Simulate(simulate::Args),
     /// Cut frames out of a video at a trajectory's timestamps (feature `opencv`).
+    #[command(mut_arg("strict", |strict| strict.help(FRAMES_STRICT)))]
     Frames(WithStrict<frames::Args>),
     /// Remove lens distortion from images and cameras (feature `opencv`).
+    #[command(mut_arg("strict", |strict| strict.help(CLIPS_STRICT)))]
     Undistort(WithStrict<undistort::Args>),
 }
 

@@ -16,6 +16,8 @@ const LINT_STRICT: &str = "Exit with code 4 if the index is unfit: leaks or repe
 
 const BUILD_STRICT: &str = "Exit with code 4 if a scene has no entry, or images are missing or cannot be read";
 
+const ENTRIES_STRICT: &str = "Exit with code 4 if scenes or entries of the index were skipped";
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print the built-in presets.
@@ -26,10 +28,12 @@ pub(crate) enum Command {
     #[command(mut_arg("strict", |strict| strict.help(LINT_STRICT)))]
     Lint(WithStrict<lint::Args>),
     /// Measure or read overlaps, write them into an index, plot their histogram.
+    #[command(mut_arg("strict", |strict| strict.help(ENTRIES_STRICT)))]
     Overlap(Box<WithStrict<overlap::Args>>),
     /// Measure how well each overlap estimator predicts the true co-visibility in simulated scenes.
     Estimators(estimators::Args),
     /// Derive the split with targets before and after each window of context frames.
+    #[command(mut_arg("strict", |strict| strict.help(ENTRIES_STRICT)))]
     Extrapolate(WithStrict<extrapolate::Args>),
     /// Build an index for a dataset that has none.
     #[command(mut_arg("strict", |strict| strict.help(BUILD_STRICT)))]

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, bail};
 use atsplat_eval::discovery::{DiscoveredDatasets, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
-use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection, Summary};
+use atsplat_eval::runner::{self, Dataset, KeepImages, Plan, Selection};
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::trained::{TrainedGroup, TrainedNetworks};
 use atsplat_eval::weights_list::WeightsList;
@@ -120,7 +120,6 @@ impl SuiteArg {
 /// Results of methods on datasets.
 struct Evaluated {
     results: Results,
-    summary: Summary,
     /// Why no target was evaluated, if none was.
     why_empty: Option<String>,
 }
@@ -136,13 +135,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut networks = networks(args.weights.as_deref(), device)?;
     let groups = networks.groups(datasets, &mut not_run)?;
     anyhow::ensure!(!groups.is_empty(), "nothing to run: {}", reasons(&not_run));
-    let (mut stores, mut complete, mut empty) = (Vec::new(), true, Vec::new());
+    let (mut stores, mut empty) = (Vec::new(), Vec::new());
     for (at, TrainedGroup { trained, datasets }) in groups.iter().enumerate() {
         let name = numbered("results", at);
         let mut methods = trained.methods()?;
         methods.extend(args.fit.map(|budget| trained.optimised(budget)).transpose()?.unwrap_or_default());
         let evaluated = args.evaluate(&name, datasets, &methods, Some(args.suite.timing()))?;
-        complete &= evaluated.summary.is_complete();
         empty.extend(evaluated.why_empty);
         stores.push((name, evaluated.results));
     }
@@ -166,14 +164,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for (at, (methods, datasets)) in networks.ablations(groups)?.into_iter().enumerate() {
         let name = numbered("ablations", at);
         // Ablation tables have no times.
-        let Evaluated { results, summary, .. } = args.evaluate(&name, &datasets, &methods, None)?;
-        complete &= summary.is_complete();
+        let Evaluated { results, .. } = args.evaluate(&name, &datasets, &methods, None)?;
         stores.push((name, results));
     }
     let report = summary::write(&args.out, &stores, sections, live, args.page_size)?;
     print_warnings(&warnings);
     print_findings(&stores.iter().map(|(_, results)| results).collect::<Vec<_>>(), &warnings);
     summary::print(&report, &stores, &not_run, &trained, &args.out)?;
+    let complete = stores.iter().all(|(_, results)| results.gaps().is_empty());
     Ok(complete && not_run.is_empty())
 }
 
@@ -246,8 +244,8 @@ impl Args {
             store = store.reread_images()?;
         }
         let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
-        let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
+        let (results, _) = runner::run(&plan, store, &|| progress.step())?;
         let why_empty = plan.nothing_evaluated(&results);
-        Ok(Evaluated { results, summary, why_empty })
+        Ok(Evaluated { results, why_empty })
     }
 }

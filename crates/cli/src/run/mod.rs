@@ -6,6 +6,7 @@ pub(crate) mod protocols;
 pub(crate) mod score;
 pub(crate) mod settings;
 
+use std::io::{IsTerminal as _, stdout};
 use std::path::Path;
 
 use anyhow::{Context as _, anyhow, bail};
@@ -18,7 +19,7 @@ use crate::parse::{once, usage_error};
 use crate::print::{print_report, print_status};
 use crate::progress::Progress;
 use crate::provenance;
-use crate::warnings::{print_findings, print_warnings};
+use crate::warnings::{print_findings, print_trial_warnings, print_warnings};
 use methods::{MethodArgs, Methods};
 use protocols::ProtocolArgs;
 use settings::{SettingArgs, TimingArgs};
@@ -113,9 +114,14 @@ fn evaluate(
     let report = RunReport::of(&results, Some(summary), settings.out());
     print_report(&report.with_advice(protocols.takes_any_size(), images), settings.json)?;
     print_warnings(&warnings);
-    print_findings(&[&results], &warnings);
+    if settings.json || !stdout().is_terminal() {
+        print_findings(&[&results], &warnings);
+    } else {
+        // The others stand in the report above.
+        print_trial_warnings(&results);
+    }
     if let Some(why) = plan.nothing_evaluated(&results) {
         bail!("nothing was evaluated: {why}");
     }
-    Ok(summary.is_complete())
+    Ok(results.gaps().is_empty())
 }

@@ -38,6 +38,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME", value_parser = MethodSpec::name_of)]
     name: Option<String>,
 
+    /// The method gives the same bits every time: `drift` then compares bit by bit, otherwise by intervals of the means.
+    #[arg(long)]
+    deterministic: bool,
+
     #[command(flatten, next_help_heading = "Gaussians")]
     device: DeviceArgs,
 
@@ -57,8 +61,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     checked.and_then(|()| args.gaussians.check_tolerance()).map_err(usage_error)?;
     let name = args.name.as_deref();
     let method: Arc<dyn Method> = match (&args.renders, &args.ply) {
-        (Some(folder), _) => Arc::new(Renders::new(folder, name)?),
-        (None, Some(folder)) => Arc::new(args.gaussians.ply(folder, name, &args.device.open()?)?),
+        (Some(folder), _) => Arc::new(Renders::new(folder, name)?.deterministic(args.deterministic)),
+        (None, Some(folder)) => {
+            let ply = args.gaussians.ply(folder, name, &args.device.open()?)?;
+            Arc::new(ply.deterministic(args.deterministic))
+        }
         (None, None) => bail!("expected --renders or --ply"),
     };
     evaluate(&args.protocols, &[method], &args.settings, args.timing)

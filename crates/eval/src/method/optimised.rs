@@ -37,6 +37,9 @@ pub struct Optimised {
     trained_poses: Option<String>,
 }
 
+/// How the note begins that says how many steps an optimisation took, which is nothing to warn of.
+pub const STEPS_TAKEN: &str = "optimisation: ";
+
 impl Optimised {
     /// Optimisation from a random start.
     pub fn from_scratch(
@@ -197,7 +200,7 @@ impl Method for Optimised {
         let last = training.len().saturating_sub(input.images.len());
         let last = training.get(last..).unwrap_or(&[]);
         cost.context_psnr = (!last.is_empty()).then(|| last.iter().sum::<f64>() / last.len() as f64);
-        cost.notes.push(format!("optimisation: {} steps", fit.step_count()));
+        cost.notes.push(format!("{STEPS_TAKEN}{} steps", fit.step_count()));
         Ok(self.splatting.predict_as_optimised(input, fit.gaussians(), &fit.options(), cost))
     }
 }

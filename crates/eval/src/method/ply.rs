@@ -28,6 +28,7 @@ pub struct Ply {
     /// Whether a PLY file stores opacities themselves instead of logits.
     opacities_as_stored: bool,
     splatting: Splatting,
+    deterministic: bool,
 }
 
 /// The coordinate frame of imported Gaussians.
@@ -64,7 +65,14 @@ impl Ply {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of Gaussians", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
         let names = SceneNames::default().below(folder);
-        Ok(Self { folder: folder.to_owned(), name, names, frame, opacities_as_stored, splatting })
+        let folder = folder.to_owned();
+        Ok(Self { folder, name, names, frame, opacities_as_stored, splatting, deterministic: false })
+    }
+
+    /// Declares that whatever made the Gaussians gives the same bits every time. Nobody can tell that from files.
+    #[must_use]
+    pub fn deterministic(self, deterministic: bool) -> Self {
+        Self { deterministic, ..self }
     }
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
@@ -181,6 +189,7 @@ impl Method for Ply {
             ..MethodRecord::default()
         };
         self.splatting.describe(&mut record);
+        record.deterministic &= self.deterministic;
         record
     }
 

@@ -43,6 +43,7 @@ pub struct Renders {
     folder: PathBuf,
     name: String,
     names: SceneNames,
+    deterministic: bool,
 }
 
 impl Renders {
@@ -53,7 +54,13 @@ impl Renders {
     pub fn new(folder: &Path, name: Option<&str>) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
         let name = name.map_or_else(|| folder_name(folder), str::to_owned);
-        Ok(Self { folder: folder.to_owned(), name, names: SceneNames::default().below(folder) })
+        Ok(Self { folder: folder.to_owned(), name, names: SceneNames::default().below(folder), deterministic: false })
+    }
+
+    /// Declares that whatever rendered the images gives the same bits every time. Nobody can tell that from files.
+    #[must_use]
+    pub fn deterministic(self, deterministic: bool) -> Self {
+        Self { deterministic, ..self }
     }
 
     /// The files of a trial in all folders that its scene may have: one of them may be left from another run.
@@ -104,7 +111,7 @@ impl Method for Renders {
             kind: "renders".to_owned(),
             title: self.name.clone(),
             parameters: parameters([("folder", self.folder.display().to_string().into())]),
-            deterministic: true,
+            deterministic: self.deterministic,
             ..MethodRecord::default()
         }
     }

@@ -27,7 +27,7 @@ impl Provenance {
                 let preset = preset.with_places_of(known);
                 let entries = together(known.entries, preset.entries);
                 let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
-                same(&of("presets", &preset.name), &without_entries(known), &without_entries(&preset), "")?;
+                same_of("presets", &preset.name, &without_entries(known), &without_entries(&preset), "")?;
                 known.entries = entries;
             }
         }
@@ -67,14 +67,14 @@ impl Provenance {
         same("shards", &self.shard, &other.shard, ADVICE)?;
         for preset in other.presets {
             match self.presets.iter().find(|known| known.name == preset.name) {
-                Some(known) => same(&of("presets", &preset.name), known, &preset.with_places_of(known), ADVICE)?,
+                Some(known) => same_of("presets", &known.name, known, &preset.with_places_of(known), ADVICE)?,
                 None => self.presets.push(preset),
             }
         }
         for method in other.methods {
             let method = self.placed(method);
             match self.methods.iter().find(|known| known.name == method.name) {
-                Some(known) => same(&of("methods", &method.name), known, &method, ADVICE)?,
+                Some(known) => same_of("methods", &known.name, known, &method, ADVICE)?,
                 None => self.methods.push(method),
             }
         }
@@ -110,10 +110,6 @@ fn processors(text: &str) -> impl Iterator<Item = &str> {
     text.split(BETWEEN_PROCESSORS).filter(|processor| !processor.is_empty())
 }
 
-fn of(what: &str, name: &str) -> String {
-    format!("{what} {name}")
-}
-
 fn names(presets: &[PresetRecord]) -> BTreeSet<&str> {
     presets.iter().map(|preset| preset.name.as_str()).collect()
 }
@@ -124,11 +120,30 @@ fn by_name(methods: &[MethodRecord]) -> Vec<MethodRecord> {
     methods
 }
 
-fn same<T: Serialize + PartialEq>(what: &str, first: &T, second: &T, advice: &'static str) -> Result<(), EvalError> {
+fn same<T: Serialize + PartialEq>(
+    what: &'static str,
+    first: &T,
+    second: &T,
+    advice: &'static str,
+) -> Result<(), EvalError> {
     if first == second {
         return Ok(());
     }
-    Err(EvalError::Differences { what: what.to_owned(), differences: differences(first, second), advice })
+    Err(EvalError::Differences { what, name: None, differences: differences(first, second), advice })
+}
+
+/// Whether the records of this name are the same.
+fn same_of<T: Serialize + PartialEq>(
+    what: &'static str,
+    name: &str,
+    first: &T,
+    second: &T,
+    advice: &'static str,
+) -> Result<(), EvalError> {
+    if first == second {
+        return Ok(());
+    }
+    Err(EvalError::Differences { what, name: Some(name.to_owned()), differences: differences(first, second), advice })
 }
 
 #[cfg(test)]

@@ -73,25 +73,6 @@ pub struct Summary {
     pub missing_scenes: u64,
 }
 
-impl Summary {
-    /// Whether every entry of every index was evaluated without failures, and shows something; of sampled indices, also whether
-    /// they are of all scenes and frames of the data.
-    pub const fn is_complete(&self) -> bool {
-        let Self {
-            evaluated: _,
-            resumed: _,
-            not_applicable: _,
-            incomplete,
-            non_finite,
-            undrawn,
-            skipped,
-            not_sampled,
-            missing_scenes,
-        } = *self;
-        incomplete + non_finite + undrawn + skipped + not_sampled + missing_scenes == 0
-    }
-}
-
 impl std::fmt::Debug for Dataset {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Dataset")

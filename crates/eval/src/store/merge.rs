@@ -112,7 +112,7 @@ impl Results {
                     count.map_or_else(|| "a whole run".to_owned(), |count| format!("{count} shards"))
                 };
                 return Err(EvalError::Different {
-                    what: "numbers of shards".to_owned(),
+                    what: "numbers of shards",
                     expected: describe(count),
                     found: describe(shard.map(|shard| shard.count)),
                     advice: "",

@@ -66,7 +66,7 @@ impl Store {
     /// Creates a store in a folder without one, and checks that it can be written.
     ///
     /// # Errors
-    /// [`EvalError::Io`]; [`EvalError::Settings`] if the folder already holds a store, or rows of one; [`EvalError::InUse`] if
+    /// [`EvalError::Io`]; [`EvalError::HasResults`] if the folder already holds a store, or rows of one; [`EvalError::InUse`] if
     /// another process is creating one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         let lock = FolderLock::of(folder)?;
@@ -75,21 +75,14 @@ impl Store {
 
     fn create_locked(folder: &Path, provenance: Provenance, lock: FolderLock) -> Result<Self, EvalError> {
         if folder.join(PROVENANCE).exists() {
-            return Err(EvalError::Settings {
-                what: "folder of the results",
-                expected: "one without results".to_owned(),
-                found: format!("results in {}; choose another folder", folder.display()),
-            });
+            return Err(EvalError::HasResults { folder: folder.to_owned(), found: "results".to_owned() });
         }
         let parts = parts::folder(folder);
         let tables = [TRIALS, TARGETS, timings::TIMINGS].map(|name| folder.join(name)).into_iter();
         // They would become rows of this run.
         if let Some(rows) = tables.filter(|path| path.exists()).chain(disk::files(&parts)?).next() {
-            return Err(EvalError::Settings {
-                what: "folder of the results",
-                expected: "one without results".to_owned(),
-                found: format!("{} without {PROVENANCE}; choose another folder", rows.display()),
-            });
+            let found = format!("{} without {PROVENANCE}", rows.display());
+            return Err(EvalError::HasResults { folder: folder.to_owned(), found });
         }
         fs::create_dir_all(&parts).map_err(EvalError::io("creating a results store", &parts))?;
         let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());

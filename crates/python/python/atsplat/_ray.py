@@ -18,7 +18,7 @@ from typing import Any, cast
 
 from ._arrays import invalid
 from .errors import AtsplatError
-from .evaluation import Outcome, RayOptions, Run
+from .evaluation import RayOptions, Run
 from .protocols import Data
 from .stores import merge
 
@@ -30,8 +30,9 @@ DEFAULTS = RayOptions(retries=3, num_cpus=1, num_gpus=0, factory=False)
 
 def evaluate(
     run: Run, method: Callable[..., Any] | str, given: bool | RayOptions, out: str, progress: Callable[[], None] | None
-) -> tuple[Outcome, list[Data]]:
-    """Evaluates a run on a cluster: the one that Ray is connected to, or the one that ``ray.init()`` finds or starts."""
+) -> tuple[str | None, list[Data]]:
+    """Evaluates a run on a cluster: the one that Ray is connected to, or the one that ``ray.init()`` finds or starts. Returns why
+    nothing was evaluated, if so, and the data."""
     options = _checked(given)
     if run.settings["shard"] is not None:
         raise invalid("shard", "Ray divides the run itself")
@@ -56,18 +57,14 @@ def evaluate(
         ray.init(logging_level=logging.WARNING)
     workers = _Workers(ray, {**DEFAULTS, **options})
     try:
-        outcomes = workers.evaluate(run, method, shards, progress)
+        nothing = workers.evaluate(run, method, shards, progress)
     finally:
         workers.end()
         if not is_connected:
             ray.shutdown()
     merge(list(shards.values()), out)
     shutil.rmtree(folder)
-    gaps: Counter[str] = Counter()
-    for outcome in outcomes.values():
-        gaps.update(outcome.gaps)
-    nothing = [outcomes[number].nothing for number in sorted(outcomes)]
-    return Outcome(None if None in nothing else nothing[0], dict(gaps)), opened
+    return None if None in nothing else nothing[0], opened
 
 
 def _checked(given: Any) -> RayOptions:
@@ -99,11 +96,12 @@ class _Workers:
 
     def evaluate(
         self, run: Run, method: Callable[..., Any] | str, shards: dict[int, Path], progress: Callable[[], None] | None
-    ) -> dict[int, Outcome]:
-        """Evaluates shards into stores."""
+    ) -> list[str | None]:
+        """Evaluates shards into stores. Returns of each why nothing was evaluated, if so."""
         threads = max(1, int(self._options["num_cpus"]))
         self._loaded = self._ray.put((run, method, self._options["factory"], threads, os.getcwd()))
-        queue, lost, outcomes, left = deque(shards), Counter[Any](), {}, set(shards)
+        queue, lost, left = deque(shards), Counter[Any](), set(shards)
+        nothing: dict[int, str | None] = {}
         for _ in range(min(self._options.get("workers", self._fitting()), len(queue))):
             self._start()
         while left:
@@ -129,7 +127,7 @@ class _Workers:
                 if number is None:
                     lost[None] = 0
                 else:
-                    files, steps, outcomes[number] = result
+                    files, steps, nothing[number] = result
                     _write(files, shards[number])
                     left.remove(number)
                     if progress is not None:
@@ -138,7 +136,7 @@ class _Workers:
             while queue and self._idle:
                 actor, number = self._idle.pop(), queue.popleft()
                 self._awaited[actor.evaluate.remote(number, len(shards), _read(shards[number]))] = actor, number
-        return outcomes
+        return [nothing[number] for number in shards]
 
     def end(self) -> None:
         for actor in list(self._actors):
@@ -174,8 +172,8 @@ class Worker:
             raise invalid("method", f"expected a factory that returns a callable, found {type(self._method).__name__}")
         self._data = self._run.open()
 
-    def evaluate(self, number: int, of: int, files: dict[str, bytes]) -> tuple[dict[str, bytes], int, Outcome]:
-        """Evaluates a shard, or verifies one that is finished: the files of its store, the number of results, and gaps."""
+    def evaluate(self, number: int, of: int, files: dict[str, bytes]) -> tuple[dict[str, bytes], int, str | None]:
+        """Evaluates a shard, or verifies one that is finished: the files of its store, the number of results, and why there are none."""
         steps = 0
 
         def step() -> None:
@@ -184,8 +182,8 @@ class Worker:
 
         with tempfile.TemporaryDirectory(prefix="atsplat-") as folder:
             _write(files, Path(folder, "store"))
-            outcome = self._run.evaluate(self._method, self._data, step, out=f"{folder}/store", shard=(number, of))
-            return _read(Path(folder, "store")), steps, outcome
+            nothing = self._run.evaluate(self._method, self._data, step, out=f"{folder}/store", shard=(number, of))
+            return _read(Path(folder, "store")), steps, nothing
 
 
 def _read(store: Path) -> dict[str, bytes]:

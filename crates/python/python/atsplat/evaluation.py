@@ -150,10 +150,10 @@ def evaluate(
     if ray is not False:
         from . import _ray
 
-        outcome, opened = _ray.evaluate(run, method, ray, settings["out"], progress)
+        nothing, opened = _ray.evaluate(run, method, ray, settings["out"], progress)
     else:
         opened = run.open()
-        outcome = run.evaluate(method, opened, progress)
+        nothing = run.evaluate(method, opened, progress)
     store = open_store(out)
     warned = {row["kind"] for row in store.warnings}
     found = [
@@ -164,25 +164,14 @@ def evaluate(
     ]
     for text in dict.fromkeys([*found, *_warnings.of_method(store, json.loads(record)["name"])]):
         warnings.warn(text, stacklevel=2)
-    problem = None if outcome.nothing is None else f"nothing was evaluated: {outcome.nothing}"
-    if problem is None and strict and outcome.gaps:
-        counts = ", ".join(f"{count} {kind}" for kind, count in outcome.gaps.items())
-        problem = f"strict: expected a run without gaps, found {counts}: see failures(), skipped and warnings of the store"
+    problem = None if nothing is None else f"nothing was evaluated: {nothing}"
+    if problem is None and strict and store.gaps:
+        problem = "strict: expected a store without gaps, found " + "; ".join(gap["text"] for gap in store.gaps)
     if problem is not None:
         error = AtsplatError(problem)
         error.file = settings["out"]
         raise error
     return store
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a run came to, apart from its rows."""
-
-    #: Why nothing was evaluated, if so.
-    nothing: str | None
-    #: Counts of what failed or is missing.
-    gaps: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -199,9 +188,9 @@ class Run:
     def open(self) -> list[Data]:
         return [one.open(self.data, **self.options) for one in self.protocols]
 
-    def evaluate(self, method: Callable[..., Any] | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any) -> Outcome:
-        """Evaluates into a store, with changed settings."""
+    def evaluate(
+        self, method: Callable[..., Any] | str, data: list[Data], progress: Callable[[], None] | None, **changes: Any
+    ) -> str | None:
+        """Evaluates into a store, with changed settings; returns why nothing was evaluated, if so."""
         called = method if isinstance(method, str) else _methods.adapted(method)
-        settings = {**self.settings, **changes}
-        nothing, gaps = _native.evaluate(called, self.record, [one._native for one in data], settings, progress)
-        return Outcome(nothing, dict(gaps))
+        return _native.evaluate(called, self.record, [one._native for one in data], {**self.settings, **changes}, progress)

@@ -23,7 +23,7 @@ class Store:
     def __init__(self, path: str) -> None:
         #: Its folder.
         self.path = path
-        provenance, trials, targets, self._summary = _native.read_store(path)
+        provenance, trials, targets, gaps, self._summary = _native.read_store(path)
         #: What was run, how and where: protocols, methods, metrics, machine.
         self.provenance: dict[str, Any] = json.loads(provenance)
         #: Entries of the index without a trial: ``preset``, ``scene``, ``entry``, ``reason``, ``detail``, and the ``methods`` that it
@@ -31,6 +31,9 @@ class Store:
         self.skipped: list[dict[str, Any]] = self.provenance["skipped"]
         #: What was wrong with data and index, such as scenes that are missing: ``preset``, ``kind``, ``count``, ``example``.
         self.warnings: list[dict[str, Any]] = self.provenance["warnings"]
+        #: Everything for which ``evaluate(…, strict=True)`` and ``--strict`` fail: scenes that are missing, skipped entries, failures,
+        #: an interrupted run. One for each kind: ``preset``, ``method`` (None: all), ``count``, and ``text`` with the first case.
+        self.gaps: list[dict[str, Any]] = json.loads(gaps)
         self._trials: list[dict[str, Any]] = json.loads(trials)
         self._targets: list[dict[str, Any]] = json.loads(targets)
 

@@ -20,7 +20,7 @@ const REFINEMENT: &str = "atsplat+refine";
 /// The kind of the network alone, from which the refinement's curve starts.
 const NETWORK: &str = "atsplat";
 
-/// The section that a report starts with: accuracy against the seconds of optimisation. It has one plot for each protocol of
+/// The section before the tables: accuracy against the seconds of optimisation. It has one plot for each protocol of
 /// a store under which trials were optimised with at least two budgets, with a panel for each number of context views, or
 /// for each overlap bin if the protocol has bins that were published for the overlaps' estimator. `None` without a plot.
 ///

@@ -17,7 +17,8 @@ pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
     let k = case.shots.first()?.camera.intrinsics;
     let squared = (0.5 / k.fx).powi(2) + (0.5 / k.fy).powi(2);
     let moved = (k1 * squared + k2 * squared * squared).abs() * squared.sqrt() * k.fx * 256.0;
-    (moved > STRAIGHT).then(|| format!("k1 = {k1:.3}, k2 = {k2:.3} move a corner by {moved:.1} of 256 pixels"))
+    (moved > STRAIGHT)
+        .then(|| format!("k1 = {k1:.3}, k2 = {k2:.3} move a corner by {:.1} % of the image width", moved / 2.56))
 }
 
 impl LensDistortion {

@@ -19,7 +19,7 @@ pub(super) fn needed_by(case: &SceneContext<'_>) -> Option<String> {
         (turn + parallax) * pair[0].camera.intrinsics.fx * 256.0 * case.conditions.shutter
     });
     let largest = smears.fold(0.0, |largest: f64, smear| if smear > largest { smear } else { largest });
-    (largest > STILL).then(|| format!("up to {largest:.1} of 256 pixels while the shutter is open"))
+    (largest > STILL).then(|| format!("up to {:.1} % of the image width while the shutter is open", largest / 2.56))
 }
 
 impl MotionBlur {

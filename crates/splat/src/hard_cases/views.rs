@@ -53,7 +53,7 @@ pub(super) fn cases() -> Vec<HardCase> {
         case("away", "a camera that looks the other way", gaussians(row()))
             .with_view(view_at(all_round * all_round, DVec3::ZERO, [0.9, 1.2]))
             .with_counts([0, 0, 8, 0, 0]),
-        case("row_to_the_sides-the-image", "everything projects outside the image", {
+        case("beside-the-image", "everything projects outside the image", {
             gaussians([Sample { mean: [40.0, 0.0, 2.0], ..SAMPLE }, Sample { mean: [0.0, -1e6, 2.0], ..SAMPLE }])
         })
         .with_view(View { ..view() })

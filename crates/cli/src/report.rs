@@ -1,7 +1,5 @@
 //! `atsplat report`: writes tables, plots and an HTML page of results stores.
 
-mod gaps;
-
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
@@ -133,9 +131,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     for name in missing {
         warn(&format!("the stores have no results for table {name}"));
     }
-    let gaps: Vec<String> = stores.iter().flat_map(|store| gaps::gaps_in(&store.source)).collect();
-    for gap in &gaps {
-        warn(gap);
+    let mut complete = missing.is_empty();
+    for (store, label) in results.iter().zip(&labels) {
+        for gap in store.gaps() {
+            warn(&format!("{label}: {gap}"));
+            complete = false;
+        }
     }
     let faults = if args.check_plots { report.plot_faults() } else { Vec::new() };
     for (plot, fault) in &faults {
@@ -150,7 +151,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     let found = counted(faults.len() as u64, "fault");
     ensure!(faults.is_empty(), "--check-plots: {found} in the plots of {}", args.out.display());
-    Ok(missing.is_empty() && gaps.is_empty())
+    Ok(complete)
 }
 
 /// Reports which files of an earlier report were removed, and that others stay.

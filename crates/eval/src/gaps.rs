@@ -1,0 +1,204 @@
+//! What results are missing: everything that makes a run incomplete, and `--strict` fail.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
+use crate::runner::{DROPPED_BY_SPLIT, MISSING_SCENES, NOT_SAMPLED};
+use crate::{Results, TargetStatus};
+
+/// Something that results are missing, with all its cases under one protocol and method.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// The protocol.
+    pub preset: String,
+    /// The method; `None` if all methods of the protocol miss it.
+    pub method: Option<String>,
+    /// What is missing.
+    pub kind: GapKind,
+    /// Number of cases.
+    pub count: u64,
+    /// The first case.
+    pub first: String,
+}
+
+/// A kind of gap.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum GapKind {
+    /// Scenes of the index that the data lack.
+    MissingScenes,
+    /// Scenes or frames of the data that a sampled index leaves out, of this kind.
+    NotSampled(&'static str),
+    /// Entries of a published index that the split derived from it drops.
+    DroppedBySplit,
+    /// Index entries that an interrupted run has not reached.
+    Unfinished,
+    /// Index entries without a trial.
+    Skipped,
+    /// Trials that failed or have failed targets.
+    Incomplete,
+    /// Targets with samples that are NaN or infinite.
+    NonFinite,
+    /// Trials of whose Gaussians none is drawn in any target.
+    Undrawn,
+}
+
+impl Results {
+    /// What is missing, by protocol, method and kind. Without a gap, every entry of every index was evaluated without failures and
+    /// shows something; sampled indices have all scenes and frames of the data. Trials that their method does not support are none.
+    pub fn gaps(&self) -> Vec<Gap> {
+        let mut gaps = BTreeMap::new();
+        let mut add = |preset: &str, method: Option<&str>, kind, count, first| {
+            let key = (preset.to_owned(), method.map(str::to_owned), kind);
+            gaps.entry(key).or_insert((0, first)).0 += count;
+        };
+        for warning in &self.provenance.warnings {
+            if let Some(kind) = of_warning(&warning.kind) {
+                add(&warning.preset, None, kind, warning.count, warning.example.clone());
+            }
+        }
+        for run in self.interrupted() {
+            let first = format!("{} of {} index entries", run.entries, run.total);
+            add(&run.preset, Some(&run.method), GapKind::Unfinished, run.total - run.entries, first);
+        }
+        // Methods with other poses may give other reasons for one entry.
+        let mut seen = BTreeSet::new();
+        for entry in &self.provenance.skipped {
+            if seen.insert((&entry.preset, &entry.scene, entry.entry)) {
+                let first = format!("scene {}, entry {}: {}: {}", entry.scene, entry.entry, entry.reason, entry.detail);
+                // Methods with the same poses skip the same entries: the first is named.
+                add(&entry.preset, entry.methods.first().map(String::as_str), GapKind::Skipped, 1, first);
+            }
+        }
+        for trial in &self.trials {
+            let key = &trial.key;
+            if trial.status.is_incomplete() {
+                let first = format!("{} {}: {}", key.scene, trial.status.name(), reason(trial.detail.as_deref()));
+                add(&key.preset, Some(&key.method), GapKind::Incomplete, 1, first);
+            }
+            if trial.draws_nothing() {
+                let first = format!("scene {}, entry {}", key.scene, key.entry);
+                add(&key.preset, Some(&key.method), GapKind::Undrawn, 1, first);
+            }
+        }
+        for target in self.targets.iter().filter(|target| target.status == TargetStatus::NonFinite) {
+            let key = &target.key;
+            let first = format!("scene {}, frame {}: {}", key.scene, target.frame, reason(target.detail.as_deref()));
+            add(&key.preset, Some(&key.method), GapKind::NonFinite, 1, first);
+        }
+        let gap = |((preset, method, kind), (count, first))| Gap { preset, method, kind, count, first };
+        gaps.into_iter().map(gap).collect()
+    }
+}
+
+/// The gap that a warning of a run tells of, if it does.
+fn of_warning(kind: &str) -> Option<GapKind> {
+    if kind == MISSING_SCENES {
+        return Some(GapKind::MissingScenes);
+    }
+    if kind.starts_with(DROPPED_BY_SPLIT) {
+        return Some(GapKind::DroppedBySplit);
+    }
+    NOT_SAMPLED.into_iter().find(|prefix| kind.starts_with(prefix)).map(GapKind::NotSampled)
+}
+
+fn reason(detail: Option<&str>) -> &str {
+    detail.unwrap_or("no reason recorded")
+}
+
+impl fmt::Display for Gap {
+    /// The protocol, the count, what is counted, and the first case.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { preset, method, kind, count, first } = self;
+        let one = *count == 1;
+        let [scenes, entries, trials, targets] =
+            if one { ["scene", "entry", "trial", "target"] } else { ["scenes", "entries", "trials", "targets"] };
+        let [are, were, have, draw] = if one { ["is", "was", "has", "draws"] } else { ["are", "were", "have", "draw"] };
+        let of = method.as_ref().map_or_else(String::new, |method| format!(" of {method}"));
+        write!(f, "{preset}: ")?;
+        match kind {
+            GapKind::MissingScenes => write!(f, "{count} {scenes} of the index {are} not in the data"),
+            GapKind::NotSampled(kind) => write!(f, "{count} {kind}"),
+            GapKind::DroppedBySplit => {
+                write!(f, "{count} {entries} of the published index {are} dropped by the split derived from it")
+            }
+            GapKind::Unfinished => write!(f, "the run{of} is unfinished"),
+            GapKind::Skipped => {
+                let methods = method.as_ref().map_or_else(String::new, |method| format!(" for {method}"));
+                write!(f, "{count} index {entries} {were} skipped{methods}")
+            }
+            GapKind::Incomplete => write!(f, "{count} {trials}{of} {are} incomplete"),
+            GapKind::NonFinite => write!(f, "{count} {targets}{of} {have} NaN or infinite samples"),
+            GapKind::Undrawn => write!(f, "{count} {trials}{of} {draw} no Gaussian in any target"),
+        }?;
+        write!(f, ": {first}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::{MethodRecord, PresetRecord, TrialRow, WarningCount};
+
+    fn trial(method: &str, scene: &str) -> TrialRow {
+        serde_json::from_value(json!({
+            "preset": "p", "method": method, "scene": scene, "entry": 0, "trial_hash": "", "pose_hash": "",
+            "status": "done", "context": [0, 2], "targets": 1, "width": 8, "height": 8, "effects": [], "notes": [],
+        }))
+        .unwrap()
+    }
+
+    fn warning(kind: &str, count: u64, example: &str) -> WarningCount {
+        WarningCount { preset: "p".to_owned(), kind: kind.to_owned(), count, example: example.to_owned() }
+    }
+
+    fn lines(results: &Results) -> Vec<String> {
+        results.gaps().iter().map(Gap::to_string).collect()
+    }
+
+    #[test]
+    fn entries_that_a_derived_split_drops_are_gaps() {
+        let mut results = Results::default();
+        results.provenance.warnings = vec![
+            warning(&format!("{DROPPED_BY_SPLIT}: scene too short"), 2, "short"),
+            warning("entries with a target twice", 5, "a"),
+        ];
+        assert_eq!(
+            lines(&results),
+            ["p: 2 entries of the published index are dropped by the split derived from it: short"]
+        );
+    }
+
+    #[test]
+    fn what_is_not_sampled_is_a_gap() {
+        let mut results = Results::default();
+        results.provenance.warnings = vec![
+            warning("frames without an image, which are not sampled", 15, "rule"),
+            warning("sampled entries rejected for their overlap", 3, "rule"),
+            warning("scenes that are not read, and not sampled: ignored-scene", 1, "b: holds images"),
+            warning("scenes that are not read, and not sampled: unreadable-scene", 2, "c: cut off"),
+            warning("scenes without an entry in the sampled index", 1, "d, …: 1 unreadable"),
+        ];
+        let expected = [
+            "p: 15 frames without an image, which are not sampled: rule",
+            "p: 3 scenes that are not read, and not sampled: b: holds images",
+            "p: 1 scenes without an entry in the sampled index: d, …: 1 unreadable",
+        ];
+        assert_eq!(lines(&results), expected);
+    }
+
+    /// Killed after two of three entries under the second method; the third was never requested under this protocol.
+    #[test]
+    fn a_killed_run_is_a_gap() {
+        let method = |name: &str| MethodRecord { name: name.to_owned(), ..MethodRecord::default() };
+        let mut results = Results::default();
+        results.provenance.presets = vec![PresetRecord { name: "p".to_owned(), entries: 3, ..PresetRecord::default() }];
+        results.provenance.methods = ["first", "second", "third"].map(method).to_vec();
+        let rows = [("first", "a"), ("first", "b"), ("first", "c"), ("second", "a"), ("second", "b")];
+        results.trials = rows.map(|(method, scene)| trial(method, scene)).to_vec();
+        assert_eq!(lines(&results), ["p: the run of second is unfinished: 2 of 3 index entries"]);
+        results.trials.push(trial("second", "c"));
+        assert_eq!(lines(&results), [""; 0]);
+    }
+}
