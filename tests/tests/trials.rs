@@ -11,7 +11,9 @@ use atsplat_pixels::DecodeLimits;
 use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::overlap::EpipolarRays;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, SkipReason, TargetImages, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{DropReason, EvaluationIndex, Filters, IndexEntry, IndexFile, NearFar, Preset, SamplingRule};
+use atsplat_protocol::{
+    DropReason, EvaluationIndex, Filters, IndexEntry, IndexFile, LensDistortion, NearFar, Preset, SamplingRule,
+};
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::preprocess::Preprocessing;
 use atsplat_scene::{
@@ -44,6 +46,7 @@ fn only(key: &str, context: &[usize], target: &[usize]) -> EvaluationIndex {
 fn as_it_is() -> TrialRecipe {
     TrialRecipe {
         preprocessing: Preprocessing::default(),
+        lens_distortion: LensDistortion::Used,
         pose_normalisation: PoseNormalisation::None,
         near_far: NearFar { near: 0.5, far: 100.0 },
         filters: Filters::default(),

@@ -30,7 +30,7 @@ pub use lint::{
 };
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,
-    LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues,
+    LensDistortion, LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues,
     PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;

@@ -5,7 +5,9 @@ use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
 use atsplat_pixels::{DecodeLimits, ImageU8};
 use atsplat_protocol::trial::{ContextView, Prefetch, TargetImages, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation};
+use atsplat_protocol::{
+    EvaluationIndex, Filters, IndexEntry, LensDistortion, MeanCameraScale, NearFar, PoseNormalisation,
+};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_scene::{OneScene, Scene, Warnings};
 use atsplat_splat::Gaussians;
@@ -35,6 +37,7 @@ pub fn photo_recipe(size: ImageSize) -> TrialRecipe {
             principal_point: PrincipalPointRule::Corrected,
             ..Preprocessing::of([RescaleAndCrop::new(side(size.height), side(size.width)).into()])
         },
+        lens_distortion: LensDistortion::Used,
         pose_normalisation: PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
         near_far: NEAR_FAR,
         filters: Filters::default(),

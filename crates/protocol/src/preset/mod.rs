@@ -6,6 +6,7 @@
 mod builtin;
 mod filters;
 mod index_rule;
+mod lens;
 mod method;
 mod metrics;
 mod renderer;
@@ -21,6 +22,7 @@ use serde::{Deserialize, Serialize};
 pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
 pub use filters::{DropReason, Dropped, Filters};
 pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
+pub use lens::LensDistortion;
 pub use method::{EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
@@ -49,6 +51,9 @@ pub struct Preset {
     pub inferred: Vec<String>,
     /// Repository files and paper sections that the preset was read from.
     pub sources: Vec<String>,
+    /// Whether lens distortion that the data state is used.
+    #[serde(default, skip_serializing_if = "LensDistortion::is_used")]
+    pub lens_distortion: LensDistortion,
     /// Which evaluation index.
     pub index: IndexRule,
     /// How images and intrinsics are preprocessed.

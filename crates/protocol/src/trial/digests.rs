@@ -167,7 +167,7 @@ mod tests {
     use atsplat_scene::{GeneratedImage, SceneError, SharedBytes};
 
     use super::*;
-    use crate::preset::{Filters, NearFar};
+    use crate::preset::{Filters, LensDistortion, NearFar};
     use crate::test_source::{MemorySource, SIZE, camera, png, scene};
     use crate::trial::{Prefetch, TargetImages, Trial, TrialRecipe, Trials};
     use crate::{EvaluationIndex, IndexEntry};
@@ -192,6 +192,7 @@ mod tests {
 
     fn recipe() -> TrialRecipe {
         TrialRecipe {
+            lens_distortion: LensDistortion::Used,
             preprocessing: Preprocessing { expected_size: Some(SIZE), ..Preprocessing::of([]) },
             pose_normalisation: PoseNormalisation::None,
             near_far: NearFar { near: 0.5, far: 100.0 },

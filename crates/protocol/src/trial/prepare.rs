@@ -63,7 +63,7 @@ pub(super) fn prepare(
         size: view.plan.output(),
         label: label(view.position),
     });
-    let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.frame.camera).collect();
+    let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.source).collect();
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
         .map_err(|error| Refusal { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
     let multiplier = normalised.near_far_multiplier;
@@ -101,6 +101,8 @@ struct View<'a> {
     position: usize,
     frame: &'a Frame,
     plan: Arc<Plan>,
+    /// The data's, as the protocol sees it.
+    source: Camera,
     camera: Camera,
 }
 
@@ -147,8 +149,9 @@ impl<'a> Views<'a> {
                 return Err(Refusal { reason: SkipReason::ImageMisfit, detail });
             }
             let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;
-            let camera = plan.camera(&frame.camera).map_err(unfit)?;
-            Ok(View { position: *position, frame, plan, camera })
+            let source = recipe.lens_distortion.seen(&frame.camera);
+            let camera = plan.camera(&source).map_err(unfit)?;
+            Ok(View { position: *position, frame, plan, source, camera })
         };
         let context = entry.context.iter().map(&mut view).collect::<Result<_, _>>()?;
         let targets = entry.target.iter().map(&mut view).collect::<Result<_, _>>()?;

@@ -2,13 +2,15 @@ use atsplat_camera::PoseNormalisation;
 use atsplat_pixels::DecodeLimits;
 use atsplat_scene::preprocess::Preprocessing;
 
-use crate::preset::{Filters, NearFar, Preset};
+use crate::preset::{Filters, LensDistortion, NearFar, Preset};
 
 /// How index entries become trials: the parts of a preset that affect cameras and images.
 #[derive(Clone, Debug)]
 pub struct TrialRecipe {
     /// How images and intrinsics are preprocessed.
     pub preprocessing: Preprocessing,
+    /// Whether lens distortion that the data state is used.
+    pub lens_distortion: LensDistortion,
     /// How poses are normalised.
     pub pose_normalisation: PoseNormalisation,
     /// Near and far plane, before [`atsplat_camera::Normalised::near_far_multiplier`].
@@ -29,6 +31,7 @@ impl TrialRecipe {
         let setting = preset.setting_for(method);
         Self {
             preprocessing: preset.preprocessing.clone(),
+            lens_distortion: preset.lens_distortion,
             pose_normalisation: setting.pose_normalisation.clone(),
             near_far: setting.near_far,
             filters: preset.filters.clone(),

@@ -8,13 +8,14 @@ use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
 use atsplat_scene::{FrameImage, Scene, SharedBytes, WarningKind};
 
 use super::*;
-use crate::preset::{DropReason, Filters};
+use crate::preset::{DropReason, Filters, LensDistortion};
 use crate::test_source::{MemorySource, SIZE, camera, png, scene};
 use crate::{EvaluationIndex, ProtocolError};
 
 fn recipe() -> TrialRecipe {
     TrialRecipe {
         preprocessing: Preprocessing::of([Step::from(CentreCrop::new(32, 32))]),
+        lens_distortion: LensDistortion::Used,
         pose_normalisation: PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
         near_far: NearFar { near: 0.5, far: 100.0 },
         filters: Filters::default(),
@@ -35,6 +36,30 @@ fn only_trial(scene: Scene, entry: IndexEntry, recipe: TrialRecipe) -> Result<(T
     let index = index(&[(scene.key.clone().as_str(), vec![entry])]);
     let lazily = Prefetch { trials: 0, ..Prefetch::default() };
     Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, lazily).next().unwrap()
+}
+
+/// What a loader of a format without lenses reads: the same trial, from the same data.
+#[test]
+fn an_ignored_lens_leaves_no_trace() {
+    let trial = |bent: bool, lens_distortion| {
+        let mut scene = scene("s", 9, 5);
+        if bent {
+            let lens = Distortion::OpenCv { k1: 0.05, k2: 0.0, k3: 0.0, p1: 0.0, p2: -0.01 };
+            scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = lens);
+        }
+        let recipe = TrialRecipe { lens_distortion, ..recipe() };
+        only_trial(scene, entry(&[2, 6], &[0, 8]), recipe).unwrap().0
+    };
+    let straight = trial(false, LensDistortion::Used);
+    let [used, ignored] = [LensDistortion::Used, LensDistortion::Ignored].map(|lens| trial(true, lens));
+    let lenses = |trial: &Trial| -> Vec<bool> {
+        let targets = trial.targets().iter().map(|view| view.camera);
+        let cameras = trial.context().iter().map(|view| view.camera).chain(targets);
+        cameras.map(|camera| camera.distortion == Distortion::None).collect()
+    };
+    assert_eq!((lenses(&used), lenses(&ignored)), (vec![false; 4], vec![true; 4]));
+    assert_eq!(ignored.hash(), straight.hash());
+    assert_ne!(used.hash(), straight.hash());
 }
 
 #[test]

@@ -1,0 +1,185 @@
+//! Every value of the published presets that changes a number, stated once more: as the papers' code has it, and not read from
+//! the preset's own file.
+
+use atsplat_numeric::Tolerance;
+use atsplat_protocol::{Aggregation, Filters, LensDistortion, Preset};
+use serde_json::{Value, json};
+
+/// A method's pose normalisation, near and far plane.
+type Setting = (&'static str, Value, [f64; 2]);
+
+struct Published {
+    name: &'static str,
+    views: usize,
+    /// Fewest and most targets of an entry.
+    targets: (usize, usize),
+    scenes: u64,
+    preprocessing: &'static str,
+    lens: LensDistortion,
+    filters: Filters,
+    methods: Vec<Setting>,
+}
+
+const SQUARE: &str = "only 640×360: rescale-and-crop 256×256 (lanczos); principal point frozen";
+/// The centre of 270 rows and 480 columns: rows 7 to 262, columns 16 to 463.
+const PATCHES: &str = "only 480×270: patch-crop to multiples of 64; principal point frozen";
+
+fn wide_fields_dropped() -> Filters {
+    Filters { max_fov_degrees: Some(100.0), ..Filters::default() }
+}
+
+fn of_dl3dv() -> Filters {
+    Filters { determinant: true, max_translation: Some(1e3), ..wide_fields_dropped() }
+}
+
+fn baseline_one() -> Value {
+    json!({ "rule": "baseline-one", "minimum": 1e-3 })
+}
+
+fn none() -> Value {
+    json!({ "rule": "none" })
+}
+
+fn pixelsplat() -> Setting {
+    ("pixelSplat", baseline_one(), [0.1, 1000.0])
+}
+
+fn mvsplat() -> Setting {
+    ("MVSplat", none(), [1.0, 100.0])
+}
+
+fn depthsplat(far: f64) -> Setting {
+    ("DepthSplat", none(), [0.5, far])
+}
+
+fn ilrm() -> Setting {
+    ("iLRM", json!({ "rule": "mean-camera", "scale": "ilrm-main" }), [0.01, 500.0])
+}
+
+fn of_re10k(name: &'static str, scenes: u64, filters: Filters, methods: Vec<Setting>) -> Published {
+    let (views, targets, lens) = (2, (3, 3), LensDistortion::Used);
+    Published { name, views, targets, scenes, preprocessing: SQUARE, lens, filters, methods }
+}
+
+fn on_dl3dv(
+    name: &'static str,
+    views: usize,
+    targets: (usize, usize),
+    preprocessing: &'static str,
+    methods: Vec<Setting>,
+) -> Published {
+    let (scenes, lens, filters) = (140, LensDistortion::Ignored, of_dl3dv());
+    Published { name, views, targets, scenes, preprocessing, lens, filters, methods }
+}
+
+fn published() -> Vec<Published> {
+    let from = |minimum: f64, maximum: Option<f64>| Filters {
+        min_baseline: Some(minimum),
+        max_baseline: maximum,
+        ..wide_fields_dropped()
+    };
+    let relative = |rule: Value| json!({ "rule": "sequence", "steps": [rule, { "rule": "first-view-relative" }] });
+    let long_lrm = ("Long-LRM", json!({ "rule": "mean-camera", "scale": "long-lrm" }), [0.01, 1e6]);
+    let noposplat = relative(json!({ "rule": "baseline-one", "minimum": 1e-3, "maximum": 1e10 }));
+    let yonosplat = relative(json!({ "rule": "max-pairwise", "minimum": 1e-3, "maximum": 100.0 }));
+    let on_re10k = || vec![pixelsplat(), mvsplat(), depthsplat(100.0)];
+    let later = || vec![depthsplat(200.0), ilrm()];
+    let square = "only 480×270: rescale-and-crop 256×256 (lanczos); principal point frozen";
+    let small_square = "only 480×270: rescale-and-crop 224×224 (lanczos); principal point frozen";
+    let high = "only 960×540: rescale-and-crop 960×512 (lanczos); principal point frozen";
+    vec![
+        of_re10k("re10k-2v-256", 6474, wide_fields_dropped(), [on_re10k(), vec![ilrm(), long_lrm]].concat()),
+        of_re10k(
+            "re10k-overlap",
+            5601,
+            from(1e-3, Some(1e10)),
+            [vec![("NoPoSplat", noposplat, [0.1, 100.0])], on_re10k(), vec![ilrm()]].concat(),
+        ),
+        of_re10k("acid-2v-256", 1595, wide_fields_dropped(), on_re10k()),
+        on_dl3dv("dl3dv-2v-256x448", 2, (50, 50), PATCHES, later()),
+        on_dl3dv("dl3dv-4v-256x448", 4, (50, 50), PATCHES, later()),
+        on_dl3dv("dl3dv-6v-256x448", 6, (50, 50), PATCHES, later()),
+        on_dl3dv("dl3dv-12v-512x960", 12, (87, 100), high, later()),
+        Published {
+            filters: from(1e-3, Some(100.0)),
+            ..on_dl3dv("dl3dv-6v-224", 6, (8, 8), small_square, vec![("YoNoSplat", yonosplat, [0.1, 100.0])])
+        },
+        on_dl3dv("re10k-to-dl3dv-256", 2, (50, 50), square, vec![mvsplat(), depthsplat(100.0), ilrm()]),
+        on_dl3dv("dl3dv-6v-extrapolation", 6, (20, 20), PATCHES, later()),
+        of_re10k(
+            "re10k-extrapolation",
+            6424,
+            from(1e-3, None),
+            [vec![("latentSplat", baseline_one(), [0.1, 1000.0])], on_re10k(), vec![ilrm()]].concat(),
+        ),
+    ]
+}
+
+#[test]
+fn frames_images_cameras_and_filters_are_the_published_ones() {
+    for own in published() {
+        let preset = Preset::named(own.name).unwrap();
+        let index = &preset.index;
+        assert_eq!(
+            (index.context_views, index.targets, index.scenes),
+            (own.views, own.targets, own.scenes),
+            "{}",
+            own.name
+        );
+        assert_eq!(preset.preprocessing.to_string(), own.preprocessing, "{}", own.name);
+        assert_eq!((preset.lens_distortion, &preset.filters), (own.lens, &own.filters), "{}", own.name);
+        assert_eq!(preset.aggregation, Aggregation::SceneMeans, "{}", own.name);
+    }
+}
+
+/// ATSplat's own are inferred: the mean camera with Long-LRM's scale, and iLRM's planes.
+#[test]
+fn poses_and_planes_are_those_that_each_method_published() {
+    for own in published() {
+        let preset = Preset::named(own.name).unwrap();
+        let names: Vec<&str> = preset.methods.iter().map(|method| method.method.as_str()).collect();
+        assert_eq!(names, own.methods.iter().map(|(name, ..)| *name).collect::<Vec<_>>(), "{}", own.name);
+        let atsplat = ("ATSplat", json!({ "rule": "mean-camera", "scale": "long-lrm" }), [0.01, 500.0]);
+        for (method, poses, planes) in own.methods.into_iter().chain([atsplat]) {
+            let place = format!("{}, {method}", own.name);
+            let setting = preset.setting_for(method);
+            assert_eq!(serde_json::to_value(setting.pose_normalisation).unwrap(), poses, "{place}");
+            Tolerance::EXACT.assert([setting.near_far.near, setting.near_far.far], planes, &place);
+        }
+    }
+}
+
+#[test]
+fn renderers_metrics_and_bins_are_the_published_ones() {
+    let metrics = json!({
+        "psnr": "clipped", "ssim": "skimage-gaussian", "lpips": "vgg-v01", "pixels": "float",
+        "clip-before-ssim-and-lpips": false,
+    });
+    // Gaussians nearer than 0.2 near planes are culled: the scene is scaled by 1 / near first.
+    let renderer = json!({
+        "rasteriser": "diff-gaussian-rasterization (dcharatan's modified version)", "near-cull": 0.2,
+        "near-cull-unit": "near-planes", "dilation": 0.3, "alpha-max": 0.99, "alpha-min-inverse": 255.0,
+        "transmittance-stop": 1e-4, "extent-sigmas": 3.0, "background": [0.0, 0.0, 0.0], "principal-point": "ignored",
+    });
+    for own in published() {
+        let preset = Preset::named(own.name).unwrap();
+        assert_eq!(serde_json::to_value(preset.metrics).unwrap(), metrics, "{}", own.name);
+        assert_eq!(serde_json::to_value(&preset.renderer).unwrap(), renderer, "{}", own.name);
+        let bins = preset.overlap_bins.map(|bins| serde_json::to_value(bins).unwrap());
+        let published = json!({
+            "rule": "published", "names": ["small", "medium", "large"], "edges": [0.05, 0.3, 0.55, 0.8], "estimator": "roma",
+        });
+        assert_eq!(bins, (own.name == "re10k-overlap").then_some(published), "{}", own.name);
+    }
+}
+
+/// Presets that are added to the published ones need a line here.
+#[test]
+fn every_published_preset_is_checked() {
+    let is_published = |name: &&str| {
+        let preset = Preset::named(name).unwrap();
+        preset.stands_for.is_none() && !preset.index.accepted.is_empty()
+    };
+    let names: Vec<&str> = Preset::names().filter(is_published).collect();
+    assert_eq!(names, published().iter().map(|own| own.name).collect::<Vec<_>>());
+}
