@@ -93,14 +93,24 @@ def views_of(trial, device):
     return {**batch, "index": torch.arange(len(views), device=device)[None]}
 
 
+def now(device):
+    """Seconds, once the device has done what it was given: CUDA computes while Python goes on."""
+    if torch.device(device).type == "cuda":
+        torch.cuda.synchronize(device)
+    return time.perf_counter()
+
+
 @torch.no_grad()
 def gaussians_of(encoder, trial, device):
+    """The Gaussians, and the seconds of the encoder alone: without reading, cropping and uploading images."""
     context = views_of(trial, device)
     batch = encoder.get_data_shim()({"context": context, "target": context, "scene": [trial["scene"]]})
     torch.manual_seed(0)  # pixelSplat samples depths.
     options = {"deterministic": False} if "deterministic" in inspect.signature(encoder.forward).parameters else {}
+    begin = now(device)
     made = encoder(batch["context"], 0, **options)
-    return made["gaussians"] if isinstance(made, dict) else made
+    seconds = now(device) - begin
+    return made["gaussians"] if isinstance(made, dict) else made, seconds
 
 
 def basis(directions):
@@ -178,13 +188,11 @@ def main():
         if args.method == "noposplat" and not is_relative(trial):
             answer(trial=number, not_applicable="NoPoSplat needs poses relative to the first context view")
             continue
-        begin = time.perf_counter()
         try:
-            gaussians = gaussians_of(encoder, trial, args.device)
+            gaussians, seconds = gaussians_of(encoder, trial, args.device)
         except (AssertionError, RuntimeError) as error:
             answer(trial=number, error=f"{type(error).__name__}: {error}")
             continue
-        seconds = time.perf_counter() - begin
         write_ply(os.path.join(trial["folder"], "gaussians.ply"), gaussians, args.method == "noposplat")
         answer(trial=number, gaussians="gaussians.ply", seconds={"encode": seconds})
 

@@ -1,8 +1,8 @@
 use atsplat_numeric::Extremes;
 
-use crate::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics, Spacing, Trajectory};
+use crate::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics, Spacing, Trajectory, WorldFromCamera};
 
-/// A smooth motion through key cameras, at the times 0, 1, 2, …: a [`Trajectory`] for the poses, a monotone
+/// A smooth motion through key cameras, at the times 0, 1, 2, … or at given ones: a [`Trajectory`] for the poses, a monotone
 /// cubic (Fritsch and Carlson 1980) for each intrinsic, which is also C¹ and stays between the two adjacent keys. Key
 /// cameras are reproduced bit for bit.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,8 +22,15 @@ impl CameraSpline {
     /// # Errors
     /// [`CameraError::TooFewPoses`] without cameras, [`CameraError::DifferentLens`] if their lenses differ.
     pub fn open(keys: Vec<Camera>) -> Result<Self, CameraError> {
-        let poses = keys.iter().map(|key| key.camera_from_world.inverse()).collect();
-        Self::along(Trajectory::evenly_timed(poses)?, keys, false)
+        Self::along(Trajectory::evenly_timed(poses(&keys))?, keys, false)
+    }
+
+    /// A spline from the first camera to the last that is at each of them at a given time, in any unit.
+    ///
+    /// # Errors
+    /// As [`Trajectory::new`], and [`CameraError::DifferentLens`].
+    pub fn timed(times: Vec<f64>, keys: Vec<Camera>) -> Result<Self, CameraError> {
+        Self::along(Trajectory::new(times, poses(&keys))?, keys, false)
     }
 
     /// A closed spline through all cameras and back to the first.
@@ -31,8 +38,7 @@ impl CameraSpline {
     /// # Errors
     /// [`CameraError::TooFewPoses`] for fewer than two cameras, [`CameraError::DifferentLens`].
     pub fn closed(keys: Vec<Camera>) -> Result<Self, CameraError> {
-        let poses = keys.iter().map(|key| key.camera_from_world.inverse()).collect();
-        Self::along(Trajectory::closed(poses)?, keys, true)
+        Self::along(Trajectory::closed(poses(&keys))?, keys, true)
     }
 
     fn along(trajectory: Trajectory, keys: Vec<Camera>, closed: bool) -> Result<Self, CameraError> {
@@ -43,11 +49,11 @@ impl CameraSpline {
         }
         let around = keys.iter().chain(keys.first().filter(|_| closed));
         let intrinsics: Vec<[f64; 4]> = around.map(|key| numbers(&key.intrinsics)).collect();
-        let slopes = slopes(&intrinsics, closed);
+        let slopes = slopes(trajectory.times(), &intrinsics, closed);
         Ok(Self { keys, intrinsics, slopes, trajectory, closed })
     }
 
-    /// The camera at `time`, from 0 to the number of keys, minus one if the spline is open.
+    /// The camera at `time`: at a given one, or from 0 to the number of keys, minus one if the spline is open.
     ///
     /// # Errors
     /// [`CameraError::OutsideTrajectory`].
@@ -69,22 +75,25 @@ impl CameraSpline {
     }
 
     fn camera(&self, time: f64, camera_from_world: CameraFromWorld) -> Result<Camera, CameraError> {
-        let (before, share) = (time.floor(), time - time.floor());
-        let key = index(before);
-        if share <= 0.0
+        let times = self.trajectory.times();
+        let [start, end] = [times.first(), times.last()].map(|time| time.copied().unwrap_or(f64::NAN));
+        let outside = || CameraError::OutsideTrajectory { found: time, start, end };
+        let key = times.partition_point(|known| *known <= time).checked_sub(1).ok_or_else(outside)?;
+        let since = time - times.get(key).ok_or_else(outside)?;
+        if since <= 0.0
             && let Some(camera) = self.keys.get(key).or_else(|| self.keys.first().filter(|_| self.closed))
         {
             return Ok(*camera);
         }
-        let end = (self.intrinsics.len() - 1) as f64;
-        let outside = CameraError::OutsideTrajectory { found: time, start: 0.0, end };
-        let of = |list: &[[f64; 4]], at: usize| list.get(at).copied().ok_or_else(|| outside.clone());
+        let duration = times.get(key + 1).zip(times.get(key)).map(|(to, from)| to - from).ok_or_else(outside)?;
+        let share = since / duration;
+        let of = |list: &[[f64; 4]], at: usize| list.get(at).copied().ok_or_else(outside);
         let (from, to) = (of(&self.intrinsics, key)?, of(&self.intrinsics, key + 1)?);
         let (start_slope, end_slope) = (of(&self.slopes, key)?, of(&self.slopes, key + 1)?);
         let mut mixed = [0.0; 4];
         for (at, value) in mixed.iter_mut().enumerate() {
             let step = to[at] - from[at];
-            let bend = (start_slope[at] - step) * (1.0 - share) - (end_slope[at] - step) * share;
+            let bend = (start_slope[at] * duration - step) * (1.0 - share) - (end_slope[at] * duration - step) * share;
             *value = from[at] + step * share + bend * share * (1.0 - share);
         }
         let [fx, fy, cx, cy] = mixed;
@@ -98,23 +107,32 @@ const fn numbers(intrinsics: &NormalizedIntrinsics) -> [f64; 4] {
     [intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy]
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a time on the spline, at least 0")]
-const fn index(time: f64) -> usize {
-    time as usize
+fn poses(keys: &[Camera]) -> Vec<WorldFromCamera> {
+    keys.iter().map(|key| key.camera_from_world.inverse()).collect()
 }
 
-/// Slopes for which the cubic between two keys is monotone: at each key the mean of the adjacent steps, 0 if they have
-/// opposite signs, and at most three times the smaller.
-fn slopes(values: &[[f64; 4]], closed: bool) -> Vec<[f64; 4]> {
-    let steps: Vec<[f64; 4]> =
-        values.windows(2).map(|pair| [0, 1, 2, 3].map(|number| pair[1][number] - pair[0][number])).collect();
-    let across = |before: Option<&[f64; 4]>, after: Option<&[f64; 4]>| match (before, after) {
+/// Duration from one key to the next, and the mean rates of change of the intrinsics.
+struct Step {
+    duration: f64,
+    rates: [f64; 4],
+}
+
+/// Slopes for which the cubic between two keys is monotone: at each key that of the parabola through it and its neighbours
+/// (for even times, the mean of the adjacent rates), 0 if these have opposite signs, and at most three times the smaller.
+fn slopes(times: &[f64], values: &[[f64; 4]], closed: bool) -> Vec<[f64; 4]> {
+    let step = |(times, pair): (&[f64], &[[f64; 4]])| {
+        let duration = times[1] - times[0];
+        Step { duration, rates: [0, 1, 2, 3].map(|number| (pair[1][number] - pair[0][number]) / duration) }
+    };
+    let steps: Vec<Step> = times.windows(2).zip(values.windows(2)).map(step).collect();
+    let across = |before: Option<&Step>, after: Option<&Step>| match (before, after) {
         (Some(before), Some(after)) => [0, 1, 2, 3].map(|number| {
-            let (a, b) = (before[number], after[number]);
+            let (a, b) = (before.rates[number], after.rates[number]);
+            let weight = after.duration / (before.duration + after.duration);
             let limit = 3.0 * a.abs().minimum_of(b.abs());
-            if a * b > 0.0 { (0.5 * (a + b)).clamp(-limit, limit) } else { 0.0 }
+            if a * b > 0.0 { (weight * a + (1.0 - weight) * b).clamp(-limit, limit) } else { 0.0 }
         }),
-        (Some(only), None) | (None, Some(only)) => *only,
+        (Some(only), None) | (None, Some(only)) => only.rates,
         (None, None) => [0.0; 4],
     };
     let last = values.len().saturating_sub(1);

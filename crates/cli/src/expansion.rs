@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::expansion::{ExpansionReport, measure_trial};
-use atsplat_eval::runner::{Dataset, MISSING_SCENES, Selection};
+use atsplat_eval::expansion::{ExpansionGap, ExpansionReport, TrialMeasurement, measure_trial};
+use atsplat_eval::runner::{Dataset, Selection};
+use atsplat_model::network::Network;
 use atsplat_scene::Warnings;
 
 use crate::embedded;
@@ -40,48 +41,30 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// Warns of scenes of the index that the data lack, as `atsplat run` does; `true` if there are none.
-fn has_all_scenes(dataset: &Dataset, selection: Selection) -> bool {
-    let missing = selection.missing_in(dataset);
-    let Some(first) = missing.first() else { return true };
-    warn(&format!("{}: {} × {MISSING_SCENES}\n    {first}", dataset.name, missing.len()));
-    false
+/// Measures a network under each protocol; `true` if nothing is missing: no scene, no trial, nothing that a sampler left out.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let mut warnings = Warnings::new();
+    let outcome = measure(args, &mut warnings);
+    // Also after an error, whose cause they may tell.
+    print_warnings(&warnings);
+    outcome
 }
 
-/// Measures a network under each protocol; `true` if no scene was missing and no trial skipped.
-pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+fn measure(args: &Args, warnings: &mut Warnings) -> anyhow::Result<bool> {
     let trained = embedded::trained(args.weights.as_deref())?;
     let config = args.changes.applied(&trained.config)?;
     let network = trained.network_for(&config)?;
-    let mut warnings = Warnings::new();
     let (mut complete, mut reports) = (true, Vec::new());
     let remote = args.protocols.remote()?;
-    for dataset in args.protocols.open(remote.as_ref(), &mut warnings)? {
-        let selection = Selection { limit: args.limit, shard: None };
-        complete &= has_all_scenes(&dataset, selection);
-        let index = selection.index_of(&dataset);
-        let trials = dataset.trials(&index);
-        let progress = Progress::new("trials", trials.size_hint().0);
-        let mut measurements = Vec::new();
-        for outcome in trials {
-            match outcome {
-                Ok((trial, truths)) => {
-                    let measured = measure_trial(&network, (&trial, &truths), dataset.render_options(&trial), 0);
-                    measurements.push(measured.with_context(|| format!("scene {}", trial.scene()))?);
-                }
-                Err(skipped) => {
-                    warn(&skipped.to_string());
-                    complete = false;
-                }
-            }
-            progress.step();
-        }
-        drop(progress);
+    let selection = Selection { limit: args.limit, shard: None };
+    for dataset in args.protocols.open(remote.as_ref(), warnings)? {
+        let (trials, gaps) = trials_of(&network, &dataset, selection, warnings)?;
         RemoteData::check(remote.as_ref())?;
-        if measurements.is_empty() {
-            bail!("{}: none of its trials can be read", dataset.name);
+        if trials.is_empty() {
+            bail!("{}: none of its trials can be read: {}", dataset.name, why_none(&dataset, &gaps));
         }
-        let report = ExpansionReport::new(&config.name, &dataset.name, &measurements);
+        complete &= gaps.is_empty();
+        let report = ExpansionReport::new(&config.name, &dataset.name, &trials, gaps);
         if args.json {
             reports.push(report);
         } else {
@@ -93,6 +76,42 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         [only] => print_json(only)?,
         several => print_json(several)?,
     }
-    print_warnings(&warnings);
     Ok(complete)
+}
+
+/// Measures the trials of a dataset, and warns of what is missing from them, as `atsplat run` does.
+fn trials_of(
+    network: &Network,
+    dataset: &Dataset,
+    selection: Selection,
+    warnings: &mut Warnings,
+) -> anyhow::Result<(Vec<TrialMeasurement>, Vec<ExpansionGap>)> {
+    let mut gaps = ExpansionGap::of_dataset(dataset, selection);
+    for ExpansionGap { kind, count, first } in &gaps {
+        warn(&format!("{}: {count} × {kind}\n    {first}", dataset.name));
+    }
+    let mut trials = dataset.trials(&selection.index_of(dataset));
+    let progress = Progress::new("trials", trials.size_hint().0);
+    let mut measurements = Vec::new();
+    for outcome in &mut trials {
+        match outcome {
+            Ok((trial, truths)) => {
+                let measured = measure_trial(network, (&trial, &truths), dataset.render_options(&trial), 0);
+                measurements.push(measured.with_context(|| format!("scene {}", trial.scene()))?);
+            }
+            Err(skipped) => warn(&skipped.to_string()),
+        }
+        progress.step();
+    }
+    gaps.extend(ExpansionGap::of_skipped(&trials.report().skipped));
+    // A sampler has read the same scenes before.
+    warnings.join(trials.warnings());
+    Ok((measurements, gaps))
+}
+
+fn why_none(dataset: &Dataset, gaps: &[ExpansionGap]) -> String {
+    if gaps.is_empty() {
+        return format!("the index has no entry ({})", dataset.index.description);
+    }
+    gaps.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }

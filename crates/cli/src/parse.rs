@@ -224,7 +224,76 @@ pub(crate) fn usage_error(message: impl std::fmt::Display) -> clap::Error {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::{Arg, Command, CommandFactory as _, Parser as _};
+
     use super::*;
+    use crate::Cli;
+
+    /// The arguments that one requires, which only its debug output tells: `requires: [(IsPresent, "data")]`.
+    fn required_by(arg: &Arg) -> Vec<String> {
+        let text = format!("{arg:?}");
+        let (_, requires) = text.split_once(" requires: [").unwrap();
+        let (requires, _) = requires.split_once(']').unwrap();
+        requires.split('"').skip(1).step_by(2).map(str::to_owned).collect()
+    }
+
+    /// Pairs of arguments that exclude each other; only one of them states it.
+    fn conflicts(command: &Command) -> BTreeSet<[String; 2]> {
+        let id = |arg: &Arg| arg.get_id().to_string();
+        let stated = |arg| command.get_arg_conflicts_with(arg).into_iter().map(move |other| [id(arg), id(other)]);
+        let stated = command.get_arguments().flat_map(stated);
+        stated.flat_map(|[one, other]| [[one.clone(), other.clone()], [other, one]]).collect()
+    }
+
+    /// Adds the faults of a command and those below it; returns how many requirements they have.
+    fn unenforced(command: &Command, faults: &mut Vec<String>) -> usize {
+        let conflicts = conflicts(command);
+        let mut requirements = 0;
+        for arg in command.get_arguments() {
+            let own = arg.get_id().as_str();
+            for required in required_by(arg) {
+                requirements += 1;
+                for [_, other] in conflicts.iter().filter(|[one, _]| *one == required) {
+                    if !conflicts.contains(&[own.to_owned(), other.clone()]) {
+                        let name = command.get_name();
+                        faults
+                            .push(format!("{name}: {own} requires {required}, which {other} excludes, but not {own}"));
+                    }
+                }
+            }
+        }
+        requirements + command.get_subcommands().map(|below| unenforced(below, faults)).sum::<usize>()
+    }
+
+    /// clap does not enforce `requires = "a"` where an argument is given that excludes `a`: that must exclude both.
+    #[test]
+    fn what_excludes_a_required_argument_excludes_the_one_that_requires_it() {
+        let mut command = Cli::command();
+        command.build();
+        let mut faults = Vec::new();
+        let requirements = unenforced(&command, &mut faults);
+        assert_eq!(faults, Vec::<String>::new());
+        assert!(requirements > 20, "the debug output shows {requirements} requirements");
+    }
+
+    #[test]
+    fn arguments_without_the_one_that_they_require_are_usage_errors() {
+        let fit = "atsplat fit data --views .. --strategy 3dgs --out a.ply --seconds 1";
+        let simulate = "atsplat data simulate new --frames 3";
+        let reconstruct = "atsplat reconstruct data --views .. --weights random:1 --out a.ply --size 64x64";
+        for (args, more) in [
+            (fit, "--resume"),
+            (fit, "--checkpoint-every 5"),
+            (simulate, "--route-key foo"),
+            (reconstruct, "--any-size"),
+        ] {
+            let parse = |text: &str| Cli::try_parse_from(text.split(' ')).map(drop).map_err(|error| error.exit_code());
+            assert_eq!(parse(args), Ok(()), "{args}");
+            assert_eq!(parse(&format!("{args} {more}")), Err(2), "{args} {more}");
+        }
+    }
 
     #[test]
     fn parses_axes() {

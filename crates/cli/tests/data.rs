@@ -5,6 +5,9 @@
 mod common;
 
 use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter};
@@ -292,6 +295,40 @@ fn simulated_scenes_are_readable_in_every_layout() {
     assert!(again.stderr.contains("not empty"), "{}", again.stderr);
     assert_eq!(atsplat(here, &["data", "simulate", "new", "--effects", "fog"]).code, 2);
     assert!(!here.join("new").exists(), "usage errors create no folder");
+}
+
+/// Killed after its first scene.
+#[test]
+fn a_folder_has_one_simulation_and_tells_if_that_did_not_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let simulate = ["data", "simulate", "out", "--frames", "2", "--size", "24x16", "--samples", "1", "--scenes"];
+    let many = [&simulate[..], &["4000"]].concat();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let command = command.args(&many).current_dir(here).stdout(Stdio::null()).stderr(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    let begin = Instant::now();
+    while !here.join("out/test/rooms-test-00000000.txt").exists() && begin.elapsed() < Duration::from_mins(1) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended");
+        sleep(Duration::from_millis(5));
+    }
+    let second = atsplat(here, &many);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(second.code == 1 && second.stderr.contains("out is being written by process "), "{}", second.stderr);
+    assert!(!here.join("out/manifest.json").exists());
+    let again = atsplat(here, &many);
+    let message = "out is not empty: a simulation of 4000 scenes into it did not end (planned.json lists them): remove the folder";
+    assert!(again.code == 1 && again.stderr.contains(message), "{}", again.stderr);
+    std::fs::remove_dir_all(here.join("out")).unwrap();
+    let one = [&simulate[..], &["1"]].concat();
+    succeed(here, &one);
+    assert!(here.join("out/manifest.json").is_file() && !here.join("out/planned.json").exists());
+    let again = atsplat(here, &one);
+    let message = "out is not empty: give a new or empty folder, or remove this one";
+    assert!(again.code == 1 && again.stderr.contains(message), "{}", again.stderr);
+    let failed = atsplat(here, &["data", "simulate", "new", "--route", "nowhere"]);
+    assert!(failed.code == 1 && !here.join("new").exists(), "{}", failed.stderr);
 }
 
 /// What an effect costs is a time with an interval or not measurable, never negative; what auto leaves out is within bounds.

@@ -109,6 +109,31 @@ fn a_resumed_run_has_the_record_and_the_curve_of_an_uninterrupted_one() {
     assert!(std::fs::read(here.join("fitted.ply")).unwrap() == gaussians);
 }
 
+/// The second process takes no step. The third resumes what a version wrote that recorded no time.
+#[test]
+fn a_resumed_run_reports_the_time_of_all_its_steps() {
+    let folder = tempdir().unwrap();
+    let here = folder.path();
+    photograph(here);
+    let fit = ["fit", "photos", "--views", "..", "--size", "32x32", "--start", SCENE, "--strategy", "fixed"];
+    let run =
+        ["--steps", "300", "--checkpoint", "state", "--checkpoint-every", "300", "--resume", "--out", "fitted.ply"];
+    let fit = [&fit[..], &run].concat();
+    let report = || -> Value { serde_json::from_str(&succeed(here, &[&fit[..], &["--json"]].concat())).unwrap() };
+    let [whole, resumed] = [report(), report()];
+    let seconds = [&whole, &resumed].map(|report| report["seconds"].as_f64().unwrap());
+    assert!(seconds[1] > 0.5 * seconds[0], "{seconds:?}");
+    assert!(resumed.get("seconds-since-step").is_none(), "{resumed}");
+    let (name, other) = (br#"\"elapsed\":"#, br#"\"elapsee\":"#);
+    let mut bytes = std::fs::read(here.join("state")).unwrap();
+    let at = bytes.windows(name.len()).position(|window| window == name).unwrap();
+    bytes[at..at + name.len()].copy_from_slice(other);
+    std::fs::write(here.join("state"), bytes).unwrap();
+    assert_eq!(report()["seconds-since-step"], 300);
+    let text = succeed(here, &fit);
+    assert!(text.contains(" s (since step 300: its checkpoint has no time) on cpu"), "{text}");
+}
+
 /// The network sees the cameras of a normalised world; the record has those of the photos, as the Gaussians do.
 #[test]
 fn a_refinement_records_cameras_and_extent_in_the_frame_of_the_photos() {
@@ -167,6 +192,12 @@ fn errors_name_the_option_that_mends_them() {
         (&["--refine", "micro-rooms"], "error: --refine without --size scales photos to 128x128: "),
         (&["--held-out", "0,4", "--start", "random:9"], "error: --start random:9 needs --depths NEAR,FAR: "),
         (&["--memory", "1"], "error: --memory 1 (MiB): memory-limit: "),
+        // More than any machine can allocate.
+        (&["--start", "random:1000000000000000"], "error: --memory 8192 (MiB): memory-limit: expected at least "),
+        (
+            &["--start", "random:1000000000000000", "--memory", "18446744073709551615"],
+            "error: max-gaussians: expected at least the 1000000000000000 initial Gaussians, found 1000000",
+        ),
     ] {
         let refused = atsplat(here, &[&fit[..], more].concat());
         assert!(refused.code == 1 && refused.stderr.contains(expected), "{more:?}: {}", refused.stderr);

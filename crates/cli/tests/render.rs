@@ -4,6 +4,9 @@ mod common;
 mod render_scene;
 
 use std::fs;
+use std::process::{Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::exr::{self, Values};
@@ -26,7 +29,7 @@ fn files_hold_the_librarys_renders() {
     let names: Vec<String> = contents(&here.join("out")).into_keys().collect();
     assert_eq!(
         names,
-        ["000000.exr", "000000.png", "000007.exr", "000007.png", "000009.exr", "000009.png", "render.json"]
+        ["000000.exr", "000000.png", "000007.exr", "000007.png", "000009.exr", "000009.png", "render.json", "run.lock"]
     );
     let options = RenderOptions {
         constants: RendererConstants { near: 0.5, ..RendererConstants::named("gsplat-1.6").unwrap() },
@@ -107,7 +110,8 @@ fn the_same_arguments_give_identical_bytes() {
             files.insert("preview".to_owned(), fs::read(here.join("preview.png")).unwrap());
             folders.push(files);
         }
-        assert_eq!(folders[0].len(), 2 * path[path.len() - 1].parse().unwrap_or(4) + 2);
+        // Images, and the record, the lock and the preview.
+        assert_eq!(folders[0].len(), 2 * path[path.len() - 1].parse().unwrap_or(4) + 3);
         assert!(folders[0] == folders[1] && folders[1] == folders[2], "{path:?}");
         assert_ne!(folders[0]["000000.png"], folders[0]["000001.png"], "the camera moves: {path:?}");
         let first = decode(&folders[0]["preview"], &DecodeLimits::default()).unwrap();
@@ -160,14 +164,43 @@ fn a_failed_frame_is_counted_and_the_others_are_written() {
     let outcome = atsplat(here, &args);
     assert_eq!(outcome.code, 4, "{}", outcome.stderr);
     assert!(outcome.stdout.contains("2 of 3 frames") && outcome.stderr.contains("frame 1: "), "{}", outcome.stderr);
-    let record = record(&here.join("out"));
-    assert_eq!(record["frames"], json!({ "requested": 3, "done": 2, "failed": 1 }));
-    assert!(record["views"][1]["fault"].as_str().unwrap().contains("70000"), "{record}");
+    let made = record(&here.join("out"));
+    assert_eq!(made["frames"], json!({ "requested": 3, "done": 2, "failed": 1 }));
+    assert!(made["views"][1]["fault"].as_str().unwrap().contains("70000"), "{made}");
     assert!(here.join("out/000002.png").exists() && !here.join("out/000001.png").exists());
     fs::write(here.join("views"), json!({ "views": [view(1, 70_000)] }).to_string()).unwrap();
     let outcome = atsplat(here, &args[..args.len() - 1]);
     assert_eq!(outcome.code, 1, "nothing was rendered");
     assert!(outcome.stderr.contains("no frame could be rendered"), "{}", outcome.stderr);
+    assert_eq!(record(&here.join("out")), made, "the record of images that were not replaced");
+}
+
+/// Killed while it replaces the images of another scene. No record tells of the mixture, and no other process adds to it.
+#[test]
+fn an_interrupted_render_leaves_no_record_of_earlier_images() {
+    let folder = folder();
+    let here = folder.path();
+    let again = ["render", "scene.ply", "--orbit", "3", "--size", "64x48", "--out", "out"];
+    succeed(here, &again);
+    let scene = fixture("degree3_little_endian.ply");
+    let long = ["--threads", "1", "render", scene.to_str().unwrap(), "--orbit", "50000", "--size", "64x48"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let command = command.args(long).args(["--out", "out"]).current_dir(here);
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let begin = Instant::now();
+    while !here.join("out/000003.png").exists() && begin.elapsed() < Duration::from_mins(1) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended");
+        sleep(Duration::from_millis(5));
+    }
+    let second = atsplat(here, &again);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(second.code == 1 && second.stderr.contains("out is being written by process "), "{}", second.stderr);
+    assert!(here.join("out/000003.png").exists() && !here.join("out/render.json").exists());
+    let fit = ["fit", "out", "--views", "..", "--strategy", "fixed", "--steps", "1", "--out", "fitted.ply"];
+    assert_eq!(atsplat(here, &fit).code, 1, "images without cameras");
+    succeed(here, &again);
+    assert_eq!(record(&here.join("out"))["frames"]["done"], 3, "a killed process keeps no lock");
 }
 
 /// The images are made by then: their record says what went wrong behind them.
@@ -176,7 +209,7 @@ fn a_failed_round_trip_keeps_the_record() {
     let folder = folder();
     let here = folder.path();
     let args = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--out", "out", "--round-trip", "ply"];
-    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
     let outcome = command.args(args).current_dir(here).env("TMPDIR", here.join("nowhere")).output().unwrap();
     let message = String::from_utf8(outcome.stderr).unwrap();
     assert!(outcome.status.code() == Some(1) && message.contains("a folder for the round trip in"), "{message}");

@@ -8,10 +8,10 @@ use std::fs;
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, decode, exr};
 use atsplat_splat::RendererConstants;
-use serde_json::json;
+use serde_json::{Value, json};
 
-use common::{atsplat, succeed};
-use render_scene::{SCENE, contents, folder};
+use common::{atsplat, succeed, write_trajectory};
+use render_scene::{SCENE, contents, folder, record};
 
 #[test]
 fn a_record_is_a_camera_file_that_gives_identical_images() {
@@ -20,7 +20,7 @@ fn a_record_is_a_camera_file_that_gives_identical_images() {
     succeed(here, &["render", "scene.ply", "--orbit", "4", "--size", "40x30", "--up", "-y", "--out", "first"]);
     succeed(here, &["render", "scene.ply", "--cameras", "first/render.json", "--frames", "3,1", "--out", "second"]);
     let (first, second) = (contents(&here.join("first")), contents(&here.join("second")));
-    assert_eq!(second.len(), 3);
+    assert_eq!(second.len(), 4, "two images, their record and the lock");
     let again = atsplat(here, &["render", "scene.ply", "--orbit", "1", "--size", "40x30", "--out", "first"]);
     assert!(again.stderr.contains("3 images from another run"), "{}", again.stderr);
     let along = ["render", "scene.ply", "--spline", "second/render.json", "3", "--frames", "0", "--out", "third"];
@@ -66,6 +66,56 @@ fn reads_the_cameras_of_a_trained_model() {
             a.name
         );
     }
+}
+
+/// Of 101 evenly timed cameras three, of which the first two are adjacent: the middle in time is at camera 50.
+#[test]
+fn a_path_follows_the_times_of_its_cameras() {
+    let folder = folder();
+    let here = folder.path();
+    write_trajectory(&here.join("long.txt"), 101);
+    let render = |out: &str, args: &[&str]| {
+        atsplat(here, &[&["render", "scene.ply", "--size", "8x6", "--out", out], args].concat())
+    };
+    let poses = |out: &str, args: &[&str]| -> (Value, Vec<Vec<f64>>) {
+        let outcome = render(out, args);
+        assert_eq!(outcome.code, 0, "{args:?}: {}", outcome.stderr);
+        let record = record(&here.join(out));
+        let views = record["views"].as_array().unwrap().iter();
+        let rows = views.map(|view| serde_json::from_value(view["camera-from-world"].clone()).unwrap());
+        (record["path"]["spacing"].clone(), rows.collect())
+    };
+    let along = ["--spline", "long.txt", "3", "--frames", "0,1,100"];
+    let with = |spacing: &'static str| [&along[..], &["--spacing", spacing]].concat();
+    let (_, given) = poses("given", &["--cameras", "long.txt", "--frames", "0,1,50,100"]);
+    let (spacing, timed) = poses("timed", &with("time"));
+    assert_eq!(spacing, "time");
+    assert_eq!((&timed[0], &timed[2]), (&given[0], &given[3]));
+    // 1.02 units away from camera 1. The path bends a little more between its keys than the cameras do.
+    Tolerance::absolute(0.06).assert(timed[1].clone(), given[2].clone(), "the middle in time");
+    let (spacing, even) = poses("even", &with("even"));
+    assert_eq!((spacing, &even[1]), (json!("even"), &given[1]));
+    assert_eq!(poses("default", &along).0, "arc-length");
+
+    let back = render("none", &["--spline", "long.txt", "--frames", "0,5,2", "--spacing", "time"]);
+    let names_them =
+        back.stderr.contains("found 66734 µs of frame 2 ") && back.stderr.contains("166835 µs of frame 5 ");
+    assert!(back.code == 1 && names_them && back.stderr.contains("--frames"), "{}", back.stderr);
+    // A record has no times, and numbers of frames are none.
+    let rows = fs::read_to_string(here.join("path.txt")).unwrap();
+    let numbered = rows.lines().enumerate().map(|(number, row)| match row.split_once(' ') {
+        Some((_, rest)) => format!("{number} {rest}\n"),
+        None => format!("{row}\n"),
+    });
+    fs::write(here.join("numbered.txt"), numbered.collect::<String>()).unwrap();
+    for file in ["given/render.json", "numbered.txt"] {
+        let refused = render("none", &["--spline", file, "--spacing", "time"]);
+        let message = format!("--spacing time: {file} records no times of its cameras");
+        assert!(refused.code == 1 && refused.stderr.contains(&message), "{}", refused.stderr);
+        assert!(refused.stderr.contains("--spacing even"), "{}", refused.stderr);
+        assert_eq!(render("fine", &["--spline", file, "4", "--spacing", "even"]).code, 0, "{file}");
+    }
+    assert!(!here.join("none").exists());
 }
 
 /// MotionCtrl's lists hold no lens: --fov and --size say it, and a record of the same cameras gives the same images.
@@ -153,6 +203,11 @@ fn an_empty_scene_renders_as_background() {
     assert!(outcome.stderr.contains("no visible Gaussian"), "{}", outcome.stderr);
     let only_nan = empty.replace("vertex 0", "vertex 1") + SCENE.lines().next_back().unwrap() + "\n";
     fs::write(here.join("nan.ply"), only_nan).unwrap();
+    for scene in ["empty.ply", "nan.ply"] {
+        let args = ["render", scene, "--cameras", "path.txt", "--size", "4x3", "--out", "strict", "--strict"];
+        let outcome = atsplat(here, &args);
+        assert!(outcome.code == 4 && outcome.stderr.contains("no Gaussian is left"), "{scene}: {}", outcome.stderr);
+    }
     let outcome = atsplat(here, &["render", "nan.ply", "--orbit", "--out", "out"]);
     assert!(outcome.stderr.contains("1 removed, 0 repaired; 1  means: not-a-number"), "{}", outcome.stderr);
 }
@@ -168,6 +223,7 @@ fn usage_errors_are_reported_before_anything_is_written() {
         &["--orbit", "0"],
         &["--spline", "path.txt", "many"],
         &["--orbit", "--closed"],
+        &["--spline", "path.txt", "--closed", "--spacing", "time"],
         &["--orbit", "--frames", "0"],
         &["--cameras", "path.txt", "--frames", "5..2"],
         &["--cameras", "path.txt", "--elevation", "3"],

@@ -259,6 +259,24 @@ fn resuming_reports_unusable_checkpoints() {
     assert!(message.contains("skipped a checkpoint") && message.contains("step-00000006"), "{message}");
 }
 
+/// Without them, a finished run would restart from new weights and replace those that are left.
+#[test]
+fn resuming_without_the_checkpoints_of_a_run_keeps_its_weights() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    train(folder.path(), "out", &["--steps", "4"]);
+    let read = |name: &str| std::fs::read(folder.path().join("out").join(name)).unwrap();
+    let before = ["weights.safetensors", "steps.jsonl"].map(read);
+    std::fs::rename(folder.path().join("out/checkpoints"), folder.path().join("out/old")).unwrap();
+    let refused =
+        atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out", "--resume", "--steps", "1"]);
+    let advice =
+        "out: expected the run's checkpoints in `checkpoints`: put them back, or start a run in another folder";
+    assert!(refused.code == 1 && refused.stderr.contains(advice), "{}", refused.stderr);
+    assert!(refused.stderr.contains("`--init out/weights.safetensors`"), "{}", refused.stderr);
+    assert!(["weights.safetensors", "steps.jsonl"].map(read) == before);
+}
+
 /// Steps on an adapter have nearly the CPU's losses; a run does not change its device.
 #[cfg(feature = "gpu-network")]
 #[test]

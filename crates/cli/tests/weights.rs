@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{KeyMap, ModelWeights, StoredTensors, TensorFile, generated};
+use atsplat_model::weights::{KeyMap, ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_tests::shared_data;
 use serde_json::{Value, json};
 
@@ -165,6 +165,67 @@ fn mismatches_are_listed_by_name_and_nothing_is_written() {
     let report = json_of(&atsplat(here, &[&args[..], &["--json"]].concat()).stdout);
     assert_eq!(report["missing"], json!([{ "parameter": "head.norm.weight", "shape": [32] }]));
     assert_eq!(report["mismatched"][0]["found"], "[32]");
+}
+
+/// NaN is no matter of shape.
+#[test]
+fn mismatches_have_reasons() {
+    let folder = folder();
+    let here = folder.path();
+    let mut theirs = TensorFile::open(&here.join("theirs.safetensors")).unwrap().stored;
+    let values = [f32::NAN; 32];
+    let norm = StoredTensor::from_f32(vec![32], &values).unwrap();
+    assert!(theirs.tensors.insert("net.head.norm.weight".to_owned(), norm).is_some());
+    theirs.write(&here.join("theirs.safetensors")).unwrap();
+    let outcome = atsplat(here, &IMPORT);
+    for message in [
+        "0 missing, 0 of another shape, 1 not finite, 0 tensors left over",
+        "not finite: head.norm.weight: 32 values that are not finite as f32 (net.head.norm.weight)",
+    ] {
+        assert!(outcome.code == 1 && outcome.stdout.contains(message), "{message}: {}", outcome.stdout);
+    }
+    let report = json_of(&atsplat(here, &[&IMPORT[..], &["--json"]].concat()).stdout);
+    assert_eq!(report["mismatches"], json!({ "shape": 0, "type": 0, "not-finite": 1, "parts": 0 }));
+    assert_eq!(report["mismatched"][0]["reason"], "not-finite");
+}
+
+/// Neither notes of the file, nor what the import records itself, nor another note.
+#[test]
+fn a_note_replaces_nothing() {
+    let folder = folder();
+    let here = folder.path();
+    succeed(here, &[&IMPORT[..], &["--out", "ours.safetensors", "--note", "data=none"]].concat());
+    let copy = ["weights", "import", "ours.safetensors", "--model", "tiny.toml", "--out", "copy.safetensors"];
+    for (notes, code, expected) in [
+        (&["--note", "steps=1", "--note", " data =fake"][..], 1, "states data = \"none\": give other keys"),
+        (&["--note", "imported-sha256=00"], 1, "states imported-sha256 = "),
+        (&["--note", "data=a", "--note", "key-map=b"], 1, "states data = \"none\", key-map = \"identity\": "),
+        (&["--note", "steps=1", "--note", "steps=2"], 2, "--note: steps is given twice"),
+    ] {
+        let refused = atsplat(here, &[&copy[..], notes].concat());
+        assert!(refused.code == code && refused.stderr.contains(expected), "{notes:?}: {}", refused.stderr);
+        assert!(!here.join("copy.safetensors").exists(), "{notes:?}");
+    }
+    succeed(here, &[&copy[..], &["--note", "steps=1"]].concat());
+    let copy = ModelWeights::read(&here.join("copy.safetensors")).unwrap();
+    assert_eq!((copy.provenance["data"].as_str(), copy.provenance["steps"].as_str()), ("none", "1"));
+}
+
+/// The export says that its key map reads the result.
+#[test]
+fn an_export_that_cannot_be_imported_is_refused() {
+    let folder = folder();
+    let here = folder.path();
+    succeed(here, &[&IMPORT[..], &["--out", "ours.safetensors"]].concat());
+    let map = "name = \"headless\"\nignore = [\"head.**\"]\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"\n";
+    fs::write(here.join("headless.toml"), map).unwrap();
+    let export = ["weights", "export", "ours.safetensors", "--key-map", "headless.toml", "--out", "back.safetensors"];
+    let refused = atsplat(here, &export);
+    let names_the_first =
+        refused.stderr.contains("parameter head.") && refused.stderr.contains("which `ignore` matches");
+    assert!(refused.code == 1 && names_the_first, "{}", refused.stderr);
+    assert!(!here.join("back.safetensors").exists());
+    succeed(here, &[&export[..], &["--only", "fine."]].concat());
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use atsplat_metrics::definition;
 use atsplat_numeric::format_bytes;
-use atsplat_protocol::DropReason;
+use atsplat_protocol::{DropReason, IndexMatch, Preset};
 use serde::Serialize;
 
 use crate::runner::Summary;
@@ -29,6 +29,9 @@ pub struct RunReport {
     not_computed: BTreeMap<String, String>,
     /// Index entries and targets without scores, or without one of them, by reason.
     without: Vec<Unscored>,
+    /// Protocols on an index that some papers use under them, with what the preset says about it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    alternative_indices: Vec<AlternativeIndex>,
     /// Warnings about indices and data.
     warnings: Vec<WarningCount>,
     /// A suggestion.
@@ -46,6 +49,15 @@ struct MethodTimes {
     times: Option<Times>,
     #[serde(skip_serializing_if = "Option::is_none")]
     absent: Option<String>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct AlternativeIndex {
+    preset: String,
+    index: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    note: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -108,6 +120,7 @@ impl RunReport {
             times: of_methods,
             not_computed,
             without,
+            alternative_indices: provenance.presets.iter().filter_map(AlternativeIndex::of).collect(),
             warnings,
             advice: None,
         }
@@ -199,6 +212,15 @@ fn kind_of(detail: &str, scene: &str) -> String {
     short.chars().take(LONGEST).collect::<String>().trim_end_matches([':', ',', ';']).to_owned()
 }
 
+impl AlternativeIndex {
+    /// `None` if the protocol was run on its default index, or on an unpublished one.
+    fn of(record: &PresetRecord) -> Option<Self> {
+        let accepted = protocol(record).index.accepted;
+        let own = accepted.into_iter().skip(1).find(|own| Some(&own.name) == record.index_name.as_ref())?;
+        Some(Self { preset: record.name.clone(), index: own.name, note: own.note })
+    }
+}
+
 impl Row {
     fn of(results: &Results, preset: &PresetRecord, method: &MethodRecord, targets: &[&TargetRow]) -> Self {
         let means = results.provenance.metrics.iter().map(|metric| &metric.id);
@@ -225,10 +247,14 @@ impl Row {
 
 /// The protocol's mean, without renders that are identical to the truth, as in tables and frontiers.
 fn mean(results: &Results, preset: &PresetRecord, method: &str, metric: &str) -> Option<f64> {
-    #[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]
-    let aggregation = preset.protocol().expect("a preset that was parsed before").aggregation;
+    let aggregation = protocol(preset).aggregation;
     let (leaked, identical) = (Leaked::Included, Identical::Excluded);
     summary(results, &MetricQuery { preset: &preset.name, method, metric, leaked, identical }, aggregation).mean
+}
+
+#[expect(clippy::expect_used, reason = "a store with another preset cannot be read")]
+fn protocol(preset: &PresetRecord) -> Preset {
+    preset.protocol().expect("a preset that was parsed before")
 }
 
 impl fmt::Display for RunReport {
@@ -275,6 +301,10 @@ impl fmt::Display for RunReport {
             writeln!(f, "{preset}: {}: {example}", counted(*count as u64, what))?;
         }
         self.advice.iter().try_for_each(|advice| writeln!(f, "{advice}"))?;
+        for AlternativeIndex { preset, index, note } in &self.alternative_indices {
+            let index = IndexMatch::Alternative { name: index, note: note.as_deref() };
+            writeln!(f, "warning: {preset}: not the published setting, but {index}")?;
+        }
         for WarningCount { preset, kind, count, example } in &self.warnings {
             writeln!(f, "warning: {preset}: {count} {kind}: {example}")?;
         }
@@ -411,6 +441,32 @@ mod tests {
             (1, format!("targets of m not in the mean of PSNR (8 bit, rounded): scene b, frame 0: {infinite}")),
         ];
         assert_eq!(found.collect::<Vec<_>>(), expected);
+    }
+
+    /// Both protocols accept a second file; only one was run on it.
+    #[test]
+    fn an_alternative_index_is_named_with_its_note() {
+        let record = |name: &str, index: &str| {
+            let toml = Preset::named(name).unwrap().to_toml().unwrap();
+            PresetRecord { name: name.to_owned(), toml, index_name: Some(index.to_owned()), ..PresetRecord::default() }
+        };
+        let mut results = Results::default();
+        let twelve = record("dl3dv-12v-512x960", "yonosplat-dl3dv-12v");
+        results.provenance.presets = vec![record("re10k-to-dl3dv-256", "depthsplat-dl3dv-2v"), twelve];
+        let report = RunReport::of(&results, None, Path::new("store"));
+        let text = report.to_string();
+        let lines: Vec<&str> = text.lines().filter(|line| line.contains("index")).collect();
+        let note = "8 random targets a scene, 137 of 1120 leaked; report which file was used";
+        let expected =
+            "warning: dl3dv-12v-512x960: not the published setting, but an alternative index, yonosplat-dl3dv-12v";
+        assert_eq!(lines, [format!("{expected}: {note}")]);
+        let json = serde_json::to_value(&report).unwrap();
+        let expected =
+            serde_json::json!([{"preset": "dl3dv-12v-512x960", "index": "yonosplat-dl3dv-12v", "note": note}]);
+        assert_eq!(json["alternative-indices"], expected);
+        results.provenance.presets.pop();
+        let json = serde_json::to_value(RunReport::of(&results, None, Path::new("store"))).unwrap();
+        assert_eq!(json.get("alternative-indices"), None);
     }
 
     #[test]

@@ -194,6 +194,32 @@ fn gaussians_of_a_process_score_as_the_same_file_does() {
     assert!(found.trials[1].gaussians_drawn.unwrap() > 1.0, "they are seen");
 }
 
+/// iLRM renders on white and MVSplat, whose entry states no renderer, as the preset says: on black. A corner shows the background.
+#[test]
+fn gaussians_are_rendered_as_the_setting_states_or_else_the_preset() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_gaussians(here);
+    let rendered = |setting: &str, splatting: Splatting| {
+        let command = script(here, &format!("gaussians\", \"setting\": \"{setting}"), COPIED);
+        let method = Exec::start(ExecSettings { splatting, ..settings(&command) }).unwrap();
+        let mut run = run_of(1, Arc::new(method));
+        run.images = KeepImages::All;
+        let store = tempfile::tempdir().unwrap();
+        let (results, _) = run.run(store.path()).unwrap();
+        let path = store.path().join("images/walls/shell/wall-0-0/000001.png");
+        let image = decode(&fs::read(path).unwrap(), &DecodeLimits::default()).unwrap();
+        let corner: Vec<u8> = image.samples().iter().copied().take(3).collect();
+        assert!(image.samples().chunks(3).any(|pixel| pixel != corner), "{setting}: the Gaussians are seen");
+        (corner, results.targets[0].render_hash.clone())
+    };
+    let [(white, ilrm), (black, mvsplat)] = ["iLRM", "MVSplat"].map(|setting| rendered(setting, Splatting::default()));
+    assert_eq!((white, black), (vec![255; 3], vec![0; 3]));
+    assert_ne!(ilrm, mvsplat);
+    let chosen = Splatting { background: Some([0.0; 3]), ..Splatting::default() };
+    assert_eq!(rendered("iLRM", chosen).0, [0; 3], "a background that was chosen is used with every setting");
+}
+
 /// Logits and opacities are read from the same files, and give other renders.
 #[test]
 fn a_store_of_logits_is_not_resumed_with_opacities_as_stored() {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::corrections::Corrections;
 use crate::history::HistoryFacts;
-use crate::{Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView};
+use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView};
 
 const METADATA: &str = "atsplat.fit";
 const PARTS: [&str; 3] = ["value", "first-moment", "second-moment"];
@@ -32,6 +32,9 @@ struct Metadata {
     filtered: bool,
     memory: Vec<String>,
     history: HistoryFacts,
+    /// The time so far; earlier versions did not write it.
+    #[serde(default)]
+    elapsed: Option<Elapsed>,
     /// Hash of all tensors in order, so that damage is noticed.
     tensors: String,
 }
@@ -69,6 +72,7 @@ impl Fit {
             filtered: filters.is_some(),
             memory: density.iter().map(|(name, _)| (*name).to_owned()).collect(),
             history: self.history.facts(),
+            elapsed: Some(self.elapsed()),
             tensors: digest(tensors.iter().map(|(.., bytes)| *bytes)),
         };
         let text = serde_json::to_string(&metadata).map_err(|error| other(&error))?;
@@ -150,6 +154,10 @@ impl Fit {
         let history = history.ok_or_else(|| wrong("history", "one of all steps and views", "another".to_owned()))?;
         if !history.is_of(&views_hash(held_out)) {
             return Err(wrong("held-out", "the held-out views of this run", "others".to_owned()));
+        }
+        fit.before = metadata.elapsed.unwrap_or(Elapsed { seconds: 0.0, since_step: metadata.step });
+        if !fit.before.is_possible(metadata.step) {
+            return Err(wrong("elapsed", "the time of a run", format!("{:?}", fit.before)));
         }
         (fit.scene, fit.step, fit.corrections, fit.history) = (scene, metadata.step, corrections, history);
         fit.density.restore_state(density);

@@ -1,3 +1,5 @@
+use std::time::Instant;
+
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
 use atsplat_splat::{Cleaning, Exposure, Gaussians, RasterMode, RenderOptions, Rendering, SplatError, View};
 use pulp::Arch;
@@ -13,8 +15,8 @@ use crate::loss::{PhotometricLoss, Terms};
 use crate::random::{Purpose, stream, uniform};
 use crate::view::{TrainingView, scene_extent};
 use crate::{
-    Background, Diagnosis, Fault, FitConfig, FitDevice, FitError, History, OptimisedGaussians, Schedule, Strategy,
-    memory,
+    Background, Diagnosis, Elapsed, Fault, FitConfig, FitDevice, FitError, History, OptimisedGaussians, Schedule,
+    Strategy, memory,
 };
 
 /// Gradients that are checked at once.
@@ -39,6 +41,9 @@ pub struct Fit {
     pub(crate) density: Box<dyn DensityControl>,
     pub(crate) corrections: Corrections,
     pub(crate) history: History,
+    /// When this process began, and the time before.
+    pub(crate) begin: Instant,
+    pub(crate) before: Elapsed,
     dropped: usize,
     options: RenderOptions,
     pub(crate) splatter: Splatter,
@@ -86,6 +91,7 @@ impl Fit {
     /// # Errors
     /// [`FitError::Setting`], [`FitError::View`] or [`FitError::Start`] for what cannot be optimised.
     pub fn new(config: FitConfig, views: Vec<TrainingView>, start: &Gaussians) -> Result<Self, FitError> {
+        let begin = Instant::now();
         config.check()?;
         views.iter().try_for_each(TrainingView::check)?;
         if views.is_empty() {
@@ -124,6 +130,8 @@ impl Fit {
             schedule: Schedule::of(config.steps),
             corrections: Corrections::new(&config, views.len()),
             history: History::new(views.len()),
+            begin,
+            before: Elapsed::default(),
             config,
             views,
             cameras,

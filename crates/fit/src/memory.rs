@@ -17,6 +17,16 @@ fn each(degree: u8) -> u64 {
     4 * floats * 5 + 32 + RENDERER
 }
 
+impl FitConfig {
+    /// Checks, before they are made, that this many initial Gaussians stay within the limits on memory and on their number.
+    ///
+    /// # Errors
+    /// [`FitError::Setting`] naming the limit.
+    pub fn check_start(&self, views: &[TrainingView], start: usize) -> Result<(), FitError> {
+        most_gaussians(self, views, start).map(drop)
+    }
+}
+
 /// Most Gaussians of a run: the configured number, or fewer if the memory does not suffice.
 ///
 /// # Errors

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use atsplat_camera::Similarity;
 use serde::Serialize;
 
-use crate::{Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
+use crate::{Elapsed, Evaluation, Fit, FitConfig, FitError, ScaleEvaluation, TrainingView};
 
 /// Everything that the Gaussians of a run depend on, and how good they are. Independent of date and speed of the machine, unless the
 /// budget was a time.
@@ -84,8 +84,18 @@ pub struct FitReport {
     /// The record.
     #[serde(flatten)]
     pub record: FitRecord,
-    /// How long the run took.
+    /// How long the run took, with the time before it was resumed.
     pub seconds: f64,
+    /// The step after which that time counts, if it is not all of the run's: earlier versions wrote checkpoints without a time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seconds_since_step: Option<u64>,
+}
+
+impl FitReport {
+    /// The report of a run that took this long.
+    pub fn new(record: FitRecord, Elapsed { seconds, since_step }: Elapsed) -> Self {
+        Self { record, seconds, seconds_since_step: (since_step > 0).then_some(since_step) }
+    }
 }
 
 impl fmt::Display for FitReport {
@@ -95,7 +105,11 @@ impl fmt::Display for FitReport {
         } = &self.record;
         let strategy = configuration.strategy.name();
         let (views, seconds) = (views.len(), self.seconds);
-        writeln!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s on {device}")?;
+        write!(f, "scene {scene}, {views} views, {strategy}, {steps} steps in {seconds:.1} s")?;
+        if let Some(step) = self.seconds_since_step {
+            write!(f, " (since step {step}: its checkpoint has no time)")?;
+        }
+        writeln!(f, " on {device}")?;
         writeln!(f, "{gaussians} Gaussians into {}", file.display())?;
         if let Some(psnr) = training_psnr {
             writeln!(f, "{psnr:.2} dB on the training views")?;

@@ -330,6 +330,12 @@ fn memory_is_bounded() {
     };
     let error = with(1_000_000).unwrap_err().to_string();
     assert!(error.contains("memory-limit: expected at least"), "{error}");
+    // Known before there are any.
+    let limits = FitConfig { memory_limit: u64::MAX, max_gaussians: 600, ..config(Strategy::Mcmc, 300) };
+    let checked = |start| limits.check_start(&views().0, start).map_err(|error| error.to_string());
+    assert_eq!(checked(600), Ok(()));
+    assert!(checked(601).unwrap_err().starts_with("max-gaussians: expected at least the 601 initial Gaussians"));
+    assert!(checked(usize::MAX).unwrap_err().starts_with("memory-limit: expected at least"));
     // Growth by a twentieth would give 420 Gaussians.
     let mut fit = with(1_150_000).unwrap();
     run(&mut fit, 110);

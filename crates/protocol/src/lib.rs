@@ -31,7 +31,8 @@ pub use lint::{
 pub use preset::{
     AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,
     LensDistortion, LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues,
-    PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
+    PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererOverrides, RendererPrincipalPoint,
+    SsimConvention,
 };
 pub use samplers::NoEntry;
 pub use sampling_rule::{BuiltIndex, OverlapRule, SamplingRule};

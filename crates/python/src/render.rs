@@ -21,8 +21,11 @@ pub(crate) fn constants_named(name: &str) -> Result<RendererConstants, Failure> 
     })
 }
 
-/// Images of views of one size: colour (N × H × W × 3), alpha and, if requested, composited depth (N × H × W); and the most Gaussians
-/// that one of the views leaves out as invalid.
+/// Images of views of one size (colour N × H × W × 3, alpha and, if requested, composited depth N × H × W), the most Gaussians that one of
+/// the views leaves out as invalid, and a remark on spherical harmonics that the constants do not evaluate.
+type Rendered<'py> = (Vec<Bound<'py, PyAny>>, u64, Option<String>);
+
+/// Renders Gaussians from cameras.
 #[pyfunction]
 pub(crate) fn render<'py>(
     py: Python<'py>,
@@ -32,7 +35,7 @@ pub(crate) fn render<'py>(
     constants: &str,
     antialiased: bool,
     depth: bool,
-) -> Result<(Vec<Bound<'py, PyAny>>, u64), Failure> {
+) -> Result<Rendered<'py>, Failure> {
     let options = RenderOptions {
         constants: constants_named(constants)?,
         background,
@@ -59,5 +62,5 @@ pub(crate) fn render<'py>(
         images.push(floats(py, &plane, composited, same)?);
     }
     let invalid = renderings.iter().map(|rendering| rendering.counts.invalid).max();
-    Ok((images, invalid.unwrap_or(0)))
+    Ok((images, invalid.unwrap_or(0), options.ignored_harmonics(&gaussians.0)))
 }

@@ -1,6 +1,8 @@
+use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::SplatError;
+use crate::cpu::to_f32;
+use crate::{MAX_SH_DEGREE, SplatError};
 
 /// Largest magnitude of a drawn Gaussian's colour channels and scalar; a Gaussian beyond it counts as invalid. Far
 /// above any real colour, and far enough below f32's maximum that no sum or gradient overflows.
@@ -45,8 +47,31 @@ pub struct RendererConstants {
     pub principal_point: PrincipalPoint,
     /// Axis order in which spherical harmonics are evaluated.
     pub sh_axes: ShAxes,
+    /// Highest degree of spherical harmonics that is evaluated, at most [`MAX_SH_DEGREE`], which a file without it means:
+    /// diff-gaussian-rasterization and its modified version have no degree 4, whatever the Gaussians store.
+    #[serde(default = "every_degree", skip_serializing_if = "is_every_degree")]
+    pub max_sh_degree: u8,
     /// Gradient of clamped values.
     pub clamped_gradient: ClampedGradient,
+}
+
+const fn every_degree() -> u8 {
+    MAX_SH_DEGREE
+}
+
+/// Records of constants without a limit stay as they were before there was one.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_every_degree(degree: &u8) -> bool {
+    *degree == MAX_SH_DEGREE
+}
+
+/// Thresholds of alpha and transmittance as rasterizers compile them in: rounded to f32. With them, two Gaussians of alpha
+/// 0.99 leave less than 1e-4 of the light behind them, and the second is not drawn; in f64, 0.01² exceeds 1e-4.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Thresholds {
+    pub(crate) max_alpha: f64,
+    pub(crate) min_alpha: f64,
+    pub(crate) min_transmittance: f64,
 }
 
 /// Which pixels a Gaussian may reach.
@@ -66,8 +91,12 @@ pub enum Extent {
 pub enum PrincipalPoint {
     /// The camera's.
     Full,
-    /// The image centre, regardless of the camera (pixelSplat and its descendants `cuda_splatting.py`).
+    /// The image centre, regardless of the camera, with the camera's focal lengths (3DGS `utils/graphics_utils.py`: `focal2fov`).
     Centre,
+    /// The image centre, regardless of the camera, with the focal lengths of a centred image that has the camera's
+    /// [field of view](atsplat_camera::NormalizedIntrinsics::field_of_view) (pixelSplat and its descendants `get_fov`). The field of
+    /// view depends on the principal point: where that is off the centre, they are longer than the camera's.
+    FieldOfView,
 }
 
 /// Axis order in which spherical harmonics are evaluated.
@@ -78,6 +107,23 @@ pub enum ShAxes {
     Standard,
     /// e3nn's order, (z, x, y), in the rasterizer of pixelSplat, MVSplat and DepthSplat.
     E3nn,
+}
+
+impl ShAxes {
+    /// The direction in which the basis is evaluated, of a unit direction in world axes.
+    pub(crate) const fn of(self, direction: DVec3) -> DVec3 {
+        match self {
+            Self::Standard => direction,
+            Self::E3nn => DVec3::new(direction.z, direction.x, direction.y),
+        }
+    }
+
+    /// A rotation of the world in the axes in which the basis is evaluated: `P R Pᵀ` for the permutation `P` of [`Self::of`].
+    pub(crate) fn rotation(self, world: DMat3) -> DMat3 {
+        // Permutes the rows, then, transposed, the columns.
+        let rows = |of: DMat3| DMat3::from_cols(self.of(of.x_axis), self.of(of.y_axis), self.of(of.z_axis));
+        rows(rows(world).transpose()).transpose()
+    }
 }
 
 /// Gradient of clamped values.
@@ -95,6 +141,10 @@ impl RendererConstants {
     /// Names accepted by [`Self::named`].
     pub const PRESETS: [&'static str; 5] = ["exact", "gsplat-1.5", "gsplat-1.6", "inria", "pixelsplat-family"];
 
+    /// Highest degree that diff-gaussian-rasterization and its modified version evaluate: 16 coefficients (`forward.cu`,
+    /// `computeColorFromSH`).
+    pub const INRIA_SH_DEGREE: u8 = 3;
+
     /// A preset by name, `None` for a name outside [`Self::PRESETS`].
     pub fn named(name: &str) -> Option<Self> {
         let gsplat = Self {
@@ -111,6 +161,7 @@ impl RendererConstants {
             extent: Extent::Exact,
             principal_point: PrincipalPoint::Full,
             sh_axes: ShAxes::Standard,
+            max_sh_degree: MAX_SH_DEGREE,
             clamped_gradient: ClampedGradient::Exact,
         };
         let inria = Self {
@@ -122,6 +173,7 @@ impl RendererConstants {
             min_compensation: 0.005,
             extent: Extent::ThreeSigmaTiles,
             principal_point: PrincipalPoint::Centre,
+            max_sh_degree: Self::INRIA_SH_DEGREE,
             clamped_gradient: ClampedGradient::Inria,
             ..gsplat.clone()
         };
@@ -129,7 +181,9 @@ impl RendererConstants {
             "exact" | "gsplat-1.5" => gsplat,
             "gsplat-1.6" => Self { max_alpha: 0.99, min_compensation: 0.005, ..gsplat },
             "inria" => inria,
-            "pixelsplat-family" => Self { sh_axes: ShAxes::E3nn, ..inria },
+            "pixelsplat-family" => {
+                Self { sh_axes: ShAxes::E3nn, principal_point: PrincipalPoint::FieldOfView, ..inria }
+            }
             _ => return None,
         })
     }
@@ -151,11 +205,19 @@ impl RendererConstants {
             ("min-transmittance", self.min_transmittance, 0.0, BELOW_ONE),
             ("jacobian-margin", self.jacobian_margin, 0.0, LARGEST),
             ("min-compensation", self.min_compensation, 0.0, 1.0),
+            ("max-sh-degree", self.max_sh_degree.into(), 0.0, MAX_SH_DEGREE.into()),
         ];
         match ranges.into_iter().find(|(_, found, least, most)| !(least..=most).contains(&found)) {
             Some((field, found, least, most)) => Err(SplatError::Constants { field, least, most, found }),
             None => Ok(()),
         }
+    }
+
+    /// The thresholds in f64, of the values that f32 code compares with.
+    pub(crate) fn thresholds(&self) -> Thresholds {
+        let [max_alpha, min_alpha, min_transmittance] =
+            [self.max_alpha, self.min_alpha, self.min_transmittance].map(|value| f64::from(to_f32(value)));
+        Thresholds { max_alpha, min_alpha, min_transmittance }
     }
 
     /// Whether a Gaussian with its centre at this depth is drawn. False for NaN and beyond [`LARGEST_CHANNEL`], because
@@ -175,6 +237,8 @@ impl Default for RendererConstants {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::Value;
+
     use super::*;
 
     #[test]
@@ -192,6 +256,24 @@ mod tests {
         assert!(gsplat.keeps_depth(0.01) && !gsplat.keeps_depth(0.009_999));
         assert!(!inria.keeps_depth(0.2) && inria.keeps_depth(0.200_001));
         assert!(!gsplat.keeps_depth(f64::NAN) && !inria.keeps_depth(f64::NAN));
+    }
+
+    /// Files of older versions have no degree; those of presets without a limit still have none.
+    #[test]
+    fn a_file_without_a_degree_means_all() {
+        for (preset, written) in
+            [("exact", None), ("gsplat-1.6", None), ("inria", Some(3)), ("pixelsplat-family", Some(3))]
+        {
+            let constants = RendererConstants { far: 100.0, ..RendererConstants::named(preset).unwrap() };
+            let mut json = serde_json::to_value(&constants).unwrap();
+            assert_eq!(json.get("max-sh-degree").and_then(Value::as_u64), written, "{preset}");
+            assert_eq!(serde_json::from_value::<RendererConstants>(json.clone()).unwrap(), constants, "{preset}");
+            json.as_object_mut().unwrap().remove("max-sh-degree");
+            let read: RendererConstants = serde_json::from_value(json).unwrap();
+            assert_eq!(read, RendererConstants { max_sh_degree: 4, ..constants }, "{preset}");
+        }
+        let beyond = RendererConstants { max_sh_degree: 5, ..RendererConstants::default() }.check();
+        assert!(matches!(beyond, Err(SplatError::Constants { field: "max-sh-degree", .. })), "{beyond:?}");
     }
 
     #[test]

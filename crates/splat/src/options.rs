@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Exposure, Gaussians, Harmonics, RendererConstants, SplatError};
+use crate::{Exposure, Gaussians, Harmonics, RendererConstants, SplatError, sh_coefficients};
 
 /// What to render and how, apart from the Gaussians and the view.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,7 +14,7 @@ pub struct RenderOptions {
     pub background: [f64; 3],
     /// How Gaussians smaller than a pixel are drawn.
     pub mode: RasterMode,
-    /// Highest degree of spherical harmonics that is evaluated.
+    /// Highest degree of spherical harmonics that is requested; [`RendererConstants::max_sh_degree`] may be lower.
     pub max_sh_degree: u8,
     /// Packed coefficients to evaluate instead of the Gaussians' own. Gradients are always with respect to their own; a
     /// graphics processor takes only the highest degree from it.
@@ -44,6 +44,36 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
+    /// The degree of spherical harmonics that every backend evaluates of Gaussians of degree `stored`: at most the requested
+    /// one and that of the constants.
+    pub(crate) const fn sh_degree(&self, stored: u8) -> u8 {
+        let (requested, most) = (self.max_sh_degree, self.constants.max_sh_degree);
+        let most = if requested < most { requested } else { most };
+        if stored < most { stored } else { most }
+    }
+
+    /// A remark on Gaussians with coefficients that were requested but that the constants do not evaluate; `None` if there
+    /// are none.
+    pub fn ignored_harmonics(&self, gaussians: &Gaussians) -> Option<String> {
+        let (parts, RendererConstants { name, max_sh_degree: most, .. }) = (gaussians.parts(), &self.constants);
+        let requested = if self.max_sh_degree < parts.sh_degree { self.max_sh_degree } else { parts.sh_degree };
+        if requested <= *most {
+            return None;
+        }
+        let ignored = sh_coefficients(*most)..sh_coefficients(requested);
+        let is_set = |own: &&[[f32; 3]]| {
+            own.get(ignored.clone()).is_some_and(|own| own.as_flattened().iter().any(|value| !(value.abs() <= 0.0)))
+        };
+        let count = parts.sh.chunks_exact(sh_coefficients(parts.sh_degree)).filter(is_set).count();
+        (count > 0).then(|| {
+            let all = gaussians.len();
+            format!(
+                "{count} of {all} Gaussians have spherical harmonics above degree {most}, which the constants {name} do not \
+                 evaluate"
+            )
+        })
+    }
+
     /// Without approximations: what gradients are computed from.
     pub(crate) fn in_full(&self) -> Cow<'_, Self> {
         if self.harmonics.is_none() {

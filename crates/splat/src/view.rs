@@ -48,18 +48,43 @@ impl View {
         Err(SplatError::View { what: "image size", expected, found: self.size.to_string() })
     }
 
+    /// Focal lengths and principal point in pixels, with which the view is projected.
+    ///
     /// # Errors
-    /// [`SplatError::View`] for an empty image, or one with a side that does not fit 16 bits; [`SplatError::Camera`]
-    /// for an invalid lens.
+    /// [`SplatError::View`] for a field of view of which [`PrincipalPoint::FieldOfView`] has no focal length.
+    pub fn focal_and_principal(&self, used: PrincipalPoint) -> Result<[[f64; 2]; 2], SplatError> {
+        let size = [f64::from(self.size.width), f64::from(self.size.height)];
+        let k = self.camera.intrinsics.pixel_from_normalized(self.size);
+        let (own, centre) = ([k.cx, k.cy], size.map(|side| side / 2.0));
+        // There, the focal lengths of the field of view would be the camera's, but for rounding.
+        let is_central = own.map(f64::to_bits) == centre.map(f64::to_bits);
+        match used {
+            PrincipalPoint::Full => Ok([[k.fx, k.fy], own]),
+            PrincipalPoint::Centre => Ok([[k.fx, k.fy], centre]),
+            PrincipalPoint::FieldOfView if is_central => Ok([[k.fx, k.fy], centre]),
+            PrincipalPoint::FieldOfView => {
+                let fov = self.camera.intrinsics.field_of_view();
+                let focal = [size[0] / (2.0 * (fov.x / 2.0).tan()), size[1] / (2.0 * (fov.y / 2.0).tan())];
+                if !focal.iter().all(|focal| focal.is_finite() && *focal > 0.0) {
+                    let found = format!("{:e} and {:e} radians", fov.x, fov.y);
+                    return Err(SplatError::View {
+                        what: "field of view",
+                        expected: "a focal length for it".to_owned(),
+                        found,
+                    });
+                }
+                Ok([focal, centre])
+            }
+        }
+    }
+
+    /// # Errors
+    /// [`SplatError::View`] for an empty image, one with a side that does not fit 16 bits, and as
+    /// [`Self::focal_and_principal`]; [`SplatError::Camera`] for an invalid lens.
     pub(crate) fn optics(&self, constants: &RendererConstants) -> Result<Optics, SplatError> {
         self.check_size()?;
         let size = DVec2::new(f64::from(self.size.width), f64::from(self.size.height));
-        let k = self.camera.intrinsics.pixel_from_normalized(self.size);
-        let focal = DVec2::new(k.fx, k.fy);
-        let principal = match constants.principal_point {
-            PrincipalPoint::Full => DVec2::new(k.cx, k.cy),
-            PrincipalPoint::Centre => size / 2.0,
-        };
+        let [focal, principal] = self.focal_and_principal(constants.principal_point)?.map(DVec2::from_array);
         let lens = match self.camera.distortion {
             atsplat_camera::Distortion::None => None,
             distortion => Some(distortion.lens()?),
@@ -101,4 +126,61 @@ fn visible_slopes(lens: Option<&Lens>, [low, high]: [DVec2; 2]) -> [DVec2; 2] {
 
 fn zip_with(a: DVec2, b: DVec2, of_two: impl Fn(f64, f64) -> f64) -> DVec2 {
     DVec2::new(of_two(a.x, b.x), of_two(a.y, b.y))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    const SIZE: ImageSize = ImageSize { width: 40, height: 30 };
+
+    fn view([fx, fy, cx, cy]: [f64; 4]) -> View {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+        View { camera: Camera::pinhole(pose, NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap()), size: SIZE }
+    }
+
+    /// Horizontally, the field of view is a sum of two arctangents; vertically, it is seen obliquely by ⅛ of the distance.
+    #[test]
+    fn a_centred_projection_has_the_field_of_view_of_the_camera() {
+        let view = view([0.8, 1.1, 0.6, 0.5]);
+        let [focal, principal] = view.focal_and_principal(PrincipalPoint::FieldOfView).unwrap();
+        let angle = (0.6f64 / 0.8).atan() + (0.4f64 / 0.8).atan();
+        let expected = [20.0 / (0.5 * angle).tan(), 30.0 * 1.1 * (1.0f64 + 0.125 * 0.125).sqrt()];
+        Tolerance::absolute(1e-12).assert(focal, expected, "focal lengths");
+        Tolerance::EXACT.assert(principal, [20.0, 15.0], "principal point");
+        assert!(focal[0] > 1.01 * 40.0 * 0.8, "longer than the camera's: {focal:?}");
+        let [focal, principal] = view.focal_and_principal(PrincipalPoint::Centre).unwrap();
+        Tolerance::EXACT.assert(focal, [40.0 * 0.8, 30.0 * 1.1], "the camera's own, around the centre");
+        Tolerance::EXACT.assert(principal, [20.0, 15.0], "principal point");
+        let [focal, principal] = view.focal_and_principal(PrincipalPoint::Full).unwrap();
+        Tolerance::EXACT.assert(focal, [40.0 * 0.8, 30.0 * 1.1], "the camera's own");
+        Tolerance::EXACT.assert(principal, [40.0 * 0.6, 15.0], "the camera's own");
+    }
+
+    /// Otherwise, every result of a centred camera would move by rounding.
+    #[test]
+    fn a_central_principal_point_leaves_the_focal_lengths_as_they_are() {
+        for focal in [0.1, 0.7, 0.873_412_9, 1.3, 55.5] {
+            let view = view([focal, 1.1 * focal, 0.5, 0.5]);
+            let [of_centre, of_camera] = [PrincipalPoint::FieldOfView, PrincipalPoint::Full]
+                .map(|used| view.focal_and_principal(used).unwrap().as_flattened().to_vec());
+            assert_eq!(bits(&of_centre), bits(&of_camera), "{focal}");
+        }
+    }
+
+    fn bits(values: &[f64]) -> Vec<u64> {
+        values.iter().map(|value| value.to_bits()).collect()
+    }
+
+    #[test]
+    fn a_field_of_view_of_zero_is_an_error() {
+        let view = view([1e12, 1e12, 0.6, 0.5]);
+        let constants = RendererConstants::named("pixelsplat-family").unwrap();
+        let outcome = view.optics(&constants);
+        assert!(matches!(outcome, Err(SplatError::View { what: "field of view", .. })), "{outcome:?}");
+        assert!(view.optics(&RendererConstants::default()).is_ok());
+    }
 }

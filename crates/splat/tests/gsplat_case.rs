@@ -2,7 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::path::Path;
+#[path = "common/stored.rs"]
+mod stored;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
@@ -14,44 +15,23 @@ use atsplat_splat::{
 };
 use atsplat_tests::skip_without_graphics;
 use glam::{DMat3, DVec3};
+use stored::Stored;
 
-/// The tensors of a safetensors file of f32, by name.
-struct Stored {
-    header: serde_json::Value,
-    data: Vec<u8>,
+fn tiny_case() -> Stored {
+    Stored::read("gsplat/tiny_case.safetensors")
 }
 
-impl Stored {
-    fn read() -> Self {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/gsplat/tiny_case.safetensors");
-        let bytes = std::fs::read(path).unwrap();
-        let (length, rest) = bytes.split_first_chunk().unwrap();
-        let (header, data) = rest.split_at(usize::try_from(u64::from_le_bytes(*length)).unwrap());
-        Self { header: serde_json::from_slice(header).unwrap(), data: data.to_vec() }
-    }
-
-    fn values(&self, name: &str) -> Vec<f32> {
-        let offset = |end: usize| usize::try_from(self.header[name]["data_offsets"][end].as_u64().unwrap()).unwrap();
-        let bytes = &self.data[offset(0)..offset(1)];
-        bytes.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect()
-    }
-
-    fn rows<const N: usize>(&self, name: &str) -> Vec<[f32; N]> {
-        self.values(name).as_chunks().0.to_vec()
-    }
-
-    fn gaussians(&self) -> Gaussians {
-        Gaussians::new(GaussianParts {
-            means: self.rows("means"),
-            quaternions: self.rows("quats"),
-            log_scales: self.rows("scales"),
-            opacity_logits: self.values("opacities"),
-            sh_degree: 3,
-            sh: self.rows("coeffs"),
-            ..GaussianParts::default()
-        })
-        .unwrap()
-    }
+fn gaussians(stored: &Stored) -> Gaussians {
+    Gaussians::new(GaussianParts {
+        means: stored.rows("means"),
+        quaternions: stored.rows("quats"),
+        log_scales: stored.rows("scales"),
+        opacity_logits: stored.values("opacities"),
+        sh_degree: 3,
+        sh: stored.rows("coeffs"),
+        ..GaussianParts::default()
+    })
+    .unwrap()
 }
 
 fn view() -> View {
@@ -91,8 +71,8 @@ fn max_difference(actual: impl IntoIterator<Item = f64>, expected: &[f32]) -> (f
 
 #[test]
 fn reference_images_match_gsplat() {
-    let stored = Stored::read();
-    let rendering = reference::render(&stored.gaussians(), &view(), &options()).unwrap();
+    let stored = tiny_case();
+    let rendering = reference::render(&gaussians(&stored), &view(), &options()).unwrap();
     let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|(rgb, alpha)| [rgb[0], rgb[1], rgb[2], *alpha]);
     let (difference, _) = max_difference(rgba, &stored.values("out_img"));
     Tolerance::absolute(2e-6).assert([difference], [0.0], "image");
@@ -100,8 +80,8 @@ fn reference_images_match_gsplat() {
 
 #[test]
 fn reference_projections_match_gsplat() {
-    let stored = Stored::read();
-    let projected = reference::project(&stored.gaussians(), &view(), &options()).unwrap();
+    let stored = tiny_case();
+    let projected = reference::project(&gaussians(&stored), &view(), &options()).unwrap();
     let drawn: Vec<_> = projected.into_iter().map(Option::unwrap).collect();
     let (centres, _) = max_difference(drawn.iter().flat_map(|splat| splat.centre), &stored.values("xys"));
     Tolerance::absolute(1e-5).assert([centres], [0.0], "centres in pixels");
@@ -139,16 +119,16 @@ fn assert_gradients<T: Copy + Into<f64>>(gradients: &Gradients<T>, stored: &Stor
 
 #[test]
 fn reference_gradients_match_gsplat() {
-    let stored = Stored::read();
+    let stored = tiny_case();
     let images = image_gradients(&stored).map(f64::from);
-    let gradients = reference::backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
+    let gradients = reference::backward(&gaussians(&stored), &view(), &options(), &images).unwrap();
     assert_gradients(&gradients, &stored, 1e-4, "reference");
 }
 
 /// f32 pixels and gradients, with every instruction set and on the GPU.
 #[test]
 fn cpu_and_gpu_match_gsplat() {
-    let stored = Stored::read();
+    let stored = tiny_case();
     let mut renderers: Vec<Box<dyn Renderer>> = Vec::new();
     for simd in SimdLevel::available() {
         renderers.push(Box::new(CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() })));
@@ -160,11 +140,11 @@ fn cpu_and_gpu_match_gsplat() {
         }
     }
     for mut renderer in renderers {
-        let rendering = renderer.render(&stored.gaussians(), &view(), &options()).unwrap();
+        let rendering = renderer.render(&gaussians(&stored), &view(), &options()).unwrap();
         let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|([r, g, b], alpha)| [*r, *g, *b, *alpha]);
         let (difference, _) = max_difference(rgba.map(f64::from), &stored.values("out_img"));
         Tolerance::absolute(1e-5).assert([difference], [0.0], "image");
-        let gradients = renderer.backward(&stored.gaussians(), &view(), &options(), &image_gradients(&stored)).unwrap();
+        let gradients = renderer.backward(&gaussians(&stored), &view(), &options(), &image_gradients(&stored)).unwrap();
         assert_gradients(&gradients, &stored, 1e-3, &renderer.name());
     }
 }

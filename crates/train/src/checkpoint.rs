@@ -9,6 +9,7 @@ use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 
 use crate::optimiser::Moments;
 use crate::parameters::Parameters;
+use crate::samples::ReplacedDraws;
 use crate::{Resolved, TrainConfig, TrainError};
 
 const WHAT: &str = "checkpoint";
@@ -22,6 +23,8 @@ const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 const INITIAL_DATA: &str = "initial-weights-data";
 const ADAPTER: &str = "adapter";
 const PROCESSOR: &str = "processor";
+const REPLACED: &str = "replaced-draws";
+const REPLACED_SINCE: &str = "replaced-draws-since";
 /// Folder of the checkpoints in a run's folder.
 const FOLDER: &str = "checkpoints";
 
@@ -43,6 +46,8 @@ pub struct State {
     pub updates: u64,
     /// Number of the latest steps that were skipped in a row.
     pub faults_in_a_row: u32,
+    /// Draws that gave no sample.
+    pub replaced: ReplacedDraws,
     /// Weights.
     pub parameters: Parameters,
     /// Moments of the optimiser, in the order of the parameters.
@@ -65,6 +70,7 @@ impl State {
             step: 0,
             updates: 0,
             faults_in_a_row: 0,
+            replaced: ReplacedDraws::default(),
             parameters,
             moments,
             average: None,
@@ -118,6 +124,8 @@ impl State {
             ("step", self.step.to_string()),
             ("updates", self.updates.to_string()),
             ("faults-in-a-row", self.faults_in_a_row.to_string()),
+            (REPLACED, self.replaced.count.to_string()),
+            (REPLACED_SINCE, self.replaced.since.to_string()),
             ("configuration", config.to_toml()?),
             (FROZEN_DIGEST, self.parameters.frozen().digest()),
             ("tensors-sha256", stored.digest()),
@@ -187,7 +195,24 @@ impl State {
             [INITIAL_WEIGHTS, INITIAL_DATA, ADAPTER, PROCESSOR].map(|key| stored.metadata.get(key).cloned());
         let initial_weights = sha256.map(|sha256| InitialWeights { sha256, data });
         let (step, updates) = (number("step")?, number("updates")?);
-        Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights, adapter, processor })
+        let replaced = if stored.metadata.contains_key(REPLACED) {
+            ReplacedDraws { count: number(REPLACED)?, since: number(REPLACED_SINCE)? }
+        } else {
+            // Earlier versions did not count them.
+            ReplacedDraws { count: 0, since: step }
+        };
+        Ok(Self {
+            step,
+            updates,
+            faults_in_a_row,
+            replaced,
+            parameters,
+            moments,
+            average,
+            initial_weights,
+            adapter,
+            processor,
+        })
     }
 }
 
@@ -300,6 +325,11 @@ impl Checkpoints {
         first.map_or(Ok(None), Err)
     }
 
+    /// Number of steps before the last checkpoint, readable or not.
+    pub(crate) fn last(&self) -> Result<Option<u64>, TrainError> {
+        Ok(self.all()?.into_keys().next_back())
+    }
+
     /// All checkpoints by their steps.
     fn all(&self) -> Result<BTreeMap<u64, PathBuf>, TrainError> {
         let reading = || TrainError::io("listing checkpoints", &self.folder);
@@ -402,6 +432,19 @@ mod tests {
             let error = read(&damaged).unwrap_err().to_string();
             assert!(error.contains("metadata metadata-sha256: expected the hash of the metadata"), "{key}: {error}");
         }
+    }
+
+    #[test]
+    fn replaced_draws_are_counted_on_and_after_an_earlier_version_from_its_checkpoint() {
+        let (config, replaced) = (TrainConfig::shortest(), ReplacedDraws { count: 7, since: 2 });
+        let mut stored = State { replaced, ..state(3, 1.0) }.stored(&config, &Resolved::default()).unwrap();
+        let backbone = || Ok(state(0, 1.0).parameters.frozen().clone());
+        let read = |stored: &StoredTensors| {
+            State::from_stored(stored, &config, &state(0, 7.0).parameters, &backbone).unwrap().replaced
+        };
+        assert_eq!(read(&stored), replaced);
+        stored.metadata.retain(|key, _| ![REPLACED, REPLACED_SINCE, METADATA_DIGEST].contains(&key.as_str()));
+        assert_eq!(read(&stored).to_string(), "0 since step 3");
     }
 
     #[test]

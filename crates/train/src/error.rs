@@ -37,14 +37,31 @@ pub enum TrainError {
     #[error("{0}")]
     Stopped(Box<Diagnosis>),
     /// A source gave no sample.
-    #[error("training data: {source_name}: {attempts} draws gave no sample; the last: {reason}")]
+    #[error("{}: {source_name}: {attempts} draws gave no sample; the last: {reason}", purpose.data())]
     NoSample {
+        /// What the sample was for.
+        purpose: Purpose,
         /// Which source.
         source_name: String,
         /// How many draws were tried.
         attempts: u32,
         /// Why the last one failed.
         reason: String,
+    },
+    /// Weights have grown beyond what a weights file holds.
+    #[error(
+        "training diverged by step {step}: {tensor} holds {value}, and weights are written as f16, up to 65504; start another run \
+         with a lower schedule.learning-rate or clip; {}", remaining(*last_checkpoint)
+    )]
+    Diverged {
+        /// Number of steps done.
+        step: u64,
+        /// The first parameter with such a value.
+        tensor: String,
+        /// The value.
+        value: f32,
+        /// Number of steps before the run's last checkpoint, if there is one.
+        last_checkpoint: Option<u64>,
     },
     /// Error of the network, its configuration or weights.
     #[error(transparent)]
@@ -86,6 +103,31 @@ pub enum TrainError {
     },
 }
 
+/// What samples are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Steps of the run.
+    Training,
+    /// Its evaluations.
+    Evaluation,
+}
+
+impl Purpose {
+    /// What messages call the data.
+    pub(crate) const fn data(self) -> &'static str {
+        match self {
+            Self::Training => "training data",
+            Self::Evaluation => "evaluation data",
+        }
+    }
+}
+
+/// Which checkpoints a diverged run has.
+fn remaining(last_checkpoint: Option<u64>) -> String {
+    last_checkpoint
+        .map_or_else(|| "no checkpoint was written".to_owned(), |step| format!("checkpoints up to step {step} remain"))
+}
+
 impl From<LockError> for TrainError {
     fn from(error: LockError) -> Self {
         match error {
@@ -105,6 +147,19 @@ impl TrainError {
         Malformed::new(what, location, expected, found).into()
     }
 
+    /// The same error, of a source that is for evaluations.
+    pub(crate) fn of_evaluation(self) -> Self {
+        match self {
+            Self::NoSample { source_name, attempts, reason, .. } => {
+                Self::NoSample { purpose: Purpose::Evaluation, source_name, attempts, reason }
+            }
+            Self::Malformed(malformed) if malformed.what == Purpose::Training.data() => {
+                Self::Malformed(Malformed { what: Purpose::Evaluation.data(), ..malformed })
+            }
+            other => other,
+        }
+    }
+
     /// The same error with its file, in front of the field if it names one.
     pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
@@ -118,5 +173,17 @@ impl TrainError {
 
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         FileError::during(action, path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_of_an_evaluation_are_called_so() {
+        let malformed = |what| TrainError::malformed(what, "a folder", "a scene", "none").of_evaluation().to_string();
+        assert_eq!(malformed(Purpose::Training.data()), "evaluation data: a folder: expected a scene, found none");
+        assert_eq!(malformed("index"), "index: a folder: expected a scene, found none");
     }
 }

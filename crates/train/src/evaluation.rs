@@ -2,8 +2,10 @@
 
 use std::time::Instant;
 
+use atsplat_files::Sha256Digest;
 use atsplat_metrics::ssim::{Ssim, ssim};
 use atsplat_metrics::{DECIBEL_CAP, Pair, Score, Values, psnr};
+use atsplat_model::ImageSize;
 use atsplat_model::network::Network;
 use atsplat_pixels::Image;
 use atsplat_splat::RenderOptions;
@@ -11,14 +13,19 @@ use atsplat_splat::cpu::CpuRenderer;
 use rayon::prelude::*;
 
 use crate::TrainError;
+use crate::config::WHAT;
 use crate::journal::EvaluationRecord;
 use crate::objective::target_views;
-use crate::samples::{PosedImages, Sample, SampleId, Source, pixel_size};
+use crate::samples::{PosedImages, Sample, SampleId, Source, digest_of_all, pixel_size};
+
+/// Most memory for the images of an evaluation's samples, which are all kept: 8 GiB.
+const MOST_BYTES: u64 = 8 << 30;
 
 /// The fixed samples of an evaluation.
 #[derive(Debug)]
 pub struct Evaluation {
     samples: Vec<Sample>,
+    digest: Sha256Digest,
     background: [f64; 3],
 }
 
@@ -35,20 +42,39 @@ impl Evaluation {
     /// The first samples of a source, at the end of its curriculum.
     ///
     /// # Errors
-    /// As [`Source::sample`].
+    /// As [`Source::sample`]; [`TrainError::Malformed`] if so many samples of the first one's size need more than 8 GiB.
     pub fn new(source: &dyn Source, seed: u64, count: u64, background: [f64; 3]) -> Result<Self, TrainError> {
-        let samples = (0..count).into_par_iter().map(|number| source.sample(SampleId { seed, number, step: u64::MAX }));
-        Ok(Self { samples: samples.collect::<Result<_, _>>()?, background })
+        let sample = |number| {
+            let sample = source.sample(SampleId { seed, number, step: u64::MAX });
+            sample.map_err(TrainError::of_evaluation)
+        };
+        let mut samples = Vec::new();
+        if count > 0 {
+            // Of images whose size the configuration does not tell, it is known now.
+            let first = sample(0)?;
+            let views = first.context.cameras.len() + first.targets.cameras.len();
+            require_memory(count, views, first.context.size)?;
+            samples.push(first);
+        }
+        let others: Result<Vec<_>, _> = (1..count).into_par_iter().map(sample).collect();
+        samples.extend(others?);
+        Ok(Self::from_samples(samples, background))
     }
 
     /// An evaluation on given samples.
-    pub const fn from_samples(samples: Vec<Sample>, background: [f64; 3]) -> Self {
-        Self { samples, background }
+    pub fn from_samples(samples: Vec<Sample>, background: [f64; 3]) -> Self {
+        let digests: Vec<Sha256Digest> = samples.par_iter().map(Sample::digest).collect();
+        Self { samples, digest: digest_of_all(&digests), background }
     }
 
     /// The samples.
     pub fn samples(&self) -> &[Sample] {
         &self.samples
+    }
+
+    /// A hash of the samples' images, cameras and distances.
+    pub const fn digest(&self) -> Sha256Digest {
+        self.digest
     }
 
     /// Scores a network; `step` goes into the record. The result does not depend on the number of threads. Targets that equal their
@@ -89,6 +115,7 @@ impl Evaluation {
             targets: scored.len(),
             identical: identical.len(),
             secs: start.elapsed().as_secs_f64(),
+            samples_sha256: Some(self.digest),
         })
     }
 
@@ -106,6 +133,20 @@ impl Evaluation {
         };
         rendered.into_iter().map(image).collect()
     }
+}
+
+/// Refuses more samples of so many views than [`MOST_BYTES`] hold.
+pub(crate) fn require_memory(samples: u64, views: usize, size: ImageSize) -> Result<(), TrainError> {
+    let factors = [views, size.height, size.width, 3, size_of::<f32>()];
+    let each = factors.into_iter().fold(1_u64, |product, factor| product.saturating_mul(factor as u64));
+    let most = MOST_BYTES / each.max(1);
+    if samples <= most {
+        return Ok(());
+    }
+    let expected = format!(
+        "at most {most}: they are all kept in memory, {views} views of {size} each, for which 8 GiB are allowed"
+    );
+    Err(TrainError::malformed(WHAT, "evaluation.samples", expected, samples))
 }
 
 /// One image as an image.

@@ -1,6 +1,6 @@
 //! Logs of steps and evaluations: lines of JSON, appended as they happen, and Parquet at the end.
 
-use atsplat_files::{AtomicFile, Malformed};
+use atsplat_files::{AtomicFile, Malformed, Sha256Digest};
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -30,6 +30,12 @@ pub struct StepRecord {
     pub parts: PartSeconds,
     /// Why the step was skipped, if it was.
     pub fault: Option<String>,
+    /// Hash of the step's samples, in their order; absent if one of them could not be used, and in logs of earlier versions.
+    #[serde(default)]
+    pub samples_sha256: Option<Sha256Digest>,
+    /// In the first step of a run that started from given weights, the SHA-256 of their file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial_weights_sha256: Option<String>,
 }
 
 /// One evaluation.
@@ -53,6 +59,9 @@ pub struct EvaluationRecord {
     pub identical: usize,
     /// Wall-clock seconds of the evaluation.
     pub secs: f64,
+    /// Hash of the samples; absent in logs of earlier versions.
+    #[serde(default)]
+    pub samples_sha256: Option<Sha256Digest>,
 }
 
 impl EvaluationRecord {
@@ -216,6 +225,8 @@ mod tests {
             secs: 2.0,
             parts: PartSeconds::default(),
             fault: Some("a fault".to_owned()),
+            samples_sha256: Some(Sha256Digest::of(b"samples")),
+            initial_weights_sha256: (step == 0).then(|| "a hash".to_owned()),
         };
         let evaluation = |step| EvaluationRecord {
             step,
@@ -226,6 +237,7 @@ mod tests {
             targets: 3,
             identical: 1,
             secs: 1.0,
+            samples_sha256: None,
         };
         assert!(evaluation(0).gain() > 4.4 && evaluation(0).gain() < 4.6, "21 dB against 16.5");
         let (steps, evaluations) = (folder.path().join("steps"), folder.path().join("evaluations"));

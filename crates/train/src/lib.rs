@@ -27,7 +27,7 @@ pub use config::{
     CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig,
     TrainConfig,
 };
-pub use error::TrainError;
+pub use error::{Purpose, TrainError};
 pub use evaluation::Evaluation;
 pub use fault::{Diagnosis, Fault, FaultKind, SampleFault};
 pub use features::FeatureCache;

@@ -1,23 +1,24 @@
 //! The training loop: steps, evaluations, logs and checkpoints.
 
+mod recorded;
 mod start;
 mod step;
+mod weights;
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use atsplat_files::{FolderLock, Sha256Digest};
 use atsplat_model::network::{Device, MatmulPrecision, Network, Processor};
-use atsplat_model::weights::{ModelWeights, Precision};
 use atsplat_model::{ModelConfig, ModelError};
 use atsplat_scene::Warnings;
 
+use recorded::Recorded;
 pub use start::Start;
-use start::require_run_to_resume;
+use start::{Opened, require_run_to_resume};
 
-use crate::checkpoint::{Checkpoints, InitialWeights, State};
+use crate::checkpoint::{Checkpoints, State};
 use crate::config::WHAT;
 use crate::device_state::DeviceState;
 use crate::evaluation::Evaluation;
@@ -86,6 +87,8 @@ pub struct Trainer {
     reported_warnings: Warnings,
     /// Number of scenes whose refused draws were reported.
     reported_refusals: usize,
+    /// Number of refused draws before the next step.
+    refused_draws: u64,
     folder: PathBuf,
     /// Keeps other processes from training in the folder.
     _lock: FolderLock,
@@ -153,20 +156,16 @@ impl Trainer {
         let evaluated = config.evaluation.as_ref();
         let evaluated = evaluated
             .map(|own| own.source.open(&config.pose_normalisation, None, &mut opening_warnings))
-            .transpose()?;
+            .transpose()
+            .map_err(TrainError::of_evaluation)?;
         let resolved = Resolved::new(&config, &model, &objective)?.with_scenes(samples.as_ref(), evaluated.as_deref());
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get(), resolved);
         let lock = start::lock_existing(folder)?;
-        let (state, mut notices) = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
-        let features = match &config.model.feature_cache {
-            Some(folder) => {
-                // Each device has its own features.
-                let own = adapter.as_ref().map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
-                let folder = own.as_ref().unwrap_or(folder);
-                Some(FeatureCache::open(folder, &model, state.parameters.frozen(), config.matmul_precision)?)
-            }
-            None => None,
-        };
+        let opened = start::state(&config, &model, start, (folder, &checkpoints), adapter.clone())?;
+        let Opened { state, mut notices, has_moved } = opened;
+        let recorded = Recorded { folder, done: state.step, has_moved };
+        notices.extend(recorded.check_training(&config, samples.as_ref())?);
+        let features = features_of(&config, &model, adapter.as_deref(), &state)?;
         if config.matmul_precision != MatmulPrecision::F32 && !config.matmul_precision.is_fast() {
             let slow = "matrix products take longer in bfloat16 than in f32 on this processor, which has no instructions for bfloat16";
             notices.push(slow.to_owned());
@@ -174,6 +173,7 @@ impl Trainer {
         notices.extend(unreached_rate(&config));
         notices.extend(samples.notices());
         let evaluation = evaluation_of(&config, evaluated.as_deref(), &mut notices, &mut opening_warnings)?;
+        notices.extend(recorded.check_evaluation(evaluation.as_ref())?);
         let device_state = match processor {
             Processor::Cpu => None,
             Processor::Wgpu(_) => Some(DeviceState::new(&state, &template)?),
@@ -190,6 +190,8 @@ impl Trainer {
         }
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join(EVALUATIONS), state.step)?;
         Ok(Self {
+            // Those of the check are not the run's.
+            refused_draws: samples.refused().count,
             config,
             model,
             samples,
@@ -262,8 +264,8 @@ impl Trainer {
         self.current_state()?.result().network(&template)
     }
 
-    /// Trains until the configuration's last step or a limit; returns whether the last step was done. The folder then
-    /// holds a checkpoint of the last step and the weights.
+    /// Trains until the configuration's last step or a limit, and reports how many draws were replaced in the run so far; returns
+    /// whether the last step was done. The folder then holds a checkpoint of the last step and the weights.
     ///
     /// # Errors
     /// [`TrainError::Stopped`] after too many skipped steps in a row; [`TrainError::Io`] and others if files cannot be
@@ -274,6 +276,11 @@ impl Trainer {
         self.report_warnings(on_event);
         let trained = self.train(limits, start, on_event);
         self.report_warnings(on_event);
+        let State { step, replaced, .. } = &self.state;
+        if replaced.count > 0 {
+            let total = format!("draws that gave no sample and were replaced, up to step {step}: {replaced}");
+            on_event(&Event::Notice(&total));
+        }
         trained.map(|()| self.state.step == all)
     }
 
@@ -332,56 +339,11 @@ impl Trainer {
         Ok(())
     }
 
-    /// Writes a checkpoint and the weights; returns the checkpoint's path.
-    ///
-    /// # Errors
-    /// As [`Checkpoints::write`].
-    pub fn write_checkpoint(&self) -> Result<PathBuf, TrainError> {
-        let state = self.current_state()?;
-        let path = self.checkpoints.write(&state, &self.config)?;
-        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &state.result().stored()?)?;
-        weights.write(&self.folder.join(WEIGHTS), Precision::Half)?;
-        Ok(path)
-    }
-
     fn report_checkpoint(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
         let path = self.write_checkpoint()?;
         on_event(&Event::Checkpoint(&path));
         self.report_warnings(on_event);
         Ok(())
-    }
-
-    /// How the weights were made.
-    fn provenance(&self) -> Result<BTreeMap<String, String>, TrainError> {
-        let entries = [
-            ("title", self.config.title.clone()),
-            ("seed", self.config.seed.to_string()),
-            ("steps", format!("{} of {}", self.state.step, self.config.steps)),
-            ("skipped-steps", self.state.skipped().to_string()),
-            ("batch", self.config.batch.to_string()),
-            ("perceptual-loss", self.objective.perceptual()),
-            ("pose-normalisation", self.config.pose_normalisation.name()),
-            ("training-configuration", self.config.to_toml()?),
-            ("version", env!("CARGO_PKG_VERSION").to_owned()),
-        ];
-        let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
-        if let Some(adapter) = &self.state.adapter {
-            provenance.insert("adapter".to_owned(), adapter.clone());
-        }
-        let own = self.samples.name();
-        let data = match &self.state.initial_weights {
-            None => vec![("data", own)],
-            Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{own}; before: {before}"))],
-            // From `data`, readers conclude what the network never saw.
-            Some(InitialWeights { data: None, .. }) => {
-                vec![("data-of-this-run", own), ("data-before", "not stated".to_owned())]
-            }
-        };
-        provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
-        if let Some(InitialWeights { sha256, .. }) = &self.state.initial_weights {
-            provenance.insert("initial-weights-sha256".to_owned(), sha256.clone());
-        }
-        Ok(provenance)
     }
 }
 
@@ -409,6 +371,19 @@ fn objective_on(processor: Processor, config: &TrainConfig, template: &Network) 
         Processor::Cpu => Objective::new(config.losses.clone()),
         Processor::Wgpu(_) => Objective::in_graph(config.losses.clone(), &template.device()),
     }
+}
+
+/// The cache of a frozen backbone's features, if the configuration has one; each device has its own.
+fn features_of(
+    config: &TrainConfig,
+    model: &ModelConfig,
+    adapter: Option<&str>,
+    state: &State,
+) -> Result<Option<FeatureCache>, TrainError> {
+    let Some(folder) = &config.model.feature_cache else { return Ok(None) };
+    let own = adapter.map(|adapter| folder.join(Sha256Digest::of(adapter.as_bytes()).to_string()));
+    let folder = own.as_ref().unwrap_or(folder);
+    Ok(Some(FeatureCache::open(folder, model, state.parameters.frozen(), config.matmul_precision)?))
 }
 
 /// The evaluation on fixed samples, if the configuration has one.

@@ -66,6 +66,39 @@ fn steps_along_the_path_are_even() {
     assert_eq!([timed[0], timed[2], timed[4], timed[6]].to_vec(), keys());
 }
 
+/// The keys are 2, 100 and 410 units of time apart.
+#[test]
+fn given_times_decide_where_the_camera_is() {
+    const STEP: f64 = 1e-6;
+    let times = [3.0, 5.0, 105.0, 515.0];
+    let spline = CameraSpline::timed(times.to_vec(), keys()).unwrap();
+    for (time, key) in times.into_iter().zip(keys()) {
+        assert_eq!(spline.at(time).unwrap(), key);
+    }
+    assert!(spline.at(2.9).is_err() && spline.at(515.1).is_err() && spline.at(f64::NAN).is_err());
+    let samples = spline.resampled(513, Spacing::Time).unwrap();
+    assert_eq!([samples[0], samples[2], samples[102], samples[512]].to_vec(), keys());
+    let focal = |time: f64| spline.at(time).unwrap().intrinsics.fx;
+    for at in 1..600 {
+        let time = 5.0 + f64::from(at) / 6.0;
+        assert!((0.6..=1.9).contains(&focal(time)), "{time}: {}", focal(time));
+    }
+    let slope = |from: f64, to: f64| -> Vec<f64> {
+        state(&spline, to).into_iter().zip(state(&spline, from)).map(|(to, from)| (to - from) / STEP).collect()
+    };
+    for time in [5.0, 105.0] {
+        let (left, right) = (slope(time - STEP, time), slope(time, time + STEP));
+        Tolerance::absolute(5e-5).assert(left, right, "equal on both sides");
+    }
+    // By hand, at the second key: rates 0.05 and 0.013, weights 100 and 2 of 102, at most three times the smaller.
+    let rate = (focal(5.0 + STEP) - focal(5.0)) / STEP;
+    Tolerance::absolute(1e-6).assert([rate], [0.039], "the slope at a key");
+    let even = CameraSpline::timed(vec![0.0, 1.0, 2.0, 3.0], keys()).unwrap();
+    assert_eq!(even, CameraSpline::open(keys()).unwrap());
+    let back = CameraSpline::timed(vec![0.0, 2.0, 1.0, 3.0], keys());
+    assert!(matches!(back, Err(CameraError::TimesNotIncreasing { index: 2, .. })), "{back:?}");
+}
+
 #[test]
 fn intrinsics_stay_between_adjacent_keys() {
     let spline = CameraSpline::closed(keys()).unwrap();

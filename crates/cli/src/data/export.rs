@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{bail, ensure};
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
+use atsplat_scene::inspect::left_out;
 use atsplat_scene::torch::{ChunkWriter, ChunksWritten, ExportedChunks, export_chunks};
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
@@ -60,8 +61,10 @@ fn write_table(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
     let format = ExportFormat::of_path(&args.out)?;
     let mut found = Warnings::new();
     let dataset = args.dataset.open(&mut found)?;
+    let opening = found.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
-    let summary = export(&dataset, &args.out, format, &mut found, &|| progress.step())?;
+    let mut summary = export(&dataset, &args.out, format, &mut found, &|| progress.step())?;
+    summary.skipped += left_out(&opening, &found);
     // A table holds only cameras: warnings about images do not matter.
     warnings.merge(found.about_cameras());
     Ok(Report::Table(summary))
@@ -76,9 +79,11 @@ fn write_chunks(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> 
         bail!("{out}: chunks there would be read in place of the scenes of {data}: give another folder");
     }
     let dataset = args.dataset.open(warnings)?;
+    let opening = warnings.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
     let ExportedChunks { written: ChunksWritten { chunks, scenes }, skipped } =
         export_chunks(&dataset, &args.out, args.chunk_bytes, warnings, &|| progress.step())?;
+    let skipped = skipped + left_out(&opening, warnings);
     Ok(Report::Chunks { chunks: chunks.len(), scenes, skipped })
 }
 

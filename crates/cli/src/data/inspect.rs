@@ -1,4 +1,5 @@
 use std::fmt;
+use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 use atsplat_scene::inspect::{InspectOptions, Inspection, SizeSampling, inspect};
@@ -6,8 +7,9 @@ use atsplat_scene::{SceneSource as _, Warnings};
 use serde::Serialize;
 
 use super::geometry::{self, GeometryReport};
+use super::simulate::PLAN;
 use crate::dataset_args::DatasetArgs;
-use crate::print::print_report;
+use crate::print::{print_report, warn};
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
 
@@ -72,7 +74,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&Report { inspection, geometry }, args.json)?;
     print_warnings(&geometry_warnings);
     ensure!(read > 0, "no scene of {} can be read", args.dataset.data.display());
-    Ok(complete)
+    let unfinished = unfinished_simulation(&args.dataset.data);
+    if let Some(plan) = &unfinished {
+        warn(&format!("the simulation into this folder has not ended: {} lists all its scenes", plan.display()));
+    }
+    Ok(complete && unfinished.is_none())
+}
+
+/// The plan of a simulation that has not ended, in the folder of its scenes or in that of all splits.
+fn unfinished_simulation(data: &Path) -> Option<PathBuf> {
+    [Some(data), data.parent()].into_iter().flatten().map(|folder| folder.join(PLAN)).find(|plan| plan.is_file())
 }
 
 fn frame_pair(text: &str) -> Result<(usize, usize), String> {

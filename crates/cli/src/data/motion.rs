@@ -1,11 +1,15 @@
 //! `atsplat data motion`: compares the camera motion of simulated and real clips.
 
+use std::fmt;
 use std::path::PathBuf;
 
+use anyhow::ensure;
 use atsplat_report::plot::{HistogramPanel, Histograms};
 use atsplat_rooms::motion_report::{ClipGroup, MOTION_MEASURES, MotionMeasure, MotionReport};
 use atsplat_rooms::{SceneKind, Split};
+use atsplat_scene::inspect::left_out;
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
+use serde::Serialize;
 
 use super::simulate::{KINDS, SPLITS};
 use crate::parse;
@@ -41,32 +45,31 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// What is printed: the motion, and the scenes of each dataset that are not in it.
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report {
+    #[serde(flatten)]
+    motion: MotionReport,
+    not_read: Vec<NotRead>,
+}
+
+/// Scenes of a dataset without motion; those that are too short are counted with its clips.
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct NotRead {
+    group: String,
+    unreadable: u64,
+    left_out: u64,
+}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
-    let mut groups = Vec::new();
-    if args.simulated > 0 {
-        let progress = Progress::new("clips", args.simulated as usize);
-        groups.push(ClipGroup::simulated(args.kind, args.split, args.simulated, &|| progress.step())?);
-    }
-    for path in &args.data {
-        let mut found = Warnings::new();
-        let dataset = atsplat_scene::open(path, &mut found)?;
-        let name = atsplat_files::name_of(path);
-        let progress = Progress::new("scenes", dataset.keys().len());
-        groups.push(ClipGroup::of_dataset(name, &dataset, &mut found, &|| progress.step()));
-        warnings.merge(found.about_cameras());
-    }
-    if args.data.is_empty() {
-        groups.push(ClipGroup::re10k()?);
-    }
-    let report = MotionReport::new(groups);
-    if let Some(plot) = plot {
-        plot.finish(|format| histograms(&report.groups).draw().encode(format))?;
-    }
-    print_report(&report, args.json)?;
+    let measured = measure(args, &mut warnings);
+    // Also if nothing was measured: they tell why.
     print_warnings(&warnings);
-    for ClipGroup { name, too_short, without_times, .. } in &report.groups {
+    let Report { motion: MotionReport { groups, .. }, not_read } = measured?;
+    for ClipGroup { name, too_short, without_times, .. } in &groups {
         if *too_short > 0 {
             note(&format!("{name}: {too_short} clips of less than half a second are skipped"));
         }
@@ -74,8 +77,57 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
             note(&format!("{name}: {without_times} clips without timestamps, assumed to have 30 frames per second"));
         }
     }
-    let unread = warnings.counts().any(|(kind, _)| kind == WarningKind::UnreadableScene);
-    Ok(!unread && report.groups.iter().all(|group| group.too_short == 0))
+    let is_read = |group: &ClipGroup| !group.clips.is_empty() || group.too_short > 0;
+    let of_data = groups.iter().skip(groups.len() - not_read.len());
+    let names: Vec<String> = args.data.iter().map(|path| path.display().to_string()).collect();
+    ensure!(args.data.is_empty() || of_data.into_iter().any(is_read), "no scene of {} can be read", names.join(", "));
+    let all_read = not_read.iter().all(|group| group.unreadable == 0 && group.left_out == 0);
+    Ok(all_read && groups.iter().all(|group| group.too_short == 0))
+}
+
+/// Measures and prints; in the report, the groups of the datasets are the last ones.
+fn measure(args: &Args, warnings: &mut Warnings) -> anyhow::Result<Report> {
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
+    let (mut groups, mut not_read) = (Vec::new(), Vec::new());
+    if args.simulated > 0 {
+        let progress = Progress::new("clips", args.simulated as usize);
+        groups.push(ClipGroup::simulated(args.kind, args.split, args.simulated, &|| progress.step())?);
+    }
+    for path in &args.data {
+        let mut found = Warnings::new();
+        let dataset = atsplat_scene::open(path, &mut found)?;
+        let opening = found.clone();
+        let group = atsplat_files::name_of(path);
+        let progress = Progress::new("scenes", dataset.keys().len());
+        groups.push(ClipGroup::of_dataset(group.clone(), &dataset, &mut found, &|| progress.step()));
+        let [all, before] = [&found, &opening].map(|warnings| warnings.count(WarningKind::UnreadableScene));
+        let left_out = left_out(&opening, &found);
+        not_read.push(NotRead { group, unreadable: all - before, left_out });
+        warnings.merge(found.about_cameras());
+    }
+    if args.data.is_empty() {
+        groups.push(ClipGroup::re10k()?);
+    }
+    let report = Report { motion: MotionReport::new(groups), not_read };
+    if let Some(plot) = plot {
+        plot.finish(|format| histograms(&report.motion.groups).draw().encode(format))?;
+    }
+    print_report(&report, args.json)?;
+    Ok(report)
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.motion)?;
+        for NotRead { group, unreadable, left_out } in &self.not_read {
+            for (count, what) in [(unreadable, "could not be read"), (left_out, "were left out")] {
+                if *count > 0 {
+                    writeln!(f, "{group}: {count} scenes {what}")?;
+                }
+            }
+        }
+        Ok(())
+    }
 }
 
 fn histograms(groups: &[ClipGroup]) -> Histograms {

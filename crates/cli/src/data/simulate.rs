@@ -12,19 +12,23 @@ use atsplat_rooms::{
     SceneKind, SceneSeed, Simulation, Split, WriteOptions, has_times, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::parse;
-use crate::paths::NewFolders;
+use crate::paths::PendingFile;
 use crate::plot::PlotFile;
 use crate::print::{note, print_report};
 use crate::progress::Progress;
+use crate::render::output_lock::OutputLock;
 use crate::warnings::print_warnings;
 
 pub(super) const KINDS: [(&str, SceneKind); 2] = [("rooms", SceneKind::Rooms), ("yards", SceneKind::Yards)];
 pub(super) const SPLITS: [(&str, Split); 2] = [("train", Split::Train), ("test", Split::Test)];
 const LAYOUTS: [(&str, Layout); 3] =
     [("re10k", Layout::Re10k), ("chunks", Layout::Chunks), ("nerfstudio", Layout::Nerfstudio)];
+
+/// Lists the scenes of a simulation until it has ended: a dataset with it is incomplete.
+pub(super) const PLAN: &str = "planned.json";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -65,7 +69,7 @@ pub(crate) struct Args {
     route: Option<PathBuf>,
 
     /// Which scene of the route's dataset, if it holds several.
-    #[arg(long, value_name = "KEY", requires = "route")]
+    #[arg(long, value_name = "KEY", requires = "route", conflicts_with = "frames")]
     route_key: Option<String>,
 
     /// Format of the dataset.
@@ -115,10 +119,11 @@ struct SceneRecord {
 
 /// Simulates; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let _folders = new_folder(&args.out)?;
+    let _lock = lock_empty(&args.out)?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
     let requests = args.requests(&mut warnings)?;
+    let plan = Plan::write(&args.out, &requests)?;
     let progress = Progress::new("scenes", requests.len());
     let mut records = Vec::new();
     let mut failed = None;
@@ -131,8 +136,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     let of_route = warnings.count(WarningKind::LensDistortion);
     let options = WriteOptions { layout: args.layout, encoding: args.images, depth: args.depth };
-    write_dataset(&args.out, requests, &options, &mut warnings, record)?;
+    let written = write_dataset(&args.out, requests, &options, &mut warnings, record);
     drop(progress);
+    if written.is_ok() || OutputLock::is_alone(&args.out, PLAN).unwrap_or(false) {
+        plan.remove()?;
+    }
+    written?;
     if let Some(error) = failed {
         return Err(error);
     }
@@ -186,18 +195,60 @@ impl Args {
     }
 }
 
-/// Creates the folder, and rejects one that is not empty: files of an earlier dataset would mix with the new ones.
-fn new_folder(folder: &Path) -> anyhow::Result<NewFolders> {
+/// Creates and locks the folder, and rejects one that is not empty: files of an earlier dataset would mix with the new ones.
+fn lock_empty(folder: &Path) -> anyhow::Result<OutputLock> {
     if folder.is_file() {
         bail!("expected a folder, found the file {}", folder.display());
     }
-    if folder.is_dir() {
-        let mut entries = folder.read_dir().with_context(|| format!("reading {}", folder.display()))?;
-        if entries.next().is_some() {
-            bail!("{} is not empty: expected a new or empty folder", folder.display());
-        }
+    // A folder that another process writes to is reported as such.
+    if folder.is_dir() && !OutputLock::was_taken(folder) {
+        check_empty(folder)?;
     }
-    NewFolders::of(folder)
+    let lock = OutputLock::of(folder)?;
+    // Now that no other process writes to it.
+    check_empty(folder)?;
+    Ok(lock)
+}
+
+fn check_empty(folder: &Path) -> anyhow::Result<()> {
+    let shown = folder.display();
+    let is_empty = OutputLock::is_alone(folder, PLAN).with_context(|| format!("reading {shown}"))?;
+    match Plan::left_in(folder) {
+        _ if is_empty => Ok(()),
+        Some(Plan { scenes, .. }) => bail!(
+            "{shown} is not empty: a simulation of {} scenes into it did not end ({PLAN} lists them): remove the folder and \
+             simulate again, or give another",
+            scenes.len()
+        ),
+        None => bail!("{shown} is not empty: give a new or empty folder, or remove this one before"),
+    }
+}
+
+/// The scenes of a simulation that has not ended; the file is removed when the dataset is complete.
+#[derive(Debug, Serialize, Deserialize)]
+struct Plan {
+    scenes: Vec<String>,
+    #[serde(skip)]
+    file: PathBuf,
+}
+
+impl Plan {
+    fn write(folder: &Path, requests: &[Request]) -> anyhow::Result<Self> {
+        let file = folder.join(PLAN);
+        let plan = Self { scenes: requests.iter().map(|request| request.seed.key(request.kind)).collect(), file };
+        let text = serde_json::to_string_pretty(&plan)?;
+        PendingFile::open(&plan.file)?.finish(format!("{text}\n").as_bytes())?;
+        Ok(plan)
+    }
+
+    /// The plan that a simulation left in a folder.
+    fn left_in(folder: &Path) -> Option<Self> {
+        serde_json::from_slice(&std::fs::read(folder.join(PLAN)).ok()?).ok()
+    }
+
+    fn remove(self) -> anyhow::Result<()> {
+        std::fs::remove_file(&self.file).with_context(|| format!("removing {}", self.file.display()))
+    }
 }
 
 impl Report {

@@ -6,12 +6,13 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_eval::fitting::{PointsOf, Start, StartError, StartGaussians, common_size, fit_recipe};
 use atsplat_eval::reconstruct::{NetworkSource, PhotoSelection, Photos, ReconstructError, rendered_scene};
-use atsplat_fit::{FitError, Strategy, TrainingView};
+use atsplat_fit::{FitConfig, FitError, TrainingView};
 use atsplat_model::network::Device;
 use atsplat_model::weights::ModelWeights;
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{FrameSelection, Scene, SceneSource as _, Warnings};
 
+use super::OptimisationArgs;
 use crate::dataset_args::ImageArgs;
 use crate::embedded;
 use crate::parse;
@@ -189,28 +190,29 @@ impl StartArgs {
         Ok(Some(NetworkSource::from_file(config.clone(), path.clone(), file, config)))
     }
 
-    /// The Gaussians to start from, in the frame of the views. Warns of what is wrong with their file.
+    /// The Gaussians to start from, in the frame of the views, for a configuration that comes from some options. Warns of what is
+    /// wrong with their file.
     pub(super) fn gaussians(
         &self,
         input: &Input,
         args: &InputArgs,
         network: Option<(&NetworkSource, Device)>,
-        (seed, strategy): (u64, Strategy),
+        (config, options): (&FitConfig, &OptimisationArgs),
     ) -> anyhow::Result<StartGaussians> {
         if let Some((source, device)) = network {
             let (network, _) = source.load(&device)?;
-            return Ok(network.reconstruct(&input.photos.views()?, seed).context("--refine")?.gaussians.into());
+            return Ok(network.reconstruct(&input.photos.views()?, config.seed).context("--refine")?.gaussians.into());
         }
         let start = self.start.parse::<Start>().context("--start")?;
         let applied = if start.reads_points() { args.applied_transform(&input.scene.key) } else { Ok(None) };
         let applied = applied.with_context(|| format!("--start {}", self.start))?;
         let of = PointsOf { data: &args.data, scene: &input.scene, applied };
-        let made = start.gaussians(&input.training, of, self.depths, self.opacities_as_stored, (seed, strategy));
+        let made = start.gaussians(&input.training, of, self.depths, self.opacities_as_stored, config);
         let made = made.map_err(|error| match error {
             StartError::Fit(error @ FitError::Setting { name: "depths", .. }) => {
                 anyhow::Error::from(error).context(format!("--start {} needs --depths NEAR,FAR", self.start))
             }
-            StartError::Fit(error) => error.into(),
+            StartError::Fit(error) => options.with_option(error),
             unread => anyhow::Error::from(unread).context(format!("--start {}", self.start)),
         })?;
         for warning in &made.warnings {

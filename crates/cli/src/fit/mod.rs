@@ -3,20 +3,22 @@
 mod input;
 mod report;
 
-use std::io::ErrorKind;
+use std::fs::File;
+use std::io::{ErrorKind, Read as _, Result as IoResult};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, ensure};
-use atsplat_fit::{Background, Budget, Fit, FitConfig, FitError, FitRecord, FitReport, Strategy, TrainingView};
+use atsplat_fit::{
+    Background, Budget, Elapsed, Fit, FitConfig, FitError, FitRecord, FitReport, Strategy, TrainingView,
+};
 use atsplat_scene::Warnings;
 use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 
 use crate::device::DeviceArgs;
 use crate::parse;
-use crate::paths::canonical_path;
-use crate::paths::{NewFolders, PendingFile};
+use crate::paths::{Input, NewFolders, PendingFile, canonical_path, check_output};
 use crate::print::{print_report, warn};
 use crate::warnings::print_warnings;
 use input::{InputArgs, StartArgs};
@@ -50,16 +52,16 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", requires = "held_out", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     evaluate_every: Option<u64>,
 
-    /// File for the state of the run, from which --resume continues.
+    /// File for the state of the run, from which --resume continues; a file of another kind is not replaced.
     #[arg(long, value_name = "FILE", help_heading = "Output", conflicts_with = "seconds")]
     checkpoint: Option<PathBuf>,
 
     /// Write the checkpoint every N steps.
-    #[arg(long, value_name = "N", default_value_t = 500, requires = "checkpoint", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
+    #[arg(long, value_name = "N", default_value_t = 500, requires = "checkpoint", conflicts_with = "seconds", value_parser = clap::value_parser!(u64).range(1..), help_heading = "Output")]
     checkpoint_every: u64,
 
     /// Continue from the checkpoint, if it exists; the result is that of an uninterrupted run.
-    #[arg(long, requires = "checkpoint", help_heading = "Output")]
+    #[arg(long, requires = "checkpoint", conflicts_with = "seconds", help_heading = "Output")]
     resume: bool,
 
     /// Print JSON.
@@ -167,7 +169,47 @@ impl OptimisationArgs {
     }
 }
 
+/// The limit on the header of a safetensors file, in bytes.
+const MAX_HEADER: u64 = 100_000_000;
+
+/// Whether a file begins as checkpoints do: the length of a header, then JSON with their metadata.
+fn is_checkpoint(path: &Path) -> IoResult<bool> {
+    let mut file = File::open(path)?;
+    let (mut length, mut header) = ([0; 8], Vec::new());
+    match file.read_exact(&mut length) {
+        Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(false),
+        outcome => outcome?,
+    }
+    let length = u64::from_le_bytes(length);
+    if length > MAX_HEADER {
+        return Ok(false);
+    }
+    file.take(length).read_to_end(&mut header)?;
+    let header = serde_json::from_slice::<serde_json::Value>(&header);
+    Ok(header.is_ok_and(|header| header["__metadata__"]["atsplat.fit"].is_string()))
+}
+
 impl Args {
+    /// Refuses files in the place of what is read, and a checkpoint in a file that holds something else.
+    fn check_inputs(&self, record_file: &Path) -> anyhow::Result<()> {
+        // A start from a file or folder is recorded by its path, with how opacities are read.
+        let start = self.start.name();
+        let start = Path::new(start.strip_suffix(", opacities as stored").unwrap_or(&start));
+        let start = if start.is_dir() { Input::Dataset(start) } else { Input::File("the start that is read", start) };
+        let mut inputs = vec![Input::Dataset(&self.input.data), start];
+        inputs
+            .extend(self.start.refine.as_deref().map(|weights| Input::File("the weights file that is read", weights)));
+        let written = [("--out", self.out.as_path()), ("--out", record_file)].into_iter();
+        for (option, file) in written.chain(self.checkpoint.as_deref().map(|file| ("--checkpoint", file))) {
+            check_output(option, file, &inputs)?;
+        }
+        let Some(checkpoint) = self.checkpoint.as_deref().filter(|file| file.is_file()) else { return Ok(()) };
+        let shown = checkpoint.display();
+        let is_checkpoint = is_checkpoint(checkpoint).with_context(|| format!("reading the checkpoint {shown}"))?;
+        ensure!(is_checkpoint, "--checkpoint: {shown} is no checkpoint of `atsplat fit`: give another file");
+        Ok(())
+    }
+
     /// Refuses a checkpoint in a file that the results replace.
     fn check_checkpoint(&self, record_file: &Path) -> anyhow::Result<()> {
         let Some(checkpoint) = &self.checkpoint else { return Ok(()) };
@@ -227,6 +269,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     args.start.check()?;
     let record_file = args.out.with_added_extension("json");
     args.check_checkpoint(&record_file)?;
+    args.check_inputs(&record_file)?;
     let _folders = args.check_outputs(&record_file)?;
     let mut warnings = Warnings::new();
     let network = args.start.network()?;
@@ -237,13 +280,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let normalisation = input.photos.trial().normalisation().new_from_old;
     let mut config = args.optimisation.config(normalisation.scale);
     let network = network.as_ref().map(|source| Ok::<_, anyhow::Error>((source, device.network()?))).transpose()?;
-    let start = args.start.gaussians(&input, &args.input, network, (config.seed, config.strategy))?;
+    let start = args.start.gaussians(&input, &args.input, network, (&config, &args.optimisation))?;
     let (start, removed) = (start.gaussians, start.removed);
     warn_of_start(&start, &config);
     let device = device.backend().fit_device();
     let begin = Instant::now();
     let planned = args.optimisation.budget().plan(&config, &input.training, &start, &device);
     let (steps, deadline) = planned.map_err(|error| args.optimisation.with_option(error))?;
+    let planning = begin.elapsed().as_secs_f64();
     config.steps = steps;
     let (count, views) = (start.len(), input.training.clone());
     let fit = match args.checkpoint.as_deref().filter(|path| args.resume && path.is_file()) {
@@ -263,7 +307,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         }
         Ok(())
     });
-    let seconds = begin.elapsed().as_secs_f64();
+    let elapsed = fit.elapsed();
+    let elapsed = Elapsed { seconds: planning + elapsed.seconds, ..elapsed };
     // Written before further renders, which may fail; after a fault these are the Gaussians of the last good state.
     let gaussians = input.photos.in_scene(&fit.gaussians())?;
     remove_old(&record_file)?;
@@ -309,7 +354,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     outcome.with_context(|| format!("{} holds the last good state", args.out.display()))?;
     let out = args.out.display();
     ensure!(fit.step_count() > 0, "--seconds: the time was over before the first step; {out} holds the start");
-    print_report(&FitReport { record, seconds }, args.json)
+    print_report(&FitReport::new(record, elapsed), args.json)
 }
 
 #[cfg(test)]

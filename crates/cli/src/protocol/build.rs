@@ -3,12 +3,13 @@ use std::path::PathBuf;
 
 use anyhow::ensure;
 use atsplat_protocol::{BuiltIndex, IndexLayout, SamplingRule};
+use atsplat_scene::inspect::left_out;
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
 use serde::Serialize;
 
 use crate::dataset_args::ImageArgs;
 use crate::parse;
-use crate::paths::PendingFile;
+use crate::paths::{Input, PendingFile, check_output};
 use crate::print::print_report;
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
@@ -41,6 +42,8 @@ struct Report<'a> {
     sampler: &'a str,
     rule: &'a SamplingRule,
     scenes: usize,
+    /// Scenes of the data that the rule was not given.
+    left_out: u64,
     entries: usize,
     refused_entries: usize,
     missing_images: usize,
@@ -48,10 +51,13 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let inputs = [Input::Toml("the sampling rule that is read", &args.sampler), Input::Dataset(&args.data)];
+    check_output("--out", &args.out, &inputs)?;
     let rule = parse::rule(&args.sampler)?;
     let out = PendingFile::open(&args.out)?;
     let mut warnings = Warnings::new();
     let dataset = args.images.open(&args.data, &mut warnings)?;
+    let opening = warnings.clone();
     let progress = Progress::new("scenes", dataset.keys().len());
     let built = rule.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
@@ -59,10 +65,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     }
     let BuiltIndex { scenes, entries, nulls, refused_entries, missing_images, index: _ } = &built;
+    let left_out = left_out(&opening, &warnings);
     let report = Report {
         sampler: &args.sampler,
         rule: &rule,
         scenes: *scenes,
+        left_out,
         entries: *entries,
         refused_entries: *refused_entries,
         missing_images: *missing_images,
@@ -71,7 +79,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     print_report(&report, args.json)?;
     print_warnings(&warnings);
     ensure!(*entries > 0, "no scene of {} has an entry: {} is not written", args.data.display(), args.out.display());
-    Ok(nulls.is_empty() && *missing_images == 0 && warnings.count(WarningKind::UnreadableImage) == 0)
+    let unusable_images = *missing_images as u64 + warnings.count(WarningKind::UnreadableImage);
+    Ok(nulls.is_empty() && left_out == 0 && unusable_images == 0)
 }
 
 impl fmt::Display for Report<'_> {
@@ -86,6 +95,9 @@ impl fmt::Display for Report<'_> {
         }
         if self.missing_images > 0 {
             writeln!(f, "{:>7}  frames skipped, their images are missing", self.missing_images)?;
+        }
+        if self.left_out > 0 {
+            writeln!(f, "{:>7}  scenes left out, they are not read", self.left_out)?;
         }
         for (reason, count) in self.nulls {
             writeln!(f, "{count:>7}  scenes null: {reason}")?;

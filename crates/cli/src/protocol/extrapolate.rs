@@ -1,13 +1,13 @@
 use std::path::PathBuf;
 
-use anyhow::{bail, ensure};
+use anyhow::bail;
 use atsplat_protocol::extrapolation::{Extrapolation, Incomplete, Margin, Placement, scene_lengths};
 use atsplat_protocol::{IndexFile, IndexLayout};
 use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 
 use crate::dataset_args::ImageArgs;
-use crate::paths::PendingFile;
+use crate::paths::{Input, PendingFile, check_output};
 use crate::print::print_report;
 use crate::progress::Progress;
 use crate::warnings::print_warnings;
@@ -50,12 +50,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     file.warn_of_unknown_fields(&args.index, &mut warnings);
     let index = file.into_unambiguous().map_err(|error| error.in_file(&args.index))?;
-    let same = |path: &std::path::Path| path.canonicalize().ok();
-    ensure!(
-        same(&args.out).is_none_or(|out| same(&args.index) != Some(out)),
-        "--out: {} is the index that is read: give another file",
-        args.out.display()
-    );
+    let index_read = Input::File("the index that is read", &args.index);
+    let inputs: Vec<Input<'_>> = args.data.iter().map(|data| Input::Dataset(data)).chain([index_read]).collect();
+    check_output("--out", &args.out, &inputs)?;
     let out = PendingFile::open(&args.out)?;
     let lengths = match &args.data {
         Some(path) => {

@@ -1,14 +1,16 @@
 use std::path::PathBuf;
 
 use anyhow::{bail, ensure};
-use atsplat_protocol::overlap::{BinnedOverlaps, DepthFolder, OverlapEstimator, annotate_overlaps};
+use atsplat_protocol::overlap::{
+    BinnedOverlaps, DepthFolder, OverlapEstimator, OverlapReport, UnmeasuredExample, annotate_overlaps,
+};
 use atsplat_protocol::{BinRule, IndexFile, KnownIndex, OverlapBins};
 use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 
 use crate::dataset_args::ImageArgs;
 use crate::parse;
-use crate::paths::PendingFile;
+use crate::paths::{Input, PendingFile, check_output};
 use crate::plot::PlotFile;
 use crate::print::print_report;
 use crate::warnings::print_warnings;
@@ -69,6 +71,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let depth = depth(args)?;
+    check_outputs(args)?;
     let file = IndexFile::read(&args.index)?;
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
     let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
@@ -99,7 +102,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     };
     let report = BinnedOverlaps::new(&index, &bins, footer, measured.as_ref().map(|found| (found, &args.estimator)));
     let complete = report.unmeasured.is_empty();
-    let nothing = report.measured == Some(0) && !complete;
+    let nothing = report.measured == Some(0);
     if let Some(plot) = plot.filter(|_| !nothing) {
         let overlaps = bins.placed(&index);
         let subtitle = format!("index {name}; {} context sets; {}", overlaps.len(), report.definition);
@@ -112,8 +115,30 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_report(&report, args.json)?;
     print_warnings(&warnings);
-    ensure!(!nothing, "no overlap of {} could be measured", args.index.display());
+    let why = || measured.as_ref().map_or_else(String::new, why_nothing);
+    ensure!(!nothing, "no overlap of {} could be measured: {}", args.index.display(), why());
     Ok(complete)
+}
+
+/// Why no overlap was measured.
+fn why_nothing(found: &OverlapReport) -> String {
+    found.examples.first().map_or_else(
+        || "no scene of the index has an entry".to_owned(),
+        |UnmeasuredExample { scene, entry, reason, detail }| {
+            let unmeasured: usize = found.unmeasured.values().sum();
+            format!("{unmeasured} entries failed, the first with {reason}: scene {scene:?}, entry {entry}: {detail}")
+        },
+    )
+}
+
+/// Refuses outputs in the place of what is read. A plot may be an image in the folder of the dataset.
+fn check_outputs(args: &Args) -> anyhow::Result<()> {
+    let index = Input::File("the index that is read", &args.index);
+    if let Some(out) = &args.out {
+        let folders = [&args.data, &args.depth].into_iter().flatten().map(|folder| Input::Dataset(folder));
+        check_output("--out", out, &folders.chain([index]).collect::<Vec<_>>())?;
+    }
+    args.plot.as_ref().map_or(Ok(()), |plot| check_output("--plot", plot.path(), &[index]))
 }
 
 /// The folder of depth maps, if the estimator uses them.

@@ -44,7 +44,7 @@ pub(super) struct InputArgs {
 
     /// Accept images of any size, even if the protocol requires one; those of the size that it crops to are taken as already
     /// cropped, and their cameras are cropped accordingly.
-    #[arg(long, requires = "protocol")]
+    #[arg(long, requires = "protocol", conflicts_with = "size")]
     any_size: bool,
 
     /// Size of the images given to the network; by default the model's resolution.

@@ -3,9 +3,11 @@
 pub(crate) mod backend;
 mod check;
 mod effects;
+pub(crate) mod output_lock;
 mod preview;
 mod scene_file;
 mod settings;
+mod times;
 mod views;
 
 use std::path::PathBuf;
@@ -13,9 +15,9 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use atsplat_eval::rendering::FrameTimings;
 use atsplat_eval::rendering::{
-    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, FrameRequest, Record, RenderFile, RenderPlan,
-    RenderSettingsRecord, Report, ViewRecord, empty_frames_warning, ignored_principal_points, render_all,
-    unknown_images,
+    ExposureSource, Exposures, Frame, FrameCounts, FrameFiles, FrameRequest, RENDER_RECORD, Record, RenderFile,
+    RenderPlan, RenderSettingsRecord, Report, ViewRecord, empty_frames, empty_frames_warning, ignored_principal_points,
+    render_all, unknown_images,
 };
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
@@ -32,6 +34,7 @@ use crate::progress::Progress;
 use crate::warnings::print_warnings;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
+use output_lock::OutputLock;
 use preview::PreviewArgs;
 use scene_file::SceneArgs;
 use settings::RenderSettingsArgs;
@@ -108,13 +111,15 @@ enum FormatArg {
 
 const ROUNDINGS: [(&str, Rounding); 2] = [("nearest", Rounding::Nearest), ("truncate", Rounding::Truncate)];
 
-/// Renders; `true` if every frame is complete.
+/// Renders; `true` if every frame is complete and shows a Gaussian.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
-    let record = args.out.join("render.json");
+    let record = args.out.join(RENDER_RECORD);
     args.views.reject_overwriting(&record)?;
     let exposures = Exposures::of(args.exposure.as_ref())?;
     let Backend { mut renderer, note, .. } = backend(args.backend, args.adapter.as_ref())?;
+    // Before the files in the folder, which is removed last if nothing is written.
+    let _lock = OutputLock::of(&args.out)?;
     let record_file = PendingFile::open(&record)?;
     let preview_file = args.preview.open()?;
     let constants = args.settings.constants()?;
@@ -129,6 +134,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     notes.extend(note);
     notes.extend(args.settings.warning(&gaussians, settings.options.mode).map(str::to_owned));
     notes.extend(ignored_principal_points(&settings.options.constants, &requests));
+    notes.extend(settings.options.ignored_harmonics(&gaussians));
 
     let mut preview = preview_file.map(|file| args.preview.start(file, &requests)).transpose()?;
     let files = args.files();
@@ -154,9 +160,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         preview.finish()?;
     }
     notes.extend(faults().map(|(number, fault)| format!("frame {number}: {fault}")));
-    let undrawn = empty_frames_warning(&frames, &gaussians);
-    let is_drawn = undrawn.is_none();
-    notes.extend(undrawn);
+    let is_drawn = empty_frames(&frames) == 0;
+    notes.extend(empty_frames_warning(&frames, &gaussians));
     let round_trip = (!args.round_trip.is_empty()).then(|| {
         let views: Vec<_> = requests.iter().map(|request| (request.view, request.exposed(&settings.options))).collect();
         let measured = measure_round_trips(renderer.as_mut(), &gaussians, &views, &args.round_trip);

@@ -3,13 +3,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
-use atsplat_eval::rendering::{FrameRequest, PathRecord, RenderPlan};
+use atsplat_eval::rendering::{FrameRequest, PathRecord, PathSpacing, RenderPlan};
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
 use atsplat_scene::{FrameSelection, Warnings};
 use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
 use atsplat_splat::{Exposure, View, framing};
 use clap::ArgGroup;
 
+use super::times::micros;
 use crate::parse::{self, Axis};
 
 /// Image size of an orbit.
@@ -56,9 +57,10 @@ pub(crate) struct ViewArgs {
     #[arg(long, conflicts_with_all = ["cameras", "orbit"])]
     closed: bool,
 
-    /// Sample the path evenly by distance travelled, or by the time between the cameras of FILE.
+    /// Sample the path evenly by distance travelled, by the times that FILE records for its cameras, or with as many views between
+    /// any two cameras (even).
     #[arg(long, value_name = "BY", conflicts_with_all = ["cameras", "orbit"], default_value = "distance", value_parser = parse::named(SPACINGS))]
-    spacing: Spacing,
+    spacing: PathSpacing,
 
     /// Degrees above the horizon.
     #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", allow_negative_numbers = true, value_parser = parse::elevation)]
@@ -85,11 +87,16 @@ pub(crate) struct ViewArgs {
     sweep: f64,
 }
 
-const SPACINGS: [(&str, Spacing); 2] = [("distance", Spacing::ArcLength), ("time", Spacing::Time)];
+const SPACINGS: [(&str, PathSpacing); 3] =
+    [("distance", PathSpacing::ArcLength), ("time", PathSpacing::Time), ("even", PathSpacing::Even)];
 
 impl ViewArgs {
     /// Rejects invalid values before any file is read.
     pub(crate) fn check(&self) -> Result<(), String> {
+        if self.closed && self.spacing == PathSpacing::Time {
+            let text = "no file records a time for the way from the last camera back to the first";
+            return Err(format!("--closed --spacing time: {text}: use --spacing distance or even"));
+        }
         self.spline_frames().map(|_| ())
     }
 
@@ -149,9 +156,18 @@ impl ViewArgs {
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
         let count = self.spline_frames().map_err(anyhow::Error::msg)?;
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing: self.spacing };
-        let spline = if self.closed { CameraSpline::closed(keys) } else { CameraSpline::open(keys) };
-        let views = spline.and_then(|spline| spline.resampled(count, self.spacing)).context(option)?;
+        let spacing = if self.spacing == PathSpacing::ArcLength { Spacing::ArcLength } else { Spacing::Time };
+        let spline = self.spline_through(keys, &cameras).context(option.clone())?;
+        let views = spline.resampled(count, spacing).context(option)?;
         Ok(RenderPlan { requests: FrameRequest::numbered(views, size), path, notes })
+    }
+
+    fn spline_through(&self, keys: Vec<Camera>, cameras: &[FileCamera]) -> anyhow::Result<CameraSpline> {
+        Ok(match self.file().filter(|_| self.spacing == PathSpacing::Time) {
+            Some(file) => CameraSpline::timed(micros(&file, self.key.as_deref(), cameras)?, keys)?,
+            None if self.closed => CameraSpline::closed(keys)?,
+            None => CameraSpline::open(keys)?,
+        })
     }
 
     fn requests_of(&self, cameras: Vec<FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<Vec<FrameRequest>> {

@@ -4,6 +4,7 @@ mod sweep;
 
 use std::path::PathBuf;
 
+use anyhow::bail;
 use atsplat_eval::Results;
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{TradeoffReport, across, tradeoffs};
@@ -55,7 +56,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let store = match (&args.command, &args.store) {
         (Some(Command::Sweep(args)), _) => return args.run(sweep::run),
         (None, Some(store)) => store,
-        (None, None) => anyhow::bail!("expected a folder of results"),
+        (None, None) => bail!("expected a folder of results"),
     };
     let results = Results::read(&args.cache.store(store)?)?;
     let leaked = if args.without_leaked { Leaked::Excluded } else { Leaked::Included };
@@ -65,8 +66,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     } else {
         tradeoffs(&results, &metrics, leaked)?
     };
-    print_report(&TradeoffReport { tradeoffs, unfinished: results.interrupted() }, args.json)?;
-    Ok(Exit::Done)
+    let report = TradeoffReport { tradeoffs, unfinished: results.interrupted() };
+    print_report(&report, args.json)?;
+    match report.nothing_scored() {
+        Some(why) => bail!("nothing was scored: {why}"),
+        None => Ok(Exit::Done),
+    }
 }
 
 fn metric(name: &str) -> Result<String, String> {

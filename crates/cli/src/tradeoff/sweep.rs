@@ -1,17 +1,17 @@
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use atsplat_eval::Results;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
+use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
 use atsplat_metrics::Suite;
 use atsplat_scene::Warnings;
 
 use crate::objects::RemoteData;
 use crate::parse::usage_error;
-use crate::print::print_report;
+use crate::print::{print_report, warn};
 use crate::progress::Progress;
 use crate::provenance;
 use crate::reconstruct::network::NetworkArgs;
@@ -44,6 +44,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let reading = || format!("reading {}", args.sweep.display());
     let text = std::fs::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
+    check_labels(&sweep).with_context(reading)?;
     let base = sweep_base(&args.network)?;
     let mut warnings = Warnings::new();
     if let Some(url) = atsplat_objects::url(args.settings.out()) {
@@ -55,13 +56,15 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let parts = parts(&sweep, &base, &datasets)?;
     let steps = parts.iter().map(|part| plan(args, &suite, part).steps()).sum::<u64>();
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
+    let mut empty_parts = Vec::new();
     for part in &parts {
         let plan = plan(args, &suite, part);
         let store = args.settings.store(args.settings.out(), plan.provenance(provenance())?)?;
         let (results, _) = runner::run(&plan, store, &|| progress.step())?;
         RemoteData::check(remote.as_ref())?;
         if let Some(why) = plan.nothing_evaluated(&results) {
-            bail!("nothing was evaluated: {why}");
+            let labels: Vec<String> = part.methods.iter().map(|method| method.record().name).collect();
+            empty_parts.push(format!("{}: nothing was evaluated: {why}", labels.join(", ")));
         }
     }
     drop(progress);
@@ -71,10 +74,27 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
         1 => tradeoffs(&results, &metrics, Leaked::Included)?,
         _ => metrics.iter().map(|metric| across(&results, metric, Leaked::Included)).collect::<Result<_, _>>()?,
     };
-    print_report(&TradeoffReport { tradeoffs, unfinished: results.interrupted() }, args.settings.json)?;
+    let report = TradeoffReport { tradeoffs, unfinished: results.interrupted() };
+    print_report(&report, args.settings.json)?;
     print_warnings(&warnings);
     print_findings(&[&results], &warnings);
+    // Settings without a trial are in no table.
+    let all_empty = empty_parts.len() == parts.len();
+    if let Some(why) = all_empty.then(|| empty_parts.join("; ")).or_else(|| report.nothing_scored()) {
+        bail!("no setting has a result: {why}");
+    }
+    for why in &empty_parts {
+        warn(why);
+    }
     Ok(results.gaps().is_empty())
+}
+
+/// A setting without a label would be a row without a name.
+fn check_labels(sweep: &Sweep) -> anyhow::Result<()> {
+    for (number, Setting { label, .. }) in (1..).zip(&sweep.settings) {
+        ensure!(!label.trim().is_empty(), "settings, number {number}: expected a label with text, found {label:?}");
+    }
+    Ok(())
 }
 
 fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {

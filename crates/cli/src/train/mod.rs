@@ -27,7 +27,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
 
-    /// Folder of the run: checkpoints, weights, logs, learning curve, contact sheet.
+    /// Folder of the run: checkpoints, weights (as f16), logs, learning curve, contact sheet.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 

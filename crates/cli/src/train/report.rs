@@ -8,7 +8,7 @@ use crate::progress::StepProgress;
 pub(super) struct Live {
     progress: StepProgress,
     steps: u64,
-    /// Whether the evaluation's scenes are known not to be trained on.
+    /// Whether the evaluation's scenes, by their names, are not trained on.
     held_out: bool,
     /// Exponential moving averages.
     loss: Option<f64>,
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_scenes_known_to_be_held_out_are_called_so_and_identical_targets_are_counted() {
+    fn only_held_out_scenes_are_called_so_and_identical_targets_are_counted() {
         let record = EvaluationRecord {
             step: 20,
             psnr: 21.0,
@@ -86,6 +86,7 @@ mod tests {
             targets: 3,
             identical: 0,
             secs: 2.0,
+            samples_sha256: None,
         };
         let expected =
             "after 20 steps: 21.00 dB, SSIM 0.750 on 3 held-out targets; nearest view 16.50 dB, 0.500; gain +4.50 dB";

@@ -1,6 +1,7 @@
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use atsplat_files::Sha256Digest;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
@@ -10,8 +11,8 @@ use atsplat_model::weights::{
 };
 
 use crate::model_args::model;
-use crate::parse::{name_or_path, named};
-use crate::paths::PendingFile;
+use crate::parse::{name_or_path, named, once, usage_error};
+use crate::paths::{Input, PendingFile, check_output};
 use crate::print::{print_report, print_status};
 use crate::reconstruct::network::same_network;
 
@@ -50,7 +51,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TYPE", default_value = "f32", value_parser = named(PRECISIONS), requires = "out")]
     precision: Precision,
 
-    /// Provenance note on the weights, such as `data=re10k`; kept in the file and with every result.
+    /// Provenance note on the weights, such as `data=re10k`; kept in the file and with every result. Each key is given once, and
+    /// none that the import records or FILE states already.
     #[arg(long, value_name = "KEY=VALUE", value_parser = note, requires = "out")]
     note: Vec<(String, String)>,
 
@@ -63,6 +65,7 @@ const PRECISIONS: [(&str, Precision); 3] =
     [("f32", Precision::Single), ("f16", Precision::Half), ("bf16", Precision::Brain)];
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    args.check()?;
     let config = ModelConfig::resolve(&args.model)?;
     let map = KeyMap::resolve(&args.key_map)?;
     if args.backbone.is_some() && !matches!(config.backbone, BackboneConfig::DinoV2 { .. }) {
@@ -112,7 +115,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     if let Some(out) = out {
         // What a weights file says about its training is also true for a copy.
         let mut provenance = own.map(|own| own.provenance).unwrap_or_default();
-        provenance.extend(report.provenance(&args.note));
+        provenance.extend(report.provenance());
+        args.add_notes(&mut provenance)?;
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));
         let weights = ModelWeights::new(config, provenance, &tensors)?;
         let bytes = weights.to_stored(args.precision).context("--precision")?.to_safetensors()?;
@@ -121,6 +125,36 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     print_report(&report, args.json)?;
     Ok(true)
+}
+
+impl Args {
+    /// Rejects a note that is given twice, and an output in the place of an input.
+    fn check(&self) -> anyhow::Result<()> {
+        let keys: Vec<String> = self.note.iter().map(|(key, _)| key.clone()).collect();
+        once("--note", &keys).map_err(usage_error)?;
+        let Some(out) = &self.out else { return Ok(()) };
+        let mut inputs = vec![
+            Input::File("the file that is imported", &self.file),
+            Input::Toml("the configuration", &self.model),
+            Input::Toml("the key map", &self.key_map),
+        ];
+        inputs.extend(self.backbone.as_deref().map(|backbone| Input::File("the file of the backbone", backbone)));
+        check_output("--out", out, &inputs)
+    }
+
+    /// Adds the notes; none may replace what the file and the import record.
+    fn add_notes(&self, provenance: &mut BTreeMap<String, String>) -> anyhow::Result<()> {
+        let stated = |(key, _): &(String, String)| provenance.get(key).map(|value| format!("{key} = {value:?}"));
+        let stated: Vec<String> = self.note.iter().filter_map(stated).collect();
+        let file = self.file.display();
+        ensure!(
+            stated.is_empty(),
+            "--note: the provenance of {file} and of its import states {}: give other keys",
+            stated.join(", ")
+        );
+        provenance.extend(self.note.iter().cloned());
+        Ok(())
+    }
 }
 
 /// Parses the name or path of a key map.

@@ -8,6 +8,7 @@
 //! are not part of a results store.
 
 mod expanded_tokens;
+mod gap;
 mod measure;
 mod report;
 mod scene;
@@ -26,6 +27,7 @@ use atsplat_splat::{Channels, Gaussians, RenderOptions, Rendering, View};
 use thiserror::Error;
 
 pub use expanded_tokens::{ExpandedToken, ProjectedToken, seen_by};
+pub use gap::ExpansionGap;
 pub use measure::{BlockMeasurement, Spread, TrialMeasurement, measure_trial};
 pub use report::{BlockRow, ExpansionReport, MeanOverScenes, ThresholdRow};
 pub use scene::{ExpansionScene, ExpansionTarget, study_trial};

@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use serde::Serialize;
 
 use super::thresholds::{PUBLISHED, at_quantiles};
-use super::{BlockMeasurement, TrialMeasurement};
+use super::{BlockMeasurement, ExpansionGap, TrialMeasurement};
 use crate::statistics::{MIN_SCENES, interval_of_mean};
 
 /// Token expansion of a network over the trials of a protocol. [`Display`](fmt::Display) prints Markdown.
@@ -19,6 +19,8 @@ pub struct ExpansionReport {
     pub scenes: usize,
     /// Number of trials.
     pub trials: usize,
+    /// What of the protocol and the data is not in these trials.
+    pub gaps: Vec<ExpansionGap>,
     /// The blocks that expand, in order.
     pub blocks: Vec<BlockRow>,
     /// Thresholds for the paper's dynamic budgets; empty if not three blocks score their tokens.
@@ -68,8 +70,8 @@ pub struct ThresholdRow {
 }
 
 impl ExpansionReport {
-    /// Summarises trials.
-    pub fn new(network: &str, protocol: &str, trials: &[TrialMeasurement]) -> Self {
+    /// Summarises trials; `gaps` is what is missing from them.
+    pub fn new(network: &str, protocol: &str, trials: &[TrialMeasurement], gaps: Vec<ExpansionGap>) -> Self {
         let mut by_block: IndexMap<usize, Vec<(&str, &BlockMeasurement)>> = IndexMap::new();
         for trial in trials {
             for block in &trial.blocks {
@@ -93,6 +95,7 @@ impl ExpansionReport {
             protocol: protocol.to_owned(),
             scenes: scenes.len(),
             trials: trials.len(),
+            gaps,
             thresholds: thresholds.collect(),
             blocks: by_block.iter().map(|(block, own)| row(*block, own)).collect(),
         }
@@ -142,6 +145,11 @@ impl fmt::Display for ExpansionReport {
             f,
             "Means over {trials} trials of {scenes} scenes; with their 95 % intervals over scenes, from six scenes on.\n"
         )?;
+        if !self.gaps.is_empty() {
+            writeln!(f, "Not in these means:\n")?;
+            self.gaps.iter().try_for_each(|gap| writeln!(f, "- {gap}"))?;
+            writeln!(f)?;
+        }
         writeln!(f, "| block | tokens | expanded | rank correlation | error ratio | children, px | parent, px |")?;
         writeln!(f, "| ---: | ---: | ---: | --- | --- | --- | --- |")?;
         for row in &self.blocks {
@@ -212,18 +220,32 @@ mod tests {
             (0..6).map(|at| trial(at, vec![block(2, Some(at as f64 / 10.0), &[])])).collect();
         trials.push(trial(5, vec![block(2, Some(0.7), &[])]));
         trials.push(trial(5, vec![block(2, None, &[])]));
-        let report = ExpansionReport::new("nano", "rooms", &trials);
+        let report = ExpansionReport::new("nano", "rooms", &trials, Vec::new());
         assert_eq!((report.scenes, report.trials, report.blocks.len()), (6, 8, 1));
         let found = report.blocks[0].correlation.unwrap();
         atsplat_numeric::Tolerance::F64.assert([found.mean], [(1.5 + 0.7) / 7.0], "over the trials that have it");
         let [low, high] = found.interval.unwrap();
         assert!(low < found.mean && found.mean < high && low > 0.0 && high < 0.6, "{found}");
         assert_eq!(report.blocks[0].contrast, None);
-        let few = ExpansionReport::new("nano", "rooms", &trials[..5]);
+        let few = ExpansionReport::new("nano", "rooms", &trials[..5], Vec::new());
         assert_eq!(few.blocks[0].correlation.unwrap().interval, None);
         let text = few.to_string();
         assert!(text.contains("| 2 | 8 | 3 | 0.200 | – | 2.000 | 0.500 |"), "{text}");
-        assert!(!text.contains("thresholds"), "{text}");
+        assert!(!text.contains("thresholds") && !text.contains("Not in these means"), "{text}");
+    }
+
+    #[test]
+    fn what_is_missing_is_named() {
+        let gap = ExpansionGap { kind: "scenes without an entry".to_owned(), count: 2, first: "short, …".to_owned() };
+        let report = ExpansionReport::new("nano", "rooms", &[trial(0, Vec::new())], vec![gap]);
+        let text = report.to_string();
+        assert!(
+            text.contains("\n\nNot in these means:\n\n- 2 scenes without an entry: short, …\n\n| block |"),
+            "{text}"
+        );
+        let json = serde_json::to_value(&report).unwrap();
+        let expected = serde_json::json!([{ "kind": "scenes without an entry", "count": 2, "first": "short, …" }]);
+        assert_eq!(json["gaps"], expected);
     }
 
     #[test]
@@ -234,7 +256,7 @@ mod tests {
             [(4, 1e4), (2, 1e2), (3, 1e3)].map(|(at, scale)| block(at, None, &half(&scores(scale)))).to_vec()
         };
         let trials = [trial(0, blocks(&|all| all[..5].to_vec())), trial(1, blocks(&|all| all[5..].to_vec()))];
-        let report = ExpansionReport::new("nano", "rooms", &trials);
+        let report = ExpansionReport::new("nano", "rooms", &trials, Vec::new());
         assert_eq!(report.blocks.iter().map(|row| row.block).collect::<Vec<_>>(), [2, 3, 4]);
         let first = &report.thresholds[0];
         assert_eq!((first.published, first.quantiles), ([0.1, 0.1, 0.4], [0.8, 0.8, 0.9]));

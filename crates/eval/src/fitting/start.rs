@@ -3,7 +3,7 @@ use std::str::FromStr;
 
 use atsplat_files::InvalidText;
 use atsplat_fit::start::{Point, from_points, in_frustums};
-use atsplat_fit::{FitError, Strategy, TrainingView};
+use atsplat_fit::{FitConfig, FitError, TrainingView};
 use atsplat_scene::colmap::{ColmapPoint, Displacement, displacement, points_folder, read_points};
 use atsplat_scene::nerfstudio::AppliedTransform;
 use atsplat_scene::{Scene, SceneError};
@@ -120,8 +120,9 @@ impl Start {
         }
     }
 
-    /// The Gaussians for these views of a scene. Random points are between two `depths`, by default around the point that the
-    /// cameras look at. With `opacities_as_stored`, a PLY file holds opacities instead of logits.
+    /// The Gaussians for these views of a scene, to be optimised with a configuration, within whose limits on number and memory
+    /// random points are made. They are between two `depths`, by default around the point that the cameras look at. With
+    /// `opacities_as_stored`, a PLY file holds opacities instead of logits.
     ///
     /// # Errors
     /// [`StartError`].
@@ -131,10 +132,15 @@ impl Start {
         of: PointsOf<'_>,
         depths: Option<[f64; 2]>,
         opacities_as_stored: bool,
-        (seed, strategy): (u64, Strategy),
+        config: &FitConfig,
     ) -> Result<StartGaussians, StartError> {
+        let strategy = config.strategy;
         let folder = match self {
-            Self::Random(count) => return Ok(in_frustums(views, *count, depths, seed, strategy)?.into()),
+            Self::Random(count) => {
+                // Before there is memory for them.
+                config.check_start(views, *count)?;
+                return Ok(in_frustums(views, *count, depths, config.seed, strategy)?.into());
+            }
             Self::At(file) if !file.is_dir() => return Ok(of_file(file, opacities_as_stored)?),
             Self::At(folder) => points_folder(folder).ok_or_else(|| StartError::NoPoints(folder.clone()))?,
             Self::Points => points_of_scene(of.data, &of.scene.key)?,
@@ -209,6 +215,7 @@ fn of_file(path: &Path, opacities_as_stored: bool) -> Result<StartGaussians, Spl
 
 #[cfg(test)]
 mod tests {
+    use atsplat_fit::Strategy;
     use atsplat_numeric::Tolerance;
     use atsplat_scene::{SceneSource as _, Warnings};
     use atsplat_splat::GaussianParts;
@@ -239,7 +246,7 @@ mod tests {
         files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
         let start = Start::At(path);
         let of = PointsOf { data: folder.path(), scene: &scene_without_frames("scene"), applied: None };
-        start.gaussians(&[], of, None, opacities_as_stored, (0, Strategy::Fixed)).unwrap()
+        start.gaussians(&[], of, None, opacities_as_stored, &FitConfig::new(Strategy::Fixed, 1)).unwrap()
     }
 
     #[test]
@@ -277,7 +284,7 @@ mod tests {
         std::fs::write(garden.join("sparse/points3D.txt"), rows).unwrap();
         let points = |start: &Start, data: &Path, scene: &str| {
             let of = PointsOf { data, scene: &scene_without_frames(scene), applied: None };
-            let made = start.gaussians(&[], of, None, false, (0, Strategy::Fixed));
+            let made = start.gaussians(&[], of, None, false, &FitConfig::new(Strategy::Fixed, 1));
             made.map(|made| made.gaussians.len()).map_err(|error| error.to_string())
         };
         let file = garden.join("transforms.json");
@@ -311,7 +318,7 @@ mod tests {
             [Start::Points, Start::At(capture.clone())].map(|start| {
                 assert!(start.reads_points());
                 let of = PointsOf { data: folder.path(), scene: &scene, applied };
-                let made = start.gaussians(&[], of, None, false, (0, Strategy::Fixed)).unwrap();
+                let made = start.gaussians(&[], of, None, false, &FitConfig::new(Strategy::Fixed, 1)).unwrap();
                 assert!(made.warnings[0].contains("has no images.bin or images.txt"), "{:?}", made.warnings);
                 made.gaussians.parts().means.iter().map(|mean| mean.map(f64::from)).collect::<Vec<_>>()
             })
@@ -358,7 +365,9 @@ mod tests {
         let scene = dataset.load(&key, &mut Warnings::new()).unwrap();
         let started = |applied| {
             let of = PointsOf { data: folder.path(), scene: &scene, applied };
-            Start::Points.gaussians(&[], of, None, false, (0, Strategy::Fixed)).map_err(|error| error.to_string())
+            Start::Points
+                .gaussians(&[], of, None, false, &FitConfig::new(Strategy::Fixed, 1))
+                .map_err(|error| error.to_string())
         };
         let applied = dataset.applied_transform(&key).unwrap();
         assert!(applied.is_some());

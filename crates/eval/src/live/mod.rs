@@ -6,7 +6,7 @@ use atsplat_camera::ImageSize;
 use atsplat_model::network::Trace;
 use atsplat_numeric::{Extremes as _, median};
 use atsplat_protocol::trial::Trial;
-use atsplat_splat::{Gaussians, PrincipalPoint, RenderOptions, View};
+use atsplat_splat::{Gaussians, RenderOptions, SplatError, View};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -90,7 +90,7 @@ impl LiveScene {
             cameras: views
                 .iter()
                 .map(|(context, frame, view)| LiveCamera::of(*context, *frame, view, options))
-                .collect(),
+                .collect::<Result<_, _>>()?,
             options: options.clone(),
             stages: stages(trace, uncertainty.unwrap_or_default(), options.constants.min_alpha)?,
             uncertainty,
@@ -100,15 +100,14 @@ impl LiveScene {
 
 impl LiveCamera {
     /// A camera as a renderer with these options uses it.
-    pub fn of(context: bool, frame: usize, view: &View, options: &RenderOptions) -> Self {
+    ///
+    /// # Errors
+    /// [`SplatError::View`] for a field of view without a focal length.
+    pub fn of(context: bool, frame: usize, view: &View, options: &RenderOptions) -> Result<Self, SplatError> {
         let ImageSize { width, height } = view.size;
-        let k = view.camera.intrinsics.pixel_from_normalized(view.size);
-        let principal = match options.constants.principal_point {
-            PrincipalPoint::Full => [k.cx, k.cy],
-            PrincipalPoint::Centre => [f64::from(width) / 2.0, f64::from(height) / 2.0],
-        };
+        let [focal, principal] = view.focal_and_principal(options.constants.principal_point)?;
         let camera_from_world = view.camera.camera_from_world.to_rows();
-        Self { frame, context, size: [width, height], focal: [k.fx, k.fy], principal, camera_from_world }
+        Ok(Self { frame, context, size: [width, height], focal, principal, camera_from_world })
     }
 }
 

@@ -1,5 +1,5 @@
 use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalPoint};
-use atsplat_splat::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, ShAxes};
+use atsplat_splat::{ClampedGradient, Extent, MAX_SH_DEGREE, PrincipalPoint, RendererConstants, ShAxes};
 
 use crate::EvalError;
 use crate::tradeoff::RendererKnobs;
@@ -10,9 +10,11 @@ pub enum ConstantsChoice {
     /// The protocol's, with which its published numbers were computed (see [`constants_of`]).
     #[default]
     FromPreset,
-    /// Fixed constants for every protocol; near and far planes are in the trial's scene units.
+    /// Fixed constants for every protocol. Their near and far planes are in the unit of the Gaussians as they are given, as in the
+    /// rasterizers: the trial's for Gaussians in its world frame, the dataset's for [`crate::method::GaussianFrame::Dataset`].
     Fixed(RendererConstants),
-    /// The protocol's constants, or those of a named preset, with overrides.
+    /// The protocol's constants, or those of a named preset, with overrides; planes of a named preset are as of
+    /// [`Self::Fixed`], the protocol's are in the trial's unit.
     Changed(ChangedConstants),
 }
 
@@ -42,12 +44,32 @@ impl ChangedConstants {
 }
 
 impl ConstantsChoice {
-    /// The constants for a trial of this protocol.
+    /// The constants for a trial of this protocol, for Gaussians in its world frame.
     pub fn of(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
-        match self {
+        self.of_unit(convention, planes, 1.0)
+    }
+
+    /// The constants for a trial of this protocol, in which the unit of the Gaussians' own frame has the length `unit`: near and
+    /// far planes that are not the protocol's are converted from it.
+    pub(super) fn of_unit(&self, convention: &RendererConvention, planes: NearFar, unit: f64) -> RendererConstants {
+        let constants = match self {
             Self::FromPreset => constants_of(convention, planes),
             Self::Fixed(constants) => constants.clone(),
             Self::Changed(changed) => changed.knobs.applied_unchecked(&constants_of(convention, planes)),
+        };
+        if self.has_own_planes() {
+            RendererConstants { near: constants.near * unit, far: constants.far * unit, ..constants }
+        } else {
+            constants
+        }
+    }
+
+    /// Whether near and far planes are not the protocol's.
+    pub(super) const fn has_own_planes(&self) -> bool {
+        match self {
+            Self::FromPreset => false,
+            Self::Fixed(_) => true,
+            Self::Changed(changed) => changed.knobs.names_constants(),
         }
     }
 
@@ -68,6 +90,7 @@ impl ConstantsChoice {
 /// - An extent of 3 standard deviations is that rasterizer's, applied by tiles; any other extent draws everything that
 ///   reaches the smallest alpha.
 /// - An ignored principal point is the image's centre.
+/// - diff-gaussian-rasterization and its modified versions evaluate spherical harmonics up to degree 3.
 /// - Spherical harmonics use 3DGS's axes: their order is a property of the Gaussians, not of the protocol.
 pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> RendererConstants {
     const THREE_SIGMAS: f64 = 3.0;
@@ -89,13 +112,21 @@ pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> Rendere
         min_compensation: 0.0,
         extent: if by_tiles { Extent::ThreeSigmaTiles } else { Extent::Exact },
         principal_point: match convention.principal_point {
-            RendererPrincipalPoint::Ignored => PrincipalPoint::Centre,
+            RendererPrincipalPoint::Ignored => PrincipalPoint::FieldOfView,
             RendererPrincipalPoint::Used => PrincipalPoint::Full,
         },
         sh_axes: ShAxes::Standard,
+        max_sh_degree: if convention.rasteriser.starts_with(INRIA) {
+            RendererConstants::INRIA_SH_DEGREE
+        } else {
+            MAX_SH_DEGREE
+        },
         clamped_gradient: ClampedGradient::Exact,
     }
 }
+
+/// How the names of diff-gaussian-rasterization and its modified versions begin in presets.
+const INRIA: &str = "diff-gaussian-rasterization";
 
 #[cfg(test)]
 mod tests {
@@ -111,10 +142,51 @@ mod tests {
         let expected = RendererConstants {
             name: preset.renderer.rasteriser.clone(),
             min_compensation: 0.0,
+            principal_point: PrincipalPoint::FieldOfView,
             clamped_gradient: ClampedGradient::Exact,
             ..inria
         };
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn degree_4_is_drawn_where_the_rasterizer_has_it() {
+        let planes = NearFar { near: 1.0, far: 100.0 };
+        for (preset, expected) in [("re10k-2v-256", 3), ("dl3dv-6v-256x448", 3), ("dl3dv-12v-512x960", 3)] {
+            let preset = Preset::named(preset).unwrap();
+            assert_eq!(constants_of(&preset.renderer, planes).max_sh_degree, expected, "{}", preset.name);
+        }
+        let mut convention = Preset::named("re10k-2v-256").unwrap().renderer;
+        convention.rasteriser = "gsplat 1.5".to_owned();
+        assert_eq!(constants_of(&convention, planes).max_sh_degree, 4);
+    }
+
+    /// A unit of the dataset has the length 2.5 in the trial's world.
+    #[test]
+    fn planes_are_in_the_unit_of_their_source() {
+        let convention = Preset::named("re10k-2v-256").unwrap().renderer;
+        let planes = NearFar { near: 0.5, far: 100.0 };
+        let named = |constants: Option<&str>| {
+            let knobs =
+                RendererKnobs { constants: constants.map(str::to_owned), blur: Some(0.1), ..RendererKnobs::default() };
+            ConstantsChoice::Changed(ChangedConstants::new(knobs).unwrap())
+        };
+        let gsplat = ConstantsChoice::Fixed(RendererConstants::named("gsplat-1.6").unwrap());
+        let inria = ConstantsChoice::Fixed(RendererConstants::named("inria").unwrap());
+        let cases = [
+            ("the protocol's", ConstantsChoice::FromPreset, [0.1, f64::INFINITY], [0.1, f64::INFINITY]),
+            ("the protocol's with a blur", named(None), [0.1, f64::INFINITY], [0.1, f64::INFINITY]),
+            ("inria", inria, [0.2, f64::INFINITY], [0.5, f64::INFINITY]),
+            ("gsplat", gsplat, [0.01, 1e10], [0.025, 2.5e10]),
+            ("gsplat with a blur", named(Some("gsplat-1.6")), [0.01, 1e10], [0.025, 2.5e10]),
+        ];
+        for (what, choice, in_trial, in_dataset) in cases {
+            for (unit, expected) in [(1.0, in_trial), (2.5, in_dataset)] {
+                let found = choice.of_unit(&convention, planes, unit);
+                assert_eq!([found.near, found.far].map(f64::to_bits), expected.map(f64::to_bits), "{what}, {unit}");
+            }
+            assert_eq!(choice.of(&convention, planes), choice.of_unit(&convention, planes, 1.0), "{what}");
+        }
     }
 
     #[test]

@@ -47,8 +47,8 @@ pub trait Method: Debug + Send + Sync {
     /// The method's identity and every parameter that affects its images.
     fn record(&self) -> MethodRecord;
 
-    /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
-    /// ([`Preset::setting_for`]).
+    /// The method whose published pose normalisation, near/far planes and renderer it uses if a preset lists several
+    /// ([`Preset::setting_for`], [`Preset::renderer_for`]).
     fn setting(&self) -> &str {
         Preset::OWN_METHOD
     }
@@ -112,7 +112,7 @@ impl Timed {
 /// Everything of a trial that a method may see.
 #[derive(Clone, Copy, Debug)]
 pub struct TrialInput<'a> {
-    /// The protocol.
+    /// The protocol, with the renderer that it states for the method's setting ([`Preset::rendered_for`]).
     pub preset: &'a Preset,
     /// Cameras and sizes.
     pub trial: &'a Trial,

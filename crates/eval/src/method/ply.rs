@@ -5,7 +5,7 @@ use std::sync::Arc;
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::Trial;
 use atsplat_splat::files::{Format, Import};
-use atsplat_splat::{Gaussians, RasterMode, files};
+use atsplat_splat::{Gaussians, RasterMode, ShAxes, files};
 
 use super::scene_names::SceneNames;
 use super::splatting::{DRAWN_CLASSIC, Splatting, parameters};
@@ -95,14 +95,23 @@ impl Ply {
         }
     }
 
-    fn read(&self, trial: &Trial) -> Result<(Gaussians, Vec<String>), String> {
+    /// The Gaussians in the trial's world frame, and remarks on their file; `axes` are those of their spherical harmonics.
+    fn read(&self, trial: &Trial, axes: ShAxes) -> Result<(Gaussians, Vec<String>), String> {
         let path = self.find(trial)?;
         let (mut gaussians, notes) = read(&path, &path, self.opacities_as_stored, self.splatting.mode)?;
         if self.frame == GaussianFrame::Dataset {
-            gaussians =
-                gaussians.transformed(&trial.normalisation().new_from_old).map_err(|error| error.to_string())?;
+            let moved = gaussians.transformed_in(&trial.normalisation().new_from_old, axes);
+            gaussians = moved.map_err(|error| error.to_string())?;
         }
         Ok((gaussians, notes))
+    }
+
+    /// Length in the trial's world of the unit of the Gaussians' frame.
+    const fn unit(&self, trial: &Trial) -> f64 {
+        match self.frame {
+            GaussianFrame::Dataset => trial.normalisation().new_from_old.scale,
+            GaussianFrame::Trial => 1.0,
+        }
     }
 }
 
@@ -189,6 +198,9 @@ impl Method for Ply {
             ..MethodRecord::default()
         };
         self.splatting.describe(&mut record);
+        if self.frame == GaussianFrame::Dataset && self.splatting.constants.has_own_planes() {
+            record.parameters.insert("planes".to_owned(), "in the dataset's unit".into());
+        }
         record.deterministic &= self.deterministic;
         record
     }
@@ -213,8 +225,9 @@ impl Method for Ply {
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
-        let (gaussians, notes) = self.read(input.trial).map_err(MethodError::Failed)?;
-        Ok(self.splatting.predict(input, gaussians, Cost { notes, ..Cost::default() }))
+        let constants = self.splatting.constants_in(input, self.unit(input.trial));
+        let (gaussians, notes) = self.read(input.trial, constants.sh_axes).map_err(MethodError::Failed)?;
+        Ok(self.splatting.predict_with(input, gaussians, constants, Cost { notes, ..Cost::default() }))
     }
 }
 

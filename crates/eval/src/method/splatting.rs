@@ -7,7 +7,8 @@ use atsplat_protocol::trial::TargetView;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection, Scene, Verdict};
 use atsplat_splat::{
-    Field, Finding, Gaussians, Problem, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View,
+    Field, Finding, Gaussians, Problem, RasterMode, RenderOptions, Renderer, RendererConstants, Rendering, SplatError,
+    View,
 };
 
 use super::{BROKEN, ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
@@ -130,14 +131,25 @@ impl Default for Splatting {
 
 impl Splatting {
     /// The prediction of a method whose Gaussians are in the trial's world frame.
-    pub fn predict<'a>(
+    pub fn predict<'a>(&'a self, input: TrialInput<'a>, gaussians: Gaussians, cost: Cost) -> Box<dyn Prediction + 'a> {
+        self.predict_with(input, gaussians, self.constants_in(input, 1.0), cost)
+    }
+
+    /// As [`Self::predict`], with these constants.
+    pub(super) fn predict_with<'a>(
         &'a self,
         input: TrialInput<'a>,
         gaussians: Gaussians,
+        constants: RendererConstants,
         mut cost: Cost,
     ) -> Box<dyn Prediction + 'a> {
         cost.notes.extend(self.mip_note(&gaussians));
-        Box::new(Splatted::new(self, input, gaussians, cost))
+        Box::new(Splatted::new(self, input, gaussians, constants, cost))
+    }
+
+    /// The constants for a trial in whose world the unit of the Gaussians' own frame has this length.
+    pub(super) fn constants_in(&self, input: TrialInput<'_>, unit: f64) -> RendererConstants {
+        self.constants.of_unit(&input.preset.renderer, input.trial.near_far(), unit)
     }
 
     /// Like [`Self::predict`], for Gaussians that were optimised for a renderer: with its constants, mode and degree.
@@ -148,7 +160,7 @@ impl Splatting {
         optimised_for: &RenderOptions,
         cost: Cost,
     ) -> Box<dyn Prediction + 'a> {
-        let mut splatted = Splatted::new(self, input, gaussians, cost);
+        let mut splatted = Splatted::new(self, input, gaussians, optimised_for.constants.clone(), cost);
         splatted.options = RenderOptions { background: splatted.options.background, ..optimised_for.clone() };
         Box::new(splatted)
     }
@@ -218,11 +230,16 @@ struct Splatted<'a> {
 }
 
 impl<'a> Splatted<'a> {
-    fn new(splatting: &'a Splatting, input: TrialInput<'a>, gaussians: Gaussians, mut cost: Cost) -> Self {
-        let convention = &input.preset.renderer;
+    fn new(
+        splatting: &'a Splatting,
+        input: TrialInput<'a>,
+        gaussians: Gaussians,
+        constants: RendererConstants,
+        mut cost: Cost,
+    ) -> Self {
         let options = RenderOptions {
-            constants: splatting.constants.of(convention, input.trial.near_far()),
-            background: splatting.background.unwrap_or(convention.background),
+            constants,
+            background: splatting.background.unwrap_or(input.preset.renderer.background),
             mode: splatting.mode.unwrap_or(RasterMode::Classic),
             ..RenderOptions::default()
         };
@@ -280,6 +297,7 @@ impl Prediction for Splatted<'_> {
     fn cost(&self) -> Cost {
         let mut cost = self.cost.clone();
         cost.notes.extend(undrawn(self.scene.gaussians(), &cost.notes));
+        cost.notes.extend(self.options.ignored_harmonics(self.scene.gaussians()));
         cost
     }
 

@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use atsplat_camera::{Camera, ImageSize, Spacing};
+use atsplat_camera::{Camera, ImageSize};
 use atsplat_scene::camera_file::CameraRecord;
 use atsplat_splat::{Exposure, RenderOptions, View};
 use serde::Serialize;
@@ -77,6 +77,18 @@ pub enum PathRecord {
         /// Number of cameras in the file.
         keys: usize,
         closed: bool,
-        spacing: Spacing,
+        spacing: PathSpacing,
     },
+}
+
+/// How views are spaced on a path through the cameras of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PathSpacing {
+    /// Evenly by the distance that the camera travels.
+    ArcLength,
+    /// Evenly in time, by the times that the file records.
+    Time,
+    /// As many views between any two adjacent cameras.
+    Even,
 }

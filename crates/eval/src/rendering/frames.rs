@@ -1,5 +1,6 @@
 //! Renders and writes frames in batches: while one batch is rendered, the previous one is encoded.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -11,7 +12,7 @@ use rayon::prelude::*;
 
 use super::frame_timings::FrameTiming;
 use super::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
-use super::{FrameRequest, RenderSettings, RenderingError};
+use super::{FrameRequest, RENDER_RECORD, RenderSettings, RenderingError};
 
 /// Memory limit of rendered frames waiting to be written.
 const MAX_PENDING_BYTES: usize = 1 << 30;
@@ -52,12 +53,13 @@ struct Pending<'a> {
     timing: FrameTiming,
 }
 
-/// Renders and writes every request, in order. A frame that cannot be rendered or encoded is reported in its [`Frame`]; a file
-/// that cannot be written is an error. With `sequential`, nothing else runs while a frame is rendered. `on_frame` is
-/// called after each frame, from any thread.
+/// Renders and writes every request, in order. Before the first image is written, the folder's record of earlier images is removed:
+/// what is interrupted leaves images without a record, never beside one of others. A frame that cannot be rendered or encoded is
+/// reported in its [`Frame`]; a file that cannot be written is an error. With `sequential`, nothing else runs while a frame is
+/// rendered. `on_frame` is called after each frame, from any thread.
 ///
 /// # Errors
-/// [`RenderingError`] for files that cannot be written and images that cannot be encoded.
+/// [`RenderingError`] for files that cannot be written or removed, and images that cannot be encoded.
 pub fn render_all(
     renderer: &mut dyn Renderer,
     (scene, requests): (&Scene<'_>, &[FrameRequest]),
@@ -126,6 +128,9 @@ fn write_batch(
     preview: Option<&mut Preview<Writer>>,
     on_frame: &(impl Fn() + Sync),
 ) -> Result<Vec<Frame>, RenderingError> {
+    if pending.iter().any(|pending| pending.rendering.is_ok()) {
+        remove_record(&files.folder)?;
+    }
     let size = preview.as_ref().map(|preview| preview.size());
     let write = |pending| {
         let outcome = write_frame(pending, files, size.is_some());
@@ -145,6 +150,17 @@ fn write_batch(
         }
     }
     Ok(done.into_iter().map(|(frame, _)| frame).collect())
+}
+
+/// Removes the record of images that are about to be replaced, if there is one.
+fn remove_record(folder: &Path) -> Result<(), RenderingError> {
+    let record = folder.join(RENDER_RECORD);
+    match std::fs::remove_file(&record) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(FileError::during::<RenderingError>("removing an earlier record", &record)(error))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn write_frame(
@@ -195,12 +211,16 @@ fn write(
     Ok(())
 }
 
+/// Number of rendered frames in which no Gaussian is drawn.
+pub fn empty_frames(frames: &[Frame]) -> usize {
+    frames.iter().filter_map(|frame| frame.counts).filter(|counts| counts.drawn == 0).count()
+}
+
 /// The warning about frames in which no Gaussian is drawn, though the scene has some.
 pub fn empty_frames_warning(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
-    let rendered = frames.iter().filter_map(|frame| frame.counts).collect::<Vec<_>>();
-    let empty = rendered.iter().filter(|counts| counts.drawn == 0).count();
+    let empty = empty_frames(frames);
     (empty > 0 && !gaussians.is_empty()).then(|| {
-        let all = rendered.len();
+        let all = frames.iter().filter(|frame| frame.counts.is_some()).count();
         format!(
             "no Gaussian is drawn in {empty} of {all} frames: do the cameras belong to this scene and use its axes?"
         )

@@ -11,6 +11,9 @@ use serde::Serialize;
 use super::frame_timings::FrameTimings;
 use super::{Frame, FrameRequest, PathRecord, RenderSettingsRecord};
 
+/// Name of the file that records how the images of its folder were made.
+pub const RENDER_RECORD: &str = "render.json";
+
 /// Contents of `render.json`: everything that the images depend on, and the outcome of each. Independent of date and speed
 /// of the machine.
 #[derive(Debug, Serialize)]

@@ -56,7 +56,7 @@ pub fn ignored_principal_points(constants: &RendererConstants, requests: &[Frame
         !((intrinsics.cx - 0.5).abs() <= CENTRED && (intrinsics.cy - 0.5).abs() <= CENTRED)
     };
     let off = requests.iter().filter(is_off).count();
-    (off > 0 && constants.principal_point == PrincipalPoint::Centre).then(|| {
+    (off > 0 && constants.principal_point != PrincipalPoint::Full).then(|| {
         format!("{off} cameras have a principal point off the centre, which the constants {} ignore", constants.name)
     })
 }

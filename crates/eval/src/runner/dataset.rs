@@ -69,9 +69,9 @@ impl Dataset {
 
     /// How the protocol renders a trial.
     pub fn render_options(&self, trial: &Trial) -> RenderOptions {
-        let renderer = &self.preset.renderer;
+        let renderer = self.preset.renderer_for(Preset::OWN_METHOD);
         RenderOptions {
-            constants: constants_of(renderer, trial.near_far()),
+            constants: constants_of(&renderer, trial.near_far()),
             background: renderer.background,
             ..RenderOptions::default()
         }

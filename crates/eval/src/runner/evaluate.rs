@@ -98,7 +98,8 @@ impl Evaluation<'_> {
         let images = context.map_err(|detail| MethodError::Failed(format!("a context image: {detail}")))?;
         let TrialKey { preset, method: name, scene, entry } = key;
         tracing::debug!(preset, method = name, scene, entry, views = images.len(), "predicting");
-        let prediction = method.predict(TrialInput { preset: self.preset, trial: &decoded.trial, images })?;
+        let rendered = self.preset.rendered_for(method.setting());
+        let prediction = method.predict(TrialInput { preset: &rendered, trial: &decoded.trial, images })?;
         let prediction = prediction.as_ref();
         tracing::debug!(preset, method = name, scene, entry, targets = result.rows.len(), "rendering and scoring");
         result.cost = prediction.cost();

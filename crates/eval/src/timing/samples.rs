@@ -51,7 +51,8 @@ impl Samples {
         prepared: &PreparedTrial,
         method: &dyn Method,
     ) -> Result<Self, String> {
-        let input = TrialInput { preset, trial: &prepared.trial, images: &prepared.images };
+        let preset = preset.rendered_for(method.setting());
+        let input = TrialInput { preset: &preset, trial: &prepared.trial, images: &prepared.images };
         // A panic in the method costs its times only.
         let measured = catch_unwind(AssertUnwindSafe(|| Self::measured(plan, input, method)));
         measured.unwrap_or_else(|_panic| Err("the method panicked".to_owned()))

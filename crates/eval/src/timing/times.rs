@@ -44,6 +44,15 @@ pub struct Times {
     pub busy: bool,
 }
 
+impl Times {
+    /// Seconds of the encoding alone as a method with a process of its own states them, in the stage `encode`; `None` unless it
+    /// does so on every repetition of every timed trial. [`Self::encode`] covers its whole answer, with reading and writing of files.
+    pub fn stated_encode(&self) -> Option<Spread> {
+        let answers = self.encode?;
+        self.stages.get("encode").copied().filter(|stated| stated.samples == answers.samples)
+    }
+}
+
 /// Repeated measurements of one quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -275,6 +284,25 @@ mod tests {
         assert_eq!(device(Some("A"), Some("B")).as_deref(), Some("network on A, renderer on B"));
         assert_eq!(device(Some("A"), None).as_deref(), Some("network on A"));
         assert_eq!(device(None, Some("B")).as_deref(), Some("renderer on B"));
+    }
+
+    #[test]
+    fn an_encoder_is_stated_on_every_repetition_of_every_trial() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0])]);
+        let stating = |scene: &str, encoder: &[f64]| {
+            let stages = [("encode".to_owned(), encoder.to_vec()), ("read".to_owned(), vec![0.5; 3])];
+            TimingRow { stages: stages.into(), ..timing("a", scene, &[1.0, 2.0, 3.0], &[0.25]) }
+        };
+        store.timings = vec![stating("x", &[0.1, 0.2, 0.3]), stating("y", &[0.4, 0.5, 0.6])];
+        let both = times(&store, PRESET, "a").unwrap();
+        let medians = [both.stated_encode(), both.encode].map(|spread| spread.unwrap().median);
+        Tolerance::F64.assert(medians, [0.35, 2.0], "the encoder, and beside it the whole answer");
+        store.timings[1].stages.clear();
+        let one = times(&store, PRESET, "a").unwrap();
+        assert_eq!((one.stated_encode(), one.stages["encode"].samples), (None, 3), "y does not state it");
+        store.timings[1] = TimingRow { encode: Vec::new(), ..stating("y", &[]) };
+        store.timings[0].encode.clear();
+        assert_eq!(times(&store, PRESET, "a").unwrap().stated_encode(), None, "nothing was encoded");
     }
 
     #[test]

@@ -11,6 +11,8 @@ pub struct Sample {
     pub label: String,
     /// Mean score; `None` if nothing was scored.
     pub quality: Option<f64>,
+    /// Why nothing was scored.
+    pub unscored: Option<String>,
     /// Median seconds from images in memory to the first rendered image, from a timing pass.
     pub secs: Option<f64>,
     /// Half-width of their 95 % interval ([`crate::timing::Spread::error`]).
@@ -193,12 +195,16 @@ pub fn frontier(
 }
 
 fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
-    let Sample { label, quality, secs, secs_error, busy, untimed, gaussians, device: _, counts: _ } = sample.clone();
+    let Sample { label, quality, unscored, secs, secs_error, busy, untimed, gaussians, device: _, counts: _ } =
+        sample.clone();
     let (name, cost, cost_error) = match axis {
         Axis::Seconds => ("seconds", secs, secs_error),
         Axis::Gaussians => ("Gaussians", gaussians, 0.0),
     };
-    let quality = quality.filter(|value| value.is_finite()).ok_or("nothing was scored")?;
+    let quality = quality.filter(|value| value.is_finite()).ok_or_else(|| match unscored {
+        Some(why) => format!("nothing was scored: {why}"),
+        None => "nothing was scored".to_owned(),
+    })?;
     let cost = cost.ok_or_else(|| untimed.filter(|_| axis == Axis::Seconds).unwrap_or_else(|| format!("no {name}")))?;
     if !cost.is_finite() || cost <= 0.0 {
         return Err(format!("{cost} {name}"));

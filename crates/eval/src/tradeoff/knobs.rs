@@ -60,7 +60,8 @@ pub struct Knobs {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RendererKnobs {
-    /// Name of the preset of [`RendererConstants`] to start from.
+    /// Name of the preset of [`RendererConstants`] to start from; its near and far planes are in the unit of the Gaussians as they
+    /// are given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub constants: Option<String>,
     /// [`RendererConstants::min_alpha`].
@@ -90,6 +91,11 @@ impl RendererKnobs {
     /// Whether there are no overrides.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Whether the constants to start from are those of a preset by name, with its near and far planes.
+    pub(crate) const fn names_constants(&self) -> bool {
+        self.constants.is_some()
     }
 
     /// The constants with the overrides, which are listed in their name.

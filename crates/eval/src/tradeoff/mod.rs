@@ -11,6 +11,7 @@ mod sample;
 mod sweep;
 #[cfg(test)]
 mod tests;
+mod unscored;
 
 pub use frontier::{Axis, Contrasts, Counts, Frontier, Point, PointDifference, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};

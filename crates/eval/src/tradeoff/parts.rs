@@ -178,7 +178,7 @@ fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
             // With fewer views, it is not the published index.
             name: index.name.clone().filter(|_| reduced == index.index),
             index: reduced,
-            notices: std::collections::BTreeMap::new(),
+            notices: index.notices.clone(),
         },
     };
     let views = knobs.views.map(|views| format!("-{views}-views"));

@@ -17,6 +17,18 @@ pub struct TradeoffReport {
     pub unfinished: Vec<Unfinished>,
 }
 
+impl TradeoffReport {
+    /// Why there is no score at all, of the first setting; `None` if any setting has one, and if there is no setting.
+    pub fn nothing_scored(&self) -> Option<String> {
+        if self.tradeoffs.iter().any(Tradeoff::has_score) {
+            return None;
+        }
+        self.tradeoffs.iter().find_map(|Tradeoff { preset, metric, unscored, .. }| {
+            unscored.first().map(|(label, why)| format!("{preset}, {metric}, {label}: {why}"))
+        })
+    }
+}
+
 impl fmt::Display for TradeoffReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, tradeoff) in self.tradeoffs.iter().enumerate() {

@@ -4,6 +4,7 @@ use atsplat_metrics::definition;
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
+use super::unscored::why_unscored;
 use super::{Axis, Counts, Frontier, Sample, frontier};
 use crate::statistics::{
     Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
@@ -36,6 +37,16 @@ pub struct Tradeoff {
     pub devices: BTreeMap<String, Vec<String>>,
     /// Settings whose mean lacks targets for which another setting has a score: their qualities are of other targets.
     pub incomplete: Vec<Incomplete>,
+    /// Labels of settings without any score, with the reason; they are in no frontier.
+    pub unscored: Vec<(String, String)>,
+}
+
+impl Tradeoff {
+    /// Whether any setting has a score.
+    pub(super) fn has_score(&self) -> bool {
+        let settings = |frontier: &Frontier| frontier.points.len() + frontier.left_out.len();
+        self.frontiers.iter().any(|frontier| settings(frontier) > self.unscored.len())
+    }
 }
 
 /// A setting whose mean lacks targets for which another setting has a score.
@@ -137,6 +148,7 @@ fn of_scored(
             devices.entry(device.clone()).or_default().push(sample.label.clone());
         }
     }
+    let unscored = samples.iter().filter_map(|sample| Some((sample.label.clone(), sample.unscored.clone()?))).collect();
     let along = |axis| frontier(&samples, &contrasts, direction(metric), axis, step);
     Tradeoff {
         preset: preset.to_owned(),
@@ -149,6 +161,7 @@ fn of_scored(
         machines,
         devices,
         incomplete: incomplete(scored),
+        unscored,
     }
 }
 
@@ -182,11 +195,13 @@ pub(super) fn scored<'a>(
 ) -> Vec<(Sample, Vec<SelectedTarget<'a>>)> {
     let sample = |method: &'a str| {
         let cost = cost(results, preset, method);
-        let selected = select(results, &MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded });
+        let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
+        let selected = select(results, &query);
         let summary = summary_of(&selected, aggregation);
         let mut sample = Sample {
             label: method.to_owned(),
             quality: summary.mean,
+            unscored: summary.mean.is_none().then(|| why_unscored(results, &query, &summary)),
             gaussians: cost.gaussians,
             counts: Counts {
                 scenes: summary.scenes,

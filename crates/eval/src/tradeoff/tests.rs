@@ -361,6 +361,7 @@ fn the_methods_of_all_protocols_are_named_beside_their_adapter() {
         frontiers: Vec::new(),
         machines: Vec::new(),
         incomplete: Vec::new(),
+        unscored: Vec::new(),
         devices: [("renderer on a card".to_owned(), labels.map(str::to_owned).to_vec())].into(),
     };
     let tradeoffs = vec![of("x", ["b", "c"]), of("y", ["a", "b"])];

@@ -46,8 +46,8 @@ impl ImportedBackbone {
 }
 
 impl ImportedFile {
-    /// Provenance recorded in the file; notes of the user take precedence.
-    pub fn provenance(&self, notes: &[(String, String)]) -> BTreeMap<String, String> {
+    /// What the import records in the weights file as provenance.
+    pub fn provenance(&self) -> BTreeMap<String, String> {
         let name = atsplat_files::name_of(&self.file);
         let mut provenance = BTreeMap::from([
             ("imported-by".to_owned(), format!("atsplat {}", env!("CARGO_PKG_VERSION"))),
@@ -59,7 +59,6 @@ impl ImportedFile {
             provenance.insert("backbone-sha256".to_owned(), sha256.clone());
             provenance.insert("backbone".to_owned(), what.unwrap_or("of no known hash").to_owned());
         }
-        provenance.extend(notes.iter().cloned());
         provenance
     }
 }

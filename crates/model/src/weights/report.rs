@@ -21,8 +21,10 @@ pub struct ImportReport {
     pub left_over: Vec<LeftOver>,
     /// Tensors that the key map ignores.
     pub ignored: Vec<String>,
-    /// Parameters whose tensors have another shape or cannot be used.
+    /// Parameters whose tensors cannot be used.
     pub mismatched: Vec<Mismatched>,
+    /// Their number by reason.
+    pub mismatches: MismatchCounts,
 }
 
 /// A parameter and its tensors.
@@ -52,16 +54,46 @@ pub struct LeftOver {
     pub found: String,
 }
 
+/// Why the tensors for a parameter cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MismatchReason {
+    /// They have another shape.
+    Shape,
+    /// Their elements are not floating-point numbers.
+    Type,
+    /// Elements are NaN or infinite as f32.
+    NotFinite,
+    /// They are not the parts of one tensor: too few, too many, or ones that do not belong together.
+    Parts,
+}
+
+/// Numbers of mismatched parameters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct MismatchCounts {
+    /// For [`MismatchReason::Shape`].
+    pub shape: usize,
+    /// For [`MismatchReason::Type`].
+    pub r#type: usize,
+    /// For [`MismatchReason::NotFinite`].
+    pub not_finite: usize,
+    /// For [`MismatchReason::Parts`].
+    pub parts: usize,
+}
+
 /// A parameter whose tensors in the file cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Mismatched {
     /// The parameter.
     pub parameter: String,
+    /// What is wrong with the tensors.
+    pub reason: MismatchReason,
     /// Names in the file.
     pub sources: Vec<String>,
     /// The parameter's shape.
     pub expected: String,
-    /// The tensors' shapes, or another reason.
+    /// The shape that the tensors have, or what else is wrong with them.
     pub found: String,
 }
 
@@ -71,6 +103,17 @@ impl ImportReport {
         self.missing.is_empty() && self.mismatched.is_empty()
     }
 
+    pub(super) fn mismatch(&mut self, mismatched: Mismatched) {
+        let counts = &mut self.mismatches;
+        *match mismatched.reason {
+            MismatchReason::Shape => &mut counts.shape,
+            MismatchReason::Type => &mut counts.r#type,
+            MismatchReason::NotFinite => &mut counts.not_finite,
+            MismatchReason::Parts => &mut counts.parts,
+        } += 1;
+        self.mismatched.push(mismatched);
+    }
+
     pub(super) fn left_over(&mut self, name: &str, tensor: &StoredTensor) {
         self.left_over.push(LeftOver { tensor: name.to_owned(), found: tensor.to_string() });
     }
@@ -78,22 +121,43 @@ impl ImportReport {
 
 impl fmt::Display for ImportReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} parameters matched by key map {:?}, {} missing, {} of another shape, {} tensors left over, {} ignored",
-            self.matched.len(),
-            self.key_map,
-            self.missing.len(),
-            self.mismatched.len(),
-            self.left_over.len(),
-            self.ignored.len(),
-        )?;
+        let (matched, missing) = (self.matched.len(), self.missing.len());
+        write!(f, "{matched} parameters matched by key map {:?}, {missing} missing, ", self.key_map)?;
+        let MismatchCounts { shape, r#type, not_finite, parts } = self.mismatches;
+        write!(f, "{shape} of another shape, ")?;
+        for (count, what) in [(r#type, "of another type"), (not_finite, "not finite"), (parts, "with wrong parts")] {
+            if count > 0 {
+                write!(f, "{count} {what}, ")?;
+            }
+        }
+        write!(f, "{} tensors left over, {} ignored", self.left_over.len(), self.ignored.len())?;
         list(f, "missing", &self.missing, |Missing { parameter, shape }| format!("{parameter} {shape:?}"))?;
-        list(f, "another shape", &self.mismatched, |mismatch| {
-            let Mismatched { parameter, sources, expected, found } = mismatch;
-            format!("{parameter}: expected {expected}, found {found} ({})", sources.join(", "))
-        })?;
+        for reason in MismatchReason::ALL {
+            let of_reason = self.mismatched.iter().filter(|mismatched| mismatched.reason == reason);
+            list(f, reason.heading(), &of_reason.collect::<Vec<_>>(), |mismatched| {
+                let Mismatched { parameter, sources, expected, found, .. } = mismatched;
+                let expected = match reason {
+                    MismatchReason::Shape => format!("expected {expected}, found "),
+                    _ => String::new(),
+                };
+                format!("{parameter}: {expected}{found} ({})", sources.join(", "))
+            })?;
+        }
         list(f, "left over", &self.left_over, |LeftOver { tensor, found }| format!("{tensor} {found}"))
+    }
+}
+
+impl MismatchReason {
+    const ALL: [Self; 4] = [Self::Shape, Self::Type, Self::NotFinite, Self::Parts];
+
+    /// What begins each line of a printed list.
+    const fn heading(self) -> &'static str {
+        match self {
+            Self::Shape => "another shape",
+            Self::Type => "another type",
+            Self::NotFinite => "not finite",
+            Self::Parts => "wrong parts",
+        }
     }
 }
 

@@ -1,8 +1,9 @@
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-use super::{PoseNormalisation, Preset};
+use super::{PoseNormalisation, Preset, RendererConvention, RendererOverrides};
 use crate::ProtocolError;
 
 /// Near and far plane, in the units of the normalised scene unless the normalisation scales them too.
@@ -27,6 +28,9 @@ pub struct MethodSetting {
     pub near_far: NearFar,
     /// Repository file that states these settings.
     pub source: String,
+    /// How its renderer differs from the preset's; `None` if the preset's is its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub renderer: Option<RendererOverrides>,
 }
 
 /// The settings that a method uses: its published ones, or the preset's.
@@ -72,11 +76,32 @@ impl Preset {
             None => EffectiveSetting { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
         }
     }
+
+    /// How the renderer that `method` published differs from the preset's; `None` if it does not. Names are case-insensitive.
+    pub fn renderer_overrides_of(&self, method: &str) -> Option<&RendererOverrides> {
+        self.published_by(method)?.renderer.as_ref()
+    }
+
+    /// The constants with which the Gaussians of `method` are rendered: the ones it published, or else the preset's. Names are
+    /// case-insensitive.
+    pub fn renderer_for(&self, method: &str) -> RendererConvention {
+        let overrides = self.renderer_overrides_of(method);
+        overrides.map_or_else(|| self.renderer.clone(), |overrides| overrides.applied_to(&self.renderer))
+    }
+
+    /// The preset whose renderer is [`Self::renderer_for`] `method`; nothing else differs.
+    pub fn rendered_for(&self, method: &str) -> Cow<'_, Self> {
+        match self.renderer_overrides_of(method) {
+            None => Cow::Borrowed(self),
+            Some(_) => Cow::Owned(Self { renderer: self.renderer_for(method), ..self.clone() }),
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::preset::{NearCull, RendererPrincipalPoint};
 
     #[test]
     fn listed_methods_override_the_preset() {
@@ -90,5 +115,111 @@ mod tests {
         let known = Preset::methods_with_settings().unwrap();
         let known = ["ATSplat", "MVSplat", "MVSplt"].map(|method| known.contains(method));
         assert_eq!(known, [true, true, false]);
+    }
+
+    #[test]
+    fn a_method_may_have_a_renderer_of_its_own() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let ilrm = preset.renderer_for("ILRM");
+        let expected = RendererConvention {
+            rasteriser: "gsplat".to_owned(),
+            near_cull: 0.01,
+            near_cull_unit: NearCull::SceneUnits,
+            alpha_max: 0.999,
+            background: [1.0; 3],
+            principal_point: RendererPrincipalPoint::Used,
+            ..preset.renderer.clone()
+        };
+        assert_eq!(ilrm, expected, "what it does not state is the preset's");
+        for own in ["ATSplat", "DepthSplat", "pixelSplat", "unheard of"] {
+            assert_eq!(preset.renderer_for(own), preset.renderer, "{own}");
+            assert!(matches!(preset.rendered_for(own), Cow::Borrowed(_)), "{own}");
+        }
+        let rendered = preset.rendered_for("iLRM").into_owned();
+        assert_eq!(rendered.renderer, expected);
+        assert_eq!(Preset { renderer: preset.renderer.clone(), ..rendered }, preset, "nothing else differs");
+    }
+
+    /// Each constant of an override replaces that constant and no other.
+    #[test]
+    fn an_override_changes_its_own_constant_only() {
+        let renderer = Preset::named("re10k-2v-256").unwrap().renderer;
+        let fields = serde_json::to_value(&renderer).unwrap();
+        let other = serde_json::json!({
+            "rasteriser": "another", "near-cull": 0.05, "near-cull-unit": "scene-units", "dilation": 0.1, "alpha-max": 0.9,
+            "alpha-min-inverse": 100.0, "transmittance-stop": 1e-3, "extent-sigmas": 2.0, "background": [0.1, 0.2, 0.3],
+            "principal-point": "used",
+        });
+        assert_eq!(fields.as_object().unwrap().len(), other.as_object().unwrap().len(), "every constant");
+        for (name, value) in other.as_object().unwrap() {
+            let overrides = serde_json::json!({ name: value });
+            let overrides: RendererOverrides = serde_json::from_value(overrides).unwrap();
+            let mut expected = fields.clone();
+            expected[name] = value.clone();
+            assert_eq!(serde_json::to_value(overrides.applied_to(&renderer)).unwrap(), expected, "{name}");
+        }
+        assert_eq!(RendererOverrides::default().applied_to(&renderer), renderer);
+    }
+
+    /// iLRM and Long-LRM render with gsplat on white, `YoNoSplat` with gsplat on black; the others as most presets say.
+    #[test]
+    fn renderers_of_methods_are_the_published_ones() {
+        for name in Preset::names() {
+            let preset = Preset::named(name).unwrap();
+            for setting in &preset.methods {
+                let own = preset.renderer_for(&setting.method);
+                let found = (own.rasteriser.as_str(), own.background.map(f64::to_bits), own.principal_point);
+                let [black, white] = [0.0_f64, 1.0].map(|level| [level.to_bits(); 3]);
+                let of_preset = (preset.renderer.rasteriser.as_str(), black, RendererPrincipalPoint::Ignored);
+                let expected = match setting.method.as_str() {
+                    "iLRM" | "Long-LRM" => ("gsplat", white, RendererPrincipalPoint::Used),
+                    "YoNoSplat" => ("gsplat", black, RendererPrincipalPoint::Used),
+                    _ => of_preset,
+                };
+                assert_eq!(found, expected, "{name}, {}", setting.method);
+            }
+        }
+    }
+
+    /// The text of a preset without the key, and so its hash, is what it was before there was one.
+    #[test]
+    fn a_method_without_a_renderer_is_written_without_the_key() {
+        let mut preset = Preset::named("re10k-2v-256").unwrap();
+        let with = preset.hash().unwrap();
+        preset.methods.iter_mut().for_each(|setting| setting.renderer = None);
+        let without = preset.hash().unwrap();
+        assert_ne!(with, without, "another background gives other numbers");
+        assert!(
+            without.to_string().starts_with("da1d9507791f"),
+            "{without}: that of stores from before there was the key"
+        );
+        for setting in &preset.methods {
+            let fields = serde_json::to_value(setting).unwrap();
+            let names: BTreeSet<&String> = fields.as_object().unwrap().keys().collect();
+            assert_eq!(names.len(), 4, "{names:?}");
+        }
+        let text = preset.to_toml().unwrap();
+        assert!(!text.contains("[methods.renderer]"), "{text}");
+        assert_eq!(Preset::from_toml(&text).unwrap().hash().unwrap(), without);
+    }
+
+    #[test]
+    fn a_method_of_a_preset_shows_its_renderer() {
+        let text = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+        let ilrm = text.split("[[methods]]").find(|part| part.contains("method = \"iLRM\"")).unwrap();
+        assert!(ilrm.contains("background = [1.0, 1.0, 1.0]") && ilrm.contains("rasteriser = \"gsplat\""), "{ilrm}");
+    }
+
+    #[test]
+    fn renderers_of_methods_are_checked() {
+        let text = Preset::text_of("re10k-2v-256").unwrap();
+        let changed = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            Preset::from_toml(&text.replacen(from, to, 1)).unwrap_err().to_string()
+        };
+        let error = changed("alpha-max = 0.999", "alpha-max = 1.5");
+        assert!(error.contains("methods, iLRM, renderer.alpha-max: expected at most 1, found 1.5"), "{error}");
+        let error = changed("alpha-max = 0.999", "alpha-most = 0.999");
+        assert!(error.contains("unknown field `alpha-most`"), "{error}");
     }
 }

@@ -25,7 +25,7 @@ pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
 pub use lens::LensDistortion;
 pub use method::{EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
-pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
+pub use renderer::{NearCull, RendererConvention, RendererOverrides, RendererPrincipalPoint};
 
 use crate::{OverlapBins, ProtocolError};
 

@@ -14,12 +14,17 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     stand_in(preset)?;
     poses("pose-normalisation", &preset.pose_normalisation, 0)?;
     planes("near-far", preset.near_far)?;
+    // Methods inherit it.
+    renderer("renderer", &preset.renderer)?;
     for setting in &preset.methods {
         let field = format!("methods, {}", setting.method);
         let repeated = preset.methods.iter().filter(|other| other.method.eq_ignore_ascii_case(&setting.method)).count();
         ensure(repeated == 1, &field, "every method once", &repeated)?;
         poses(&field, &setting.pose_normalisation, 0)?;
         planes(&field, setting.near_far)?;
+        if setting.renderer.is_some() {
+            renderer(&format!("{field}, renderer"), &preset.renderer_for(&setting.method))?;
+        }
     }
     let filters = &preset.filters;
     let limits = [
@@ -35,7 +40,7 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
         let found = format!("{least} and {most}");
         ensure(least <= most, "filters.min-baseline and filters.max-baseline", "the smaller first", &found)?;
     }
-    renderer(&preset.renderer)
+    Ok(())
 }
 
 fn index(preset: &Preset) -> Result<(), ProtocolError> {
@@ -107,25 +112,27 @@ fn planes(field: &str, NearFar { near, far }: NearFar) -> Result<(), ProtocolErr
     ensure(in_order, field, "0 < near < far", &format!("{near} and {far}"))
 }
 
-fn renderer(renderer: &RendererConvention) -> Result<(), ProtocolError> {
-    for (field, value) in [
-        ("renderer.near-cull", renderer.near_cull),
-        ("renderer.alpha-max", renderer.alpha_max),
-        ("renderer.alpha-min-inverse", renderer.alpha_min_inverse),
-        ("renderer.transmittance-stop", renderer.transmittance_stop),
-        ("renderer.extent-sigmas", renderer.extent_sigmas),
+/// Checks the constants of the renderer that a preset states at `place`.
+fn renderer(place: &str, renderer: &RendererConvention) -> Result<(), ProtocolError> {
+    let field = |name: &str| format!("{place}.{name}");
+    for (name, value) in [
+        ("near-cull", renderer.near_cull),
+        ("alpha-max", renderer.alpha_max),
+        ("alpha-min-inverse", renderer.alpha_min_inverse),
+        ("transmittance-stop", renderer.transmittance_stop),
+        ("extent-sigmas", renderer.extent_sigmas),
     ] {
-        positive(field, value)?;
+        positive(&field(name), value)?;
     }
-    ensure(renderer.alpha_max <= 1.0, "renderer.alpha-max", "at most 1", &renderer.alpha_max)?;
+    ensure(renderer.alpha_max <= 1.0, &field("alpha-max"), "at most 1", &renderer.alpha_max)?;
     let (stop, inverse) = (renderer.transmittance_stop, renderer.alpha_min_inverse);
-    ensure(stop < 1.0, "renderer.transmittance-stop", "a transmittance below 1", &stop)?;
+    ensure(stop < 1.0, &field("transmittance-stop"), "a transmittance below 1", &stop)?;
     let least = 1.0 / renderer.alpha_max;
-    ensure(inverse > least, "renderer.alpha-min-inverse", "the inverse of an alpha below alpha-max", &inverse)?;
+    ensure(inverse > least, &field("alpha-min-inverse"), "the inverse of an alpha below alpha-max", &inverse)?;
     let dilation = renderer.dilation >= 0.0 && renderer.dilation.is_finite();
-    ensure(dilation, "renderer.dilation", "square pixels from 0", &renderer.dilation)?;
+    ensure(dilation, &field("dilation"), "square pixels from 0", &renderer.dilation)?;
     let in_range = renderer.background.iter().all(|channel| (0.0..=1.0).contains(channel));
-    ensure(in_range, "renderer.background", "channels from 0 to 1", &format!("{:?}", renderer.background))
+    ensure(in_range, &field("background"), "channels from 0 to 1", &format!("{:?}", renderer.background))
 }
 
 fn name(field: &str, name: &str) -> Result<(), ProtocolError> {

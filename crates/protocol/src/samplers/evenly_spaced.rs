@@ -40,14 +40,21 @@ impl EvenlySpaced {
             .ok_or(NoEntry::TooFewFrames { needed: self.context_views.get(), found: used })?;
         context.sort_unstable();
         let remaining: Vec<usize> = (0..used).filter(|frame| context.binary_search(frame).is_err()).collect();
-        let needed = self.target_views.get();
-        let step = remaining.len() / needed;
-        if step == 0 {
-            return Err(NoEntry::TooFewTargets { needed, found: remaining.len() });
-        }
-        let target = remaining.into_iter().step_by(step).take(needed).collect();
+        let target = spread(remaining, self.target_views)?;
         Ok(vec![entry(context, target)])
     }
+}
+
+/// `count` frames in equal steps of whole frames, from the first on.
+///
+/// # Errors
+/// [`NoEntry::TooFewTargets`] if there are fewer frames.
+pub(super) fn spread(frames: Vec<usize>, count: NonZeroUsize) -> Result<Vec<usize>, NoEntry> {
+    let step = frames.len() / count;
+    if step == 0 {
+        return Err(NoEntry::TooFewTargets { needed: count.get(), found: frames.len() });
+    }
+    Ok(frames.into_iter().step_by(step).take(count.get()).collect())
 }
 
 /// `int(frames · ratio)`, at most `frames`; 0 for NaN.

@@ -5,6 +5,7 @@ use atsplat_numeric::SplitMix64;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::evenly_spaced::spread;
 use super::{NoEntry, SceneViews, entry};
 use crate::IndexEntry;
 
@@ -35,14 +36,22 @@ pub enum TargetRule {
     /// Every frame from the first to the last context frame, both included: DepthSplat's 12 views.
     #[serde(deserialize_with = "no_fields")]
     BetweenContext,
-    /// Distinct random frames from the first to the last context frame: YoNoSplat's eight targets.
+    /// Distinct random frames from the first to the last context frame, as in YoNoSplat's file of 12 views and eight targets.
     Sampled {
         /// Number of targets.
         count: NonZeroUsize,
         /// Seed; each scene derives its own stream from it.
         seed: u64,
-        /// Whether a context frame may be drawn (YoNoSplat: yes with 12 views, no with 6).
+        /// Whether a context frame may be drawn (YoNoSplat's 12 views: yes).
         allow_context: bool,
+    },
+    /// Every `⌊r / count⌋`-th of the window's `r` frames that are no context frames, from the first of them on, as
+    /// [`EvenlySpaced`](super::EvenlySpaced) chooses over whole scenes. Some lie outside the context frames, and the last of the
+    /// window are never reached. This gives all targets of YoNoSplat's file of 6 views and eight targets in 50 frames, and of
+    /// DepthSplat's of 2 views and four targets in 10 frames.
+    Spread {
+        /// Number of targets.
+        count: NonZeroUsize,
     },
 }
 
@@ -82,6 +91,7 @@ impl TargetRule {
                 target.sort_unstable();
                 Ok(target)
             }
+            Self::Spread { count } => spread(window.filter(|frame| !context.contains(frame)).collect(), *count),
         }
     }
 }
@@ -133,6 +143,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::SamplingRule;
+    use crate::samplers::Sampler;
     use crate::samplers::test_scene::along;
 
     fn number(n: usize) -> NonZeroUsize {
@@ -183,6 +195,50 @@ mod tests {
         let late =
             FarthestPoint { start: 58, window: number(50), context_views: number(3), targets: TargetRule::Window };
         assert_eq!(late.sample(&scene), Err(NoEntry::TooFewFrames { needed: 3, found: 2 }));
+    }
+
+    /// Frames 5 to 24 without three context frames are seventeen: every fourth of them. Where the camera turns round at frame 15, that
+    /// is the last context frame of two, and frames 16 to 24 lie outside.
+    #[test]
+    fn spreads_targets_over_the_window_inside_and_outside_the_context() {
+        let there_and_back = |n: u32| f64::from(if n <= 15 { n } else { 30 - n });
+        let turning = along((0..40).map(|n| DVec3::new(there_and_back(n), 0.0, 0.0)));
+        let straight = along((0..40).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
+        let sampler = |views, count| FarthestPoint {
+            start: 5,
+            window: number(20),
+            context_views: number(views),
+            targets: TargetRule::Spread { count: number(count) },
+        };
+        let entry = |cameras: &[_], views, count| {
+            let entries = sampler(views, count).sample(&SceneViews { key: "scene", cameras });
+            entries.map(|mut entries| {
+                let IndexEntry { context, target, .. } = entries.remove(0);
+                (context, target)
+            })
+        };
+        assert_eq!(entry(&straight, 3, 4), Ok((vec![5, 14, 24], vec![6, 10, 15, 19])));
+        assert_eq!(entry(&turning, 2, 4), Ok((vec![5, 15], vec![6, 10, 14, 19])), "frame 19 is outside");
+        assert_eq!(entry(&straight, 3, 17).unwrap().1.len(), 17, "all of them");
+        assert_eq!(entry(&straight, 3, 18), Err(NoEntry::TooFewTargets { needed: 18, found: 17 }));
+    }
+
+    /// Contexts and targets of YoNoSplat's file of 6 views: an ordinary scene, one whose window begins before its context, and the only
+    /// one with a target after it.
+    #[test]
+    fn spread_targets_are_those_of_the_published_file() {
+        let sampler = SamplingRule::resolve("dl3dv-6v-8t").unwrap().sampler;
+        let Sampler::FarthestPoint(FarthestPoint { start, window, targets, .. }) = sampler else {
+            panic!("{sampler:?}")
+        };
+        for (context, target) in [
+            ([0, 19, 29, 33, 39, 49], [1, 6, 11, 16, 22, 27, 34, 40]),
+            ([7, 26, 30, 34, 42, 49], [0, 5, 11, 16, 21, 27, 33, 39]),
+            ([0, 14, 19, 24, 28, 38], [1, 6, 11, 17, 23, 30, 35, 41]),
+        ] {
+            let chosen = targets.choose("scene", start..start + window.get(), &context);
+            assert_eq!(chosen.unwrap(), target, "{context:?}");
+        }
     }
 
     proptest! {

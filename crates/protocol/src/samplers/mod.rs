@@ -203,6 +203,7 @@ mod tests {
             ("sampler = 'all-frames'\n".to_owned(), "seed = 3\n"),
             (format!("{farthest}targets.rule = 'window'\n"), "targets.count = 8\n"),
             (format!("{farthest}targets.rule = 'between-context'\n"), "targets.seed = 1\n"),
+            (format!("{farthest}targets.rule = 'spread'\ntargets.count = 8\n"), "targets.seed = 1\n"),
         ] {
             let sampler: Sampler = toml::from_str(&valid).unwrap_or_else(|error| panic!("{valid}: {error}"));
             assert_eq!(toml::from_str::<Sampler>(&toml::to_string(&sampler).unwrap()).unwrap(), sampler);
@@ -215,6 +216,7 @@ mod tests {
     fn no_sampler_panics_on_short_scenes() {
         let samplers = [
             "sampler = 'farthest-point'\nwindow = 50\ncontext-views = 6\ntargets = { rule = 'sampled', count = 8, seed = 1, allow-context = false }",
+            "sampler = 'farthest-point'\nwindow = 50\ncontext-views = 6\ntargets = { rule = 'spread', count = 8 }",
             "sampler = 'evenly-spaced'\ncontext-views = 5\ntarget-views = 56",
             "sampler = 'overlap-pairs'\nseed = 1\ntargets = { side = 'inside', count = 3 }",
             "sampler = 'overlap-pairs'\nseed = 1\nmin-distance = 1\ntargets = { side = 'outside', count = 3, reach = 45 }",

@@ -118,7 +118,9 @@ impl SamplingRule {
             Sampler::FarthestPoint(FarthestPoint { window, context_views, targets, .. }) => {
                 let (window, views) = (window.get(), context_views.get());
                 let least = match targets {
-                    TargetRule::Sampled { count, allow_context: false, .. } => views.saturating_add(count.get()),
+                    TargetRule::Sampled { count, allow_context: false, .. } | TargetRule::Spread { count } => {
+                        views.saturating_add(count.get())
+                    }
                     TargetRule::Sampled { count, .. } => views.max(count.get()),
                     TargetRule::Window | TargetRule::BetweenContext => views,
                 };

@@ -60,10 +60,12 @@ def render(
         width=cameras.width if width is None else whole(width, "width"),
     )
     rgb = colour(background)
-    rendered, left_out = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
+    rendered, left_out, ignored = _native.render(gaussians._native, sized._numbers(), rgb, constants, antialiased, depth)
     if left_out:
         text = f"{left_out} of {len(gaussians)} Gaussians are invalid (NaN, infinite, or without a rotation), and not drawn"
         warnings.warn(text, stacklevel=2)
+    if ignored is not None:
+        warnings.warn(ignored, stacklevel=2)
     images, alpha, *rest = rendered
     if not rest:
         return Rendering(images, alpha)

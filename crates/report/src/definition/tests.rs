@@ -1,3 +1,6 @@
+use atsplat_protocol::IndexFile;
+use atsplat_tests::shared_data;
+
 use super::*;
 use crate::table::Value;
 
@@ -46,6 +49,36 @@ fn published_averages_follow_from_the_bins() {
         averages.push(format!("{:.2}", psnr(row, 4)));
     }
     assert_eq!(averages, ["23.86", "24.01", "25.59", "26.70"]);
+}
+
+/// `docs/fit.md` lists how optimisation differs from the published code.
+#[test]
+fn tables_of_optimised_rows_say_that_their_extent_is_another() {
+    let is_optimised = |row: &RowDefinition| {
+        let kind = row.method.as_ref().and_then(|rule| rule.kind.as_deref());
+        kind.is_some_and(|kind| ["3dgs", "mip-splatting"].contains(&kind))
+    };
+    let all = TableDefinition::names().map(|name| TableDefinition::named(name).unwrap());
+    let optimised: Vec<TableDefinition> = all.filter(|table| table.rows.iter().any(is_optimised)).collect();
+    assert!(!optimised.is_empty());
+    for table in optimised {
+        let says = |note: &String| note.contains("extent") && note.contains("at least half the points' median depth");
+        assert!(table.notes.iter().any(says), "{}: {:?}", table.name, table.notes);
+    }
+}
+
+/// The published windows that start before frame 10 are moved by what is missing.
+#[test]
+fn the_extrapolation_table_counts_the_windows_that_move() {
+    let Some(data) = shared_data("the_extrapolation_table_counts_the_windows_that_move") else { return };
+    let path = data.join("index/depthsplat/dl3dv_start_0_distance_50_ctx_6v_video_0_50.json");
+    let index = IndexFile::read(&path).unwrap().index;
+    let moved: Vec<usize> = index.entries().map(|(_, _, entry)| 10 - entry.window().unwrap().0.min(10)).collect();
+    let [none, all] = [0, 10].map(|by| moved.iter().filter(|own| **own == by).count());
+    let (total, fewer) = (moved.len(), moved.len() - none - all);
+    let expected = format!("of the {total}, {all} are moved by 10 frames here, {fewer} by 1 to 9, {none} not at all");
+    let notes = TableDefinition::named("extrapolation").unwrap().notes;
+    assert!(notes.concat().contains(&expected), "{expected}: {notes:?}");
 }
 
 #[test]

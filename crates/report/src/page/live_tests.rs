@@ -99,7 +99,11 @@ fn a_browser_turns_the_live_view_and_draws_what_our_renderer_draws() {
     let labels = |count: usize| (0..count / 10).map(|token| (u8::try_from(token % 3).unwrap(), 40)).collect::<Vec<_>>();
     let focus = DVec3::new(0.1, -0.05, 3.0);
     let scene = LiveScene {
-        cameras: views.iter().enumerate().map(|(at, view)| LiveCamera::of(at == 0, at, view, &options())).collect(),
+        cameras: views
+            .iter()
+            .enumerate()
+            .map(|(at, view)| LiveCamera::of(at == 0, at, view, &options()).unwrap())
+            .collect(),
         focus: focus.to_array(),
         options: options(),
         stages: [(0, &few), (1, &all)]

@@ -97,14 +97,14 @@ pub(super) fn table(definition: &TableDefinition, published: &[PublishedRow], ed
         title: definition.title.clone(),
         caption: caption(definition, &rows),
         labels: definition.labels.iter().map(|label| label.title.clone()).collect(),
-        groups: definition.groups.iter().map(|own| group(definition, own, edition)).collect(),
+        groups: definition.groups.iter().map(|own| group(definition, own, edition, &rows)).collect(),
         rows,
         footer: Vec::new(),
         orders: Vec::new(),
         forced: edition.is_some_and(|edition| edition.mixed),
     };
-    let one_ranking =
-        edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
+    let is_published = |row: &Row| row.measured_on.as_ref().is_none_or(|on| on.published_setting);
+    let one_ranking = edition.is_some_and(|edition| !edition.mixed) && table.rows.iter().all(is_published);
     let unranked = rank(&mut table, definition.marks, one_ranking);
     table.orders = edition.map(|edition| orders(&table, definition, edition)).unwrap_or_default();
     table.footer = footer(&table, definition, edition);
@@ -131,7 +131,7 @@ fn caption(definition: &TableDefinition, rows: &[Row]) -> String {
     format!("{} Measured on {place}{comparable}.", definition.caption)
 }
 
-fn group(definition: &TableDefinition, group: &ColumnGroup, edition: Option<&Edition<'_>>) -> Group {
+fn group(definition: &TableDefinition, group: &ColumnGroup, edition: Option<&Edition<'_>>, rows: &[Row]) -> Group {
     let column = |column: &crate::definition::ColumnDefinition| Column {
         name: TableDefinition::published_name(group, column),
         title: column.title.clone().unwrap_or_else(|| column.quantity.title().to_owned()),
@@ -143,7 +143,7 @@ fn group(definition: &TableDefinition, group: &ColumnGroup, edition: Option<&Edi
     Group {
         title: group.title.clone(),
         preset: group.preset.clone(),
-        measured_on: edition.and_then(|edition| edition.other_setting(group.preset.as_deref())),
+        measured_on: edition.and_then(|edition| edition.other_setting(group.preset.as_deref(), rows)),
         columns: group.columns.iter().map(column).collect(),
     }
 }

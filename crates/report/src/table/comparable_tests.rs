@@ -77,6 +77,7 @@ fn measured_times_do_not_beat_published_ones() {
     for store in &mut stores {
         let whole = &mut store.provenance.presets[0];
         whole.entries_of_index = whole.entries;
+        store.provenance.skipped.clear();
     }
     stores[1].timings.iter_mut().flat_map(|row| &mut row.encode).for_each(|secs| *secs *= 0.01);
     let table = built("re10k", &[&stores[0], &stores[1]]);

@@ -124,11 +124,17 @@ impl Edition<'_> {
         Some((part, records.iter().find(|record| Some(&record.name) == row.method.as_ref())?))
     }
 
-    /// Names of the presets that were run in place of a published preset, or of any; `None` if all were run as published.
-    pub(super) fn other_setting(&self, preset: Option<&str>) -> Option<String> {
+    /// Names of the presets that were run in place of a published preset, or of any; `None` if all were run as published in these
+    /// rows.
+    pub(super) fn other_setting(&self, preset: Option<&str>, rows: &[Row]) -> Option<String> {
         let of_preset = |part: &&Part<'_>| preset.is_none_or(|preset| part.preset.published() == preset);
-        let others = self.parts.iter().filter(of_preset).filter(|part| part.difference().is_some());
-        let names: BTreeSet<&str> = others.map(|part| part.preset.name.as_str()).collect();
+        let is_other = |part: &&Part<'_>| part.difference(&part.methods_in(rows)).is_some();
+        let others = self.parts.iter().filter(of_preset).filter(is_other);
+        let name = |part: &Part<'_>| {
+            let index = part.alternative_index().map(|index| format!(" with the index {}", index.name));
+            format!("{}{}", part.preset.name, index.unwrap_or_default())
+        };
+        let names: BTreeSet<String> = others.map(name).collect();
         (!names.is_empty()).then(|| Vec::from_iter(names).join(", "))
     }
 }
@@ -167,38 +173,5 @@ impl Part<'_> {
         let found = bins.mismatched_estimator(&self.preset.overlap_estimators)?;
         let published = bins.estimator().unwrap_or("one estimator");
         Some(format!("{}: overlaps are measured by {found}, the bins were published for {published}", self.preset.name))
-    }
-
-    /// How it differs from the published setting; `None` if it does not.
-    pub(super) fn difference(&self) -> Option<String> {
-        let record = self.preset;
-        if let Some(published) = &record.stands_for {
-            return Some(format!(
-                "{} stands in for {published} with other scenes: compare rankings and gaps, not values",
-                record.name
-            ));
-        }
-        if self.protocol.index.accepted.is_empty() {
-            return Some(format!("{}: not a published protocol ({})", record.name, record.dataset));
-        }
-        if record.index_name.is_none() {
-            return Some(format!("{}: the index is not a published one ({})", record.name, record.dataset));
-        }
-        if record.entries < record.entries_of_index {
-            return Some(format!(
-                "{}: {} of {} index entries were run",
-                record.name, record.entries, record.entries_of_index
-            ));
-        }
-        if let Some(unfinished) = self.unfinished.first() {
-            return Some(unfinished.clone());
-        }
-        self.is_changed().then(|| format!("{}: the preset was changed", record.name))
-    }
-
-    /// Whether the preset differs from the built-in one of its name.
-    pub(super) fn is_changed(&self) -> bool {
-        let known = Preset::named(&self.preset.preset).and_then(|preset| preset.hash());
-        !known.is_ok_and(|hash| hash.to_string() == self.preset.hash)
     }
 }

@@ -1,8 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::TrialRow;
 use atsplat_eval::method::{BROKEN, DRAWN_CLASSIC};
 use atsplat_eval::statistics::{CONFIDENCE, MIN_SCENES, Trend, along_setting, cost};
+use atsplat_eval::{MethodRecord, TrialRow};
 use atsplat_metrics::{Definition, Measure};
 
 use super::edition::{Edition, Part};
@@ -33,7 +33,7 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
                 .to_owned(),
         );
     }
-    protocols(&mut notes, edition);
+    protocols(&mut notes, table, edition);
     metrics(&mut notes, table, edition);
     times(&mut notes, table);
     for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
@@ -145,14 +145,37 @@ pub(super) fn interval_of_slope(interval: Option<[f64; 2]>) -> String {
 
 /// The training data of the networks in the table.
 fn trained_on(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
+    for (_, record) in shown(table, edition) {
+        if let Some(training) = &record.training {
+            notes.add(NoteKind::Convention, format!("{}: trained on {}", record.title, training.data));
+        }
+    }
+}
+
+/// The methods in the table, each with its part of the edition.
+fn shown<'a>(table: &Table, edition: &'a Edition<'a>) -> Vec<(&'a Part<'a>, &'a MethodRecord)> {
     // Rows whose groups of columns have methods of their own have no method as a whole.
-    let shown: Vec<&StoreProtocol> = table.rows.iter().flat_map(|row| row.protocols.iter().flatten()).collect();
-    for part in &edition.parts {
-        for record in &part.source.results.provenance.methods {
-            let is_shown = shown.iter().any(|own| part.is(own) && own.method == record.name);
-            if let Some(training) = record.training.as_ref().filter(|_| is_shown) {
-                notes.add(NoteKind::Convention, format!("{}: trained on {}", record.title, training.data));
-            }
+    let own: Vec<&StoreProtocol> = table.rows.iter().flat_map(|row| row.protocols.iter().flatten()).collect();
+    let methods = |part: &'a Part<'a>| part.source.results.provenance.methods.iter().map(move |record| (part, record));
+    let all = edition.parts.iter().flat_map(methods);
+    all.filter(|(part, record)| own.iter().any(|own| part.is(own) && own.method == record.name)).collect()
+}
+
+/// Methods that are rendered as the protocol lists for the published method whose setting they name.
+fn renderers_of_settings(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
+    const OF_PRESET: &str = "of the preset";
+    for (part, record) in shown(table, edition) {
+        let parameter = |name: &str| record.parameters.get(name).and_then(|value| value.as_str());
+        let is_listed = |setting: &&str| part.protocol.renderer_overrides_of(setting).is_some();
+        let Some(setting) = parameter("setting").filter(is_listed) else { continue };
+        if record.constants.as_deref() == Some(OF_PRESET) {
+            let renderer = part.protocol.renderer_for(setting);
+            let background = parameter("background").filter(|chosen| *chosen == OF_PRESET);
+            let background = background.map_or_else(String::new, |_| format!(", on {:?}", renderer.background));
+            let (preset, rasteriser) = (&part.preset.name, &renderer.rasteriser);
+            let text =
+                format!("{} is rendered as {preset} lists for {setting}: {rasteriser}{background}", record.title);
+            notes.add(NoteKind::Convention, text);
         }
     }
 }
@@ -172,7 +195,7 @@ impl Notes {
     }
 }
 
-fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
+fn protocols(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     for part in &edition.parts {
         let Part { preset, source, .. } = part;
         let index = preset.index_name.as_deref().unwrap_or(&preset.index);
@@ -186,7 +209,8 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
                 preset.dataset,
             ),
         );
-        for difference in part.difference().iter().chain(&part.unfinished) {
+        let difference = part.difference(&part.methods_in(&table.rows));
+        for difference in difference.iter().chain(&part.unfinished) {
             notes.add(NoteKind::Setting, format!("not the published setting: {difference}"));
         }
         if let Some(why) = part.forced_overlaps().filter(|_| edition.forced) {
@@ -215,6 +239,7 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
     for (constants, backend) in constants {
         notes.add(NoteKind::Convention, format!("renderer: constants {constants}, backend {backend}"));
     }
+    renderers_of_settings(notes, table, edition);
 }
 
 /// Reasons of skipped entries, counted.
@@ -303,6 +328,9 @@ fn times(notes: &mut Notes, table: &Table) {
         if timing.busy {
             busiest = [busiest, timing.others].into_iter().flatten().max_by(f64::total_cmp);
         }
+    }
+    for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
+        notes.add(NoteKind::Convention, format!("{} {}", scope.mark(), scope.remark()));
     }
     for row in &table.rows {
         for device in cells(row).into_iter().filter_map(|timing| timing.device) {

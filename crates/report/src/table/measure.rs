@@ -5,7 +5,7 @@ use atsplat_eval::statistics::{
 use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
 
 use super::edition::Part;
-use super::{Cell, CellTiming, Counts, Value};
+use super::{Cell, CellTiming, Counts, TimeScope, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity, SlopeOver};
 
 /// The cells of a method under a preset for a group of columns.
@@ -35,7 +35,7 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
                 }
             }
         }
-        Quantity::Seconds => time_cell(times(results, preset, method)),
+        Quantity::Seconds => time_cell(times(results, preset, method), is_process(part, method)),
         quantity => cost_cell(quantity, &cost),
     };
     group.columns.iter().map(cell).collect()
@@ -106,17 +106,32 @@ fn cost_cell(quantity: Quantity, cost: &Cost) -> Cell {
     }
 }
 
-/// Seconds from context images to Gaussians, measured by the timing pass, or why there are none.
-fn time_cell(times: Result<Times, String>) -> Cell {
-    let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
+/// Seconds from context images to Gaussians, measured by the timing pass, or why there are none. Those of a method with a
+/// process of its own are the encoder's, as the process states them, or else those of the whole answer.
+fn time_cell(times: Result<Times, String>, is_process: bool) -> Cell {
+    let found = times.and_then(|times| {
+        let whole = times.encode.ok_or(NOTHING_ENCODED)?;
+        let (spread, scope) = match times.stated_encode() {
+            _ if !is_process => (whole, None),
+            Some(stated) => (stated, Some(TimeScope::Stated)),
+            None => (whole, Some(TimeScope::WholeAnswer)),
+        };
+        Ok((spread, scope, times))
+    });
     match found {
         Err(reason) => Cell { not_computed: Some(reason), ..Cell::default() },
-        Ok((spread, Times { machine, device, trials, trials_there, repetitions, warm_up, others, busy, .. })) => {
+        Ok((spread, scope, times)) => {
+            let Times { machine, device, trials, trials_there, repetitions, warm_up, others, busy, .. } = times;
             let timing =
-                CellTiming { spread, trials, trials_there, repetitions, warm_up, machine, device, others, busy };
+                CellTiming { spread, scope, trials, trials_there, repetitions, warm_up, machine, device, others, busy };
             Cell { value: Value::Number(spread.median), timing: Some(timing), ..Cell::default() }
         }
     }
+}
+
+/// Whether a method runs as a process of its own, which reads and writes files.
+fn is_process(part: &Part<'_>, method: &str) -> bool {
+    part.source.results.provenance.methods.iter().any(|record| record.name == method && record.kind == "exec")
 }
 
 /// Whether any target of a method is also a context frame.

@@ -59,7 +59,7 @@ impl MeasuredOn {
         Self {
             text: method.map_or_else(|| place.clone(), |method| format!("{method} on {place}")),
             place,
-            published_setting: ran.iter().all(|ran| ran.part.difference().is_none()),
+            published_setting: ran.iter().all(|ran| ran.part.difference(&[ran.method]).is_none()),
         }
     }
 }
@@ -112,6 +112,9 @@ impl Part<'_> {
         }
         if !self.protocol.index.accepted.is_empty() && self.preset.index_name.is_none() {
             text.push_str(", own index");
+        }
+        if let Some(index) = self.alternative_index() {
+            text.push_str(&format!(", alternative index {}", index.name));
         }
         if self.is_changed() {
             text.push_str(", protocol changed");

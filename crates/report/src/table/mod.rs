@@ -3,18 +3,24 @@
 mod build;
 #[cfg(test)]
 mod comparable_tests;
+mod difference;
+#[cfg(test)]
+mod difference_tests;
 mod edition;
 mod footer;
 mod leads;
 mod measure;
 mod measured_on;
 mod orders;
+#[cfg(test)]
+mod process_tests;
 mod protocol;
 mod rank;
 #[cfg(test)]
 mod statement_tests;
 #[cfg(test)]
 mod tests;
+mod time_scope;
 mod trainings;
 mod verdict;
 
@@ -29,6 +35,7 @@ pub(crate) use footer::short;
 pub use measured_on::MeasuredOn;
 pub use orders::{Order, Outcome};
 pub use protocol::protocol_tables;
+pub use time_scope::TimeScope;
 pub use verdict::{Headline, Verdict, verdict};
 
 use crate::definition::Quantity;
@@ -194,6 +201,9 @@ pub struct Trainings {
 pub struct CellTiming {
     /// The median, which is the cell's value, with its spread; seconds.
     pub spread: Spread,
+    /// What it covers, if the method has a process of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scope: Option<TimeScope>,
     /// Number of timed trials.
     pub trials: u64,
     /// Number of trials of the protocol.
@@ -370,7 +380,9 @@ impl Cell {
     /// The printed text.
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
-            (Value::Number(number), _) if self.is_busy() => format!("{} {BUSY}", column.format(*number)),
+            (Value::Number(number), _) if !self.marks().is_empty() => {
+                format!("{} {}", column.format(*number), self.marks())
+            }
             (Value::Number(number), _) => match self.interval.filter(|_| column.intervals) {
                 Some([low, high]) => {
                     format!("{} [{}, {}]", column.format(*number), column.format(low), column.format(high))

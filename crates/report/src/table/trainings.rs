@@ -125,7 +125,10 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
     }
     let texts = training.rows.iter().filter_map(|row| Some(row.measured_on.as_ref()?.text.as_str()));
     let text = distinct(texts).join("; ");
-    let measured_on = first.measured_on.clone().map(|measured_on| MeasuredOn { text, ..measured_on });
+    let mut all_on = training.rows.iter().filter_map(|row| row.measured_on.as_ref());
+    let published_setting = all_on.all(|on| on.published_setting);
+    let measured_on =
+        first.measured_on.clone().map(|measured_on| MeasuredOn { text, published_setting, ..measured_on });
     let stores = distinct(training.trainings.iter().map(|(part, _)| part.source.label)).join(", ");
     let of_group = |group| training.rows.iter().filter_map(|row| row.protocol(group).cloned()).collect();
     let trainings = (0..training.groups.len()).map(of_group).collect();

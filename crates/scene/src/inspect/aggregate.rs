@@ -52,14 +52,20 @@ impl Aggregate {
         });
     }
 
-    pub(super) fn report(self, format: &str, listed: usize, per_scene: bool, warnings: &Warnings) -> Inspection {
+    pub(super) fn report(
+        self,
+        format: &str,
+        (listed, left_out): (usize, u64),
+        per_scene: bool,
+        warnings: &Warnings,
+    ) -> Inspection {
         let (listed, read) = (listed as u64, self.scenes.len() as u64);
         let [fx, fy, cx, cy, fov_x_degrees, fov_y_degrees] = self.pinhole.map(summary);
         let [step, rotation_degrees] = self.motion.map(summary);
         let of_scenes = |value: fn(&SceneSummary) -> Option<f64>| summary(self.scenes.iter().filter_map(value));
         Inspection {
             format: format.to_owned(),
-            scenes: SceneCounts { listed, read, unreadable: listed - read },
+            scenes: SceneCounts { listed, read, unreadable: listed - read, left_out },
             frames: self.scenes.iter().map(|scene| scene.frames).sum(),
             frames_per_scene: of_scenes(|scene| Some(scene.frames as f64)),
             images: self.images,

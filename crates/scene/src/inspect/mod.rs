@@ -51,8 +51,8 @@ pub enum SizeSampling {
 /// format. The reported problems are all of `warnings`, including those from opening the dataset. `progress` is called
 /// after each scene, from any thread.
 ///
-/// The report does not depend on the number of threads. A scene that cannot be read is a problem in the report, not an
-/// error.
+/// The report does not depend on the number of threads. `warnings` holds those of opening the dataset, and no others. A scene
+/// that cannot be read is a problem in the report, not an error.
 pub fn inspect(
     source: &dyn SceneSource,
     format: &str,
@@ -60,6 +60,7 @@ pub fn inspect(
     warnings: &mut Warnings,
     progress: &(dyn Fn() + Sync),
 ) -> Inspection {
+    let opening = warnings.clone();
     let mut aggregate = Aggregate::default();
     for keys in source.keys().chunks(SCENES_AT_ONCE) {
         let measured: Vec<_> = keys
@@ -80,7 +81,16 @@ pub fn inspect(
             }
         }
     }
-    aggregate.report(format, source.keys().len(), options.per_scene, warnings)
+    let scenes = (source.keys().len(), left_out(&opening, warnings));
+    aggregate.report(format, scenes, options.per_scene, warnings)
+}
+
+/// Scenes of the data that are not among a dataset's keys, by the warnings of opening it and by all warnings since: ignored next to
+/// its scenes, or in a chunk that is missing or cannot be read (a chunk that cannot be read counts once).
+pub fn left_out(opening: &Warnings, all: &Warnings) -> u64 {
+    let not_listed = [WarningKind::UnreadableScene, WarningKind::SceneNotFound].map(|kind| opening.count(kind));
+    // A further model of a capture is found when the capture is read.
+    not_listed.iter().sum::<u64>() + all.count(WarningKind::IgnoredScene)
 }
 
 #[cfg(test)]

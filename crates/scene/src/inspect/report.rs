@@ -9,7 +9,7 @@ use crate::{Warning, WarningKind};
 pub struct Inspection {
     /// Name of the dataset's format.
     pub format: String,
-    /// Scenes listed, read and unreadable.
+    /// Scenes listed, read, unreadable and left out.
     pub scenes: SceneCounts,
     /// Frames of all scenes.
     pub frames: u64,
@@ -35,10 +35,12 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Whether every listed scene was read, and no image was found missing, empty, cut short or unreadable.
+    /// Whether every scene is listed and was read, and no image was found missing, empty, cut short or unreadable.
     pub const fn is_complete(&self) -> bool {
+        let SceneCounts { unreadable, left_out, .. } = self.scenes;
         let ImageCounts { missing, empty, headers_unreadable, cut_short, .. } = self.images;
-        self.scenes.unreadable == 0 && missing == 0 && empty == 0 && headers_unreadable == 0 && cut_short == 0
+        let all_scenes = unreadable == 0 && left_out == 0;
+        all_scenes && missing == 0 && empty == 0 && headers_unreadable == 0 && cut_short == 0
     }
 }
 
@@ -52,6 +54,8 @@ pub struct SceneCounts {
     pub read: u64,
     /// Scenes that could not be read.
     pub unreadable: u64,
+    /// Scenes that are not listed ([`left_out`](super::left_out)).
+    pub left_out: u64,
 }
 
 /// Numbers of frames, by where their image is.

@@ -20,7 +20,11 @@ impl Inspection {
         let (scenes, images, lenses) = (&self.scenes, &self.images, &self.lenses);
         writeln!(f, "format    {}", self.format)?;
         let read = counted(&[(scenes.read, "read"), (scenes.unreadable, "not readable")]);
-        writeln!(f, "scenes    {} listed: {read}", scenes.listed)?;
+        let left_out = match scenes.left_out {
+            0 => String::new(),
+            count => format!("; {count} left out"),
+        };
+        writeln!(f, "scenes    {} listed: {read}{left_out}", scenes.listed)?;
         writeln!(f, "frames    {}", self.frames)?;
         let places = [
             (images.files, "in files"),

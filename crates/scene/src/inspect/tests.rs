@@ -121,7 +121,7 @@ fn dataset_with_problems() -> TestSource {
 fn problems_are_counted_by_kind() {
     let all = InspectOptions { sizes: SizeSampling::All, per_scene: false };
     let (report, warnings) = inspected(&dataset_with_problems(), all);
-    assert_eq!(report.scenes, SceneCounts { listed: 3, read: 2, unreadable: 1 });
+    assert_eq!(report.scenes, SceneCounts { listed: 3, read: 2, unreadable: 1, left_out: 0 });
     assert!(!report.is_complete());
     let expected = ImageCounts {
         encoded: 5,
@@ -142,6 +142,29 @@ fn problems_are_counted_by_kind() {
         assert_eq!(warnings.count(kind), count, "{kind}");
         assert!(report.problems.iter().any(|problem| problem.kind == kind && problem.count == count), "{kind}");
     }
+}
+
+/// One ignored next to the scenes, one in a chunk that is missing, and a chunk that cannot be read.
+#[test]
+fn scenes_that_were_left_out_make_an_inspection_incomplete() {
+    let inspected = |kinds: &[WarningKind]| {
+        let mut warnings = Warnings::new();
+        for kind in kinds {
+            warnings.push(*kind, "elsewhere", "detail");
+        }
+        inspect(&small_dataset(), "in memory", &InspectOptions::default(), &mut warnings, &|| ())
+    };
+    let kinds = [WarningKind::IgnoredScene, WarningKind::SceneNotFound, WarningKind::UnreadableScene];
+    for kind in kinds {
+        let report = inspected(&[kind]);
+        assert_eq!((report.scenes.left_out, report.is_complete()), (1, false), "{kind}");
+    }
+    let report = inspected(&kinds);
+    assert_eq!(report.scenes, SceneCounts { listed: 3, read: 3, unreadable: 0, left_out: 3 });
+    assert!(report.to_string().contains("scenes    3 listed: 3 read; 3 left out\n"), "{report}");
+    assert_eq!(serde_json::to_value(&report).unwrap()["scenes"]["left-out"], 3);
+    let camera = inspected(&[WarningKind::BadCamera]);
+    assert_eq!((camera.scenes.left_out, camera.is_complete()), (0, true));
 }
 
 #[test]

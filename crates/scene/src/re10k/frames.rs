@@ -15,18 +15,19 @@ enum Naming {
 
 /// Assigns each frame its image from the first of `folders` that holds images.
 ///
-/// If no folder exists, the frames stay [`FrameImage::Absent`], unless images are `expected`. Otherwise a frame without
-/// a file becomes [`FrameImage::Missing`], with a warning. Images with a number that no row has are counted too: deleted
-/// rows leave them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong to a row.
+/// If no folder exists, the frames stay [`FrameImage::Absent`], unless images are `expected`, which is asked only then.
+/// Otherwise a frame without a file becomes [`FrameImage::Missing`], with a warning. Images with a number that no row has are
+/// counted too: deleted rows leave them, and shift the position of every later frame. Others, such as `cover.jpg`, cannot belong
+/// to a row.
 pub(super) fn attach_images(
     scene: &mut Scene,
     folders: &[PathBuf],
-    expected: bool,
+    expected: impl FnOnce() -> bool,
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
     let listing = match (first_with_images(folders)?, folders.first()) {
         (Some(listing), _) => listing,
-        (None, Some(folder)) if expected => ImageListing::empty(folder.clone()),
+        (None, Some(folder)) if expected() => ImageListing::empty(folder.clone()),
         (None, _) => return Ok(()),
     };
     let mut numbers: BTreeMap<i64, &str> = BTreeMap::new();
@@ -72,7 +73,7 @@ pub(super) fn attach_images(
 }
 
 /// The first folder with images; otherwise the first that exists.
-fn first_with_images(folders: &[PathBuf]) -> Result<Option<ImageListing>, SceneError> {
+pub(super) fn first_with_images(folders: &[PathBuf]) -> Result<Option<ImageListing>, SceneError> {
     let mut empty = None;
     for folder in folders {
         match ImageListing::read(folder)? {
@@ -130,7 +131,7 @@ mod tests {
             std::fs::write(folder.path().join(name), b"").unwrap();
         }
         let (mut scene, mut warnings) = (scene(), Warnings::new());
-        attach_images(&mut scene, &[folder.path().to_owned()], false, &mut warnings).unwrap();
+        attach_images(&mut scene, &[folder.path().to_owned()], || false, &mut warnings).unwrap();
         (scene, warnings)
     }
 
@@ -196,7 +197,7 @@ mod tests {
         assert_eq!(names(&scene), ["no 0.jpg", "no 33366.jpg", "no 66733.jpg"]);
         assert_eq!(warnings.count(WarningKind::MissingImage), 3);
         let (mut alone, mut warnings) = (self::scene(), Warnings::new());
-        attach_images(&mut alone, &[PathBuf::from("/nowhere")], false, &mut warnings).unwrap();
+        attach_images(&mut alone, &[PathBuf::from("/nowhere")], || false, &mut warnings).unwrap();
         assert!(alone.frames.iter().all(|frame| matches!(frame.image, FrameImage::Absent)));
         assert_eq!(warnings.total(), 0);
     }

@@ -1,7 +1,8 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
-use super::frames::attach_images;
+use super::frames::{attach_images, first_with_images};
 use super::read_trajectory;
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
@@ -23,13 +24,15 @@ pub struct Re10kOptions {
 /// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
 /// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. An
 /// image with a timestamp or number that no row has is counted. Without such a folder the scene has no images; if
-/// there is a `frames_root`, they are missing.
+/// there is a `frames_root`, or another scene has images, they are missing.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
     path: PathBuf,
     options: Re10kOptions,
     keys: Vec<String>,
     files: Vec<TrajectoryFile>,
+    /// Whether any scene has images; found out for the first scene without.
+    has_images: OnceLock<bool>,
 }
 
 #[derive(Clone, Debug)]
@@ -75,18 +78,30 @@ impl Re10kScenes {
         }
         let file = |path: PathBuf| TrajectoryFile { alone_in_folder: files_in.get(&folder(&path)) == Some(&1), path };
         let (keys, files) = found.into_iter().map(|(key, path)| (key, file(path))).unzip();
-        Ok(Self { path: path.to_owned(), options, keys, files })
+        Ok(Self { path: path.to_owned(), options, keys, files, has_images: OnceLock::new() })
     }
 
-    /// The opened folder with its keys; none if it holds one clip with `images/` next to the trajectory.
+    /// The opened folder with its keys, and if it holds one clip with `images/` next to the trajectory, with all of its folders.
     pub(crate) fn collections(&self) -> Collections {
+        let mut own: BTreeSet<String> = self.keys.iter().cloned().collect();
         let is_one_clip = |key: &String, file: &TrajectoryFile| {
-            file.alone_in_folder && file.path.parent() == Some(self.path.as_path()) && !self.path.join(key).is_dir()
+            let is_here = file.alone_in_folder && file.path.parent() == Some(self.path.as_path());
+            is_here && !self.path.join(key).is_dir() && self.path.join("images").is_dir()
         };
         if self.keys.iter().zip(&self.files).any(|(key, file)| is_one_clip(key, file)) {
-            return Collections::new();
+            // A folder that cannot be listed is an error where its other entries are looked at.
+            let folders = list(&self.path).unwrap_or_default().into_iter().filter(|(_, is_folder)| *is_folder);
+            own.extend(folders.map(|(name, _)| name));
         }
-        Collections::from([(self.path.clone(), self.keys.iter().cloned().collect())])
+        Collections::from([(self.path.clone(), own)])
+    }
+
+    fn has_images(&self) -> bool {
+        let holds_images = |(key, file): (&String, &TrajectoryFile)| {
+            let found = first_with_images(&self.image_folders(key, file)).ok().flatten();
+            found.is_some_and(|listing| listing.stems().next().is_some())
+        };
+        *self.has_images.get_or_init(|| self.keys.iter().zip(&self.files).any(holds_images))
     }
 
     fn image_folders(&self, key: &str, file: &TrajectoryFile) -> Vec<PathBuf> {
@@ -119,7 +134,7 @@ impl SceneSource for Re10kScenes {
             let detail = format!("row {row}: columns 6 and 7 are not zero; no loader of the field reads them");
             warnings.push(WarningKind::LensDistortion, key, detail);
         }
-        let expected = self.options.frames_root.is_some();
+        let expected = || self.options.frames_root.is_some() || self.has_images();
         attach_images(&mut scene, &self.image_folders(key, file), expected, warnings)?;
         report_cameras(&scene, Times::Given, warnings);
         Ok(scene)
@@ -208,5 +223,55 @@ mod tests {
         let ([a, b], missing) = first_images(None);
         assert!(matches!((&a, &b), (FrameImage::Absent, FrameImage::Absent)), "{a:?} {b:?}");
         assert_eq!(missing, 0, "nobody stated where frames should be");
+    }
+
+    /// One clip has lost its folder; in the other layout, `images/` next to the only trajectory of a folder.
+    #[test]
+    fn images_are_missing_where_another_clip_has_some() {
+        for (trajectory, images) in [("KEY.txt", "a"), ("KEY/KEY.txt", "a/images")] {
+            let folder = tempfile::tempdir().unwrap();
+            let clips = folder.path();
+            for key in ["a", "b"] {
+                let path = clips.join(trajectory.replace("KEY", key));
+                fs::create_dir_all(path.parent().unwrap()).unwrap();
+                fs::write(path, ROWS).unwrap();
+            }
+            let load = |key: &str| {
+                let mut warnings = Warnings::new();
+                let scenes = Re10kScenes::open(clips, Re10kOptions::default(), &mut warnings).unwrap();
+                let scene = scenes.load(key, &mut warnings).unwrap();
+                (scene.frames[0].image.clone(), warnings.count(WarningKind::MissingImage))
+            };
+            assert!(matches!(load("b"), (FrameImage::Absent, 0)), "bare trajectories");
+            fs::create_dir_all(clips.join(images)).unwrap();
+            fs::write(clips.join(images).join("notes"), "no image").unwrap();
+            assert!(matches!(load("b"), (FrameImage::Absent, 0)), "a folder without an image");
+            fs::write(clips.join(images).join("0.png"), b"").unwrap();
+            assert!(matches!(load("b"), (FrameImage::Missing(_), 2)), "{trajectory}: {:?}", load("b"));
+            assert!(matches!(load("a"), (FrameImage::File(_), 1)), "{trajectory}: {:?}", load("a"));
+        }
+    }
+
+    /// Beside the only clip whose name is text, whose images are in `images/` or nowhere.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_clip_whose_name_is_not_utf_8_is_counted_beside_one_clip() {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt as _;
+
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("a.txt"), ROWS).unwrap();
+        fs::write(folder.path().join(OsStr::from_bytes(b"b\xe8.txt")), ROWS).unwrap();
+        let ignored = || {
+            let mut warnings = Warnings::new();
+            crate::open(folder.path(), &mut warnings).unwrap();
+            warnings.kept().iter().map(|warning| warning.scene.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(ignored(), ["b\u{fffd}.txt"]);
+        for images in ["images", "thumbnails"] {
+            fs::create_dir(folder.path().join(images)).unwrap();
+            fs::write(folder.path().join(images).join("0.png"), b"").unwrap();
+            assert_eq!(ignored(), ["b\u{fffd}.txt"], "{images}");
+        }
     }
 }

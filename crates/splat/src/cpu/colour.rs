@@ -24,7 +24,7 @@ pub(super) struct Basis {
 
 impl Basis {
     pub(super) fn new(parts: &GaussianParts, options: &RenderOptions) -> Self {
-        let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
+        let degree = options.sh_degree(parts.sh_degree);
         let mut values = [[0.0; CHUNK]; 25];
         values[0] = [to_f32(sh::C0); CHUNK];
         Self {

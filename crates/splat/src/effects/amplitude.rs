@@ -27,13 +27,8 @@ fn larger(mut most: Above, other: Above) -> Above {
     most
 }
 
-/// The SH degree that is evaluated.
-pub(super) fn degree(gaussians: &Gaussians, max_sh_degree: u8) -> u8 {
-    gaussians.sh_degree().min(max_sh_degree)
-}
-
-/// A bound on the colour of any Gaussian in any direction.
-pub(super) fn of_colour(gaussians: &Gaussians, max_sh_degree: u8) -> f64 {
-    let [all, ..] = above(gaussians, degree(gaussians, max_sh_degree));
+/// A bound on the colour of any Gaussian in any direction, of harmonics up to a degree that all have.
+pub(super) fn of_colour(gaussians: &Gaussians, degree: u8) -> f64 {
+    let [all, ..] = above(gaussians, degree);
     0.5 + all
 }

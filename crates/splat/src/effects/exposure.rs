@@ -35,7 +35,7 @@ impl Effect for ExposureEffect {
             return Assessment::keep(format!("it changes white by up to {white_change:.2e}"));
         }
         let background = request.options.background.iter().map(|value| value.abs()).fold(0.0, f64::maximum_of);
-        let brightest = scene.brightest(request.options.max_sh_degree).maximum_of(background);
+        let brightest = scene.brightest(request.degree(scene.gaussians())).maximum_of(background);
         let bound = difference.gain() * brightest + offset;
         if bound <= budget {
             let reason = format!("it changes no colour of this scene by more than {bound:.1e}");

@@ -94,6 +94,11 @@ pub const EFFECTS: [&dyn Effect; 8] = [
 ];
 
 impl Request {
+    /// The degree of spherical harmonics that is evaluated.
+    const fn degree(&self, gaussians: &Gaussians) -> u8 {
+        self.options.sh_degree(gaussians.sh_degree())
+    }
+
     /// Factor by which exposure amplifies a change of composited colour.
     fn gain(&self) -> f64 {
         self.options.exposure.map_or(1.0, |exposure| exposure.gain())

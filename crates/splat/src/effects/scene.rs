@@ -72,10 +72,10 @@ impl<'a> Scene<'a> {
         harmonics
     }
 
-    /// A bound on the colour of any Gaussian in any direction.
-    pub(super) fn brightest(&self, max_sh_degree: u8) -> f64 {
-        let (degree, brightest) =
-            *self.brightest.get_or_init(|| (max_sh_degree, amplitude::of_colour(&self.gaussians, max_sh_degree)));
-        if degree == max_sh_degree { brightest } else { amplitude::of_colour(&self.gaussians, max_sh_degree) }
+    /// A bound on the colour of any Gaussian in any direction, of harmonics up to a degree that all have.
+    pub(super) fn brightest(&self, degree: u8) -> f64 {
+        let of_colour = || amplitude::of_colour(&self.gaussians, degree);
+        let (known, brightest) = *self.brightest.get_or_init(|| (degree, of_colour()));
+        if known == degree { brightest } else { of_colour() }
     }
 }

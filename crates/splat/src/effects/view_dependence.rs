@@ -18,7 +18,7 @@ impl Effect for ViewDependence {
     }
 
     fn is_requested(&self, gaussians: &Gaussians, request: &Request) -> bool {
-        amplitude::degree(gaussians, request.options.max_sh_degree) > 0
+        request.degree(gaussians) > 0
     }
 
     fn remove_from(&self, request: &mut Request) {
@@ -27,7 +27,7 @@ impl Effect for ViewDependence {
     }
 
     fn assess(&self, scene: &Scene<'_>, request: &Request, budget: f64) -> Assessment {
-        let degree = amplitude::degree(scene.gaussians(), request.options.max_sh_degree);
+        let degree = request.degree(scene.gaussians());
         let gain = request.gain();
         if !(budget < EffectPlan::UNLIMITED) {
             return of_removal(self, scene, request, degree);

@@ -4,17 +4,28 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::sh_rotation::ShRotation;
 use super::{Gaussians, sh_coefficients};
-use crate::SplatError;
+use crate::{ShAxes, SplatError};
 
 /// Tolerance for rotations read from files with as few as six decimals.
 const ROTATION: Tolerance = Tolerance::absolute(1e-4);
 
 impl Gaussians {
+    /// [`Self::transformed_in`] 3DGS's axes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn transformed(&self, similarity: &Similarity) -> Result<Self, SplatError> {
+        self.transformed_in(similarity, ShAxes::Standard)
+    }
+
     /// Applies a similarity to means, covariances, filters and spherical harmonics. Computed in f64, stored as f32.
+    ///
+    /// `axes` are those in which the harmonics are evaluated, [`crate::RendererConstants::sh_axes`]: the same coefficients are
+    /// other functions in other axes, and are rotated otherwise.
     ///
     /// # Errors
     /// [`SplatError::Similarity`] for a scale that is not positive and finite, or a matrix that is not a rotation.
-    pub fn transformed(&self, similarity: &Similarity) -> Result<Self, SplatError> {
+    pub fn transformed_in(&self, similarity: &Similarity, axes: ShAxes) -> Result<Self, SplatError> {
         let invalid = |what, expected, found| Err(SplatError::Similarity { what, expected, found });
         if !(similarity.scale > 0.0 && similarity.scale.is_finite()) {
             return invalid("scale", "a positive number", similarity.scale);
@@ -47,7 +58,7 @@ impl Gaussians {
         if parts.sh_degree > 0 {
             // From the unit quaternion: the quadrature needs an exact rotation, and a matrix from a file is only nearly
             // one.
-            let sh_rotation = ShRotation::new(DMat3::from_quat(rotation));
+            let sh_rotation = ShRotation::new(axes.rotation(DMat3::from_quat(rotation)));
             parts.sh.chunks_exact_mut(sh_coefficients(parts.sh_degree)).for_each(|of_one| sh_rotation.apply(of_one));
         }
         Ok(Self(parts))

@@ -31,7 +31,7 @@ impl Renderer for GpuRenderer {
             check_memory_before_upload(gaussians, view, limits.memory_limit)?;
             // No Gaussian keeps a band above the packed degree, so that dropping it is within the packed bound.
             let packed = options.harmonics.as_ref().map_or(MAX_SH_DEGREE, |packed| packed.degree());
-            let degree = options.max_sh_degree.min(packed);
+            let degree = options.sh_degree(packed);
             Ok(GpuGaussians::upload(context, pool, gaussians, degree)?)
         })
     }

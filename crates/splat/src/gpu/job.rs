@@ -125,8 +125,8 @@ impl<'a> Job<'a> {
     /// Uniforms and number of threads of the kernels that see each splat's own view, for one part of the Gaussians.
     pub(super) fn launch(&self, blocks: &[ViewBlock], part: &GpuPart, first: u32) -> (Vec<u8>, u64) {
         let count = if self.is_batch() { self.splats() } else { part.count.into() };
-        let (sh_degree, most) = (self.gaussians.sh_degree, self.options.max_sh_degree);
-        let degree = if most < sh_degree { most } else { sh_degree };
+        let sh_degree = self.gaussians.sh_degree;
+        let degree = self.options.sh_degree(sh_degree);
         #[expect(clippy::cast_possible_truncation, reason = "at most 25 coefficients")]
         let stored = sh_coefficients(sh_degree) as u32;
         let mut bytes = Vec::new();

@@ -27,19 +27,19 @@ pub(super) struct Hit {
 
 /// The splats composited at a pixel, nearest first, and the final transmittance.
 pub(super) fn hits(splats: &[Splat], at: [u32; 2], options: &RenderOptions) -> (Vec<Hit>, f64) {
-    let constants = &options.constants;
+    let limits = options.constants.thresholds();
     let mut transmittance = 1.0;
     let mut hits = Vec::new();
     for (index, splat) in splats.iter().enumerate() {
         let Some((offset, falloff)) = falloff(splat, at) else { continue };
         let full = splat.opacity * falloff;
-        let saturated = full > constants.max_alpha;
-        let alpha = if saturated { constants.max_alpha } else { full };
-        if !(alpha >= constants.min_alpha) {
+        let saturated = full > limits.max_alpha;
+        let alpha = if saturated { limits.max_alpha } else { full };
+        if !(alpha >= limits.min_alpha) {
             continue;
         }
         let next = transmittance * (1.0 - alpha);
-        if next <= constants.min_transmittance {
+        if next <= limits.min_transmittance {
             break;
         }
         hits.push(Hit { splat: index, offset, falloff, alpha, saturated, transmittance });

@@ -33,7 +33,7 @@ pub fn jumps(
     let min_alpha = options.constants.min_alpha * (1.0 - relative);
     let constants = RendererConstants { min_alpha, ..options.constants.clone() };
     let (splats, _) = prepare(gaussians, view, &RenderOptions { constants, ..options.clone() })?;
-    let limits = &options.constants;
+    let limits = options.constants.thresholds();
     let is_near = |value: f64, limit: f64, relative: f64| (value - limit).abs() <= relative * limit;
     let of_pixel = |at| {
         let mut jump = Jump::default();

@@ -1,7 +1,7 @@
 use atsplat_camera::ImageSize;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
-use crate::constants::{LARGEST_CHANNEL, ShAxes};
+use crate::constants::LARGEST_CHANNEL;
 use crate::reach::reach;
 use crate::rendering::Culled;
 use crate::view::Optics;
@@ -133,10 +133,7 @@ pub(crate) fn project(
     let offset = mean - optics.centre;
     let distance = offset.length();
     let direction = if distance > 0.0 { offset / distance } else { DVec3::Z };
-    let direction = match constants.sh_axes {
-        ShAxes::Standard => direction,
-        ShAxes::E3nn => DVec3::new(direction.z, direction.x, direction.y),
-    };
+    let direction = constants.sh_axes.of(direction);
     let Some(raw_rgb) = colour(gaussians, position, direction, options) else { return Err(Culled::Invalid) };
     let scalar = gaussians.parts().scalars.as_ref().map_or(0.0, |scalars| f64::from(scalars[position]));
     if !(scalar.abs() <= LARGEST_CHANNEL) {
@@ -219,7 +216,7 @@ fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
 /// Unclamped colour of a Gaussian in a direction; `None` if it is not finite or too large.
 fn colour(gaussians: &Gaussians, position: usize, direction: DVec3, options: &RenderOptions) -> Option<DVec3> {
     let parts = gaussians.parts();
-    let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
+    let degree = options.sh_degree(parts.sh_degree);
     let basis = sh::basis(degree, direction.to_array());
     let add = |sum, (coefficient, value): ([f64; 3], f64)| sum + value * DVec3::from_array(coefficient);
     let stored = sh_coefficients(parts.sh_degree);

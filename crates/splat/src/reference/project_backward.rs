@@ -194,7 +194,7 @@ fn through_colour(
 ) -> (DVec3, [[f64; 3]; 25]) {
     let parts = gaussians.parts();
     let (intermediates, stored) = (&splat.parts, sh_coefficients(parts.sh_degree));
-    let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
+    let degree = options.sh_degree(parts.sh_degree);
     let through = |raw: f64, gradient: f64| if raw < 0.0 { 0.0 } else { gradient };
     let d_rgb = DVec3::new(
         through(intermediates.raw_rgb.x, d_splat.rgb.x),

@@ -190,3 +190,22 @@ fn rendering_is_deterministic() {
         assert!(gpu.render(&gaussians, &view, &everything()).unwrap() == first);
     }
 }
+
+/// diff-gaussian-rasterization evaluates 16 coefficients of each channel, whatever the Gaussians store.
+#[test]
+fn degrees_beyond_the_constants_change_nothing() {
+    let Some(mut gpu) = gpu() else { return };
+    let (all, view) = (cloud(800, 4, 31), view(61, 45));
+    let drawn = all.with_sh_degree(3);
+    let resident = gpu.upload(&all).unwrap();
+    for (preset, is_limited) in [("inria", true), ("pixelsplat-family", true), ("gsplat-1.6", false)] {
+        let options = RenderOptions { constants: RendererConstants::named(preset).unwrap(), ..everything() };
+        let expected = gpu.render(&drawn, &view, &options).unwrap();
+        assert_eq!(gpu.render(&all, &view, &options).unwrap() == expected, is_limited, "{preset}");
+        assert_eq!(
+            gpu.render_uploaded(&resident, &view, &options).unwrap() == expected,
+            is_limited,
+            "{preset}, resident"
+        );
+    }
+}

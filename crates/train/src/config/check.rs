@@ -13,6 +13,7 @@ use atsplat_scene::preprocess::Step;
 use glam::{DMat3, DVec3};
 
 use super::{DataConfig, SourceConfig, TrainConfig, WHAT};
+use crate::evaluation::require_memory;
 use crate::samples::{RoomsConfig, ViewChoice};
 use crate::{Parameters, TrainError};
 
@@ -37,11 +38,11 @@ impl TrainConfig {
             if !(*share > 0.0 && share.is_finite()) {
                 return refuse(format!("data[{at}].share"), "a positive number", share);
             }
-            let (kind, views) = match source {
-                SourceConfig::Rooms(rooms) => ("rooms", &rooms.views),
-                SourceConfig::Dataset(dataset) => ("dataset", &dataset.views),
+            let kind = match source {
+                SourceConfig::Rooms(_) => "rooms",
+                SourceConfig::Dataset(_) => "dataset",
             };
-            let warm_up = views.gaps.warm_up_steps;
+            let warm_up = source.views().gaps.warm_up_steps;
             if warm_up > 0 && self.distinct.is_some() {
                 let field = format!("data[{at}].source.{kind}.views.gaps.warm-up-steps");
                 return refuse(field, "0 with `distinct`, because samples do not repeat while gaps grow", warm_up);
@@ -80,8 +81,8 @@ impl TrainConfig {
     }
 
     /// Checks the configuration against its network: patches divide the images of every source of known image size,
-    /// those of the training have the scale of the network's resolution, samples of a micro-batch expand as many tokens, only a
-    /// frozen backbone has a file, and the network has the parts that are to be initialised.
+    /// those of the training have the scale of the network's resolution, the evaluation's samples fit into memory, samples of a
+    /// micro-batch expand as many tokens, only a frozen backbone has a file, and the network has the parts that are to be initialised.
     ///
     /// # Errors
     /// [`TrainError::Malformed`] with the field; [`TrainError::Protocol`] for a preset that cannot be read.
@@ -97,6 +98,10 @@ impl TrainConfig {
         for (at, (field, source)) in self.sources().enumerate() {
             let (field, Some(size)) = sized(&field, source)? else { continue };
             check_size(&field, size, model)?;
+            if let Some(evaluation) = self.evaluation.as_ref().filter(|_| at == self.data.len()) {
+                let ViewChoice { context: [_, most], targets, .. } = source.views();
+                require_memory(evaluation.samples.get(), most.get().saturating_add(targets.get()), size)?;
+            }
             // Inference resizes images to the scale of the model's resolution, so those of the training must have that scale too.
             if at < self.data.len() && shorter(size) != shorter(model.resolution) {
                 let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
@@ -278,6 +283,31 @@ mod tests {
             let error = read("128, 128", second, evaluation, share).unwrap_err();
             let field = format!("run.toml, field {field}: ");
             assert!(error.contains(&field) && error.contains(expected), "{error}");
+        }
+    }
+
+    /// 8 GiB hold 58254 samples of 3 views of 64×64 in three channels of f32, and a quarter of that at 128×128.
+    #[test]
+    fn an_evaluation_fits_into_memory() {
+        let check = |source: &str, samples: u64| {
+            let views = "{ context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }";
+            let text = format!(
+                "title = 'an evaluation'\nseed = 1\nsteps = 8\nbatch = 1\nmodel = {{ base = 'micro' }}\n[[data]]\n\
+                 source.rooms = {{ scenes-of = 'rooms', scenes = 1, size = [128, 128], views = {views} }}\n\
+                 [evaluation]\nevery = 1\nsamples = {samples}\n[evaluation.source.{source}\nviews = {views}"
+            );
+            let config = TrainConfig::from_toml(&text).unwrap();
+            config.check_model(&config.model.config().unwrap()).map_err(|error| error.to_string())
+        };
+        let rooms = "rooms]\nscenes-of = 'rooms'\nscenes = 1\nsize = [64, 64]";
+        let dataset = "dataset]\npath = 'absent'\npreset = 'rooms-2v-128'";
+        for (source, most) in [(rooms, 58_254), (dataset, 14_563)] {
+            check(source, most).unwrap();
+            for samples in [most + 1, 1_000_000_000_000, u64::from(u32::MAX) << 30] {
+                let error = check(source, samples).unwrap_err();
+                let expected = format!("evaluation.samples: expected at most {most}: ");
+                assert!(error.contains(&expected) && error.ends_with(&format!("found {samples}")), "{error}");
+            }
         }
     }
 

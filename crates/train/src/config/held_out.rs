@@ -9,9 +9,9 @@ use super::{SourceConfig, TrainConfig};
 use crate::samples::{DatasetConfig, DatasetSource};
 
 impl TrainConfig {
-    /// Whether this run provably never trains on the evaluation's scenes: simulated scenes of another kind, split or seed range, or
-    /// scenes of another dataset folder with other names. Datasets are opened to compare the names. Weights that the run starts from
-    /// may have seen the scenes.
+    /// Whether, by what the configuration names, this run never trains on the evaluation's scenes: simulated scenes of another kind,
+    /// split or seed range, or scenes of another dataset folder with other names. Datasets are opened to compare the names, not the
+    /// content: a copy of a dataset under other names counts as another one. Weights that the run starts from may have seen the scenes.
     pub fn is_evaluation_held_out(&self) -> bool {
         let differs = |source: &SourceConfig| {
             self.data.iter().all(|data| are_disjoint(&data.source, source, &self.pose_normalisation))
@@ -35,7 +35,8 @@ fn are_disjoint(a: &SourceConfig, b: &SourceConfig, normalisation: &PoseNormalis
             let open = |config: &DatasetConfig| {
                 DatasetSource::open(config.clone(), normalisation.clone(), &mut Warnings::new()).ok()
             };
-            // Two folders may hold copies of one dataset. Nothing is known of one that cannot be opened.
+            // Two folders may hold copies of one dataset: those with the same keys are recognised. Nothing is known of one that cannot be
+            // opened.
             open(a).zip(open(b)).is_some_and(|(a, b)| !a.shares_a_scene_with(&b))
         }
         // A folder may hold simulated scenes.

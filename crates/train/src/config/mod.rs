@@ -19,7 +19,7 @@ pub use model::ModelChoice;
 
 use crate::TrainError;
 use crate::optimiser::{AdamW, Schedule};
-use crate::samples::{DatasetConfig, DatasetSource, Mixture, RoomsConfig, RoomsSource, Source};
+use crate::samples::{DatasetConfig, DatasetSource, Mixture, RoomsConfig, RoomsSource, Source, ViewChoice};
 
 pub(crate) const WHAT: &str = "training configuration";
 
@@ -113,7 +113,7 @@ pub enum SourceConfig {
 pub struct EvaluationConfig {
     /// Steps between evaluations; the last step is always followed by one.
     pub every: NonZeroU64,
-    /// Number of samples, the same in every evaluation.
+    /// Number of samples, the same in every evaluation. All are kept in memory, of which their images may need 8 GiB.
     pub samples: NonZeroU64,
     /// Their source.
     pub source: SourceConfig,
@@ -269,6 +269,14 @@ impl TrainConfig {
 }
 
 impl SourceConfig {
+    /// How frames are chosen for a sample.
+    pub(crate) const fn views(&self) -> &ViewChoice {
+        match self {
+            Self::Rooms(rooms) => &rooms.views,
+            Self::Dataset(dataset) => &dataset.views,
+        }
+    }
+
     /// Opens the source and adds what is wrong with it to `warnings`. Samples of simulated scenes have exact distances of
     /// patches of `patch` pixels a side, if given.
     ///

@@ -18,6 +18,7 @@ use super::exclude::scene_name;
 use super::{ExcludedScenes, PosedImages, RefusedDraws, Sample, SampleId, Source, ViewChoice, first_sample};
 use crate::TrainError;
 use crate::config::WHAT;
+use crate::error::Purpose;
 
 /// A dataset on disk with a protocol's preprocessing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -119,7 +120,12 @@ impl DatasetSource {
         if keys.is_empty() {
             let place = config.path.display().to_string();
             let found = format!("{} scenes, all of them excluded", dataset.keys().len());
-            return Err(TrainError::malformed("training data", place, "at least one scene to train on", found));
+            return Err(TrainError::malformed(
+                Purpose::Training.data(),
+                place,
+                "at least one scene to draw from",
+                found,
+            ));
         }
         let recipe = TrialRecipe {
             pose_normalisation: normalisation,

@@ -2,6 +2,7 @@
 //! of threads see the same samples.
 
 mod dataset;
+mod digest;
 mod distances;
 mod exclude;
 mod flip;
@@ -18,15 +19,17 @@ use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
 pub use dataset::{DatasetConfig, DatasetSource};
+pub(crate) use digest::digest_of_all;
 pub use distances::PatchDistances;
 pub use exclude::ExcludedScenes;
 pub use flip::mirrored;
 pub use mixture::Mixture;
-pub use refused::RefusedDraws;
+pub use refused::{RefusedDraws, ReplacedDraws};
 pub use rooms::{RoomsConfig, RoomsSource};
 pub use views::ViewChoice;
 
 use crate::TrainError;
+use crate::error::Purpose;
 use crate::fault::{FaultKind, SampleFault};
 use crate::losses::Stack;
 
@@ -166,7 +169,7 @@ fn first_sample(
             Err(error) => reason = error,
         }
     }
-    Err(TrainError::NoSample { source_name: source.name(), attempts: ATTEMPTS, reason })
+    Err(TrainError::NoSample { purpose: Purpose::Training, source_name: source.name(), attempts: ATTEMPTS, reason })
 }
 
 /// A size for the renderer and images, which count in 32 bits.

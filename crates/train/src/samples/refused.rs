@@ -33,3 +33,21 @@ impl fmt::Display for RefusedDraws {
         }
     }
 }
+
+/// Draws of a run that gave no sample and were replaced, in this call and those before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReplacedDraws {
+    /// How many there were.
+    pub count: u64,
+    /// The step from which they are counted: 0, unless the run goes on from a checkpoint of a version that did not count them.
+    pub since: u64,
+}
+
+impl fmt::Display for ReplacedDraws {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self { count, since: 0 } => write!(f, "{count}"),
+            Self { count, since } => write!(f, "{count} since step {since}"),
+        }
+    }
+}

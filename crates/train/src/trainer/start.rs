@@ -10,6 +10,7 @@ use atsplat_splat::cpu;
 use super::{EVALUATIONS, STEPS, WEIGHTS};
 use crate::checkpoint::{Checkpoints, InitialWeights, State};
 use crate::config::WHAT;
+use crate::journal::{self, StepRecord};
 use crate::parameters::Parameters;
 use crate::{TrainConfig, TrainError};
 
@@ -20,7 +21,8 @@ pub enum Start {
     Fresh,
     /// From the weights in a file of this toolkit, in a folder without a run. A checkpoint at step 0 keeps them.
     Weights(TensorFile),
-    /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice.
+    /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice. A run whose checkpoints are gone is
+    /// refused.
     Resume,
 }
 
@@ -65,14 +67,24 @@ fn no_run(folder: &Path, found: impl ToString) -> TrainError {
     TrainError::malformed("output folder", folder.display().to_string(), "no run", found)
 }
 
-/// The state before the next step in a run's folder, and notices about it.
+/// What a run goes on from.
+pub(super) struct Opened {
+    /// The state before its next step.
+    pub(super) state: State,
+    /// What readers of the run must know about it.
+    pub(super) notices: Vec<String>,
+    /// Whether the last checkpoint was computed on another type of processor.
+    pub(super) has_moved: bool,
+}
+
+/// The state before the next step in a run's folder.
 pub(super) fn state(
     config: &TrainConfig,
     model: &ModelConfig,
     start: &Start,
     (folder, checkpoints): (&Path, &Checkpoints),
     adapter: Option<String>,
-) -> Result<(State, Vec<String>), TrainError> {
+) -> Result<Opened, TrainError> {
     let (parameters, initial_weights) = initial(config, model, start)?;
     let found = checkpoints.read(config, &parameters, &|| frozen(config, model))?;
     let last_checkpoint = found.as_ref().map(|(state, _)| state.step);
@@ -87,8 +99,10 @@ pub(super) fn state(
                 return Err(TrainError::malformed("checkpoint", "adapter", expected, name(adapter)));
             }
             let skipped = skipped.into_iter().map(|reason| format!("skipped a checkpoint: {reason}"));
-            let notices = skipped.chain(other_processor(state.processor.as_deref(), &processor)).collect();
-            Ok((State { processor: Some(processor), ..state }, notices))
+            let other_processor = other_processor(state.processor.as_deref(), &processor);
+            let has_moved = other_processor.is_some();
+            let notices = skipped.chain(other_processor).collect();
+            Ok(Opened { state: State { processor: Some(processor), ..state }, notices, has_moved })
         }
         (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
             Err(no_run(folder, format!("one of {} steps", state.step)))
@@ -97,6 +111,9 @@ pub(super) fn state(
             if let Some(left) = outputs_in(folder).filter(|_| !start.is_resumed()) {
                 return Err(no_run(folder, format!("{left} of a run without checkpoints")));
             }
+            if start.is_resumed() {
+                require_no_lost_checkpoint(folder, config)?;
+            }
             let parameters =
                 if start.is_resumed() { parameters.with_frozen(frozen(config, model)?) } else { parameters };
             let processor = Some(processor);
@@ -104,7 +121,7 @@ pub(super) fn state(
             let state = if config.average.is_some() { state.with_average() } else { state };
             let notice = "no checkpoint was written: the run restarts at step 0, from newly initialised weights";
             let notices = start.is_resumed().then(|| notice.to_owned());
-            Ok((state, notices.into_iter().collect()))
+            Ok(Opened { state, notices: notices.into_iter().collect(), has_moved: false })
         }
     }
 }
@@ -120,8 +137,36 @@ fn other_processor(recorded: Option<&str>, own: &str) -> Option<String> {
 
 /// What the first step or checkpoint of a new run would overwrite in a folder: a log with records, or weights.
 fn outputs_in(folder: &Path) -> Option<&'static str> {
-    let has_content = |name: &&str| folder.join(name).metadata().is_ok_and(|found| found.len() > 0);
-    [STEPS, EVALUATIONS, WEIGHTS].into_iter().find(has_content)
+    [STEPS, EVALUATIONS, WEIGHTS].into_iter().find(|name| has_content(folder, name))
+}
+
+fn has_content(folder: &Path, name: &str) -> bool {
+    folder.join(name).metadata().is_ok_and(|found| found.len() > 0)
+}
+
+/// Refuses to restart a run whose checkpoints are gone: newly initialised weights and a new log would replace what it has written. A
+/// run that was killed before its first checkpoint has no weights, its log ends before the step that a checkpoint follows, and it did
+/// not start from given weights, which a checkpoint at step 0 holds.
+fn require_no_lost_checkpoint(folder: &Path, config: &TrainConfig) -> Result<(), TrainError> {
+    let logged: Vec<StepRecord> = journal::read(&folder.join(STEPS))?;
+    let done = logged.last().map_or(0, |record| record.step + 1);
+    let had_checkpoint = done > config.checkpoints.every.get()
+        || logged.first().is_some_and(|record| record.initial_weights_sha256.is_some());
+    let has_weights = has_content(folder, WEIGHTS);
+    if !has_weights && !had_checkpoint {
+        return Ok(());
+    }
+    let (left, from_weights) = if has_weights {
+        let path = folder.join(WEIGHTS);
+        (WEIGHTS.to_owned(), format!(", from its weights by `--init {}`", path.display()))
+    } else {
+        (format!("{STEPS} up to step {done}"), String::new())
+    };
+    let expected = format!(
+        "the run's checkpoints in `checkpoints`: put them back, or start a run in another folder{from_weights}"
+    );
+    let found = format!("none, but {left}");
+    Err(TrainError::malformed("output folder", folder.display().to_string(), expected, found))
 }
 
 /// Parameters before the first step, and where they come from if they are given. Those of a run that resumes are without frozen

@@ -1,18 +1,20 @@
 //! One step: gradients of a batch of samples, then the optimiser.
 
+use std::ops::Range;
 use std::time::Instant;
 
+use atsplat_files::Sha256Digest;
 use atsplat_model::network::Network;
 use burn::module::Module as _;
 use rayon::prelude::*;
 
 use super::{Event, Trainer};
-use crate::TrainError;
 use crate::fault::{Diagnosis, Fault, FaultKind, SampleFault};
 use crate::journal::StepRecord;
 use crate::objective::{FlatGradient, GroupGradients, GroupInput, PartSeconds, Terms};
-use crate::samples::{Sample, SampleId};
+use crate::samples::{Sample, SampleId, digest_of_all};
 use crate::update::update;
+use crate::{TrainConfig, TrainError};
 
 /// Samples that go through the network as one batch.
 struct MicroBatch<'a> {
@@ -25,6 +27,31 @@ struct MicroBatch<'a> {
     drawing: f64,
 }
 
+/// What was computed for samples, group by group.
+struct Computed<T> {
+    groups: Vec<T>,
+    /// Hash of each sample.
+    digests: Vec<Sha256Digest>,
+}
+
+impl<T> Computed<T> {
+    /// Those of a step's parts as one, and the hash of all samples.
+    fn joined(parts: Vec<Self>) -> (Vec<T>, Sha256Digest) {
+        let (mut groups, mut digests) = (Vec::new(), Vec::new());
+        for part in parts {
+            groups.extend(part.groups);
+            digests.extend(part.digests);
+        }
+        (groups, digest_of_all(&digests))
+    }
+}
+
+/// Numbers of the samples of a step.
+pub(super) fn numbers(config: &TrainConfig, step: u64) -> Range<u64> {
+    let batch = config.batch.get() as u64;
+    step * batch..(step + 1) * batch
+}
+
 impl Trainer {
     /// Does one step, or skips and counts it.
     ///
@@ -33,8 +60,8 @@ impl Trainer {
     pub fn step(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
         let start = Instant::now();
         let step = self.state.step;
-        let first = step * self.config.batch.get() as u64;
-        let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
+        let numbers: Vec<u64> = numbers(&self.config, step).collect();
+        let given = self.state.initial_weights.as_ref().filter(|_| step == 0);
         let mut record = StepRecord {
             step,
             terms: None,
@@ -43,6 +70,8 @@ impl Trainer {
             secs: 0.0,
             parts: PartSeconds::default(),
             fault: None,
+            samples_sha256: None,
+            initial_weights_sha256: given.map(|given| given.sha256.clone()),
         };
         let done = if self.device_state.is_some() {
             self.step_on_adapter(&numbers, &mut record)
@@ -62,6 +91,9 @@ impl Trainer {
             }
         }
         self.state.step += 1;
+        let refused = self.samples.refused().count;
+        self.state.replaced.count += refused.saturating_sub(self.refused_draws);
+        self.refused_draws = refused;
         record.secs = start.elapsed().as_secs_f64();
         self.steps.append(&record)?;
         on_event(&Event::Step(&record));
@@ -86,8 +118,9 @@ impl Trainer {
         };
         let parts = numbers.par_chunks(self.config.micro_batch.get());
         // Every group is computed, so that the same fault is reported at any number of threads.
-        let groups: Vec<Result<Vec<GroupGradients>, Fault>> = parts.map(|part| self.groups(part, gradients)).collect();
-        let groups = groups.into_iter().collect::<Result<Vec<_>, Fault>>()?.concat();
+        let parts: Vec<Result<Computed<_>, Fault>> = parts.map(|part| self.groups(part, gradients)).collect();
+        let (groups, digest) = Computed::joined(parts.into_iter().collect::<Result<_, Fault>>()?);
+        record.samples_sha256 = Some(digest);
         let norm = update(&mut self.state, &groups, record.rate, &self.config);
         let groups = groups.into_iter().map(|GroupGradients { terms, seconds, .. }| (terms, seconds));
         complete(record, norm, groups.unzip())
@@ -105,9 +138,9 @@ impl Trainer {
         };
         // An adapter runs one group at a time, with all of its threads.
         let parts = numbers.chunks(self.config.micro_batch.get());
-        let groups: Result<Vec<Vec<FlatGradient>>, Fault> = parts.map(|part| self.groups(part, gradients)).collect();
-        let done = groups.map(|groups| {
-            let groups = groups.concat();
+        let parts: Result<Vec<Computed<_>>, Fault> = parts.map(|part| self.groups(part, gradients)).collect();
+        let done = parts.map(Computed::joined).map(|(groups, digest)| {
+            record.samples_sha256 = Some(digest);
             let norm = device_state.update(self.state.updates, &groups, record.rate, &self.config);
             let groups = groups.into_iter().map(|FlatGradient { terms, seconds, .. }| (terms, seconds));
             (norm, groups.unzip())
@@ -124,7 +157,7 @@ impl Trainer {
         &self,
         numbers: &[u64],
         compute: impl Fn(&MicroBatch<'_>) -> Result<T, SampleFault>,
-    ) -> Result<Vec<T>, Fault> {
+    ) -> Result<Computed<T>, Fault> {
         let step = self.state.step;
         let start = Instant::now();
         let draw = |&number: &u64| {
@@ -135,6 +168,7 @@ impl Trainer {
             })
         };
         let samples: Vec<Sample> = numbers.iter().map(draw).collect::<Result<_, Fault>>()?;
+        let digests = samples.iter().map(Sample::digest).collect();
         let mut drawing = start.elapsed().as_secs_f64();
         let share = step as f64 / self.config.steps.get() as f64;
         let mut groups = Vec::new();
@@ -145,7 +179,7 @@ impl Trainer {
             done += samples.len();
             drawing = 0.0;
         }
-        Ok(groups)
+        Ok(Computed { groups, digests })
     }
 }
 

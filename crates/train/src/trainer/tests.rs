@@ -1,3 +1,4 @@
+use atsplat_model::weights::{ModelWeights, TensorFile};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_rooms::{ImageEncoding, Layout, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
@@ -85,6 +86,103 @@ fn a_run_resumes_on_no_other_scenes() {
         std::fs::rename(&hidden, path).unwrap();
         open(&Start::Resume).unwrap();
     }
+}
+
+/// Keys and sizes stay the same.
+#[test]
+fn a_run_resumes_on_no_other_images_or_clips() {
+    let folder = tempfile::tempdir().unwrap();
+    let [first, second, hidden, run] = ["first", "second", "hidden", "run"].map(|name| folder.path().join(name));
+    write_scenes(&first, 1);
+    write_scenes(&second, 1);
+    let config = CONFIG.replacen("DATA", &first.join("train").to_string_lossy(), 1);
+    let config = config.replace("DATA", &second.join("train").to_string_lossy());
+    let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
+    let open = |start: &Start| Trainer::new(config.clone(), &run, start);
+    open(&Start::Fresh).unwrap().run(Limits { steps: Some(2), time: None }, &mut |_| ()).unwrap();
+    let logs = || [STEPS, EVALUATIONS].map(|name| std::fs::read_to_string(run.join(name)).unwrap());
+    let before = logs();
+    let training = ["training data: samples of step ", ": expected those that steps.jsonl records"];
+    let evaluation = ["evaluation data: samples after step 0: ", "expected those that evaluations.jsonl records"];
+    for (path, (frames, rays), expected) in
+        [(&first, (12, 2), training), (&first, (6, 1), training), (&second, (12, 2), evaluation)]
+    {
+        std::fs::rename(path, &hidden).unwrap();
+        write_scenes_of(path, 1, frames, rays);
+        let error = open(&Start::Resume).unwrap_err().to_string();
+        let advice = "put the data back as they were, or start a new run from the weights";
+        assert!(error.starts_with(expected[0]) && error.contains(expected[1]) && error.contains(advice), "{error}");
+        assert_eq!(logs(), before, "nothing is changed");
+        std::fs::remove_dir_all(path).unwrap();
+        std::fs::rename(&hidden, path).unwrap();
+        open(&Start::Resume).unwrap();
+    }
+
+    for path in [&first, &second] {
+        std::fs::remove_dir_all(path).unwrap();
+        write_scenes_of(path, 1, 12, 2);
+    }
+    let noticed = |expected: [&str; 2]| {
+        let notices = open(&Start::Resume).unwrap().notices;
+        let found = |expected: &&str| notices.iter().any(|notice| notice.starts_with(*expected));
+        assert!(expected.iter().all(found), "{notices:?}");
+    };
+    // The latest steps as on another type of processor, which may have other bits.
+    let checkpoint = run.join("checkpoints/step-00000002.safetensors");
+    let mut stored = TensorFile::open(&checkpoint).unwrap().stored;
+    stored.metadata.remove("metadata-sha256").unwrap();
+    stored.metadata.insert("processor".to_owned(), "an older one".to_owned());
+    stored.write(&checkpoint).unwrap();
+    noticed([
+        "training data: samples of step 1: not those that",
+        "evaluation data: samples after step 0: not those that",
+    ]);
+    // Logs as earlier versions wrote them.
+    for name in [STEPS, EVALUATIONS] {
+        let mut text = String::new();
+        for line in std::fs::read_to_string(run.join(name)).unwrap().lines() {
+            let mut record: serde_json::Value = serde_json::from_str(line).unwrap();
+            record.as_object_mut().unwrap().remove("samples-sha256").unwrap();
+            text = format!("{text}{record}\n");
+        }
+        std::fs::write(run.join(name), text).unwrap();
+    }
+    noticed(["steps.jsonl: no hashes of samples", "evaluations.jsonl: no hashes of samples"]);
+}
+
+/// Draws of a scene without readable images are replaced: as many in a run that is resumed as in one that is not.
+#[test]
+fn replaced_draws_are_counted_reported_at_the_end_and_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, whole, parts] = ["data", "whole", "parts"].map(|name| folder.path().join(name));
+    write_scenes(&data, 2);
+    let broken = data.join("train").join(SceneSeed { split: Split::Train, number: 1 }.key(SceneKind::Rooms));
+    for entry in std::fs::read_dir(broken).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.extension().is_some_and(|extension| extension == "png") {
+            std::fs::write(entry, "no image").unwrap();
+        }
+    }
+    let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
+    let config = TrainConfig::from_toml(&config.replace("PRESET", &tiny_preset(folder.path()))).unwrap();
+    let run = |folder: &Path, start: &Start, steps: u64| {
+        let mut trainer = Trainer::new(config.clone(), folder, start).unwrap();
+        let mut last = String::new();
+        let mut on_event = |event: &Event<'_>| {
+            if let Event::Notice(text) = event {
+                (*text).clone_into(&mut last);
+            }
+        };
+        trainer.run(Limits { steps: Some(steps), time: None }, &mut on_event).unwrap();
+        let weights = ModelWeights::read(&folder.join(WEIGHTS)).unwrap();
+        (trainer.samples.refused().count, last, weights.provenance["replaced-draws"].clone())
+    };
+    let (count, last, recorded) = run(&whole, &Start::Fresh, 6);
+    assert!(count > 0);
+    assert_eq!(last, format!("draws that gave no sample and were replaced, up to step 6: {count}"));
+    assert_eq!(recorded, count.to_string());
+    run(&parts, &Start::Fresh, 3);
+    let (_, resumed, recorded) = run(&parts, &Start::Resume, 6);
+    assert_eq!((resumed, recorded), (last, count.to_string()));
 }
 
 /// Eight steps of a warm-up of a thousand end at 8/1000 of 2e-4.
@@ -192,12 +290,17 @@ fn training_on_chunks_beside_test_scenes_is_allowed() {
     samples_of(&train).unwrap();
 }
 
-/// Simulated scenes as folders of images in `train`.
+/// Simulated scenes of 12 frames as folders of images in `train`.
 fn write_scenes(folder: &Path, count: u32) {
+    write_scenes_of(folder, count, 12, 1);
+}
+
+/// Simulated scenes of so many frames with so many rays per pixel.
+fn write_scenes_of(folder: &Path, count: u32, frames: usize, samples: u32) {
     let size = atsplat_camera::ImageSize { width: 32, height: 32 };
     let scenes = (0..count).map(|number| {
         let seed = SceneSeed { split: Split::Train, number };
-        Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) }
+        Request { size, samples, frames, ..Request::new(SceneKind::Rooms, seed) }
     });
     let options = WriteOptions { layout: Layout::Re10k, encoding: ImageEncoding::Png, depth: false };
     write_dataset(folder, scenes, &options, &mut Warnings::new(), |_, _| ()).unwrap();

@@ -4,10 +4,10 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
 use atsplat_train::journal::EvaluationRecord;
-use atsplat_train::samples::Sample;
+use atsplat_train::samples::{RoomsConfig, RoomsSource, Sample};
 use atsplat_train::{Evaluation, Parameters, TrainError};
 
-use crate::common::{SIZE, config, sample};
+use crate::common::{Noise, SIZE, config, sample};
 
 /// Values of an image.
 const LENGTH: usize = SIZE.height * SIZE.width * 3;
@@ -44,4 +44,27 @@ fn copies_of_context_views_are_counted_and_left_out_of_the_means() {
         error.contains("a target that differs from the context views") && error.contains("found 2 identical"),
         "{error}"
     );
+}
+
+/// The first sample tells the size of images that the configuration does not: 8 GiB hold 174762 samples of 4 views of 32×32.
+#[test]
+fn an_evaluation_that_memory_cannot_hold_is_refused() {
+    let open = |count| Evaluation::new(&Noise::CLEAN, 3, count, [0.0; 3]);
+    assert_eq!(
+        open(3).unwrap().samples().iter().map(|sample| &sample.name).collect::<Vec<_>>(),
+        ["noise 0", "noise 1", "noise 2"]
+    );
+    let error = open(1_000_000_000_000).unwrap_err().to_string();
+    assert!(error.contains("evaluation.samples: expected at most 174762: "), "{error}");
+    assert!(error.contains("4 views of 32x32") && error.ends_with("found 1000000000000"), "{error}");
+}
+
+#[test]
+fn an_evaluation_without_samples_is_not_said_to_be_of_training_data() {
+    let text = "scenes-of = 'rooms'\nscenes = 1\nsize = [32, 32]\nsamples = 1\nstride = 10\n\
+                views = { context = [2, 2], targets = 1, gaps = { min = 500, max = 600 } }";
+    let rule = config("").pose_normalisation;
+    let source = RoomsSource::new(toml::from_str::<RoomsConfig>(text).unwrap(), rule);
+    let error = Evaluation::new(&source, 3, 1, [0.0; 3]).unwrap_err().to_string();
+    assert!(error.starts_with("evaluation data: rooms train 0 to 0 at 32x32"), "{error}");
 }

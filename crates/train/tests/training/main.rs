@@ -11,6 +11,7 @@ mod losses;
 mod mirror;
 mod objective;
 mod paper;
+mod resuming;
 mod runs;
 mod sources;
 mod update;

@@ -354,6 +354,7 @@ fn logs_are_converted_to_parquet() {
         targets: 3,
         identical: 1,
         secs: 2.0,
+        samples_sha256: None,
     };
     for (records, expected) in [(none, vec![]), (vec![evaluation], vec![21.0, 0.75, 16.5, 0.5, 2.0])] {
         journal::write_evaluations(&path, &records).unwrap();

@@ -26,7 +26,7 @@ pub(super) struct Hello {
     /// Version of the method; results of two versions do not share a store.
     pub(super) version: String,
     pub(super) gives: OutputKind,
-    /// The published method whose pose normalisation and planes it uses, as in the preset's `[[methods]]`.
+    /// The published method whose pose normalisation, planes and renderer it uses, as in the preset's `[[methods]]`.
     #[serde(default)]
     pub(super) setting: Option<String>,
     #[serde(default)]

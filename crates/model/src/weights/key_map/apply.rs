@@ -3,7 +3,9 @@ use indexmap::IndexMap;
 use super::{KeyMap, Rule};
 use crate::ModelError;
 use crate::parameters::Parameter;
-use crate::weights::{ImportReport, Matched, Mismatched, Missing, StoredTensor, StoredTensors, TensorError};
+use crate::weights::{
+    ImportReport, Matched, MismatchReason, Mismatched, Missing, StoredTensor, StoredTensors, TensorError,
+};
 
 /// The tensors of a file for one parameter.
 #[derive(Default)]
@@ -12,8 +14,11 @@ struct Candidate {
     /// By part; a whole tensor is part 0 of 1.
     parts: Vec<Option<StoredTensor>>,
     /// Why the parts cannot be used.
-    fault: Option<String>,
+    fault: Option<Fault>,
 }
+
+/// Why tensors cannot be used, and what was found.
+type Fault = (MismatchReason, String);
 
 impl KeyMap {
     /// Finds the network's parameters in a file, with a report on every tensor and parameter. Tensors keep the file's element
@@ -44,16 +49,16 @@ impl KeyMap {
                     report.matched.push(Matched { parameter: name.clone(), sources });
                     found.tensors.insert(name, tensor);
                 }
-                Err(why) => {
+                Err((reason, found)) => {
                     let expected = format!("{:?}", parameter.shape);
-                    report.mismatched.push(Mismatched { parameter: name, sources, expected, found: why });
+                    report.mismatch(Mismatched { parameter: name, reason, sources, expected, found });
                 }
             }
         }
         (found, report)
     }
 
-    /// [`Self::apply`], with an error if a parameter is missing or of another shape.
+    /// [`Self::apply`], with an error if a parameter is missing or its tensors cannot be used.
     ///
     /// # Errors
     /// [`ModelError::Unfit`] with the report.
@@ -66,7 +71,7 @@ impl KeyMap {
         if report.is_complete() { Ok((found, report)) } else { Err(ModelError::Unfit(Box::new(report))) }
     }
 
-    fn without_roots<'n>(&self, name: &'n str) -> &'n str {
+    pub(super) fn without_roots<'n>(&self, name: &'n str) -> &'n str {
         self.roots.iter().fold(name, |name, root| name.strip_prefix(root.as_str()).unwrap_or(name))
     }
 
@@ -116,33 +121,37 @@ impl Candidate {
         }
         let parts = self.parts.len();
         match (self.parts.get_mut(part).filter(|_| parts == count), tensor) {
-            (_, Err(error)) => self.fault = Some(error.to_string()),
+            // Only a shape keeps a tensor from being transposed or split.
+            (_, Err(error)) => self.fault = Some((MismatchReason::Shape, error.to_string())),
             (Some(slot @ None), Ok(tensor)) => *slot = Some(tensor),
-            (Some(Some(_)), Ok(_)) => self.fault = Some("two tensors".to_owned()),
-            (None, Ok(_)) => self.fault = Some(format!("part {part} of {count}, and parts of {parts}")),
+            (Some(Some(_)), Ok(_)) => self.fault = Some((MismatchReason::Parts, "two tensors".to_owned())),
+            (None, Ok(_)) => {
+                self.fault = Some((MismatchReason::Parts, format!("part {part} of {count}, and parts of {parts}")));
+            }
         }
     }
 
-    fn tensor(self, parameter: &Parameter) -> Result<StoredTensor, String> {
+    fn tensor(self, parameter: &Parameter) -> Result<StoredTensor, Fault> {
         if let Some(fault) = self.fault {
             return Err(fault);
         }
         let count = self.parts.len();
         let parts: Vec<&StoredTensor> = self.parts.iter().flatten().collect();
         if parts.len() < count {
-            return Err(format!("{} of {count} parts", parts.len()));
+            return Err((MismatchReason::Parts, format!("{} of {count} parts", parts.len())));
         }
         let tensor = match parts.as_slice() {
             [whole] => (*whole).clone(),
-            parts => StoredTensor::joined(parts).map_err(|error| error.to_string())?,
+            parts => StoredTensor::joined(parts).map_err(|error| (MismatchReason::Parts, error.to_string()))?,
         };
         if tensor.shape() != parameter.shape {
-            return Err(format!("{:?}", tensor.shape()));
+            return Err((MismatchReason::Shape, format!("{:?}", tensor.shape())));
         }
-        let values = tensor.to_f32().map_err(|error| error.to_string())?;
+        let values = tensor.to_f32().map_err(|error| (MismatchReason::Type, error.to_string()))?;
         match values.iter().filter(|value| !value.is_finite()).count() {
             0 => Ok(tensor),
-            unusable => Err(format!("{unusable} values that are not finite as f32")),
+            1 => Err((MismatchReason::NotFinite, "1 value that is not finite as f32".to_owned())),
+            unusable => Err((MismatchReason::NotFinite, format!("{unusable} values that are not finite as f32"))),
         }
     }
 }

@@ -2,18 +2,22 @@ use indexmap::IndexMap;
 
 use super::{KeyMap, Rule, WHAT};
 use crate::ModelError;
-use crate::weights::{StoredTensor, StoredTensors};
+use crate::parameters::Parameter;
+use crate::weights::{ImportReport, StoredTensor, StoredTensors};
 
 impl KeyMap {
     /// Applies the rules backwards: our tensors with the names and shapes of the source format, without roots.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a tensor that no rule gives, or of which rules give only some parts.
+    /// [`ModelError::Malformed`] for a tensor that no rule gives, or of which rules give only some parts, and for one that
+    /// [`Self::apply`] does not read back: its new name is ignored, or begins with a root.
     pub fn export(&self, weights: &StoredTensors) -> Result<StoredTensors, ModelError> {
         let mut exported: IndexMap<String, StoredTensor> = IndexMap::new();
+        let mut sources: IndexMap<&str, String> = IndexMap::new();
         for (name, tensor) in &weights.tensors {
             if self.rules.is_empty() {
                 exported.insert(name.clone(), tensor.clone());
+                sources.insert(name, name.clone());
                 continue;
             }
             let mut parts_made = 0;
@@ -25,12 +29,14 @@ impl KeyMap {
                 if !is_first.is_some_and(|first| std::ptr::eq(first, rule)) || exported.contains_key(&source) {
                     // Importing this name would use another rule, or the split was joined already.
                     parts_made += usize::from(position > 0 && exported.contains_key(&source));
+                    sources.entry(name).or_insert(source);
                     continue;
                 }
                 let (part, count) = rule.part.unwrap_or((0, 1));
                 let whole = rule.joined(weights, &captures)?;
                 let tensor = if count > 1 { tensor.part(part, count)? } else { whole };
                 let tensor = if rule.transpose { tensor.transposed()? } else { tensor };
+                sources.insert(name, source.clone());
                 exported.insert(source, tensor);
                 parts_made += 1;
                 parts_needed = count;
@@ -43,7 +49,50 @@ impl KeyMap {
                 return Err(ModelError::malformed(WHAT, format!("parameter {name}"), expected, parts_made));
             }
         }
-        Ok(StoredTensors { tensors: exported, metadata: weights.metadata.clone() })
+        let exported = StoredTensors { tensors: exported, metadata: weights.metadata.clone() };
+        self.check_export(weights, &exported, &sources)?;
+        Ok(exported)
+    }
+
+    /// Checks that an import gives back every tensor. `sources`: a new name of each.
+    fn check_export(
+        &self,
+        weights: &StoredTensors,
+        exported: &StoredTensors,
+        sources: &IndexMap<&str, String>,
+    ) -> Result<(), ModelError> {
+        let parameter = |(name, tensor): (&String, &StoredTensor)| Parameter {
+            name: name.clone(),
+            shape: tensor.shape().to_vec(),
+            trained: true,
+        };
+        let expected: Vec<Parameter> = weights.tensors.iter().map(parameter).collect();
+        let (found, report) = self.apply(exported, &expected);
+        let is_equal = |name: &str, tensor: &StoredTensor| {
+            found
+                .tensors
+                .get(name)
+                .is_some_and(|found| found.dtype() == tensor.dtype() && found.bytes() == tensor.bytes())
+        };
+        let Some((name, _)) = weights.tensors.iter().find(|(name, tensor)| !is_equal(name, tensor)) else {
+            return Ok(());
+        };
+        let source = sources.get(name.as_str()).map_or(name.as_str(), String::as_str);
+        let found = self.read_as(source, name, &report);
+        let expected = "a name under which the import reads it back";
+        Err(ModelError::malformed(WHAT, format!("parameter {name}"), expected, found))
+    }
+
+    /// What an import makes of the name `source` of a parameter that it does not give back.
+    fn read_as(&self, source: &str, parameter: &str, report: &ImportReport) -> String {
+        let rootless = self.without_roots(source);
+        let mismatched = report.mismatched.iter().find(|mismatched| mismatched.parameter == parameter);
+        match mismatched {
+            _ if report.ignored.iter().any(|ignored| ignored == source) => format!("{source}, which `ignore` matches"),
+            _ if rootless != source => format!("{source}, which `roots` shorten to {rootless}"),
+            Some(mismatched) => format!("{source}: {}", mismatched.found),
+            None => format!("{source}, which it uses otherwise"),
+        }
     }
 }
 

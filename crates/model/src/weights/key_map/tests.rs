@@ -1,7 +1,11 @@
+use atsplat_pickle::SharedBytes;
+
 use super::*;
 use crate::config::{BackboneConfig, DinoSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
-use crate::weights::{LeftOver, Missing, StoredTensor, StoredTensors, generated};
+use crate::weights::{
+    DType, LeftOver, MismatchCounts, MismatchReason, Missing, StoredTensor, StoredTensors, generated,
+};
 
 fn dino(size: DinoSize, registers: bool) -> Vec<Parameter> {
     let mut config = ModelConfig::named("paper-re10k").unwrap();
@@ -159,7 +163,85 @@ fn inconsistent_parts_are_mismatches() {
     let mut infinite = StoredTensors::default();
     infinite.tensors.insert("again1".to_owned(), StoredTensor::from_f32(vec![2], &[f32::NAN, 1.0]).unwrap());
     let (_, report) = map.apply(&infinite, &[parameter("once1", &[2])]);
-    assert_eq!(report.mismatched[0].found, "1 values that are not finite as f32");
+    assert_eq!(report.mismatched[0].found, "1 value that is not finite as f32");
+}
+
+/// A parameter of each kind, and two of one.
+#[test]
+fn mismatches_are_counted_by_reason() {
+    let map = KeyMap::from_toml(
+        r#"
+        name = "test"
+        [[rules]]
+        from = "half"
+        to = "parts"
+        part = [0, 2]
+        [[rules]]
+        from = "turned*"
+        to = "turned{1}"
+        transpose = true
+        [[rules]]
+        from = "**"
+        to = "{1}"
+        "#,
+    )
+    .unwrap();
+    let mut file = stored(&[("good", &[2]), ("shape", &[3]), ("turned1", &[2]), ("half", &[1])]);
+    let infinite = StoredTensor::from_f32(vec![2], &[f32::INFINITY, f32::NAN]).unwrap();
+    file.tensors.insert("infinite".to_owned(), infinite);
+    let integers = StoredTensor::new(DType::I64, vec![2], SharedBytes::new(vec![0; 16])).unwrap();
+    file.tensors.insert("integers".to_owned(), integers);
+    let expected = ["good", "shape", "turned1", "infinite", "integers", "parts"].map(|name| parameter(name, &[2]));
+    let error = map.import(&file, &expected).unwrap_err().to_string();
+    let (_, report) = map.apply(&file, &expected);
+    let reasons: Vec<_> = report.mismatched.iter().map(|own| (own.parameter.as_str(), own.reason)).collect();
+    let [shape, wrong_type, not_finite, parts] =
+        [MismatchReason::Shape, MismatchReason::Type, MismatchReason::NotFinite, MismatchReason::Parts];
+    let expected =
+        [("shape", shape), ("turned1", shape), ("infinite", not_finite), ("integers", wrong_type), ("parts", parts)];
+    assert_eq!(reasons, expected);
+    assert_eq!(report.mismatches, MismatchCounts { shape: 2, r#type: 1, not_finite: 1, parts: 1 });
+    assert!(report.missing.is_empty() && !report.is_complete());
+    for part in [
+        "0 missing, 2 of another shape, 1 of another type, 1 not finite, 1 with wrong parts, 0 tensors left over",
+        "another shape: shape: expected [2], found [3] (shape)",
+        "not finite: infinite: 2 values that are not finite as f32 (infinite)",
+        "another type: integers: ",
+        "expected floating-point elements, found int64 (integers)",
+        "wrong parts: parts: 1 of 2 parts (half)",
+    ] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let json = serde_json::to_value(&report).unwrap();
+    assert_eq!(json["mismatches"], serde_json::json!({"shape": 2, "type": 1, "not-finite": 1, "parts": 1}));
+    assert_eq!(
+        (&json["mismatched"][2]["reason"], &json["mismatched"][3]["reason"]),
+        (&"not-finite".into(), &"type".into())
+    );
+}
+
+/// New names that the import ignores, or shortens by a root.
+#[test]
+fn names_that_an_import_does_not_read_back_are_not_exported() {
+    let map = |text: &str| KeyMap::from_toml(&format!("name = \"test\"\n{text}")).unwrap();
+    let rules = "[[rules]]\nfrom = \"old.**\"\nto = \"new.{1}\"\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"\n";
+    let weights = stored(&[("new.a", &[2]), ("head.b", &[3]), ("head.c", &[4])]);
+    for (settings, parameter, found) in [
+        ("ignore = [\"head.**\"]\n", "head.b", "head.b, which `ignore` matches"),
+        ("roots = [\"x.\", \"head.\"]\n", "head.b", "head.b, which `roots` shorten to b"),
+        ("ignore = [\"old.*\"]\n", "new.a", "old.a, which `ignore` matches"),
+    ] {
+        let error = map(&[settings, rules].concat()).export(&weights).unwrap_err().to_string();
+        let expected = "a name under which the import reads it back";
+        let expected = format!("parameter {parameter}: expected {expected}, found {found}");
+        assert!(error.contains(&expected), "{settings}: {error}");
+    }
+    let error = map("ignore = [\"head.c\"]").export(&weights).unwrap_err().to_string();
+    assert!(error.contains("parameter head.c: "), "a map without rules: {error}");
+    let mut only = weights.clone();
+    only.tensors.retain(|name, _| name.starts_with("new."));
+    let of_new = map(&["ignore = [\"head.**\"]\n", rules].concat()).export(&only).unwrap();
+    assert_eq!(of_new.tensors.keys().collect::<Vec<_>>(), ["old.a"], "nothing that is exported is ignored");
 }
 
 #[test]

@@ -1,0 +1,207 @@
+//! Scenes and images of a dataset that a command does not read: `--strict` counts them, and JSON has them.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod evaluation;
+
+use std::path::Path;
+
+use atsplat_pixels::{ImageU8, encode_png};
+use common::{Outcome, atsplat, succeed, write_trajectory};
+use evaluation::write_noise;
+use serde_json::{Value, json};
+
+const RULE: &str = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
+
+fn image() -> Vec<u8> {
+    encode_png(&ImageU8::new(16, 12, vec![128; 16 * 12 * 3]).unwrap()).unwrap()
+}
+
+/// A capture of 30 photos.
+fn write_capture(folder: &Path) {
+    std::fs::create_dir_all(folder.join("images")).unwrap();
+    let frame = |at: u32| {
+        std::fs::write(folder.join(format!("images/{at}.png")), image()).unwrap();
+        let pose =
+            [[1.0, 0.0, 0.0, 0.1 * f64::from(at)], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose })
+    };
+    let frames: Vec<Value> = (0..30).map(frame).collect();
+    let transforms = json!({ "w": 16, "h": 12, "fl_x": 16, "frames": frames });
+    std::fs::write(folder.join("transforms.json"), transforms.to_string()).unwrap();
+}
+
+fn strict_json(here: &Path, args: &[&str]) -> (i32, Value) {
+    let Outcome { code, stdout, stderr } = atsplat(here, &[args, &["--strict", "--json"]].concat());
+    let report = serde_json::from_str(&stdout);
+    assert!(report.is_ok(), "{args:?}: {stdout}{stderr}");
+    (code, report.unwrap())
+}
+
+/// Two trajectories beside a capture, which is what the folder is read as.
+#[test]
+fn strict_counts_scenes_of_another_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_capture(&here.join("data/capture"));
+    std::fs::write(here.join("rule.toml"), RULE).unwrap();
+    let check = |name: &str, left_out: u64| {
+        let code = if left_out == 0 { 0 } else { 4 };
+        let [csv, chunks, index] = ["csv", "chunks", "json"].map(|ending| format!("{name}.{ending}"));
+        let build = ["protocol", "build", "data", "--sampler", "rule.toml", "-o", &index];
+        for (args, pointer) in [
+            (&["data", "inspect", "data"][..], "/scenes/left-out"),
+            (&["data", "motion", "data"], "/not-read/0/left-out"),
+            (&["data", "export", "data", &csv], "/skipped"),
+            (&["data", "export", "data", &chunks, "--chunks"], "/skipped"),
+            (&build, "/left-out"),
+        ] {
+            let (found, report) = strict_json(here, args);
+            assert_eq!((found, report.pointer(pointer)), (code, Some(&left_out.into())), "{args:?}: {report}");
+        }
+    };
+    check("alone", 0);
+    for key in ["a", "b"] {
+        write_trajectory(&here.join(format!("data/{key}.txt")), 30);
+    }
+    check("mixed", 2);
+    for (args, text) in [
+        (&["data", "inspect", "data"][..], "1 listed: 1 read; 2 left out\n"),
+        (&["data", "motion", "data"], "data: 2 scenes were left out\n"),
+        (&["data", "export", "data", "again.csv"], "2 scenes skipped\n"),
+        (&["protocol", "build", "data", "--sampler", "rule.toml", "-o", "again.json"], "2  scenes left out"),
+    ] {
+        let said = succeed(here, args);
+        assert!(said.contains(text), "not strict: {args:?}: {said}");
+    }
+}
+
+/// Images of one scene on a disk that is gone; a dataset of trajectories alone misses none.
+#[test]
+fn strict_counts_the_images_of_a_lost_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 2);
+    std::fs::write(here.join("rule.toml"), RULE).unwrap();
+    let check = |name: &str, missing: u64| {
+        let code = if missing == 0 { 0 } else { 4 };
+        let (found, report) = strict_json(here, &["data", "inspect", "data"]);
+        assert_eq!((found, &report["images"]["missing"]), (code, &missing.into()), "{name}: {report}");
+        let index = format!("{name}.json");
+        let (found, report) = strict_json(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", &index]);
+        assert_eq!((found, &report["missing-images"]), (code, &missing.into()), "{name}: {report}");
+    };
+    check("whole", 0);
+    std::fs::remove_dir_all(here.join("data/scene-01")).unwrap();
+    check("lost", u64::from(evaluation::FRAMES));
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("/nowhere/scene-01", here.join("data/scene-01")).unwrap();
+        check("dangling", u64::from(evaluation::FRAMES));
+    }
+    std::fs::remove_dir_all(here.join("data/scene-00")).unwrap();
+    check("bare", 0);
+}
+
+#[test]
+fn motion_counts_unreadable_scenes_and_fails_without_any() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    for data in ["data", "cut"] {
+        std::fs::create_dir(here.join(data)).unwrap();
+        write_trajectory(&here.join(data).join("a.txt"), 30);
+        let text = std::fs::read_to_string(here.join(data).join("a.txt")).unwrap();
+        std::fs::write(here.join(data).join("b.txt"), format!("{text}7 0.5\n")).unwrap();
+    }
+    let (code, report) = strict_json(here, &["data", "motion", "data"]);
+    assert_eq!(code, 4);
+    assert_eq!(report["not-read"], json!([{ "group": "data", "unreadable": 1, "left-out": 0 }]));
+    assert!(succeed(here, &["data", "motion", "data"]).ends_with("data: 1 scenes could not be read\n"));
+    std::fs::remove_file(here.join("cut/a.txt")).unwrap();
+    let nothing = atsplat(here, &["data", "motion", "cut"]);
+    assert_eq!(nothing.code, 1, "{}", nothing.stderr);
+    for text in ["error: no scene of cut can be read\n", "expected 19 columns, found 2"] {
+        assert!(nothing.stderr.contains(text), "{text}: {}", nothing.stderr);
+    }
+    // The first dataset's warnings do not get lost with an error of the second.
+    let second = atsplat(here, &["data", "motion", "data", "nowhere"]);
+    assert!(second.code == 1 && second.stderr.contains("1 × unreadable-scene"), "{}", second.stderr);
+}
+
+/// A scene with an entry, and one that is too short for the rule; then one that is cut off, alone.
+#[test]
+fn expansion_names_what_a_sampler_leaves_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    std::fs::write(here.join("rule.toml"), RULE).unwrap();
+    let args = ["expansion", "tiny.toml", "--data", "data", "--sampler", "rule.toml"];
+    let (code, whole) = strict_json(here, &args);
+    assert_eq!((code, &whole["gaps"]), (0, &json!([])), "{whole}");
+
+    write_trajectory(&here.join("data/short.txt"), 2);
+    std::fs::create_dir(here.join("data/short")).unwrap();
+    for time in [0, 33_367] {
+        std::fs::write(here.join(format!("data/short/{time}.png")), image()).unwrap();
+    }
+    let strict = atsplat(here, &[&args[..], &["--strict", "--json"]].concat());
+    assert_eq!(strict.code, 4, "{}", strict.stderr);
+    let report: Value = serde_json::from_str(&strict.stdout).unwrap();
+    let kind = "scenes without an entry in the sampled index";
+    let gap = json!({ "kind": kind, "count": 1, "first": "short, …: 1 too-few-targets" });
+    assert_eq!((&report["scenes"], &report["gaps"]), (&1.into(), &json!([gap])));
+    let warning = format!("warning: tiny: 1 × {kind}\n    short, …: 1 too-few-targets\n");
+    assert!(strict.stderr.contains(&warning), "{}", strict.stderr);
+    let text = succeed(here, &args);
+    assert!(text.contains(&format!("\n- 1 {kind}: short, …: 1 too-few-targets\n")), "{text}");
+
+    std::fs::remove_file(here.join("data/short.txt")).unwrap();
+    std::fs::remove_dir_all(here.join("data/short")).unwrap();
+    let path = here.join("data/scene-00.txt");
+    let trajectory = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, trajectory.trim_end().rsplit_once(' ').unwrap().0).unwrap();
+    let nothing = atsplat(here, &args);
+    assert_eq!(nothing.code, 1, "{}", nothing.stderr);
+    let error = format!("error: tiny: none of its trials can be read: 1 {kind}: scene-00, …: 1 unreadable\n");
+    for text in [&error, "1 × unreadable-scene", "expected 19 columns, found 18"] {
+        assert!(nothing.stderr.contains(text), "{text}: {}", nothing.stderr);
+    }
+}
+
+#[test]
+fn overlaps_of_an_index_without_entries_are_a_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/a.txt"), 30);
+    std::fs::write(here.join("nulls.json"), r#"{"a": null}"#).unwrap();
+    let gone = r#"{"gone": {"context": [0, 1], "target": [0]}}"#;
+    std::fs::write(here.join("gone.json"), gone).unwrap();
+    for (index, why) in [
+        ("nulls.json", "no scene of the index has an entry\n"),
+        ("gone.json", "1 entries failed, the first with scene-missing: scene \"gone\", entry 0: "),
+    ] {
+        let outcome = atsplat(here, &["protocol", "overlap", index, "--data", "data", "-o", "out.json"]);
+        let error = format!("error: no overlap of {index} could be measured: {why}");
+        assert!(outcome.code == 1 && outcome.stderr.contains(&error), "{}: {}", outcome.code, outcome.stderr);
+        assert!(!here.join("out.json").exists(), "{index}");
+    }
+}
+
+/// The plan is beside the folders of the splits.
+#[test]
+fn strict_counts_a_simulation_that_has_not_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    succeed(
+        here,
+        &["data", "simulate", "rooms", "--scenes", "1", "--frames", "2", "--size", "16x16", "--samples", "1"],
+    );
+    let args = ["data", "inspect", "rooms/test", "--strict"];
+    assert_eq!(atsplat(here, &args).code, 0);
+    std::fs::write(here.join("rooms/planned.json"), "[]").unwrap();
+    let outcome = atsplat(here, &args);
+    let expected = "has not ended: rooms/planned.json lists all its scenes";
+    assert!(outcome.code == 4 && outcome.stderr.contains(expected), "{}", outcome.stderr);
+}

@@ -1,0 +1,142 @@
+//! Commands do not replace what they read, nor files that another program wrote.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use atsplat_model::ModelConfig;
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::{KeyMap, ModelWeights, Precision, generated};
+use common::{atsplat, succeed, write_trajectory};
+
+const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../splat/tests/fixtures/files/compressed_degree1.ply");
+
+/// Every file below a folder, with its bytes.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(contents(&path));
+        } else {
+            found.insert(path.clone(), fs::read(path).unwrap());
+        }
+    }
+    found
+}
+
+/// Each call fails with its message, and leaves every file as it was.
+fn refuses(here: &Path, calls: &[(&str, &str)]) {
+    let before = contents(here);
+    for (args, expected) in calls {
+        let refused = atsplat(here, &args.split(' ').collect::<Vec<_>>());
+        assert!(refused.code == 1 && refused.stderr.contains(expected), "{args}: {} {}", refused.code, refused.stderr);
+        assert!(contents(here) == before, "{args}: a file was replaced");
+    }
+}
+
+#[test]
+fn weights_do_not_replace_what_they_are_made_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let config = ModelConfig::named("nano").unwrap();
+    let stored = generated(&parameters(&config), 3);
+    let weights = ModelWeights::new(config, BTreeMap::from([("data".to_owned(), "none".to_owned())]), &stored).unwrap();
+    weights.write(&here.join("own.safetensors"), Precision::Single).unwrap();
+    fs::write(here.join("map.toml"), "name = \"map\"\n").unwrap();
+    fs::write(here.join("nano.toml"), toml::to_string(&weights.config).unwrap()).unwrap();
+    assert!(KeyMap::resolve(here.join("map.toml").to_str().unwrap()).is_ok());
+    refuses(
+        here,
+        &[
+            (
+                "weights export own.safetensors --key-map identity --out own.safetensors",
+                "error: --out: own.safetensors is the weights file that is read: give another file",
+            ),
+            ("weights export own.safetensors --key-map map.toml --out ./map.toml", "--out: ./map.toml is the key map"),
+            (
+                "weights import own.safetensors --model nano --out ./own.safetensors --precision bf16",
+                "error: --out: ./own.safetensors is the file that is imported: give another file",
+            ),
+            ("weights import own.safetensors --model nano.toml --out nano.toml", "nano.toml is the configuration"),
+            (
+                "weights import own.safetensors --model nano --key-map map.toml --out map.toml",
+                "--out: map.toml is the key map",
+            ),
+        ],
+    );
+    succeed(here, &["weights", "export", "own.safetensors", "--key-map", "map.toml", "--out", "other.safetensors"]);
+    succeed(here, &["weights", "import", "other.safetensors", "--model", "nano", "--out", "again.safetensors"]);
+    // The name of something embedded is no file.
+    succeed(here, &["weights", "export", "micro-rooms", "--key-map", "identity", "--out", "micro-rooms"]);
+}
+
+#[test]
+fn indices_do_not_replace_datasets_or_the_index_that_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/aaaa.txt"), 60);
+    fs::write(here.join("index.svg"), r#"{"aaaa": {"context": [10, 40], "target": [20]}}"#).unwrap();
+    fs::write(here.join("rule.toml"), "").unwrap();
+    let of_dataset = " has the place of a file of the dataset data: give another file";
+    let index = "index.svg is the index that is read: give another file";
+    refuses(
+        here,
+        &[
+            ("protocol build data --sampler re10k-2v --out data/aaaa.txt", of_dataset),
+            ("protocol build data --sampler re10k-2v --out data/transforms.json", of_dataset),
+            ("protocol build data/aaaa.txt --sampler re10k-2v --out data/aaaa.txt", "of the dataset data/aaaa.txt: "),
+            ("protocol build data --sampler rule.toml --out rule.toml", "rule.toml is the sampling rule that is read"),
+            ("protocol overlap index.svg --data data --out index.svg", index),
+            ("protocol overlap index.svg --data data --out data/aaaa.txt", of_dataset),
+            ("protocol overlap index.svg --data data --plot index.svg", index),
+        ],
+    );
+    succeed(here, &["protocol", "overlap", "index.svg", "--data", "data", "--out", "data/overlap.json"]);
+}
+
+#[test]
+fn a_fit_replaces_neither_its_start_nor_files_of_another_kind() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["render", SCENE, "--orbit", "3", "--size", "64x64", "--out", "photos"]);
+    fs::copy(SCENE, here.join("start.ply")).unwrap();
+    fs::write(here.join("notes"), "what I found").unwrap();
+    fs::write(here.join("empty"), "").unwrap();
+    let fit = "fit photos --views .. --size 32x32 --strategy fixed --steps 2 --start start.ply";
+    let start = "error: --out: start.ply is the start that is read: give another file";
+    let other = " is no checkpoint of `atsplat fit`: give another file";
+    let of_dataset = "--checkpoint: photos/render.json has the place of a file of the dataset photos: ";
+    let state = |file: &str| format!("{fit} --out fitted.ply --checkpoint-every 1 --checkpoint {file}");
+    refuses(
+        here,
+        &[
+            (&format!("{fit} --out start.ply"), start),
+            (&format!("{fit} --opacities-as-stored --out start.ply"), start),
+            (&state("start.ply"), "--checkpoint: start.ply is the start that is read"),
+            (&state("photos/render.json"), of_dataset),
+            (&state("photos/000000.png"), "of the dataset photos"),
+            (&state("notes"), &format!("--checkpoint: notes{other}")),
+            (&state("empty"), &format!("--checkpoint: empty{other}")),
+        ],
+    );
+    let run = |text: &str| drop(succeed(here, &text.split(' ').collect::<Vec<_>>()));
+    run(&state("state"));
+    let first = fs::read(here.join("state")).unwrap();
+    // A checkpoint of another run is one.
+    run(&state("state").replace("--steps 2", "--steps 3"));
+    assert!(fs::read(here.join("state")).unwrap() != first);
+    // Safetensors of another kind are not.
+    fs::rename(here.join("state"), here.join("other")).unwrap();
+    let bytes = fs::read(here.join("other")).unwrap();
+    let place = bytes.windows(11).position(|window| window == b"atsplat.fit").unwrap();
+    let mut renamed = bytes;
+    renamed[place..place + 11].copy_from_slice(b"another.fit");
+    fs::write(here.join("other"), renamed).unwrap();
+    refuses(here, &[(&state("other"), other)]);
+}

@@ -1,0 +1,97 @@
+//! `atsplat tradeoff` on settings without a result.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod evaluation;
+
+use std::path::Path;
+
+use common::{Outcome, atsplat, succeed};
+use evaluation::write_noise;
+use serde_json::Value;
+
+const NETWORK: [&str; 4] = ["--weights", "random:1", "--metrics", "psnr"];
+
+fn sweep(here: &Path, settings: &str, out: &str, more: &[&str]) -> Outcome {
+    std::fs::write(here.join("sweep.toml"), format!("title = 'settings'\n{settings}")).unwrap();
+    let args = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--sweep", "sweep.toml", "--out", out];
+    atsplat(here, &[&args[..], &NETWORK, more].concat())
+}
+
+/// Images that the network cannot divide into patches.
+const ODD: &str = "[[settings]]\nlabel = 'odd'\nknobs = { resolution = [20, 24] }\n";
+const WHOLE: &str = "[[settings]]\nlabel = 'whole'\n";
+
+#[test]
+fn a_setting_without_a_result_tells_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let why = "nothing was scored: 8 targets not supported, the first with: model input: ";
+    let both = sweep(here, &[WHOLE, ODD].concat(), "both", &[]);
+    assert_eq!(both.code, 0, "{}", both.stderr);
+    let row = both.stdout.lines().find(|line| line.starts_with("- odd, tiny-20x24 "));
+    let row = row.unwrap_or_else(|| panic!("{}", both.stdout));
+    assert!(row.contains(why) && row.contains("divisible by"), "{row}");
+    assert!(both.stdout.contains("* whole, tiny "), "{}", both.stdout);
+
+    let alone = sweep(here, ODD, "alone", &["--json"]);
+    assert_eq!(alone.code, 1, "{}", alone.stdout);
+    let report: Value = serde_json::from_str(&alone.stdout).unwrap();
+    let tradeoff = &report["tradeoffs"][0];
+    for reason in [&tradeoff["frontiers"][0]["left-out"][0], &tradeoff["unscored"][0]] {
+        let text = reason[1].as_str().unwrap();
+        assert!(reason[0] == "odd" && why.contains(&text[..20]) && text.contains("found 20x24"), "{reason}");
+    }
+    let error =
+        "error: no setting has a result: tiny-20x24, psnr, odd: 8 targets not supported, the first with: model ";
+    assert!(alone.stderr.contains(error), "{}", alone.stderr);
+    let store = atsplat(here, &["tradeoff", "alone"]);
+    assert!(store.code == 1 && store.stderr.contains("error: nothing was scored: tiny-20x24, psnr, odd: 8 targets"));
+}
+
+/// Images are not enlarged, so that the first setting has no trial; the second has its results nevertheless.
+#[test]
+fn a_setting_without_a_trial_does_not_end_the_sweep() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let large = "[[settings]]\nlabel = 'large'\nknobs = { resolution = [64, 64] }\n";
+    let why = "large: nothing was evaluated: tiny-64x64: every entry was skipped: 1 preprocessing (frame 0: ";
+    let both = sweep(here, &[large, WHOLE].concat(), "both", &[]);
+    assert!(both.code == 0 && both.stderr.contains(&format!("warning: {why}")), "{}: {}", both.code, both.stderr);
+    assert!(both.stdout.contains("* whole, tiny "), "{}", both.stdout);
+    let alone = sweep(here, large, "alone", &[]);
+    let error = format!("error: no setting has a result: {why}");
+    assert!(alone.code == 1 && alone.stderr.contains(&error), "{}: {}", alone.code, alone.stderr);
+}
+
+#[test]
+fn a_metric_that_was_not_computed_is_a_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    let whole = sweep(here, WHOLE, "whole", &[]);
+    assert_eq!(whole.code, 0, "{}", whole.stderr);
+    let reason = "whole: 8 targets not computed, the first with: weights absent\n";
+    let lpips = atsplat(here, &["tradeoff", "whole", "--metric", "lpips"]);
+    assert!(lpips.code == 1 && lpips.stderr.ends_with(&format!("tiny, lpips, {reason}")), "{}", lpips.stderr);
+    let row = format!("- {:<40} skipped: nothing was scored: {}", "whole", reason.strip_prefix("whole: ").unwrap());
+    assert!(lpips.stdout.contains(&row), "{}", lpips.stdout);
+    let with_psnr = succeed(here, &["tradeoff", "whole", "--metric", "lpips", "--metric", "psnr"]);
+    assert!(with_psnr.contains(&row), "another metric has a result: {with_psnr}");
+}
+
+#[test]
+fn a_setting_needs_a_label() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    for label in ["", "  "] {
+        let outcome = sweep(here, &format!("{WHOLE}[[settings]]\nlabel = '{label}'\n"), "out", &[]);
+        let error = format!("settings, number 2: expected a label with text, found {label:?}");
+        assert!(outcome.code == 1 && outcome.stderr.contains(&error), "{}: {}", outcome.code, outcome.stderr);
+        assert!(!here.join("out").exists(), "nothing is run");
+    }
+}

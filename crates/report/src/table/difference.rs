@@ -1,0 +1,117 @@
+//! How what was run differs from the published setting.
+
+use std::collections::BTreeSet;
+
+use atsplat_eval::SkippedEntry;
+use atsplat_protocol::trial::SkipReason;
+use atsplat_protocol::{AcceptedIndex, DropReason, PoseNormalisation, Preset};
+
+use super::edition::Part;
+use super::{Row, distinct};
+
+impl Part<'_> {
+    /// How the results of these methods differ from the published setting; `None` if they do not. Other methods may have trials where
+    /// these have none.
+    pub(super) fn difference(&self, methods: &[&str]) -> Option<String> {
+        let record = self.preset;
+        if let Some(published) = &record.stands_for {
+            return Some(format!(
+                "{} stands in for {published} with other scenes: compare rankings and gaps, not values",
+                record.name
+            ));
+        }
+        if self.protocol.index.accepted.is_empty() {
+            return Some(format!("{}: not a published protocol ({})", record.name, record.dataset));
+        }
+        if record.index_name.is_none() {
+            return Some(format!("{}: the index is not a published one ({})", record.name, record.dataset));
+        }
+        if let Some(AcceptedIndex { name, note, .. }) = self.alternative_index() {
+            let note = note.as_deref().unwrap_or("not the protocol's default");
+            return Some(format!("{}: the index {name}: {note}", record.name));
+        }
+        if record.entries < record.entries_of_index {
+            return Some(format!(
+                "{}: {} of {} index entries were run",
+                record.name, record.entries, record.entries_of_index
+            ));
+        }
+        if let Some(unfinished) = self.unfinished.first() {
+            return Some(unfinished.clone());
+        }
+        let changed = || self.is_changed().then(|| format!("{}: the preset was changed", record.name));
+        self.without_trial(methods).or_else(changed)
+    }
+
+    /// The published index that it was run on, if that is another one than the protocol's default.
+    pub(super) fn alternative_index(&self) -> Option<&AcceptedIndex> {
+        let name = self.preset.index_name.as_ref()?;
+        self.protocol.index.accepted.iter().skip(1).find(|accepted| accepted.name == *name)
+    }
+
+    /// How many entries have no trial under these methods, although the published loaders would have used them.
+    fn without_trial(&self, methods: &[&str]) -> Option<String> {
+        let record = self.preset;
+        let is_lost = |entry: &&SkippedEntry| {
+            entry.preset == record.name
+                && methods.iter().any(|method| entry.concerns(method))
+                && !is_published(&self.protocol, &entry.reason)
+        };
+        let lost: Vec<&SkippedEntry> = self.source.results.provenance.skipped.iter().filter(is_lost).collect();
+        let first = lost.first()?;
+        let count = lost.iter().map(|entry| (entry.scene.as_str(), entry.entry)).collect::<BTreeSet<_>>().len();
+        let is_of = |method: &&&str| lost.iter().any(|entry| entry.concerns(method));
+        let own: Vec<&str> = methods.iter().filter(is_of).copied().collect();
+        let under = if own.len() < methods.len() { format!(" under {}", own.join(", ")) } else { String::new() };
+        Some(format!(
+            "{}: {count} of {} index entries {} no trial{under}: {}",
+            record.name,
+            record.entries_of_index,
+            if count == 1 { "has" } else { "have" },
+            first.reason
+        ))
+    }
+
+    /// The methods that rows of a table measured under it.
+    pub(super) fn methods_in<'a>(&self, rows: &'a [Row]) -> Vec<&'a str> {
+        let own = rows.iter().flat_map(|row| row.protocols.iter().flatten()).filter(|own| self.is(own));
+        distinct(own.map(|own| own.method.as_str()))
+    }
+
+    /// Whether the preset differs from the built-in one of its name.
+    pub(super) fn is_changed(&self) -> bool {
+        let known = Preset::named(&self.preset.preset).and_then(|preset| preset.hash());
+        !known.is_ok_and(|hash| hash.to_string() == self.preset.hash)
+    }
+}
+
+/// Whether published numbers are without the entries that were skipped for this reason: by a `null` in the index, or by a filter on
+/// cameras that the protocol states. Images of another size, or that cannot be read, are those of local data.
+fn is_published(protocol: &Preset, reason: &str) -> bool {
+    let filters = &protocol.filters;
+    let stated = [
+        (SkipReason::NullEntry, true),
+        (SkipReason::Dropped(DropReason::FieldOfView), filters.max_fov_degrees.is_some()),
+        (SkipReason::Dropped(DropReason::Determinant), filters.determinant),
+        (SkipReason::Dropped(DropReason::Translation), filters.max_translation.is_some()),
+        (SkipReason::Dropped(DropReason::Baseline), limits_baseline(protocol)),
+    ];
+    stated.into_iter().any(|(known, is_stated)| is_stated && known.name() == reason)
+}
+
+/// Whether the protocol states limits of the baseline, by itself or for one of its methods.
+fn limits_baseline(protocol: &Preset) -> bool {
+    fn divides_by_it(rule: &PoseNormalisation) -> bool {
+        match rule {
+            PoseNormalisation::BaselineOne { .. } | PoseNormalisation::MaxPairwise { .. } => true,
+            PoseNormalisation::Sequence { steps } => steps.iter().any(divides_by_it),
+            _ => false,
+        }
+    }
+    let filters = &protocol.filters;
+    let mut rules = protocol.methods.iter().map(|setting| &setting.pose_normalisation);
+    filters.min_baseline.is_some()
+        || filters.max_baseline.is_some()
+        || divides_by_it(&protocol.pose_normalisation)
+        || rules.any(divides_by_it)
+}

@@ -1,0 +1,109 @@
+//! Rows of methods that run as processes of their own.
+
+use std::collections::BTreeMap;
+
+use atsplat_eval::Results;
+use atsplat_numeric::Tolerance;
+
+use super::*;
+use crate::definition::TableDefinition;
+use crate::sample::store;
+
+/// The sample store with its first method as a process, changed further.
+fn with_process(change: impl FnOnce(&mut Results)) -> Table {
+    let mut results = store();
+    results.provenance.methods[0].kind = "exec".to_owned();
+    change(&mut results);
+    let sources = [Source { label: "run", results: &results }];
+    tables(&TableDefinition::named("re10k").unwrap(), &sources, Mixing::Apart).unwrap().swap_remove(0)
+}
+
+fn time(table: &Table) -> (String, Cell) {
+    let (place, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
+    let of_process = |row: &&Row| row.method.as_deref() == Some("atsplat") && !row.without_leaked;
+    let cell = table.rows.iter().find(of_process).unwrap().cell(place);
+    (cell.print(column), cell.clone())
+}
+
+fn notes(table: &Table) -> Vec<&str> {
+    table.footer.iter().map(|note| note.text.as_str()).collect()
+}
+
+/// Answers take 0.25, 0.26 and 0.27 s; of that, the process says, its encoder takes 0.004, 0.005 and 0.006 s.
+fn state_encoders(results: &mut Results) {
+    for (row, secs) in
+        results.timings.iter_mut().filter(|row| row.key.method == "atsplat").zip([0.004, 0.005, 0.006].iter().cycle())
+    {
+        row.stages = BTreeMap::from([("encode".to_owned(), vec![*secs; 5]), ("read".to_owned(), vec![0.2; 5])]);
+    }
+}
+
+#[test]
+fn the_time_of_a_process_is_that_of_its_encoder_where_it_states_one() {
+    let table = with_process(state_encoders);
+    let (printed, cell) = time(&table);
+    assert_eq!((printed.as_str(), cell.time_scope()), ("0.005 †", Some(TimeScope::Stated)));
+    Tolerance::EXACT.assert([cell.value.number().unwrap()], [0.005], "the median of what is stated");
+    assert!(notes(&table).contains(&"† as the method states"), "{:?}", notes(&table));
+    assert!(notes(&table).iter().any(|note| note.starts_with("time, ATSplat: median 0.0050 s")), "{:?}", notes(&table));
+    assert_eq!(serde_json::to_value(&cell).unwrap()["timing"]["scope"], "as the method states");
+}
+
+#[test]
+fn the_time_of_a_process_is_the_whole_answer_unless_every_trial_states_its_encoder() {
+    let one_is_silent = |results: &mut Results| {
+        state_encoders(results);
+        results.timings.iter_mut().find(|row| row.key.method == "atsplat").unwrap().stages.clear();
+    };
+    for table in [with_process(|_| ()), with_process(one_is_silent)] {
+        let (printed, cell) = time(&table);
+        assert_eq!((printed.as_str(), cell.time_scope()), ("0.260 ‡", Some(TimeScope::WholeAnswer)));
+        let notes = notes(&table);
+        assert!(notes.contains(&"‡ the whole answer, with reading and writing of files"), "{notes:?}");
+        assert!(!notes.iter().any(|note| note.contains('†')), "{notes:?}");
+    }
+}
+
+/// A network that runs in this process is timed while it encodes, whatever its stages are called.
+#[test]
+fn times_of_other_methods_have_no_remark() {
+    let table = with_process(|results| {
+        results.provenance.methods[0].kind = "atsplat".to_owned();
+        state_encoders(results);
+    });
+    let (printed, cell) = time(&table);
+    assert_eq!((printed.as_str(), cell.time_scope()), ("0.260", None));
+    assert!(!notes(&table).iter().any(|note| note.contains(['†', '‡'])), "{:?}", notes(&table));
+}
+
+#[test]
+fn a_busy_machine_is_marked_too() {
+    let table = with_process(|results| results.timings.iter_mut().for_each(|row| row.load.others = Some(0.4)));
+    assert_eq!(time(&table).0, "0.260 ‡ §");
+}
+
+/// iLRM's entry in the protocol has a renderer of its own, `DepthSplat`'s has none.
+#[test]
+fn the_renderer_of_a_setting_is_named() {
+    let named = |setting: &str, constants: &str, background: serde_json::Value| {
+        let table = with_process(|results| {
+            let record = &mut results.provenance.methods[0];
+            record.constants = Some(constants.to_owned());
+            record.parameters.insert("setting".to_owned(), setting.into());
+            record.parameters.insert("background".to_owned(), background);
+        });
+        let found = notes(&table).into_iter().find(|note| note.contains(" is rendered as "));
+        found.map(str::to_owned)
+    };
+    let of_preset = || "of the preset".into();
+    assert_eq!(
+        named("iLRM", "of the preset", of_preset()).as_deref(),
+        Some("ATSplat is rendered as re10k-2v-256 lists for iLRM: gsplat, on [1.0, 1.0, 1.0]")
+    );
+    assert_eq!(
+        named("iLRM", "of the preset", serde_json::json!([0.0, 0.0, 0.0])).as_deref(),
+        Some("ATSplat is rendered as re10k-2v-256 lists for iLRM: gsplat")
+    );
+    assert_eq!(named("DepthSplat", "of the preset", of_preset()), None);
+    assert_eq!(named("iLRM", "inria", of_preset()), None, "constants that were chosen");
+}

@@ -1,0 +1,45 @@
+use serde::Serialize;
+
+use super::{BUSY, Cell};
+
+/// What the time of a method with a process of its own covers; other methods are timed while they encode, within this process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum TimeScope {
+    /// Its stage `encode`, as the method states it on every repetition of every timed trial.
+    #[serde(rename = "as the method states")]
+    Stated,
+    /// Everything from the request to an answer that has been read.
+    #[serde(rename = "the whole answer, with reading and writing of files")]
+    WholeAnswer,
+}
+
+impl TimeScope {
+    /// The mark of such times.
+    pub(super) const fn mark(self) -> &'static str {
+        match self {
+            Self::Stated => "†",
+            Self::WholeAnswer => "‡",
+        }
+    }
+
+    /// The remark that the mark stands for.
+    pub const fn remark(self) -> &'static str {
+        match self {
+            Self::Stated => "as the method states",
+            Self::WholeAnswer => "the whole answer, with reading and writing of files",
+        }
+    }
+}
+
+impl Cell {
+    /// What its time covers, if it is that of a method with a process of its own.
+    pub fn time_scope(&self) -> Option<TimeScope> {
+        self.timing.as_ref()?.scope
+    }
+
+    /// The marks of its time, each explained below the table.
+    pub(super) fn marks(&self) -> String {
+        let busy = self.is_busy().then_some(BUSY);
+        self.time_scope().map(TimeScope::mark).into_iter().chain(busy).collect::<Vec<_>>().join(" ")
+    }
+}

@@ -1,0 +1,114 @@
+//! Whether the samples of a resumed run are still those that its logs tell of.
+//!
+//! The logs hold a hash of the images, cameras and distances of every step's samples. To hash a whole dataset at each start would
+//! mean reading all of it, and sizes or headers of files would not tell other pixels of the same size. So a resumed run draws the
+//! samples of its latest steps again: that costs no more than a few steps, needs nothing from a dataset's format, and notices whatever
+//! reaches the network, a simulator or decoder that has changed included. A change to scenes that none of these samples shows is not
+//! noticed.
+
+use std::path::Path;
+
+use atsplat_files::Sha256Digest;
+use rayon::prelude::*;
+
+use super::step::numbers;
+use super::{EVALUATIONS, STEPS};
+use crate::error::Purpose;
+use crate::evaluation::Evaluation;
+use crate::journal::{self, EvaluationRecord, StepRecord};
+use crate::samples::{SampleId, Source, digest_of_all};
+use crate::{TrainConfig, TrainError};
+
+/// Number of samples that are drawn again, in whole steps, at least one.
+const SAMPLES: usize = 16;
+
+/// The logs of a run that goes on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Recorded<'a> {
+    /// Their folder.
+    pub(super) folder: &'a Path,
+    /// Number of steps done.
+    pub(super) done: u64,
+    /// Whether the run was on another type of processor, where the last bits of images and cameras may have been others.
+    pub(super) has_moved: bool,
+}
+
+impl Recorded<'_> {
+    /// Draws the samples of the latest steps again. Returns a notice if the log holds no hashes of them, or if samples differ after a
+    /// change of processor.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] if samples differ or can no longer be drawn; errors of reading the log.
+    pub(super) fn check_training(
+        &self,
+        config: &TrainConfig,
+        source: &dyn Source,
+    ) -> Result<Option<String>, TrainError> {
+        let logged = self.logged::<StepRecord>(STEPS)?;
+        let known = logged.iter().rev().filter_map(|record| Some((record.step, record.samples_sha256?)));
+        let latest: Vec<(u64, Sha256Digest)> = known.take((SAMPLES / config.batch.get()).max(1)).collect();
+        if latest.is_empty() {
+            return Ok((self.done > 0).then(|| unchecked(STEPS, Purpose::Training)));
+        }
+        for (step, recorded) in latest {
+            let sample = |number| source.sample(SampleId { seed: config.seed, number, step });
+            let drawn = numbers(config, step).into_par_iter().map(|number| Ok(sample(number)?.digest()));
+            let drawn: Result<Vec<Sha256Digest>, TrainError> = drawn.collect();
+            let found = match drawn {
+                Ok(digests) if digest_of_all(&digests) == recorded => continue,
+                Ok(_) => "others".to_owned(),
+                Err(error) => error.to_string(),
+            };
+            return self.differ(Purpose::Training, &format!("samples of step {step}"), STEPS, &found);
+        }
+        Ok(None)
+    }
+
+    /// Compares the evaluation's samples with those of the last evaluation. Returns a notice as [`Self::check_training`].
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] if they differ; errors of reading the log.
+    pub(super) fn check_evaluation(&self, evaluation: Option<&Evaluation>) -> Result<Option<String>, TrainError> {
+        let Some(evaluation) = evaluation else { return Ok(None) };
+        let Some(last) = self.logged::<EvaluationRecord>(EVALUATIONS)?.pop() else { return Ok(None) };
+        match last.samples_sha256 {
+            None => Ok(Some(unchecked(EVALUATIONS, Purpose::Evaluation))),
+            Some(recorded) if recorded == evaluation.digest() => Ok(None),
+            Some(_) => {
+                let which = format!("samples after step {}", last.step);
+                self.differ(Purpose::Evaluation, &which, EVALUATIONS, "others")
+            }
+        }
+    }
+
+    /// The records of a log that the run keeps.
+    fn logged<R: journal::Record>(&self, log: &str) -> Result<Vec<R>, TrainError> {
+        let mut records: Vec<R> = journal::read(&self.folder.join(log))?;
+        records.retain(|record| record.is_within(self.done));
+        Ok(records)
+    }
+
+    fn differ(&self, purpose: Purpose, which: &str, log: &str, found: &str) -> Result<Option<String>, TrainError> {
+        let data = purpose.data();
+        if self.has_moved {
+            return Ok(Some(format!(
+                "{data}: {which}: not those that {log} records, to the bit ({found}): another processor may have decoded or \
+                 simulated them, or the data have changed"
+            )));
+        }
+        let expected = format!(
+            "those that {log} records, so put the data back as they were, or start a new run from the weights (`--init`)"
+        );
+        let found =
+            format!("{found}: images, cameras or lengths of clips have changed, or this version makes other samples");
+        Err(TrainError::malformed(data, which, expected, found))
+    }
+}
+
+/// That a log does not tell.
+fn unchecked(log: &str, purpose: Purpose) -> String {
+    let data = purpose.data();
+    format!(
+        "{log}: no hashes of samples, which earlier versions did not write: whether the {data} have changed was not checked"
+    )
+}

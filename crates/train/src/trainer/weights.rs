@@ -1,0 +1,77 @@
+//! What a run writes: checkpoints and weights, with how they were made.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use atsplat_model::weights::{ModelWeights, Precision};
+
+use super::{Trainer, WEIGHTS};
+use crate::TrainError;
+use crate::checkpoint::InitialWeights;
+use crate::parameters::Parameters;
+
+/// The least number that f16 rounds to infinity.
+const BEYOND_F16: f32 = 65520.0;
+
+impl Trainer {
+    /// Writes a checkpoint and the weights; returns the checkpoint's path.
+    ///
+    /// # Errors
+    /// As [`crate::Checkpoints::write`]; [`TrainError::Diverged`] for weights that f16 does not hold: nothing is written then, so that
+    /// the checkpoints before remain.
+    pub fn write_checkpoint(&self) -> Result<PathBuf, TrainError> {
+        let state = self.current_state()?;
+        let result = state.result();
+        if let Some((tensor, value)) = beyond_f16(&result) {
+            let (step, last_checkpoint) = (state.step, self.checkpoints.last()?);
+            return Err(TrainError::Diverged { step, tensor, value, last_checkpoint });
+        }
+        let path = self.checkpoints.write(&state, &self.config)?;
+        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &result.stored()?)?;
+        weights.write(&self.folder.join(WEIGHTS), Precision::Half)?;
+        Ok(path)
+    }
+
+    /// How the weights were made.
+    fn provenance(&self) -> Result<BTreeMap<String, String>, TrainError> {
+        let entries = [
+            ("title", self.config.title.clone()),
+            ("seed", self.config.seed.to_string()),
+            ("steps", format!("{} of {}", self.state.step, self.config.steps)),
+            ("skipped-steps", self.state.skipped().to_string()),
+            ("replaced-draws", self.state.replaced.to_string()),
+            ("batch", self.config.batch.to_string()),
+            ("perceptual-loss", self.objective.perceptual()),
+            ("pose-normalisation", self.config.pose_normalisation.name()),
+            ("training-configuration", self.config.to_toml()?),
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+        ];
+        let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
+        if let Some(adapter) = &self.state.adapter {
+            provenance.insert("adapter".to_owned(), adapter.clone());
+        }
+        let own = self.samples.name();
+        let data = match &self.state.initial_weights {
+            None => vec![("data", own)],
+            Some(InitialWeights { data: Some(before), .. }) => vec![("data", format!("{own}; before: {before}"))],
+            // From `data`, readers conclude what the network never saw.
+            Some(InitialWeights { data: None, .. }) => {
+                vec![("data-of-this-run", own), ("data-before", "not stated".to_owned())]
+            }
+        };
+        provenance.extend(data.into_iter().map(|(key, value)| (key.to_owned(), value)));
+        if let Some(InitialWeights { sha256, .. }) = &self.state.initial_weights {
+            provenance.insert("initial-weights-sha256".to_owned(), sha256.clone());
+        }
+        Ok(provenance)
+    }
+}
+
+/// The first parameter with a finite value that f16 does not hold, and the value.
+fn beyond_f16(parameters: &Parameters) -> Option<(String, f32)> {
+    let mut all = parameters.list().iter().zip(parameters.values());
+    all.find_map(|(parameter, values)| {
+        let value = values.iter().find(|value| value.is_finite() && value.abs() >= BEYOND_F16)?;
+        Some((parameter.name.clone(), *value))
+    })
+}

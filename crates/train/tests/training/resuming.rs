@@ -1,0 +1,106 @@
+//! What a run leaves behind is not lost when it is resumed or fails.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use atsplat_model::weights::TensorFile;
+use atsplat_train::{Event, Limits, Start, TrainError, Trainer};
+use tempfile::tempdir;
+
+use crate::common::{Noise, config, trainer};
+
+fn run(folder: &Path, start: &Start, steps: u64) -> Vec<String> {
+    let mut notices = Vec::new();
+    let mut on_event = |event: &Event<'_>| {
+        if let Event::Notice(text) = event {
+            notices.push((*text).to_owned());
+        }
+    };
+    let mut trainer = trainer(config(""), folder, start, Noise::CLEAN);
+    trainer.run(Limits { steps: Some(steps), time: None }, &mut on_event).unwrap();
+    notices
+}
+
+fn resume(folder: &Path) -> Result<Trainer, TrainError> {
+    Trainer::with_samples(config(""), Box::new(Noise::CLEAN), folder, &Start::Resume)
+}
+
+/// Every file of a run that resuming might replace.
+fn contents(folder: &Path) -> BTreeMap<&'static str, Option<Vec<u8>>> {
+    ["weights.safetensors", "steps.jsonl", "evaluations.jsonl"]
+        .map(|name| (name, std::fs::read(folder.join(name)).ok()))
+        .into()
+}
+
+/// Checkpoints are large: users move or remove them. The configuration writes one every 4 steps.
+#[test]
+fn a_run_whose_checkpoints_are_gone_is_not_restarted() {
+    let folder = tempdir().unwrap();
+    let (whole, given) = (folder.path().join("whole"), folder.path().join("given"));
+    run(&whole, &Start::Fresh, 6);
+    let (checkpoints, weights) = (whole.join("checkpoints"), whole.join("weights.safetensors"));
+    run(&given, &Start::Weights(TensorFile::open(&weights).unwrap()), 1);
+    let refused = |run: &Path, found: &str| {
+        let before = contents(run);
+        let error = resume(run).unwrap_err().to_string();
+        let expected =
+            format!("output folder: {}: expected the run's checkpoints in `checkpoints`: put them back", run.display());
+        assert!(error.starts_with(&expected) && error.ends_with(found), "{error}");
+        assert_eq!(contents(run), before);
+        error
+    };
+    std::fs::rename(&checkpoints, whole.join("elsewhere")).unwrap();
+    let error = refused(&whole, "found none, but weights.safetensors");
+    assert!(error.contains(&format!("`--init {}`", weights.display())), "{error}");
+    std::fs::create_dir(&checkpoints).unwrap();
+    refused(&whole, "found none, but weights.safetensors");
+    std::fs::remove_dir(&checkpoints).unwrap();
+    std::fs::rename(whole.join("elsewhere"), &checkpoints).unwrap();
+    assert_eq!(resume(&whole).unwrap().state().step, 6);
+
+    // Without weights, the log tells: a checkpoint follows its fourth step.
+    std::fs::remove_dir_all(&checkpoints).unwrap();
+    std::fs::remove_file(&weights).unwrap();
+    refused(&whole, "found none, but steps.jsonl up to step 6");
+    let log = std::fs::read_to_string(whole.join("steps.jsonl")).unwrap();
+    std::fs::write(whole.join("steps.jsonl"), log.split_inclusive('\n').take(4).collect::<String>()).unwrap();
+    let notices = run(&whole, &Start::Resume, 5);
+    assert!(notices[0].starts_with("no checkpoint was written: the run restarts at step 0"), "{notices:?}");
+
+    std::fs::remove_dir_all(given.join("checkpoints")).unwrap();
+    std::fs::remove_file(given.join("weights.safetensors")).unwrap();
+    refused(&given, "found none, but steps.jsonl up to step 1");
+}
+
+/// f16 rounds 65519 to 65504, and 65520 to infinity.
+#[test]
+fn a_diverged_run_names_the_step_and_keeps_its_checkpoints() {
+    let folder = tempdir().unwrap();
+    let files = || {
+        let entries = std::fs::read_dir(folder.path().join("checkpoints")).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        (names, contents(folder.path()))
+    };
+    let mut diverged = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let place = diverged.state().parameters.list().iter().position(|own| own.name == "coarse.fuse.weight").unwrap();
+    diverged.state_mut().parameters.values_mut()[place][3] = 65520.0;
+    let error = diverged.write_checkpoint().unwrap_err().to_string();
+    assert!(error.contains("by step 0: ") && error.ends_with("no checkpoint was written"), "{error}");
+    diverged.state_mut().step = 4;
+    diverged.state_mut().parameters.values_mut()[place][3] = 65519.0;
+    diverged.write_checkpoint().unwrap();
+    let before = files();
+    diverged.state_mut().step = 9;
+    diverged.state_mut().parameters.values_mut()[place][3] = -70_000.0;
+    let error = diverged.write_checkpoint().unwrap_err();
+    assert!(matches!(error, TrainError::Diverged { step: 9, last_checkpoint: Some(4), .. }), "{error}");
+    let text = error.to_string();
+    for expected in [
+        "training diverged by step 9: coarse.fuse.weight holds -70000, and weights are written as f16",
+        "lower schedule.learning-rate or clip; checkpoints up to step 4 remain",
+    ] {
+        assert!(text.contains(expected), "{text}");
+    }
+    assert_eq!(files(), before);
+}
