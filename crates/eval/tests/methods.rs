@@ -143,7 +143,8 @@ fn renders_are_found_in_every_layout() {
         let folder = tempfile::tempdir().unwrap();
         write(&folder.path().join(layout), &png);
         let renders = Renders::new(folder.path(), Some("other")).unwrap();
-        assert_eq!(renders.record().name, "other");
+        assert_eq!((renders.record().name.as_str(), renders.record().deterministic), ("other", false));
+        assert!(renders.clone().deterministic(true).record().deterministic);
         assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&image(0, 5))), "{layout}");
         let second = trials[1].render(&renders, 0).unwrap_err();
         assert!(second.contains("no file for frame 5"), "another entry of the scene has its own folder: {second}");
@@ -292,6 +293,11 @@ fn imported_gaussians_are_in_the_dataset_frame() {
     files::write(&path, &gaussians(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
     let imported = |frame| Ply::new(folder.path(), None, frame, false, Splatting::default()).unwrap();
     let seen = trial.render(&imported(GaussianFrame::Dataset), 0).unwrap();
+    let own = imported(GaussianFrame::Dataset);
+    assert!(
+        !own.record().deterministic && own.deterministic(true).record().deterministic,
+        "nobody can tell it from files"
+    );
 
     let mut planes = trial.trial.near_far();
     planes.near /= scale;

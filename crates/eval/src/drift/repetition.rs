@@ -33,10 +33,12 @@ pub fn check_repetition(run: &Results, repeat: &Results) -> Result<(), DriftErro
     }
 }
 
-/// Whether a difference is one of protocols, methods or metrics; the same data may lie elsewhere.
+/// Whether a difference is one of protocols, methods or metrics; the same data may lie elsewhere, and so may the files that another
+/// run of a method wrote.
 fn is_of_plan(difference: &Difference) -> bool {
     let what = difference.what.as_str();
-    let is_place = what.starts_with("preset ") && what.ends_with(", dataset");
+    let places = [("preset ", ", dataset"), ("method ", ", folder")];
+    let is_place = places.iter().any(|(kind, field)| what.starts_with(kind) && what.ends_with(field));
     !is_place && ["preset ", "method ", "metric "].iter().any(|kind| what.starts_with(kind))
 }
 

@@ -17,7 +17,12 @@ fn only_finished_runs_of_the_same_plan_on_the_same_data_are_repetitions() {
     };
     with(|_| ()).unwrap();
     with(|repeat| repeat.targets.reverse()).unwrap();
-    let cases: [(Change, &str); 9] = [
+    with(|repeat| _ = repeat.provenance.methods[0].parameters.insert("folder".to_owned(), "renders-2".into())).unwrap();
+    let cases: [(Change, &str); 10] = [
+        (
+            |repeat| _ = repeat.provenance.methods[0].parameters.insert("step".to_owned(), "2".into()),
+            "method m, step: 2 instead of none",
+        ),
         (|repeat| repeat.provenance.presets[0].entries = 5, "a finished run, found a store is not done: 4 of 5"),
         (|repeat| repeat.targets.iter_mut().for_each(|row| row.scores.clear()), "expected results with scores"),
         (|repeat| repeat.provenance.presets[0].hash = "b".to_owned(), "preset sampled, hash: b instead of a"),
