@@ -118,6 +118,26 @@ fn differences_of_several_trainings_are_those_of_the_stores() {
     assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
 }
 
+/// Selection by uncertainty against each other one after three times the samples.
+#[test]
+fn differences_of_longer_trainings_are_those_of_the_store() {
+    let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
+    let results = Results::read(&folder().join("expansion-sparse-long/store")).unwrap();
+    let mut wrong = String::new();
+    for (selection, row) in [
+        ("random selection", "sparse-random-long-1"),
+        ("farthest-point sampling", "sparse-farthest-point-long-1"),
+        ("straight-through selection", "sparse-straight-through-long-1"),
+    ] {
+        let interval = difference([(&results, "k-4-long-1"), (&results, row)], "psnr", 3);
+        let expected = format!("| uncertainty above {selection}, after three times the samples | {interval} |");
+        if !readme.lines().any(|line| line == expected) {
+            wrong = format!("{wrong}\n{expected}");
+        }
+    }
+    assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
+}
+
 /// Learnt tokens against none after twice the samples.
 #[test]
 fn numbers_of_direct_positions_are_those_of_the_store() {
