@@ -16,6 +16,7 @@ mod fit;
 mod log;
 mod model_args;
 mod objects;
+mod output_lock;
 mod parse;
 mod paths;
 mod plot;

@@ -215,9 +215,9 @@ fn kind_of(detail: &str, scene: &str) -> String {
 impl AlternativeIndex {
     /// `None` if the protocol was run on its default index, or on an unpublished one.
     fn of(record: &PresetRecord) -> Option<Self> {
-        let accepted = protocol(record).index.accepted;
-        let own = accepted.into_iter().skip(1).find(|own| Some(&own.name) == record.index_name.as_ref())?;
-        Some(Self { preset: record.name.clone(), index: own.name, note: own.note })
+        let index = protocol(record).index;
+        let own = index.alternative(record.index_name.as_ref()?)?;
+        Some(Self { preset: record.name.clone(), index: own.name.clone(), note: own.note.clone() })
     }
 }
 

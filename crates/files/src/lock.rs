@@ -49,6 +49,29 @@ struct Holder {
 }
 
 impl FolderLock {
+    /// The files of a lock in its folder: one that stays behind, and one that is there while the folder is locked.
+    pub const FILES: [&str; 2] = [LOCK, HOLDER];
+
+    /// Whether a folder was locked at any time.
+    pub fn was_taken(folder: &Path) -> bool {
+        folder.join(LOCK).is_file()
+    }
+
+    /// A file that a lock of the folder would replace, although no lock wrote it.
+    pub fn would_replace(folder: &Path) -> Option<PathBuf> {
+        let holder = folder.join(HOLDER);
+        let is_own = match fs::read(&holder) {
+            Ok(bytes) => serde_json::from_slice::<Holder>(&bytes).is_ok(),
+            Err(error) => error.kind() == io::ErrorKind::NotFound,
+        };
+        (!is_own).then_some(holder)
+    }
+
+    /// Removes what a lock left behind in a folder that nothing was written to; a lock that stays is locked again by the next writer.
+    pub fn remove_from(folder: &Path) {
+        fs::remove_file(folder.join(LOCK)).ok();
+    }
+
     /// Locks a folder, creating it if needed.
     ///
     /// # Errors

@@ -1,6 +1,8 @@
 //! Checkpoints: safetensors files with everything that a run needs to go on as if it had not been interrupted.
 
 use std::collections::HashMap;
+use std::fs::File;
+use std::io::{ErrorKind, Read as _, Result as IoResult};
 use std::path::Path;
 
 use atsplat_files::{FileError, Sha256Digest, changes};
@@ -14,6 +16,8 @@ use crate::history::HistoryFacts;
 use crate::{Elapsed, Fit, FitConfig, FitDevice, FitError, History, OptimisedGaussians, TrainingView};
 
 const METADATA: &str = "atsplat.fit";
+/// The limit on the header of a safetensors file, in bytes.
+const MAX_HEADER: u64 = 100_000_000;
 const PARTS: [&str; 3] = ["value", "first-moment", "second-moment"];
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -40,6 +44,26 @@ struct Metadata {
 }
 
 impl Fit {
+    /// Whether a file begins as checkpoints do: the length of a header, then JSON with their metadata.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn is_checkpoint(path: &Path) -> IoResult<bool> {
+        let mut file = File::open(path)?;
+        let (mut length, mut header) = ([0; 8], Vec::new());
+        match file.read_exact(&mut length) {
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(false),
+            outcome => outcome?,
+        }
+        let length = u64::from_le_bytes(length);
+        if length > MAX_HEADER {
+            return Ok(false);
+        }
+        file.take(length).read_to_end(&mut header)?;
+        let header = serde_json::from_slice::<serde_json::Value>(&header);
+        Ok(header.is_ok_and(|header| header["__metadata__"][METADATA].is_string()))
+    }
+
     /// Writes the state between two steps with the [history](Self::history), atomically.
     ///
     /// # Errors

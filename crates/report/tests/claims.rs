@@ -39,6 +39,12 @@ fn query<'a>(preset: &'a str, method: &'a str, metric: &'static str) -> MetricQu
     MetricQuery { preset, method, metric, leaked: Leaked::Included, identical: Identical::Excluded }
 }
 
+/// Every expected line has to be on a page; all that are lacking are named.
+fn require_lines(mut expected: Vec<String>, is_there: impl Fn(&String) -> bool) {
+    expected.retain(|line| !is_there(line));
+    assert!(expected.is_empty(), "lines that the page lacks:\n{}", expected.join("\n"));
+}
+
 /// Two rows, each with the stores of its trainings: the first, the second and so on.
 struct Claim {
     text: &'static str,
@@ -102,20 +108,17 @@ const CLAIMS: [Claim; 10] = [
 fn differences_of_several_trainings_are_those_of_the_stores() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let read = |name: &str| Results::read(&folder().join(name).join("store")).unwrap();
-    let mut wrong = String::new();
-    for Claim { text, above, below } in &CLAIMS {
+    let line = |Claim { text, above, below }: &Claim| {
         assert_eq!(above.1.len(), below.1.len(), "{text}");
-        let mut expected = format!("| {text} |");
+        let mut line = format!("| {text} |");
         for (training, (first, second)) in (1..).zip(above.1.iter().zip(below.1)) {
             let [first_row, second_row] = [above.0, below.0].map(|row| format!("{row}-{training}"));
             let difference = difference([(&read(first), &first_row), (&read(second), &second_row)], "psnr", 3);
-            expected = format!("{expected} {difference} |");
+            line = format!("{line} {difference} |");
         }
-        if !readme.lines().any(|line| line.starts_with(&expected)) {
-            wrong = format!("{wrong}\n{expected}");
-        }
-    }
-    assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
+        line
+    };
+    require_lines(CLAIMS.iter().map(line).collect(), |own| readme.lines().any(|line| line.starts_with(own)));
 }
 
 /// Selection by uncertainty against each other one after three times the samples.
@@ -123,19 +126,16 @@ fn differences_of_several_trainings_are_those_of_the_stores() {
 fn differences_of_longer_trainings_are_those_of_the_store() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let results = Results::read(&folder().join("expansion-sparse-long/store")).unwrap();
-    let mut wrong = String::new();
-    for (selection, row) in [
+    let expected = [
         ("random selection", "sparse-random-long-1"),
         ("farthest-point sampling", "sparse-farthest-point-long-1"),
         ("straight-through selection", "sparse-straight-through-long-1"),
-    ] {
+    ]
+    .map(|(selection, row)| {
         let interval = difference([(&results, "k-4-long-1"), (&results, row)], "psnr", 3);
-        let expected = format!("| uncertainty above {selection}, after three times the samples | {interval} |");
-        if !readme.lines().any(|line| line == expected) {
-            wrong = format!("{wrong}\n{expected}");
-        }
-    }
-    assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
+        format!("| uncertainty above {selection}, after three times the samples | {interval} |")
+    });
+    require_lines(expected.to_vec(), |own| readme.lines().any(|line| line == own));
 }
 
 /// Learnt tokens against none after twice the samples.
@@ -162,23 +162,20 @@ fn numbers_of_direct_positions_are_those_of_the_store() {
 fn trials_of_the_recipe_are_those_of_the_store() {
     let readme = std::fs::read_to_string(folder().join("README.md")).unwrap();
     let results = Results::read(&folder().join("recipe/store")).unwrap();
-    let mut wrong = String::new();
-    for (part, row) in [
+    let expected = [
         ("averaged weights", "recipe-average-1"),
         ("mirrored samples", "recipe-flips-1"),
         ("narrow windows first", "recipe-curriculum-1"),
         ("anchors pulled to exact distances", "recipe-distances-1"),
         ("more D-SSIM in the last quarter", "recipe-late-d-ssim-1"),
         ("all five", "recipe-all-1"),
-    ] {
+    ]
+    .map(|(part, row)| {
         let difference =
             |metric, decimals| difference([(&results, row), (&results, "recipe-plain-1")], metric, decimals);
-        let expected = format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4));
-        if !readme.contains(&expected) {
-            wrong = format!("{wrong}\n{expected}");
-        }
-    }
-    assert!(wrong.is_empty(), "lines that the page lacks:{wrong}");
+        format!("| {part} | {} | {} |", difference("psnr", 3), difference("ssim", 4))
+    });
+    require_lines(expected.to_vec(), |own| readme.contains(own));
 }
 
 const ROOMS: (&str, u64, u64) = ("rooms-2v-64", 200, 600);
@@ -213,8 +210,7 @@ fn lines_on_unified_and_separate_networks_are_those_of_the_stores() {
         let difference = difference_under(protocol, [(&zero_shot, other), (&results, own)], "psnr", 3);
         expected.push(format!("| {setting} | {} | {difference} |", mean(&zero_shot, protocol.0, other)));
     }
-    expected.retain(|line| !readme.contains(line));
-    assert!(expected.is_empty(), "lines that the page lacks:\n{}", expected.join("\n"));
+    require_lines(expected, |own| readme.contains(own));
 }
 
 /// The tables of the real scene, and the numbers that its page quotes.

@@ -36,7 +36,7 @@ pub use covisibility::Covisibility;
 pub use dataset::{ImageEncoding, Layout, ManifestScene, WriteOptions, encoded_scene, write_dataset};
 pub use effects::{ActiveEffect, EffectChoice, EffectKind, TOLERANCE};
 pub use error::RoomsError;
-pub use path::{ClipMotion, Motion, Shot, has_times};
+pub use path::{ClipMotion, Motion, Shot};
 pub use render::Geometry;
 pub use seed::{SceneKind, SceneSeed, Split};
 pub use simulation::{GENERATOR, Request, Route, Simulation};

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::path::timed_cameras;
-use crate::{ClipMotion, EffectChoice, Request, RoomsError, SceneKind, SceneSeed, Simulation, Split, has_times};
+use crate::{ClipMotion, EffectChoice, Request, RoomsError, SceneKind, SceneSeed, Simulation, Split};
 
 /// Camera motion of groups of clips. [`Display`](fmt::Display) prints the quantiles as a table.
 #[derive(Debug, Serialize)]
@@ -120,7 +120,7 @@ impl ClipGroup {
         let read = dataset.keys().par_iter().map(|key| {
             let mut warnings = Warnings::new();
             let loaded = dataset.load(key, &mut warnings);
-            let clip = loaded.map(|scene| (ClipMotion::of(&scene.key, timed_cameras(&scene)), has_times(&scene)));
+            let clip = loaded.map(|scene| (ClipMotion::of(&scene.key, timed_cameras(&scene)), scene.has_times()));
             progress();
             (key, clip, warnings)
         });

@@ -29,7 +29,7 @@ pub enum Route {
 }
 
 impl Route {
-    /// As a scene's cameras. Scenes without times ([`has_times`](crate::has_times)) are assumed to have 30 frames per second.
+    /// As a scene's cameras. Scenes without times ([`Scene::has_times`]) are assumed to have 30 frames per second.
     pub fn of_scene(scene: &Scene) -> Self {
         Self::Given(path::timed_cameras(scene))
     }

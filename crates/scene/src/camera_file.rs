@@ -10,6 +10,7 @@ use atsplat_files::FileError;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::scene::can_be_micros;
 use crate::scene_key::{AmbiguousScene, scene_key};
 use crate::{SceneError, SceneSource as _, Warnings, json, poses};
 
@@ -79,6 +80,8 @@ pub struct FileCamera {
     pub size: Option<ImageSize>,
     /// The 3×4 array of 3DGS' exposure.
     pub exposure: Option<[[f64; 4]; 3]>,
+    /// Its time in microseconds, if a dataset records times and does not only number its frames.
+    pub timestamp_micros: Option<i64>,
 }
 
 /// The lens for files that hold only poses.
@@ -213,6 +216,7 @@ fn cameras_from_poses(
         camera: Camera::pinhole(pose, intrinsics),
         size: Some(size),
         exposure: None,
+        timestamp_micros: None,
     };
     Ok(poses::poses(entries, path)?.into_iter().enumerate().map(camera).collect())
 }
@@ -241,6 +245,7 @@ fn camera_from_3dgs(at: usize, entry: TrainedCamera) -> Result<FileCamera, Camer
         camera: Camera::pinhole(pose.inverse(), intrinsics),
         size: Some(size),
         exposure: None,
+        timestamp_micros: None,
     })
 }
 
@@ -252,7 +257,14 @@ fn camera_from_record(_: usize, entry: CameraRecord) -> Result<FileCamera, Camer
         distortion: entry.distortion,
     };
     let size = ImageSize { width: entry.width, height: entry.height };
-    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size), exposure: entry.exposure })
+    Ok(FileCamera {
+        number: entry.number,
+        name: entry.name,
+        camera,
+        size: Some(size),
+        exposure: entry.exposure,
+        timestamp_micros: None,
+    })
 }
 
 impl CameraRecord {
@@ -279,12 +291,15 @@ fn cameras_of_dataset(
     let dataset = crate::open(path, warnings)?;
     let key = scene_key(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
+    let numbers: Vec<i64> = scene.frames.iter().filter_map(|frame| frame.timestamp_micros).collect();
+    let has_times = can_be_micros(&numbers);
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // The image's own size, because it may be a downscaled copy; if it cannot be read or does not fit, the stated
         // size.
         let of_image = if frame.image.is_available() { frame.size(key, number).ok() } else { None };
         let size = of_image.filter(|found| frame.mismatch(*found).is_none()).or(frame.stated_size).or(of_image);
-        FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
+        let timestamp_micros = frame.timestamp_micros.filter(|_| has_times);
+        FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None, timestamp_micros }
     });
     Ok(cameras.collect())
 }

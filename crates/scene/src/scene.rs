@@ -116,7 +116,20 @@ pub struct Scene {
     pub frames: Vec<Frame>,
 }
 
+/// Whether numbers can be times in microseconds: captures number their frames consecutively.
+pub(crate) fn can_be_micros(numbers: &[i64]) -> bool {
+    const MIN_STEP_MICROS: i64 = 1000;
+    let span = numbers.iter().max().zip(numbers.iter().min()).map_or(0, |(last, first)| last - first);
+    (1i64..).zip(numbers).last().is_none_or(|(count, _)| span >= MIN_STEP_MICROS * (count - 1))
+}
+
 impl Scene {
+    /// Whether every frame has a timestamp, and they can be microseconds: captures number their frames consecutively.
+    pub fn has_times(&self) -> bool {
+        let times: Option<Vec<i64>> = self.frames.iter().map(|frame| frame.timestamp_micros).collect();
+        times.is_some_and(|times| can_be_micros(&times))
+    }
+
     /// Decodes the image of the frame at `position`.
     ///
     /// # Errors

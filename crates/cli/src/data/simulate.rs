@@ -6,20 +6,21 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
+use atsplat_files::FolderLock;
 use atsplat_report::plot::{EffectCostRow, EffectCosts};
 use atsplat_rooms::{
     CostSummary, EffectChoice, EffectMillis, FrameCosts, ImageEncoding, Layout, ManifestScene, Request, Route,
-    SceneKind, SceneSeed, Simulation, Split, WriteOptions, has_times, write_dataset,
+    SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
 };
 use atsplat_scene::{SceneSource as _, WarningKind, Warnings, scene_key};
 use serde::{Deserialize, Serialize};
 
+use crate::output_lock::OutputLock;
 use crate::parse;
 use crate::paths::PendingFile;
 use crate::plot::PlotFile;
 use crate::print::{note, print_report};
 use crate::progress::Progress;
-use crate::render::output_lock::OutputLock;
 use crate::warnings::print_warnings;
 
 pub(super) const KINDS: [(&str, SceneKind); 2] = [("rooms", SceneKind::Rooms), ("yards", SceneKind::Yards)];
@@ -138,7 +139,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let options = WriteOptions { layout: args.layout, encoding: args.images, depth: args.depth };
     let written = write_dataset(&args.out, requests, &options, &mut warnings, record);
     drop(progress);
-    if written.is_ok() || OutputLock::is_alone(&args.out, PLAN).unwrap_or(false) {
+    if written.is_ok() || OutputLock::is_alone(&args.out, &[PLAN]).unwrap_or(false) {
         plan.remove()?;
     }
     written?;
@@ -182,7 +183,7 @@ impl Args {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
         let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
-        if !has_times(&scene) {
+        if !scene.has_times() {
             let (path, key) = (path.display(), &scene.key);
             note(&format!("{path}: scene {key} has no timestamps, assumed to have 30 frames per second"));
         }
@@ -201,7 +202,7 @@ fn lock_empty(folder: &Path) -> anyhow::Result<OutputLock> {
         bail!("expected a folder, found the file {}", folder.display());
     }
     // A folder that another process writes to is reported as such.
-    if folder.is_dir() && !OutputLock::was_taken(folder) {
+    if folder.is_dir() && !FolderLock::was_taken(folder) {
         check_empty(folder)?;
     }
     let lock = OutputLock::of(folder)?;
@@ -212,7 +213,7 @@ fn lock_empty(folder: &Path) -> anyhow::Result<OutputLock> {
 
 fn check_empty(folder: &Path) -> anyhow::Result<()> {
     let shown = folder.display();
-    let is_empty = OutputLock::is_alone(folder, PLAN).with_context(|| format!("reading {shown}"))?;
+    let is_empty = OutputLock::is_alone(folder, &[PLAN]).with_context(|| format!("reading {shown}"))?;
     match Plan::left_in(folder) {
         _ if is_empty => Ok(()),
         Some(Plan { scenes, .. }) => bail!(

@@ -1,6 +1,6 @@
 //! The training and held-out views, and the Gaussians to start from.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Distortion, ImageSize};
@@ -172,6 +172,11 @@ impl StartArgs {
             return Err(parse::usage_error(found));
         }
         Ok(())
+    }
+
+    /// What is read unless a network makes the start: a file or a folder, if there is one of this name.
+    pub(super) fn path(&self) -> Option<&Path> {
+        self.refine.is_none().then(|| Path::new(&self.start))
     }
 
     /// For the record.

@@ -3,8 +3,7 @@
 mod input;
 mod report;
 
-use std::fs::File;
-use std::io::{ErrorKind, Read as _, Result as IoResult};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -169,43 +168,24 @@ impl OptimisationArgs {
     }
 }
 
-/// The limit on the header of a safetensors file, in bytes.
-const MAX_HEADER: u64 = 100_000_000;
-
-/// Whether a file begins as checkpoints do: the length of a header, then JSON with their metadata.
-fn is_checkpoint(path: &Path) -> IoResult<bool> {
-    let mut file = File::open(path)?;
-    let (mut length, mut header) = ([0; 8], Vec::new());
-    match file.read_exact(&mut length) {
-        Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(false),
-        outcome => outcome?,
-    }
-    let length = u64::from_le_bytes(length);
-    if length > MAX_HEADER {
-        return Ok(false);
-    }
-    file.take(length).read_to_end(&mut header)?;
-    let header = serde_json::from_slice::<serde_json::Value>(&header);
-    Ok(header.is_ok_and(|header| header["__metadata__"]["atsplat.fit"].is_string()))
-}
-
 impl Args {
     /// Refuses files in the place of what is read, and a checkpoint in a file that holds something else.
     fn check_inputs(&self, record_file: &Path) -> anyhow::Result<()> {
-        // A start from a file or folder is recorded by its path, with how opacities are read.
-        let start = self.start.name();
-        let start = Path::new(start.strip_suffix(", opacities as stored").unwrap_or(&start));
-        let start = if start.is_dir() { Input::Dataset(start) } else { Input::File("the start that is read", start) };
-        let mut inputs = vec![Input::Dataset(&self.input.data), start];
-        inputs
-            .extend(self.start.refine.as_deref().map(|weights| Input::File("the weights file that is read", weights)));
+        let of_start = |start| match start {
+            start if Path::is_dir(start) => Input::Dataset(start),
+            start => Input::File("the start that is read", start),
+        };
+        let of_refine = |weights| Input::File("the weights file that is read", weights);
+        let start = self.start.path().map(of_start).or_else(|| self.start.refine.as_deref().map(of_refine));
+        let inputs: Vec<Input<'_>> = [Input::Dataset(&self.input.data)].into_iter().chain(start).collect();
         let written = [("--out", self.out.as_path()), ("--out", record_file)].into_iter();
         for (option, file) in written.chain(self.checkpoint.as_deref().map(|file| ("--checkpoint", file))) {
             check_output(option, file, &inputs)?;
         }
         let Some(checkpoint) = self.checkpoint.as_deref().filter(|file| file.is_file()) else { return Ok(()) };
         let shown = checkpoint.display();
-        let is_checkpoint = is_checkpoint(checkpoint).with_context(|| format!("reading the checkpoint {shown}"))?;
+        let is_checkpoint =
+            Fit::is_checkpoint(checkpoint).with_context(|| format!("reading the checkpoint {shown}"))?;
         ensure!(is_checkpoint, "--checkpoint: {shown} is no checkpoint of `atsplat fit`: give another file");
         Ok(())
     }

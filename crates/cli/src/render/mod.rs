@@ -3,7 +3,6 @@
 pub(crate) mod backend;
 mod check;
 mod effects;
-pub(crate) mod output_lock;
 mod preview;
 mod scene_file;
 mod settings;
@@ -27,6 +26,7 @@ use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
 use atsplat_splat::{GaussianCounts, Gaussians, RenderOptions, Renderer, View};
 use clap::ValueEnum;
 
+use crate::output_lock::OutputLock;
 use crate::parse::named;
 use crate::paths::PendingFile;
 use crate::print::{print_report, warn};
@@ -34,7 +34,6 @@ use crate::progress::Progress;
 use crate::warnings::print_warnings;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
-use output_lock::OutputLock;
 use preview::PreviewArgs;
 use scene_file::SceneArgs;
 use settings::RenderSettingsArgs;

@@ -3,16 +3,14 @@
 use std::path::Path;
 
 use anyhow::bail;
-use atsplat_rooms::has_times;
 use atsplat_scene::camera_file::FileCamera;
-use atsplat_scene::{SceneSource as _, Warnings, open, scene_key};
 
 /// Microseconds from the first of these cameras of a file to each of them.
 ///
 /// # Errors
 /// If the file records no times, or they do not increase from each camera to the next.
-pub(super) fn micros(file: &Path, scene: Option<&str>, cameras: &[FileCamera]) -> anyhow::Result<Vec<f64>> {
-    let Some(times) = recorded(file, scene, cameras) else {
+pub(super) fn micros(file: &Path, cameras: &[FileCamera]) -> anyhow::Result<Vec<f64>> {
+    let Some(times) = cameras.iter().map(|camera| camera.timestamp_micros).collect::<Option<Vec<i64>>>() else {
         bail!(
             "--spacing time: {} records no times of its cameras (numbers of frames are none): use --spacing distance, or \
              --spacing even for as many views between any two cameras",
@@ -36,18 +34,4 @@ pub(super) fn micros(file: &Path, scene: Option<&str>, cameras: &[FileCamera]) -
     }
     let first = times.first().copied().unwrap_or(0);
     Ok(times.iter().map(|time| time.abs_diff(first) as f64).collect())
-}
-
-/// The times of these cameras, if the file has all of them. It was read, and warned of, before.
-fn recorded(file: &Path, scene: Option<&str>, cameras: &[FileCamera]) -> Option<Vec<i64>> {
-    let mut known = Warnings::new();
-    // Camera files that are no datasets have no times.
-    let dataset = open(file, &mut known).ok()?;
-    let mut scene = dataset.load(scene_key(&dataset, scene).ok()?, &mut known).ok()?;
-    let time = |camera: &FileCamera| {
-        scene.frames.get(camera.number).filter(|frame| frame.name == camera.name)?.timestamp_micros
-    };
-    let times = cameras.iter().map(time).collect::<Option<Vec<i64>>>()?;
-    scene.frames.retain(|frame| frame.timestamp_micros.is_some());
-    has_times(&scene).then_some(times)
 }

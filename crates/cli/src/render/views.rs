@@ -164,7 +164,7 @@ impl ViewArgs {
 
     fn spline_through(&self, keys: Vec<Camera>, cameras: &[FileCamera]) -> anyhow::Result<CameraSpline> {
         Ok(match self.file().filter(|_| self.spacing == PathSpacing::Time) {
-            Some(file) => CameraSpline::timed(micros(&file, self.key.as_deref(), cameras)?, keys)?,
+            Some(file) => CameraSpline::timed(micros(&file, cameras)?, keys)?,
             None if self.closed => CameraSpline::closed(keys)?,
             None => CameraSpline::open(keys)?,
         })
@@ -281,6 +281,7 @@ mod tests {
             camera: Camera::pinhole(pose, intrinsics),
             size: size.map(|(width, height)| ImageSize { width, height }),
             exposure: None,
+            timestamp_micros: None,
         }
     }
 

@@ -1,11 +1,11 @@
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, bail};
 use atsplat_eval::Results;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{Part, Setting, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
+use atsplat_eval::tradeoff::{Part, Sweep, SweepBase, TradeoffReport, across, parts, tradeoffs};
 use atsplat_metrics::Suite;
 use atsplat_scene::Warnings;
 
@@ -44,7 +44,6 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
     let reading = || format!("reading {}", args.sweep.display());
     let text = std::fs::read_to_string(&args.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
-    check_labels(&sweep).with_context(reading)?;
     let base = sweep_base(&args.network)?;
     let mut warnings = Warnings::new();
     if let Some(url) = atsplat_objects::url(args.settings.out()) {
@@ -87,14 +86,6 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(why);
     }
     Ok(results.gaps().is_empty())
-}
-
-/// A setting without a label would be a row without a name.
-fn check_labels(sweep: &Sweep) -> anyhow::Result<()> {
-    for (number, Setting { label, .. }) in (1..).zip(&sweep.settings) {
-        ensure!(!label.trim().is_empty(), "settings, number {number}: expected a label with text, found {label:?}");
-    }
-    Ok(())
 }
 
 fn plan<'a>(args: &Args, suite: &'a Suite, part: &'a Part) -> Plan<'a> {

@@ -19,15 +19,15 @@ impl Provenance {
         let together = |known: u64, other: u64| if is_repeated { known.max(other) } else { known + other };
         self.same_run(&other, "; only shards of one run can be merged")?;
         // They may have been added to the shards in another order.
-        same("presets", &names(&self.presets), &names(&other.presets), "")?;
+        same("presets", None, &names(&self.presets), &names(&other.presets), "")?;
         let methods: Vec<MethodRecord> = other.methods.into_iter().map(|method| self.placed(method)).collect();
-        same("methods", &by_name(&self.methods), &by_name(&methods), "")?;
+        same("methods", None, &by_name(&self.methods), &by_name(&methods), "")?;
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
                 let preset = preset.with_places_of(known);
                 let entries = together(known.entries, preset.entries);
                 let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
-                same_of("presets", &preset.name, &without_entries(known), &without_entries(&preset), "")?;
+                same("presets", Some(&preset.name), &without_entries(known), &without_entries(&preset), "")?;
                 known.entries = entries;
             }
         }
@@ -63,18 +63,18 @@ impl Provenance {
     pub(crate) fn resume_with(&mut self, other: Self) -> Result<(), EvalError> {
         const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
         self.same_run(&other, ADVICE)?;
-        same("schema versions", &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
-        same("shards", &self.shard, &other.shard, ADVICE)?;
+        same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
+        same("shards", None, &self.shard, &other.shard, ADVICE)?;
         for preset in other.presets {
             match self.presets.iter().find(|known| known.name == preset.name) {
-                Some(known) => same_of("presets", &known.name, known, &preset.with_places_of(known), ADVICE)?,
+                Some(known) => same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?,
                 None => self.presets.push(preset),
             }
         }
         for method in other.methods {
             let method = self.placed(method);
             match self.methods.iter().find(|known| known.name == method.name) {
-                Some(known) => same_of("methods", &known.name, known, &method, ADVICE)?,
+                Some(known) => same("methods", Some(&known.name), known, &method, ADVICE)?,
                 None => self.methods.push(method),
             }
         }
@@ -96,11 +96,11 @@ impl Provenance {
     }
 
     fn same_run(&self, other: &Self, advice: &'static str) -> Result<(), EvalError> {
-        same("versions of atsplat", &self.atsplat, &other.atsplat, advice)?;
-        same("commits of atsplat", &self.commit, &other.commit, advice)?;
-        same("platforms", &self.platform, &other.platform, advice)?;
-        same("metrics", &self.metrics, &other.metrics, advice)?;
-        same("limits", &self.limit, &other.limit, advice)
+        same("versions of atsplat", None, &self.atsplat, &other.atsplat, advice)?;
+        same("commits of atsplat", None, &self.commit, &other.commit, advice)?;
+        same("platforms", None, &self.platform, &other.platform, advice)?;
+        same("metrics", None, &self.metrics, &other.metrics, advice)?;
+        same("limits", None, &self.limit, &other.limit, advice)
     }
 }
 
@@ -120,8 +120,10 @@ fn by_name(methods: &[MethodRecord]) -> Vec<MethodRecord> {
     methods
 }
 
+/// Checks that two records are the same; `name` says which of several they are.
 fn same<T: Serialize + PartialEq>(
     what: &'static str,
+    name: Option<&str>,
     first: &T,
     second: &T,
     advice: &'static str,
@@ -129,21 +131,8 @@ fn same<T: Serialize + PartialEq>(
     if first == second {
         return Ok(());
     }
-    Err(EvalError::Differences { what, name: None, differences: differences(first, second), advice })
-}
-
-/// Whether the records of this name are the same.
-fn same_of<T: Serialize + PartialEq>(
-    what: &'static str,
-    name: &str,
-    first: &T,
-    second: &T,
-    advice: &'static str,
-) -> Result<(), EvalError> {
-    if first == second {
-        return Ok(());
-    }
-    Err(EvalError::Differences { what, name: Some(name.to_owned()), differences: differences(first, second), advice })
+    let (name, differences) = (name.map(str::to_owned), differences(first, second));
+    Err(EvalError::Differences { what, name, differences, advice })
 }
 
 #[cfg(test)]

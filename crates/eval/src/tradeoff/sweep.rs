@@ -1,6 +1,6 @@
 use std::collections::BTreeSet;
 
-use atsplat_files::malformed_toml;
+use atsplat_files::{Malformed, malformed_toml};
 use serde::{Deserialize, Serialize};
 
 use super::Knobs;
@@ -43,8 +43,8 @@ impl Sweep {
     /// Parses a sweep from TOML.
     ///
     /// # Errors
-    /// [`EvalError::Malformed`] for text that is not a sweep, with line and column; [`EvalError::Settings`] for an empty
-    /// list, for duplicate labels, and for knobs out of range.
+    /// [`EvalError::Malformed`] for text that is not a sweep, with line and column, and for a label without text;
+    /// [`EvalError::Settings`] for an empty list, for duplicate labels, and for knobs out of range.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
         let invalid = |expected: &str, found: String| EvalError::Settings {
             what: "settings",
@@ -54,6 +54,13 @@ impl Sweep {
         let sweep: Self = toml::from_str(text).map_err(|error| malformed_toml("sweep", "a sweep", text, &error))?;
         if sweep.settings.is_empty() {
             return Err(invalid("at least one setting", "none".to_owned()));
+        }
+        if let Some((number, Setting { label, .. })) =
+            (1..).zip(&sweep.settings).find(|(_, setting)| setting.label.trim().is_empty())
+        {
+            // Its row would have no name.
+            let place = format!("settings, number {number}");
+            return Err(Malformed::new("sweep", place, "a label with text", format!("{label:?}")).into());
         }
         let mut labels = BTreeSet::new();
         if let Some(setting) = sweep.settings.iter().find(|setting| !labels.insert(&setting.label)) {

@@ -124,6 +124,11 @@ impl fmt::Display for IndexMatch<'_> {
 }
 
 impl IndexRule {
+    /// The accepted index of this name, if it is another one than the protocol's default.
+    pub fn alternative(&self, name: &str) -> Option<&AcceptedIndex> {
+        self.accepted.iter().skip(1).find(|accepted| accepted.name == name)
+    }
+
     /// Whether `file` is one of the accepted files, by its bytes or else by its content; or derived from one, by the
     /// targets around its context frames.
     pub fn recognise(&self, file: &IndexFile) -> IndexMatch<'_> {

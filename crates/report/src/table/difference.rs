@@ -45,8 +45,7 @@ impl Part<'_> {
 
     /// The published index that it was run on, if that is another one than the protocol's default.
     pub(super) fn alternative_index(&self) -> Option<&AcceptedIndex> {
-        let name = self.preset.index_name.as_ref()?;
-        self.protocol.index.accepted.iter().skip(1).find(|accepted| accepted.name == *name)
+        self.protocol.index.alternative(self.preset.index_name.as_ref()?)
     }
 
     /// How many entries have no trial under these methods, although the published loaders would have used them.

@@ -18,7 +18,6 @@ use crate::{RoomsError, SceneKind};
 pub use clip_motion::ClipMotion;
 pub(crate) use place::place;
 pub use statistics::Motion;
-pub use times::has_times;
 pub(crate) use times::timed_cameras;
 
 /// One camera of a simulated clip.

@@ -3,18 +3,9 @@
 use atsplat_camera::Camera;
 use atsplat_scene::Scene;
 
-/// Whether the timestamps of a scene can be microseconds: captures number their frames consecutively.
-pub fn has_times(scene: &Scene) -> bool {
-    const MIN_STEP_MICROS: i64 = 1000;
-    let times: Option<Vec<i64>> = scene.frames.iter().map(|frame| frame.timestamp_micros).collect();
-    let Some(times) = times else { return false };
-    let span = times.iter().max().zip(times.iter().min()).map_or(0, |(last, first)| last - first);
-    (1i64..).zip(&times).last().is_none_or(|(count, _)| span >= MIN_STEP_MICROS * (count - 1))
-}
-
 /// A scene's cameras with their times in microseconds: of a scene without times, with 30 frames per second.
 pub(crate) fn timed_cameras(scene: &Scene) -> Vec<(i64, Camera)> {
-    let timed = has_times(scene);
+    let timed = scene.has_times();
     let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
         let micros = frame.timestamp_micros.filter(|_| timed).unwrap_or(at * 1_000_000 / 30);
         (micros, frame.camera)
@@ -51,7 +42,7 @@ mod tests {
         ] {
             let frames = stated.map(frame).to_vec();
             let scene = Scene { key: "route".to_owned(), url: None, frames };
-            assert_eq!(has_times(&scene), timed, "{stated:?}");
+            assert_eq!(scene.has_times(), timed, "{stated:?}");
             assert_eq!(Route::of_scene(&scene), Route::Given(expected.map(|micros| (micros, camera)).to_vec()));
         }
     }

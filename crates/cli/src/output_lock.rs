@@ -1,18 +1,12 @@
 //! The exclusive right to write to the folder of a command's output.
 
-use std::io::{ErrorKind, Result as IoResult};
+use std::io::Result as IoResult;
 use std::path::{Path, PathBuf};
 
-use anyhow::ensure;
+use anyhow::bail;
 use atsplat_files::FolderLock;
-use serde_json::Value;
 
 use crate::paths::NewFolders;
-
-/// The file that [`FolderLock`] locks; it stays behind.
-const LOCK: &str = "run.lock";
-/// The file in which it says by whom, while it is locked.
-const HOLDER: &str = "run.json";
 
 /// A folder that no other process writes to. Dropped, the folders that were created for it are removed again, if nothing was
 /// written.
@@ -31,46 +25,27 @@ impl OutputLock {
     /// If another process writes to it, or it cannot be written to.
     pub(crate) fn of(folder: &Path) -> anyhow::Result<Self> {
         let folders = NewFolders::of(folder)?;
-        let holder = folder.join(HOLDER);
-        ensure!(
-            is_replaceable(&holder),
-            "the lock of the folder would replace {}: choose another folder",
-            holder.display()
-        );
+        if let Some(file) = FolderLock::would_replace(folder) {
+            bail!("the lock of the folder would replace {}: choose another folder", file.display());
+        }
         Ok(Self { lock: Some(FolderLock::of(folder)?), folder: folder.to_owned(), _folders: folders })
     }
 
-    /// Whether a folder was locked at any time.
-    pub(crate) fn was_taken(folder: &Path) -> bool {
-        folder.join(LOCK).is_file()
-    }
-
-    /// Whether a folder has nothing in it but its lock and one more `file`.
-    pub(crate) fn is_alone(folder: &Path, file: &str) -> IoResult<bool> {
+    /// Whether a folder has nothing in it but its lock and these `files`.
+    pub(crate) fn is_alone(folder: &Path, files: &[&str]) -> IoResult<bool> {
         let names = folder.read_dir()?.map(|entry| entry.map(|entry| entry.file_name()));
         let names = names.collect::<IoResult<Vec<_>>>()?;
-        Ok(names.iter().all(|name| [LOCK, HOLDER, file].iter().any(|own| name == own)))
+        Ok(names.iter().all(|name| FolderLock::FILES.iter().chain(files).any(|own| name == own)))
     }
 }
 
 impl Drop for OutputLock {
     fn drop(&mut self) {
         drop(self.lock.take());
-        if Self::is_alone(&self.folder, LOCK).unwrap_or(false) {
-            // A lock that stays behind is locked again by the next process.
-            std::fs::remove_file(self.folder.join(LOCK)).ok();
+        if Self::is_alone(&self.folder, &[]).unwrap_or(false) {
+            FolderLock::remove_from(&self.folder);
         }
     }
-}
-
-/// Whether a file is missing, or is the one in which a lock names its process and no file of a user's.
-fn is_replaceable(holder: &Path) -> bool {
-    let bytes = match std::fs::read(holder) {
-        Ok(bytes) => bytes,
-        Err(error) => return error.kind() == ErrorKind::NotFound,
-    };
-    let found: Value = serde_json::from_slice(&bytes).unwrap_or_default();
-    ["pid", "host", "since"].iter().all(|field| found.get(field).is_some())
 }
 
 #[cfg(test)]
@@ -89,15 +64,15 @@ mod tests {
         let lock = OutputLock::of(&folder).unwrap();
         std::fs::write(folder.join("image"), b"").unwrap();
         drop(lock);
-        assert!(folder.join("image").is_file() && OutputLock::was_taken(&folder));
-        assert!(OutputLock::is_alone(&folder, "image").unwrap() && !OutputLock::is_alone(&folder, LOCK).unwrap());
+        assert!(folder.join("image").is_file() && FolderLock::was_taken(&folder));
+        assert!(OutputLock::is_alone(&folder, &["image"]).unwrap() && !OutputLock::is_alone(&folder, &[]).unwrap());
         assert!(OutputLock::of(&folder).is_ok(), "free again");
     }
 
     #[test]
     fn a_file_of_the_user_is_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
-        let own = folder.path().join(HOLDER);
+        let own = folder.path().join("run.json");
         std::fs::write(&own, br#"{ "pid": 7 }"#).unwrap();
         let error = OutputLock::of(folder.path()).unwrap_err().to_string();
         assert!(error.contains("run.json: choose another folder"), "{error}");
