@@ -86,7 +86,7 @@ enum Command {
     /// Score images or Gaussians of any other method under a protocol.
     Score(Box<WithStrict<run::score::Args>>),
     /// Merge the shards of a run.
-    Merge(run::merge::Args),
+    Merge(WithStrict<run::merge::Args>),
     /// Compare results with the paper: tables, plots and one HTML page.
     #[command(mut_arg("strict", |strict| strict.help(REPORT_STRICT)))]
     Report(WithStrict<report::Args>),
@@ -165,7 +165,7 @@ fn run(cli: &Cli) -> anyhow::Result<Exit> {
         Command::Render(args) => args.run(render::run),
         Command::Run(args) => args.run(run::run),
         Command::Score(args) => args.run(run::score::run),
-        Command::Merge(args) => done(run::merge::run(args)),
+        Command::Merge(args) => args.run(run::merge::run),
         Command::Report(args) => args.run(report::run),
         Command::Reconstruct(args) => done(reconstruct::run(args)),
         Command::Fit(args) => fit::run(args).map(|()| Exit::Done),

@@ -278,6 +278,20 @@ fn a_record_never_replaces_its_camera_file() {
     }
 }
 
+/// A trajectory states no size; its intrinsics are those of images of 16 : 9.
+#[test]
+fn warns_of_a_size_that_squeezes_images_without_a_stated_size() {
+    let folder = folder();
+    let here = folder.path();
+    for (size, squeezes) in [("64x36", false), ("48x48", true)] {
+        let args = ["render", "scene.ply", "--cameras", "path.txt", "--frames", "0,1", "--size", size, "--out", size];
+        let outcome = atsplat(here, &args);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        let said = outcome.stderr.matches("--size 48×48 squeezes images: expected an image of about 86×48").count();
+        assert_eq!(said, usize::from(squeezes), "{size}: {}", outcome.stderr);
+    }
+}
+
 #[test]
 fn warns_of_images_without_gaussians() {
     let folder = folder();

@@ -50,6 +50,27 @@ fn a_slurm_array_numbers_its_parts() {
     assert!(code == Some(2) && message.contains("WORLD_SIZE"), "{message}");
 }
 
+/// Two scenes, of which the first of three parts gets none; the other two have no renders of one of them.
+#[test]
+fn a_part_without_trials_is_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 2);
+    let (code, message) = run_with(here, &[], &["--shard", "1/3", "--out", "one"]);
+    assert!(code == Some(0) && message.contains("shard 1 of 3 of 2 scenes is empty"), "{message}");
+    for (shard, out) in [("2/3", "two"), ("3/3", "three")] {
+        assert_eq!(run_with(here, &[], &["--shard", shard, "--out", out, "--keep-images", "all"]).0, Some(0));
+    }
+    succeed(here, &["merge", "one", "two", "three", "--out", "merged"]);
+    let renders = "two/images/tiny/nearest-view";
+    for (shard, out, code) in [("2/3", "scored-2", 0), ("3/3", "scored-3", 1)] {
+        let score = ["score", "tiny.toml", "--data", "data", "--renders", renders, "--name", "mine"];
+        let scored = atsplat(here, &[&score[..], &["--shard", shard, "--out", out]].concat());
+        assert_eq!(scored.code, code, "{shard}: {}", scored.stderr);
+        assert_eq!(Results::read(&here.join(out)).unwrap().trials.len(), 1, "{shard}: also of failed trials");
+    }
+}
+
 #[test]
 fn a_part_that_is_not_done_is_named_and_not_merged() {
     let folder = tempfile::tempdir().unwrap();
@@ -73,9 +94,22 @@ fn a_part_that_is_not_done_is_named_and_not_merged() {
     let named = "shard 2 of 3 is not done: 1 of 2 entries of tiny under nearest-view";
     assert!(refused.stderr.contains(named) && !here.join("merged").exists(), "{}", refused.stderr);
     let both = atsplat(here, &["merge", "one", "killed", "--out", "merged"]);
-    assert!(both.stderr.contains("shards 3 are missing; shard 2"), "{}", both.stderr);
-    succeed(here, &[&merge[..], &["--partial"]].concat());
+    assert!(both.stderr.contains("shard 3 is missing; shard 2"), "{}", both.stderr);
+    let partial = atsplat(here, &[&merge[..], &["--partial", "--strict"]].concat());
+    assert!(
+        partial.code == 4 && partial.stderr.contains("the results are partial: shard 2 of 3"),
+        "{}",
+        partial.stderr
+    );
     assert!(Results::read(&here.join("merged")).unwrap().provenance.shard.is_some(), "marked as partial");
+    let report = atsplat(here, &["report", "merged", "one", "--out", "page", "--strict"]);
+    assert!(
+        report.code == 4 && report.stderr.contains("one: tiny: 2 shards of the run are missing"),
+        "{}",
+        report.stderr
+    );
+    let accepted = atsplat(here, &["drift", "accept", "one", "--baseline", "b.json", "--why", "first"]);
+    assert!(accepted.stdout.contains("warning: a part of the run, shard 1 of 3"), "{}", accepted.stdout);
     succeed(here, &["merge", "one", "two", "three", "--out", "whole"]);
 }
 

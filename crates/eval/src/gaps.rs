@@ -24,6 +24,8 @@ pub struct Gap {
 /// A kind of gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum GapKind {
+    /// Shards of the run.
+    MissingShards,
     /// Scenes of the index that the data lack.
     MissingScenes,
     /// Scenes or frames of the data that a sampled index leaves out, of this kind.
@@ -43,7 +45,7 @@ pub enum GapKind {
 }
 
 impl Results {
-    /// What is missing, by protocol, method and kind. Without a gap, every entry of every index was evaluated without failures and
+    /// What is missing, by protocol, method and kind, the other shards of a run among it. Without a gap, every entry of every index was evaluated without failures and
     /// shows something; sampled indices have all scenes and frames of the data. Trials that their method does not support are none.
     pub fn gaps(&self) -> Vec<Gap> {
         let mut gaps = BTreeMap::new();
@@ -51,6 +53,12 @@ impl Results {
             let key = (preset.to_owned(), method.map(str::to_owned), kind);
             gaps.entry(key).or_insert((0, first)).0 += count;
         };
+        if let Some((part, shard)) = self.provenance.part().zip(self.provenance.shard) {
+            let missing = u64::from(shard.count).saturating_sub(self.provenance.shards().len() as u64);
+            for preset in &self.provenance.presets {
+                add(&preset.name, None, GapKind::MissingShards, missing, part.clone());
+            }
+        }
         for warning in &self.provenance.warnings {
             if let Some(kind) = of_warning(&warning.kind) {
                 add(&warning.preset, None, kind, warning.count, warning.example.clone());
@@ -116,6 +124,10 @@ impl fmt::Display for Gap {
         let of = method.as_ref().map_or_else(String::new, |method| format!(" of {method}"));
         write!(f, "{preset}: ")?;
         match kind {
+            GapKind::MissingShards => {
+                let shards = if one { "shard" } else { "shards" };
+                return write!(f, "{count} {shards} of the run {are} missing: this is {first}");
+            }
             GapKind::MissingScenes => write!(f, "{count} {scenes} of the index {are} not in the data"),
             GapKind::NotSampled(kind) => write!(f, "{count} {kind}"),
             GapKind::DroppedBySplit => {

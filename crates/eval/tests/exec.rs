@@ -250,7 +250,7 @@ fn a_store_of_logits_is_not_resumed_with_opacities_as_stored() {
 fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    let expected = prepared(here, 14);
+    let expected = prepared(here, 15);
     let bright = vec![200.0; (SIZE.width * SIZE.height * 3) as usize];
     let bright = Image::new(SIZE.width, SIZE.height, bright).unwrap();
     fs::write(here.join("bright.npy"), array(&[bright.clone(), bright])).unwrap();
@@ -271,12 +271,13 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         wall-10) kill -KILL $$;;
         wall-12) cp bright.npy "$folder/a.npy"; answer '"images": "a.npy"';;
         wall-13) answer '"gaussians": "a.ply"';;
+        wall-14) answer '"images": "a.npy", "seconds": {"encode": 1000}';;
         *) cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"';;
       esac"#;
     let command = script(here, "images", body);
     let limit = Duration::from_secs(3);
     let method = Arc::new(Exec::start(ExecSettings { limit, ..settings(&command) }).unwrap());
-    let found = results_of(14, method);
+    let found = results_of(15, method);
     let of = |scene: usize| {
         let key = format!("wall-{scene}");
         let trial = found.trials.iter().find(|trial| trial.key.scene == key).unwrap();
@@ -294,6 +295,7 @@ fn whatever_a_process_does_wrong_fails_its_trial_with_a_reason() {
         (10, "signal: 9"),
         (12, "a.npy: image 0: expected samples in [0, 1], found 200.00…200.00, which seems to be 0…255"),
         (13, "expected images, as announced at its start, found gaussians"),
+        (14, "s that the answer took, found 1000 s: \"seconds\" are seconds, not milliseconds"),
     ];
     for (scene, reason) in reasons {
         let (trial, target, detail) = of(scene);
@@ -350,6 +352,42 @@ read -r line; exit 1
 }
 
 #[test]
+fn a_program_that_was_edited_during_the_run_is_not_started_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 3);
+    let body = r#"if [ ! -e edited ]; then touch edited; echo '# edited' >> method.sh; exit 1; fi
+        cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
+    let found = results_of(3, exec(&script(here, "images", body)));
+    let failed = |why: &[&str]| {
+        let details = found.trials.iter().filter_map(|trial| trial.detail.as_deref());
+        details.filter(|detail| why.iter().all(|part| detail.contains(part))).count()
+    };
+    assert_eq!(failed(&["exit status: 1"]), 1, "{:?}", found.trials);
+    assert_eq!(failed(&["files of its command have changed", "method.sh: ", " and "]), 2, "{:?}", found.trials);
+}
+
+/// Two lines at once, for the trial that is asked first.
+#[test]
+fn an_extra_line_is_blamed_on_the_answer_before_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    prepared(here, 3);
+    let body = r#"cp $scene.npy "$folder/a.npy"
+        if [ -e first ]; then answer '"images": "a.npy"'; continue; fi
+        echo $scene > first; printf '{"trial": %s, "images": "a.npy"}\ndone\n' $trial"#;
+    let found = results_of(3, exec(&script(here, "images", body)));
+    let first = fs::read_to_string(here.join("first")).unwrap();
+    let failed: Vec<_> = found.trials.iter().filter(|trial| trial.status == TrialStatus::Failed).collect();
+    assert_eq!(failed.len(), 1, "{failed:?}");
+    assert_ne!(failed[0].key.scene, first.trim());
+    let detail = failed[0].detail.as_deref().unwrap();
+    let blamed = format!("(scene {:?}, entry 0): \"done\"", first.trim());
+    assert!(detail.contains("an extra line after the answer to the previous trial, "), "{detail}");
+    assert!(detail.contains(&blamed), "{detail}");
+}
+
+#[test]
 fn two_processes_answer_at_once_with_the_same_results() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
@@ -371,14 +409,14 @@ fn a_timing_pass_records_wall_time_stages_and_the_processes_own_memory() {
     let here = folder.path();
     prepared(here, 1);
     let body = r#"sleep 0.02; cp $scene.npy "$folder/a.npy"
-        answer '"images": "a.npy", "seconds": {"encode": 0.25, "render": 0.125}'"#;
+        answer '"images": "a.npy", "seconds": {"encode": 0.015625, "render": 0.00390625}'"#;
     let mut run = run_of(1, exec(&script(here, "images", body)));
     run.timing = Some(TimingPlan { trials: 1, ..TimingPlan::default() });
     let (results, _) = run.run(&here.join("timed")).unwrap();
     let row = &results.timings[0];
     assert!(row.encode.len() >= 5 && row.encode.iter().all(|secs| *secs >= 0.02), "{row:?}");
     assert!(row.render.is_empty(), "its images are finished");
-    assert_eq!((row.stages["encode"][0], row.stages["render"][0]), (0.25, 0.125));
+    assert_eq!((row.stages["encode"][0], row.stages["render"][0]), (0.015_625, 0.003_906_25));
     if Path::new("/proc/self/status").exists() {
         // A shell needs far less memory than this process.
         assert!((1..50 << 20).contains(&row.peak_bytes.unwrap()), "{row:?}");
@@ -406,20 +444,42 @@ fn what_does_not_start_as_a_method_is_refused_before_the_run() {
     // A word is a word: no shell expands it.
     let literal = text(refused("sh -c 'echo \"$1\"' sh '$(id)'"));
     assert!(literal.contains("$(id)"), "{literal}");
+    // Names are those that NAME= accepts.
+    let named = |name: &str| {
+        let hello = format!(r#"{{"atsplat": 1, "name": "{name}", "version": "1", "gives": "images"}}"#);
+        fs::write(here.join("hello"), hello + "\n").unwrap();
+        let command = format!("sh -c \"cat '{}'; read -r line\"", here.join("hello").display());
+        Exec::start(settings(&command)).map(|method| method.record().name)
+    };
+    for name in ["a\\nb", "../../evil", "truth", " "] {
+        let refused = text(named(name).unwrap_err());
+        assert!(refused.contains("expected a name of letters") && refused.contains("NAME=exec:"), "{refused}");
+    }
+    assert_eq!(named(" x ").unwrap(), "x");
 }
 
-/// Results of a changed script do not join those of another one.
+/// Results of a changed script or checkpoint do not join those of another one, as a word or in the text for a shell.
 #[test]
 fn a_changed_method_does_not_resume_a_store() {
-    let folder = tempfile::tempdir().unwrap();
-    let here = folder.path();
-    prepared(here, 1);
-    let body = r#"cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#;
-    let store = here.join("resumed");
-    run_of(1, exec(&script(here, "images", body))).run(&store).unwrap();
-    let (_, summary) = run_of(1, exec(&script(here, "images", body))).run(&store).unwrap();
-    assert_eq!((summary.evaluated, summary.resumed), (0, 1));
-    let changed = run_of(1, exec(&script(here, "images", &format!("sleep 0; {body}")))).run(&store).map(drop);
-    let message = changed.unwrap_err().to_string();
-    assert!(message.contains("methods shell of the two runs differ") && message.contains("method.sh"), "{message}");
+    for in_shell in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let here = folder.path();
+        prepared(here, 1);
+        fs::write(here.join("w.bin"), "weights").unwrap();
+        let method = |before: &str| {
+            let body = format!(r#"{before}cp $scene.npy "$folder/a.npy"; answer '"images": "a.npy"'"#);
+            let command = format!("{} --weights={}", script(here, "images", &body), here.join("w.bin").display());
+            exec(&if in_shell { format!("sh -c \"NUMBER=$ATSPLAT_PROCESS exec {command}\"") } else { command })
+        };
+        let store = here.join("resumed");
+        run_of(1, method("")).run(&store).unwrap();
+        let (_, summary) = run_of(1, method("")).run(&store).unwrap();
+        assert_eq!((summary.evaluated, summary.resumed), (0, 1));
+        let refused = |before: &str| run_of(1, method(before)).run(&store).map(drop).unwrap_err().to_string();
+        let message = refused("sleep 0; ");
+        assert!(message.contains("methods shell of the two runs differ") && message.contains("method.sh"), "{message}");
+        fs::write(here.join("w.bin"), "others").unwrap();
+        let message = refused("");
+        assert!(message.contains("w.bin") && !message.contains("method.sh"), "{message}");
+    }
 }

@@ -68,7 +68,8 @@ impl SamplingRule {
     }
 
     /// Samples all scenes of `source` in parallel; the index does not depend on the number of threads. Frames with a
-    /// missing image file are excluded from sampling, but frame numbers still count them.
+    /// missing image file are excluded from sampling: windows and distances of samplers count the others only, so they
+    /// span more frames of such scenes; frame numbers still count all.
     ///
     /// `progress` is called once per scene, from any thread. Unreadable scenes become `null` and add a
     /// [`WarningKind::UnreadableScene`]; an entry whose images cannot be read for its overlap is rejected and adds a

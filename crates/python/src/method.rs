@@ -52,19 +52,25 @@ impl Method for PythonMethod {
 #[derive(Debug)]
 pub(crate) struct Precomputed {
     record: MethodRecord,
+    setting: String,
     splatting: Splatting,
     output: Output,
 }
 
 impl Precomputed {
-    pub(crate) fn new(record: MethodRecord, output: Output) -> Self {
-        Self { record, splatting: Splatting::default(), output }
+    /// `setting` is that of the trial, whose renderer it also chooses.
+    pub(crate) fn new(record: MethodRecord, setting: String, output: Output) -> Self {
+        Self { record, setting, splatting: Splatting::default(), output }
     }
 }
 
 impl Method for Precomputed {
     fn record(&self) -> MethodRecord {
         self.record.clone()
+    }
+
+    fn setting(&self) -> &str {
+        &self.setting
     }
 
     fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {

@@ -103,6 +103,8 @@ fn array_of<'py>(
 #[pyclass(frozen, module = "atsplat._native")]
 pub(crate) struct Trial {
     dataset: Arc<Dataset>,
+    /// Whose published poses, planes and renderer it has.
+    setting: String,
     input: trial::Trial,
     targets: TargetImages,
 }
@@ -144,7 +146,7 @@ impl Trial {
 impl Trial {
     fn score(&self, output: Output, suite: &Suite) -> Result<String, Failure> {
         let record = MethodRecord { name: "scored".to_owned(), ..MethodRecord::default() };
-        let method = Precomputed::new(record, output);
+        let method = Precomputed::new(record, self.setting.clone(), output);
         let rows: (TrialRow, Vec<TargetRow>) =
             evaluate_trial(&self.dataset, suite.get(), self.input.clone(), &self.targets, &method)?;
         serde_json::to_string(&rows).map_err(|error| Failure::invalid("rows", error))
@@ -155,7 +157,8 @@ impl Trial {
 #[pyclass(frozen, module = "atsplat._native")]
 pub(crate) struct Trials {
     dataset: Arc<Dataset>,
-    trials: Mutex<trial::Trials>,
+    setting: String,
+    remaining: Mutex<trial::Trials>,
 }
 
 impl Trials {
@@ -177,7 +180,7 @@ impl Trials {
         let prefetch = if ahead { Prefetch::default() } else { Prefetch::NONE };
         let recipe = TrialRecipe::of(&dataset.preset, setting);
         let trials = trial::Trials::new(Arc::clone(&dataset.source), &index, recipe, prefetch);
-        Ok(Self { dataset: Arc::clone(dataset), trials: Mutex::new(trials) })
+        Ok(Self { dataset: Arc::clone(dataset), setting: setting.to_owned(), remaining: Mutex::new(trials) })
     }
 }
 
@@ -189,9 +192,12 @@ impl Trials {
         &self,
         py: Python<'_>,
     ) -> Result<Option<(Option<Trial>, Option<(String, usize, String, String)>)>, Failure> {
-        let next = || Ok(self.trials.lock().unwrap_or_else(PoisonError::into_inner).next());
+        let next = || Ok(self.remaining.lock().unwrap_or_else(PoisonError::into_inner).next());
         Ok(work(py, next)?.map(|outcome| match outcome {
-            Ok((trial, targets)) => (Some(Trial { dataset: Arc::clone(&self.dataset), input: trial, targets }), None),
+            Ok((input, targets)) => {
+                let (dataset, setting) = (Arc::clone(&self.dataset), self.setting.clone());
+                (Some(Trial { dataset, setting, input, targets }), None)
+            }
             Err(skipped) => {
                 (None, Some((skipped.scene, skipped.entry_number, skipped.reason.name().to_owned(), skipped.detail)))
             }
@@ -200,6 +206,6 @@ impl Trials {
 
     /// Trials and skipped entries that are left.
     fn left(&self) -> usize {
-        self.trials.lock().unwrap_or_else(PoisonError::into_inner).len()
+        self.remaining.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 }

@@ -104,6 +104,33 @@ def test_scores_of_gaussians_are_the_binarys_of_their_files(trials, rooms, binar
         assert (own["psnr"], own["ssim"], own["render_hash"]) == (row["psnr"], row["ssim"], row["render_hash"])
 
 
+@pytest.fixture(scope="module")
+def large_room(tmp_path_factory, binary):
+    """One scene that is large enough for RE10K's protocol, which has settings with renderers of their own."""
+    folder = tmp_path_factory.mktemp("data") / "large"
+    binary("data", "simulate", folder, "--scenes", 1, "--size", "256x256", "--samples", 1)
+    return folder / "test"
+
+
+@pytest.mark.parametrize("setting", ["ATSplat", "iLRM", "Long-LRM"])
+def test_gaussians_are_scored_as_the_setting_renders_them(large_room, tmp_path, setting):
+    rng = np.random.default_rng(5)
+    offsets, colours = rng.uniform(-0.5, 0.5, (200, 3)), rng.uniform(size=(200, 3))
+
+    def method(images, context, target):
+        # A few in front of the first camera: the background is seen.
+        means = (offsets + [0, 0, 2]) @ context.world_from_camera[0, :3, :3].T + context.centres[0]
+        turns = np.tile([1, 0, 0, 0], (200, 1))
+        return atsplat.Gaussians(means, turns, scales=np.full((200, 3), 0.05), opacities=np.full(200, 0.8), colours=colours)
+
+    where = {"index": INDEX, "any_size": True, "setting": setting}
+    store = atsplat.evaluate(method, "re10k-2v-256", data=large_room, out=tmp_path / "store", version=1, **where)
+    evaluated = [(row["psnr"], row["render_hash"]) for row in store.rows()]
+    (trial,) = atsplat.protocol("re10k-2v-256").trials(large_room, **where)
+    scored = trial.score(method(trial.context.images, trial.context.cameras, trial.target.cameras))
+    assert [(row["psnr"], row["render_hash"]) for row in scored.targets] == evaluated and len(evaluated) == 3
+
+
 def test_identical_images_have_no_finite_psnr(trials, rooms):
     trial = trials[0]
     truth = trial._native.target_images()

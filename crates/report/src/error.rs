@@ -37,6 +37,9 @@ pub enum ReportError {
     /// A value cannot be represented in JSON.
     #[error("writing JSON: {0}")]
     Json(#[from] serde_json::Error),
+    /// A file that the report would replace is not of a report, or was changed since.
+    #[error("{}: expected a file that a report wrote, found another, or one that was changed since: move it away, or choose another folder", path.display())]
+    NotOfReport { path: std::path::PathBuf },
     /// A file cannot be read or written.
     #[error(transparent)]
     Io(#[from] FileError),

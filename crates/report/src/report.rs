@@ -113,30 +113,56 @@ impl Report {
     /// those that were changed since, and no others.
     ///
     /// # Errors
-    /// [`ReportError::Io`], also for a broken list, before anything is written; and the errors of tables and plots.
+    /// Before anything is written, [`ReportError::NotOfReport`] if one of the files is there already and no report wrote it, or it
+    /// was changed since, and [`ReportError::Io`] for a broken list; then [`ReportError::Io`] and the errors of tables and plots.
     pub fn replace(&self, folder: &Path) -> Result<Written, ReportError> {
-        let before = FileList::read(folder)?;
-        let mut writing = Writing::new(folder);
+        let mut writing = Writing::new(folder, FileList::read(folder)?, &self.file_names())?;
         for table in &self.tables {
             for format in &self.formats {
-                let name = format!("tables/{}.{}", table.name, format.extension());
-                writing.write(name, format.write(table)?.as_bytes())?;
+                writing.write(table_name(table, *format), format.write(table)?.as_bytes())?;
             }
         }
         if let Some(orders) = orders_as_markdown(&self.tables) {
-            writing.write("orders.md".to_owned(), orders.as_bytes())?;
+            writing.write(ORDERS.to_owned(), orders.as_bytes())?;
         }
         for (name, drawing) in &self.plots {
-            for format in [PlotFormat::Svg, PlotFormat::Png] {
-                writing.write(format!("plots/{name}.{}", format.extension()), &drawing.encode(format)?)?;
+            for format in PLOT_FORMATS {
+                writing.write(plot_name(name, format), &drawing.encode(format)?)?;
             }
         }
         for film in &self.films {
-            writing.write(format!("films/{}.png", film.name), &film.animated_png()?)?;
+            writing.write(film_name(&film.name), &film.animated_png()?)?;
         }
         writing.write(page::FILE.to_owned(), self.html.as_bytes())?;
-        writing.finish(&before)
+        writing.finish()
     }
+
+    /// The files that [`Self::replace`] writes.
+    fn file_names(&self) -> Vec<String> {
+        let formats = |table| self.formats.iter().map(move |format| table_name(table, *format));
+        let mut names: Vec<String> = self.tables.iter().flat_map(formats).collect();
+        names.push(page::FILE.to_owned());
+        names.extend(orders_as_markdown(&self.tables).map(|_| ORDERS.to_owned()));
+        names.extend(self.plots.iter().flat_map(|(name, _)| PLOT_FORMATS.map(|format| plot_name(name, format))));
+        names.extend(self.films.iter().map(|film| film_name(&film.name)));
+        names
+    }
+}
+
+/// The published orders of all tables.
+const ORDERS: &str = "orders.md";
+const PLOT_FORMATS: [PlotFormat; 2] = [PlotFormat::Svg, PlotFormat::Png];
+
+fn table_name(table: &Table, format: TableFormat) -> String {
+    format!("tables/{}.{}", table.name, format.extension())
+}
+
+fn plot_name(name: &str, format: PlotFormat) -> String {
+    format!("plots/{name}.{}", format.extension())
+}
+
+fn film_name(name: &str) -> String {
+    format!("films/{name}.png")
 }
 
 /// What a report begins with: the first frontier, which is taken out of the plots.

@@ -1,7 +1,7 @@
 //! The files of a report in its folder: the next report there removes those that it does not write again, and nothing else.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 use atsplat_files::{FileError, Sha256Digest, is_plain_name, shortened};
@@ -10,6 +10,8 @@ use crate::ReportError;
 
 /// Name of the list of a report's files, in the format of `sha256sum`.
 const LIST: &str = "report.sha256";
+/// The files that a report wrote so far, until it is done; it may be about to write the last of them.
+const UNFINISHED: &str = "report.unfinished.sha256";
 /// The folders that hold files of reports alone.
 const FOLDERS: [&str; 3] = ["tables", "plots", "films"];
 
@@ -24,37 +26,42 @@ pub struct Written {
     pub others: Vec<PathBuf>,
 }
 
-/// SHA-256 of a report's files by their paths in its folder, with `/` between their parts.
+/// SHA-256 of a report's files by their paths in its folder, with `/` between their parts; two of a file that a report was about to
+/// replace when it was interrupted.
 #[derive(Debug, Default)]
-pub(crate) struct FileList(BTreeMap<String, Sha256Digest>);
+pub(crate) struct FileList(BTreeMap<String, Vec<Sha256Digest>>);
 
 /// A report that is being written.
 #[derive(Debug)]
 pub(crate) struct Writing<'a> {
     folder: &'a Path,
-    list: FileList,
+    before: FileList,
+    list: BTreeMap<String, Sha256Digest>,
     files: Vec<PathBuf>,
 }
 
 impl FileList {
-    /// The list of the report in a folder; empty if there is none.
+    /// The files of the report in a folder, and of one that was interrupted there; empty if there is none.
     ///
     /// # Errors
     /// [`ReportError::Io`] for a list that cannot be read, or that names something outside the folder.
     pub(crate) fn read(folder: &Path) -> Result<Self, ReportError> {
-        let path = folder.join(LIST);
-        let text = match std::fs::read_to_string(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Self::default()),
-            read => read,
-        };
-        let parsed = text.and_then(|text| Self::parse(&text));
-        parsed.map_err(FileError::during("reading the list of an earlier report's files", path))
+        let mut all = Self::default();
+        for path in [LIST, UNFINISHED].map(|name| folder.join(name)) {
+            let text = match std::fs::read_to_string(&path) {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                read => read,
+            };
+            let added = text.and_then(|text| all.add(&text));
+            added.map_err(FileError::during::<ReportError>("reading the list of an earlier report's files", path))?;
+        }
+        Ok(all)
     }
 
-    fn parse(text: &str) -> io::Result<Self> {
+    fn add(&mut self, text: &str) -> io::Result<()> {
         const SHOWN: usize = 80;
-        let mut files = BTreeMap::new();
-        for (number, line) in (1..).zip(text.lines()) {
+        // A line without an end is one whose writing was interrupted.
+        for (number, line) in (1..).zip(text.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n'))) {
             let parts = line.split_once("  ").filter(|(_, name)| name.split('/').all(is_plain_name));
             let entry = parts.and_then(|(digest, name)| Some((digest.parse::<Sha256Digest>().ok()?, name)));
             let Some((digest, name)) = entry else {
@@ -65,41 +72,68 @@ impl FileList {
                     format!("line {number}: expected {expected}, found {found}"),
                 ));
             };
-            files.insert(name.to_owned(), digest);
+            self.0.entry(name.to_owned()).or_default().push(digest);
         }
-        Ok(Self(files))
-    }
-
-    fn text(&self) -> String {
-        self.0.iter().map(|(name, digest)| format!("{digest}  {name}\n")).collect()
+        Ok(())
     }
 }
 
+fn line_of(name: &str, digest: &Sha256Digest) -> String {
+    format!("{digest}  {name}\n")
+}
+
 impl<'a> Writing<'a> {
-    pub(crate) fn new(folder: &'a Path) -> Self {
-        Self { folder, list: FileList::default(), files: Vec::new() }
+    /// Begins to write these files.
+    ///
+    /// # Errors
+    /// [`ReportError::NotOfReport`] for the first that is there already, but is not as a report before wrote it;
+    /// [`ReportError::Io`].
+    pub(crate) fn new(folder: &'a Path, before: FileList, names: &[String]) -> Result<Self, ReportError> {
+        for name in names {
+            let path = folder.join(name);
+            let known = before.0.get(name).map_or(&[][..], Vec::as_slice);
+            if path.symlink_metadata().is_ok() && !is_one_of(&path, known)? {
+                return Err(ReportError::NotOfReport { path });
+            }
+        }
+        Ok(Self { folder, before, list: BTreeMap::new(), files: Vec::new() })
     }
 
     /// Writes a file of this name in the report's folder, creating its own folder if necessary.
     pub(crate) fn write(&mut self, name: String, bytes: &[u8]) -> Result<(), ReportError> {
+        let digest = Sha256Digest::of(bytes);
+        self.announce(&line_of(&name, &digest))?;
         self.files.push(write_file(self.folder.join(&name), bytes)?);
-        self.list.0.insert(name, Sha256Digest::of(bytes));
+        self.list.insert(name, digest);
         Ok(())
     }
 
+    /// Notes a file before it is replaced: if this report is interrupted, the next one knows it nevertheless.
+    fn announce(&self, line: &str) -> Result<(), ReportError> {
+        let path = self.folder.join(UNFINISHED);
+        let append = || {
+            std::fs::create_dir_all(self.folder)?;
+            std::fs::OpenOptions::new().create(true).append(true).open(&path)?.write_all(line.as_bytes())
+        };
+        append().map_err(FileError::during("writing a report", &path))
+    }
+
     /// Removes the files of the report before this one that are not part of it, then writes the list.
-    pub(crate) fn finish(mut self, before: &FileList) -> Result<Written, ReportError> {
+    pub(crate) fn finish(mut self) -> Result<Written, ReportError> {
         let mut removed = Vec::new();
-        for (name, digest) in before.0.iter().filter(|(name, _)| !self.list.0.contains_key(*name)) {
+        for (name, digests) in self.before.0.iter().filter(|(name, _)| !self.list.contains_key(*name)) {
             let path = self.folder.join(name);
-            if is_unchanged(&path, digest)? {
+            if is_one_of(&path, digests)? {
                 std::fs::remove_file(&path)
                     .map_err(FileError::during::<ReportError>("removing a file of an earlier report", &path))?;
                 removed.push(path);
             }
         }
         let others = others(self.folder, &self.files)?;
-        self.files.push(write_file(self.folder.join(LIST), self.list.text().as_bytes())?);
+        let list: String = self.list.iter().map(|(name, digest)| line_of(name, digest)).collect();
+        self.files.push(write_file(self.folder.join(LIST), list.as_bytes())?);
+        let unfinished = self.folder.join(UNFINISHED);
+        std::fs::remove_file(&unfinished).map_err(FileError::during::<ReportError>("writing a report", &unfinished))?;
         Ok(Written { files: self.files, removed, others })
     }
 }
@@ -112,13 +146,13 @@ fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
     Ok(path)
 }
 
-/// Whether a file, no link and no folder, still has the contents of this hash.
-fn is_unchanged(path: &Path, digest: &Sha256Digest) -> Result<bool, ReportError> {
+/// Whether a file, no link and no folder, has the contents of one of these hashes.
+fn is_one_of(path: &Path, digests: &[Sha256Digest]) -> Result<bool, ReportError> {
     let compared = || -> io::Result<bool> {
         if !std::fs::symlink_metadata(path)?.file_type().is_file() {
             return Ok(false);
         }
-        Ok(Sha256Digest::of(&std::fs::read(path)?) == *digest)
+        Ok(digests.contains(&Sha256Digest::of(&std::fs::read(path)?)))
     };
     match compared() {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
@@ -153,12 +187,17 @@ mod tests {
     use super::*;
 
     fn write(folder: &Path, files: &[(&str, &str)]) -> Written {
-        let before = FileList::read(folder).unwrap();
-        let mut writing = Writing::new(folder);
+        begin(folder, files).unwrap().finish().unwrap()
+    }
+
+    /// Everything but the end of a report.
+    fn begin<'a>(folder: &'a Path, files: &[(&str, &str)]) -> Result<Writing<'a>, ReportError> {
+        let names: Vec<String> = files.iter().map(|(name, _)| (*name).to_owned()).collect();
+        let mut writing = Writing::new(folder, FileList::read(folder)?, &names)?;
         for (name, text) in files {
-            writing.write((*name).to_owned(), text.as_bytes()).unwrap();
+            writing.write((*name).to_owned(), text.as_bytes())?;
         }
-        writing.finish(&before).unwrap()
+        Ok(writing)
     }
 
     #[test]
@@ -186,6 +225,40 @@ mod tests {
         }
         let third = write(folder.path(), &[("index.html", "3")]);
         assert_eq!(third.removed, [at("plots/p.svg"), at("tables/a-1.md")]);
+    }
+
+    #[test]
+    fn files_that_are_not_of_a_report_are_not_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let files = [("tables/a.md", "a"), ("index.html", "1")];
+        fs::write(at("index.html"), "mine").unwrap();
+        let refused = |files: &[(&str, &str)]| match begin(folder.path(), files) {
+            Err(ReportError::NotOfReport { path }) => path,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused(&files), at("index.html"));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written");
+        fs::remove_file(at("index.html")).unwrap();
+        write(folder.path(), &files);
+        write(folder.path(), &[("tables/a.md", "b"), ("index.html", "1")]);
+        fs::write(at("tables/a.md"), "edited").unwrap();
+        assert_eq!(refused(&files), at("tables/a.md"));
+        assert_eq!(fs::read_to_string(at("tables/a.md")).unwrap(), "edited");
+    }
+
+    #[test]
+    fn the_files_of_an_interrupted_report_are_known() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        write(folder.path(), &[("tables/a.md", "a"), ("index.html", "1")]);
+        // Killed after the table, before the page was written, while it was being announced.
+        drop(begin(folder.path(), &[("tables/a.md", "b"), ("tables/b.md", "b")]).unwrap());
+        fs::write(at(UNFINISHED), format!("{}3f", fs::read_to_string(at(UNFINISHED)).unwrap())).unwrap();
+        let next = write(folder.path(), &[("tables/a.md", "c"), ("index.html", "2")]);
+        assert_eq!((next.removed, next.others), (vec![at("tables/b.md")], Vec::new()));
+        assert!(!at(UNFINISHED).exists());
+        assert_eq!(write(folder.path(), &[("index.html", "3")]).removed, [at("tables/a.md")]);
     }
 
     #[test]

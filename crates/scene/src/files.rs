@@ -46,24 +46,45 @@ fn require_regular(action: &'static str, path: &Path) -> Result<(), SceneError> 
 /// Names in a folder, sorted, and whether each is a folder itself. Names that are not UTF-8 are skipped, because keys and
 /// frames are text; [`not_utf8`] has them.
 pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
-    let text = |(name, is_folder): (OsString, bool)| Some((name.into_string().ok()?, is_folder));
+    let text = |(name, kind): (OsString, Kind)| Some((name.into_string().ok()?, kind == Kind::Folder));
     Ok(entries(folder)?.into_iter().filter_map(text).collect())
 }
 
 /// Entries of a folder whose names are not UTF-8, sorted, and whether each is a folder itself.
 pub(crate) fn not_utf8(folder: &Path) -> Result<Vec<(PathBuf, bool)>, SceneError> {
     let others = entries(folder)?.into_iter().filter(|(name, _)| name.to_str().is_none());
-    Ok(others.map(|(name, is_folder)| (folder.join(name), is_folder)).collect())
+    Ok(others.map(|(name, kind)| (folder.join(name), kind == Kind::Folder)).collect())
 }
 
-fn entries(folder: &Path) -> Result<Vec<(OsString, bool)>, SceneError> {
+/// What an entry of a folder is, or the link leads to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    File,
+    Folder,
+    /// A link whose target does not exist or cannot be reached.
+    Dangling,
+}
+
+impl Kind {
+    /// Only links are looked at: a folder can hold 100 000 files.
+    fn of(kind: fs::FileType, path: impl FnOnce() -> PathBuf) -> Self {
+        let is_folder = if kind.is_symlink() {
+            let Ok(target) = fs::metadata(path()) else { return Self::Dangling };
+            target.is_dir()
+        } else {
+            kind.is_dir()
+        };
+        if is_folder { Self::Folder } else { Self::File }
+    }
+}
+
+fn entries(folder: &Path) -> Result<Vec<(OsString, Kind)>, SceneError> {
     let action = "listing a folder";
     let mut entries = Vec::new();
     for entry in fs::read_dir(folder).map_err(SceneError::io(action, folder))? {
         let entry = entry.map_err(SceneError::io(action, folder))?;
         let kind = entry.file_type().map_err(SceneError::io(action, folder))?;
-        let is_folder = if kind.is_symlink() { entry.path().is_dir() } else { kind.is_dir() };
-        entries.push((entry.file_name(), is_folder));
+        entries.push((entry.file_name(), Kind::of(kind, || entry.path())));
     }
     entries.sort_unstable();
     Ok(entries)
@@ -83,14 +104,16 @@ pub(crate) struct ImageListing {
 }
 
 impl ImageListing {
-    /// Lists `folder`; `None` if it is not a folder.
+    /// Lists `folder`; `None` if it is not a folder. Links without a target, which git-annex, DVC and caches leave for images
+    /// that were not fetched, are not images.
     pub(crate) fn read(folder: &Path) -> Result<Option<Self>, SceneError> {
         if !folder.is_dir() {
             return Ok(None);
         }
         let mut names_by_stem: BTreeMap<String, Vec<String>> = BTreeMap::new();
-        for (name, is_folder) in list(folder)? {
-            if let (false, Some((stem, _))) = (is_folder, split_image_name(&name)) {
+        for (name, kind) in entries(folder)? {
+            let Ok(name) = name.into_string() else { continue };
+            if let (Kind::File, Some((stem, _))) = (kind, split_image_name(&name)) {
                 names_by_stem.entry(stem.to_owned()).or_default().push(name);
             }
         }
@@ -124,6 +147,12 @@ impl ImageListing {
     /// The image whose file name without extension is `stem`.
     pub(crate) fn by_stem(&self, stem: &str) -> Option<PathBuf> {
         self.names_by_stem.get(stem)?.first().map(|name| self.folder.join(name))
+    }
+
+    /// Which of several images [`Self::by_stem`] takes; `None` if there is one, or none.
+    pub(crate) fn choice_of_stem(&self, stem: &str) -> Option<String> {
+        let (first, others) = self.names_by_stem.get(stem)?.split_first()?;
+        (!others.is_empty()).then(|| format!("{first} is used, not {}", others.join(", ")))
     }
 
     /// The expected path of a missing image: its extension is that of the folder's first image.
@@ -219,6 +248,31 @@ mod tests {
         assert_eq!(listing.by_name("1.png"), Some(folder.path().join("1.png")));
         assert_eq!(listing.by_stem("3"), None, "a folder is not an image");
         assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
+        assert_eq!(listing.choice_of_stem("1").as_deref(), Some("1.JPG is used, not 1.png"));
+        assert_eq!(["2", "3"].map(|stem| listing.choice_of_stem(stem)), [None, None]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_without_a_target_is_no_image() {
+        use std::os::unix::fs::symlink;
+
+        let folder = tempfile::tempdir().unwrap();
+        let below = |name: &str| folder.path().join(name);
+        fs::write(below("1.png"), b"").unwrap();
+        fs::create_dir(below("folder")).unwrap();
+        symlink("1.png", below("2.png")).unwrap();
+        symlink("annex/objects/3.png", below("3.png")).unwrap();
+        symlink("folder", below("4.png")).unwrap();
+        symlink("5.png", below("5.png")).unwrap();
+        let listing = ImageListing::read(folder.path()).unwrap().unwrap();
+        assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
+        let folders: Vec<String> = list(folder.path())
+            .unwrap()
+            .into_iter()
+            .filter_map(|(name, is_folder)| is_folder.then_some(name))
+            .collect();
+        assert_eq!(folders, ["4.png", "folder"], "links to folders are followed");
     }
 
     #[test]

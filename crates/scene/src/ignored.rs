@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::colmap::{model_in, part_of_model};
 use crate::files::{last_name, list, not_utf8, read_start, split_image_name};
-use crate::nerfstudio::{VARIANTS, transforms_in, without_factor};
+use crate::nerfstudio::{VARIANTS, is_of_images, transforms_in};
 use crate::re10k::{starts_like_a_trajectory, trajectory_key};
 use crate::{Format, SceneError, WarningKind, Warnings};
 
@@ -113,7 +113,7 @@ fn part_in(folder: &Path, format: Format) -> Option<String> {
             let files = entries.iter().filter(|(_, is_folder)| !is_folder).map(|(name, _)| name.as_str());
             let misspelt = files.clone().find(|name| is_like_transforms(name)).map(str::to_owned);
             misspelt.or_else(|| {
-                let of_images = |(name, is_folder): &&(String, bool)| *is_folder && without_factor(name) == "images";
+                let of_images = |(name, is_folder): &&(String, bool)| *is_folder && is_of_images(name);
                 let mut folders = entries.iter().filter(of_images).map(|(name, _)| folder.join(name));
                 let is_clip = format == Format::Re10k && files.clone().any(is_image);
                 let images = is_clip || folders.any(|folder| holds_images(&folder));

@@ -105,7 +105,7 @@ impl Frame {
 }
 
 /// fx / fy in pixels of an image of this size.
-fn ratio_of_focal_lengths(k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
+pub fn ratio_of_focal_lengths(k: &NormalizedIntrinsics, size: ImageSize) -> f64 {
     (k.fx * f64::from(size.width)) / (k.fy * f64::from(size.height))
 }
 
@@ -117,7 +117,9 @@ pub(crate) fn stretched_pixels(k: &NormalizedIntrinsics, stated: ImageSize) -> O
         .then(|| format!("fx : fy is {ratio:.2} : 1 in pixels of an image of {stated}: {suspicion}"))
 }
 
-fn pixel_mismatch(k: &NormalizedIntrinsics, found: ImageSize) -> Option<ImageMismatch> {
+/// How far pixels of an image of this size are from square, for intrinsics that state no size; `None` if they are within the range of
+/// calibrations.
+pub fn pixel_mismatch(k: &NormalizedIntrinsics, found: ImageSize) -> Option<ImageMismatch> {
     let (width, ratio) = (f64::from(found.width), ratio_of_focal_lengths(k, found));
     let square_width = (width / ratio).round();
     // Half a pixel of rounding on either side moves the ratio of small images.

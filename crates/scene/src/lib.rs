@@ -44,7 +44,7 @@ pub use dataset::{OneScene, SceneSource, load_scenes};
 pub use error::SceneError;
 pub use fetch::Fetch;
 pub use frame_selection::{FrameSelection, InvalidSelection};
-pub use image_mismatch::ImageMismatch;
+pub use image_mismatch::{ImageMismatch, pixel_mismatch, ratio_of_focal_lengths};
 pub use image_options::{ImageOptions, UnreadOption};
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};

@@ -32,7 +32,7 @@ pub enum WarningKind {
     ImperfectRotation,
     /// Two frames have the same timestamp, or two images the same number at the end of their names.
     DuplicateTimestamp,
-    /// Timestamps decrease, or the numbers at the end of images' names.
+    /// Timestamps decrease, or the numbers at the end of images' names, as unpadded ones that are sorted as text.
     UnorderedTimestamps,
     /// Intrinsics that seem to be in another unit than their format's, or pixels that are not nearly square.
     ImplausibleIntrinsics,
@@ -63,7 +63,8 @@ pub enum WarningKind {
     /// Next to the scenes: a scene in another format, images without cameras, or a further model of one capture. It
     /// is not read.
     IgnoredScene,
-    /// Numbered images fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number.
+    /// Numbered images fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number, or the
+    /// same name but for its extension, by which they were not looked up.
     AmbiguousNumbering,
     /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,

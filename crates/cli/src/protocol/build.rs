@@ -94,7 +94,11 @@ impl fmt::Display for Report<'_> {
             writeln!(f, "{:>7}  entries rejected for their overlap", self.refused_entries)?;
         }
         if self.missing_images > 0 {
-            writeln!(f, "{:>7}  frames skipped, their images are missing", self.missing_images)?;
+            writeln!(
+                f,
+                "{:>7}  frames skipped, their images are missing: windows and distances count the others",
+                self.missing_images
+            )?;
         }
         if self.left_out > 0 {
             writeln!(f, "{:>7}  scenes left out, they are not read", self.left_out)?;

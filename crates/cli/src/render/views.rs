@@ -5,7 +5,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_eval::rendering::{FrameRequest, PathRecord, PathSpacing, RenderPlan};
 use atsplat_scene::camera_file::{self, CameraFileError, FileCamera, LensOfPoses};
-use atsplat_scene::{FrameSelection, Warnings};
+use atsplat_scene::{FrameSelection, Warnings, pixel_mismatch};
 use atsplat_splat::scene_file::{SceneFile, SceneFileRecord};
 use atsplat_splat::{Exposure, View, framing};
 use clap::ArgGroup;
@@ -192,6 +192,12 @@ impl ViewArgs {
             && notes.is_empty()
         {
             notes.push(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"));
+        }
+        if let (Some(requested), None, Some(FileCamera { camera, .. })) = (self.size, stated, camera)
+            && let Some(mismatch) = pixel_mismatch(&camera.intrinsics, requested)
+            && notes.is_empty()
+        {
+            notes.push(format!("--size {requested} squeezes images: {mismatch}"));
         }
         self.size.or(stated).context("the cameras have no image size: set it with --size")
     }

@@ -19,7 +19,7 @@ pub(crate) struct Args {
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
 
-    /// Merge even if shards are missing or not done; the result is marked as partial.
+    /// Merge even if shards are missing or not done; the result, and tables made from it, are marked as partial.
     #[arg(long)]
     partial: bool,
 
@@ -43,6 +43,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let (out, ()) = args.cache.output(&args.out, |folder| Ok(results.write(folder)?))?;
     out.finish()?;
     print_report(&RunReport::of(&results, None, &args.out), args.json)?;
+    for reason in &reasons {
+        warn(&format!("the results are partial: {reason}"));
+    }
     if repeated > 0 {
         warn(&format!("{repeated} results are in several stores with equal values; each is merged once"));
     }

@@ -59,6 +59,8 @@ pub struct AcceptanceReport {
     failed: usize,
     /// Targets with NaN or infinite samples.
     non_finite: usize,
+    /// Which part of a run it is; `None` for a whole run.
+    part: Option<String>,
     limits: Vec<Limit>,
     probe: Option<Recipe>,
 }
@@ -80,6 +82,7 @@ impl AcceptanceReport {
             targets: baseline.targets.len(),
             failed,
             non_finite,
+            part: baseline.provenance.part(),
             limits: baseline.limits,
             probe: baseline.probe.map(|probe| probe.recipe),
         }
@@ -88,7 +91,8 @@ impl AcceptanceReport {
 
 impl fmt::Display for AcceptanceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { baseline, moved, accepted, acceptances, trials, targets, failed, non_finite, limits, probe } = self;
+        let Self { baseline, moved, accepted, acceptances, trials, targets, failed, non_finite, part, limits, probe } =
+            self;
         let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
         let (trials, targets) = (counted(*trials, "trial"), counted(*targets, "target"));
         writeln!(f, "{}: {targets} of {trials}, accepted on {}", baseline.display(), accepted.date)?;
@@ -97,13 +101,19 @@ impl fmt::Display for AcceptanceReport {
                 writeln!(f, "warning: without a score: {} {why}", counted(count, "target"))?;
             }
         }
+        if let Some(part) = part {
+            writeln!(f, "warning: a part of the run, {part}: the others are not guarded")?;
+        }
         match moved {
             None => writeln!(f, "a new baseline")?,
             Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
             Some(Verdict::Nothing) => {
                 writeln!(f, "the old baseline holds none of these numbers; acceptance {acceptances} of this baseline")?;
             }
-            Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
+            Some(Verdict::Within) => {
+                writeln!(f, "no number moved beyond its limit; acceptance {acceptances} of this baseline")?;
+            }
+            Some(Verdict::Same) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }
         for limit in limits {
             writeln!(f, "{limit}")?;

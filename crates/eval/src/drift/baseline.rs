@@ -222,9 +222,13 @@ impl Baseline {
         Ok(())
     }
 
-    /// Path of the probe's values: next to the baseline, with the extension `.probe.safetensors`.
+    /// Path of the probe's values: next to the baseline, with `.probe.safetensors` in place of `.json`, or after any other end.
     pub fn probe_path(path: &Path) -> PathBuf {
-        path.with_extension("probe.safetensors")
+        let is_json = path.extension().is_some_and(|extension| extension == "json");
+        let stem = if is_json { path.with_extension("") } else { path.to_owned() };
+        let mut name = stem.into_os_string();
+        name.push(".probe.safetensors");
+        PathBuf::from(name)
     }
 
     /// Reads the values of the baseline's probe; `None` if it has no probe.

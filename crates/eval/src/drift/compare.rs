@@ -7,7 +7,7 @@ use super::data::compare_images;
 use super::provenance::{differences, same_machine};
 use super::{
     Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
-    Verdict, least_limit, metric_bound,
+    Limit, SceneChange, Verdict, least_limit, metric_bound, scene_limit,
 };
 use crate::statistics::{Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
 use crate::{Results, TargetStatus, TrialKey, TrialStatus};
@@ -37,8 +37,8 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
         let metrics: BTreeSet<&String> = then.targets.values().flat_map(|row| row.scores.keys()).collect();
         for metric in metrics {
             let matches =
-                |limit: &&super::Limit| limit.preset == *preset && limit.method == *method && limit.metric == *metric;
-            let limit = baseline.limits.iter().find(matches).map_or_else(|| least_limit(metric), |found| found.limit);
+                |limit: &&Limit| limit.preset == *preset && limit.method == *method && limit.metric == *metric;
+            let limit = baseline.limits.iter().find(matches);
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
@@ -177,7 +177,7 @@ impl Group {
         }
     }
 
-    fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, limit: f64) -> Comparison {
+    fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, known: Option<&Limit>) -> Comparison {
         let (preset, method, metric) = of;
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
         let pairs = self.targets.iter().filter_map(|(id, then)| {
@@ -195,8 +195,13 @@ impl Group {
             let change = (pair.now - pair.then).abs();
             if change > largest { (change, Some(pair)) } else { (largest, at) }
         });
-        let by_limit = || match &paired {
-            Some(paired) if beyond_limit(paired, limit) => Verdict::Drifted,
+        let limit = known.map_or_else(|| least_limit(metric), |known| known.limit);
+        let noise = known.filter(|known| known.runs > 1).map(|known| known.limit);
+        let scene_limit = scene_limit(metric, noise, paired.as_ref().map_or(0, |paired| paired.scenes));
+        let largest_scene = largest_scene(&pairs);
+        let by_limit = || match (&paired, &largest_scene) {
+            (Some(paired), _) if beyond_limit(paired, limit) => Verdict::Drifted,
+            (_, Some(largest)) if largest.change.abs() > scene_limit => Verdict::Drifted,
             _ => Verdict::Within,
         };
         let verdict = match basis {
@@ -222,7 +227,9 @@ impl Group {
             changed,
             largest: largest.0,
             largest_at: largest.1.map(|pair| format!("{} {} frame {}", pair.id.0, pair.id.1, pair.frame)),
+            largest_scene,
             limit: (basis != Basis::Exact).then_some(limit),
+            scene_limit: (basis != Basis::Exact).then_some(scene_limit),
         }
     }
 }
@@ -242,6 +249,17 @@ impl TargetPair<'_> {
         let (scene, entry, target) = self.id;
         SelectedTarget::of_score((scene.as_str(), *entry, *target), value)
     }
+}
+
+/// The scene whose mean changed most, the first of equals; `None` if none changed.
+fn largest_scene(pairs: &[TargetPair<'_>]) -> Option<SceneChange> {
+    let mut changes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    for pair in pairs {
+        changes.entry(&pair.id.0).or_default().push(pair.now - pair.then);
+    }
+    let means = changes.into_iter().map(|(scene, own)| (scene, own.iter().sum::<f64>() / own.len() as f64));
+    let largest = means.fold(("", 0.0), |most: (&str, f64), own| if own.1.abs() > most.1.abs() { own } else { most });
+    (!largest.0.is_empty()).then(|| SceneChange { scene: largest.0.to_owned(), change: largest.1 })
 }
 
 /// Whether the whole interval of a difference, or with one scene the difference, is beyond its limit.

@@ -4,7 +4,9 @@ use atsplat_files::shortened;
 
 use super::format::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
-use super::{Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, Verdict};
+use super::{
+    Basis, ChangedImage, Comparison, DataComparison, DriftReport, Finding, ImageRole, Limit, SceneChange, Verdict,
+};
 
 /// Number of changed images that are listed.
 const MAX_LISTED: usize = 10;
@@ -127,13 +129,15 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
         number(baseline),
         number(now),
     )?;
-    match (&comparison.largest_at, comparison.limit) {
-        (Some(at), limit) if *verdict == Verdict::Drifted => {
-            let limit = limit.map_or(String::new(), |limit| format!("; the mean may vary by {}", size(metric, limit)));
-            writeln!(f, "    largest change {} at {at}{limit}", size(metric, comparison.largest))
+    let Some(at) = &comparison.largest_at else { return Ok(()) };
+    write!(f, "    largest change {} at {at}", size(metric, comparison.largest))?;
+    if let (Some(limit), Some(of_scene)) = (comparison.limit, comparison.scene_limit) {
+        if let Some(SceneChange { scene, change: by }) = &comparison.largest_scene {
+            write!(f, "; the mean of {scene} changed by {}", change(metric, *by))?;
         }
-        _ => Ok(()),
+        write!(f, "; means may vary by {}, those of a scene by {}", size(metric, limit), size(metric, of_scene))?;
     }
+    writeln!(f)
 }
 
 impl fmt::Display for Limit {

@@ -28,6 +28,14 @@ pub fn least_limit(metric: &str) -> f64 {
     if is_decibels(metric) { 0.01 } else { 0.0005 }
 }
 
+/// How far the mean of one scene may change, of several whose mean may change by `noise` from run to run: where noise is independent
+/// in each scene it is larger there by the root of their number; twice as much, because the largest of them is compared. Without repeated
+/// runs, and at least, 0.5 dB, and 0.02 for everything else.
+pub fn scene_limit(metric: &str, noise: Option<f64>, scenes: u64) -> f64 {
+    let least = if is_decibels(metric) { 0.5 } else { 0.02 };
+    noise.map_or(least, |noise| least.maximum_of(2.0 * noise * (scenes as f64).sqrt()))
+}
+
 /// How far a target's score of a deterministic method may differ from the baseline's on another machine type: 0.001 dB, and
 /// 1e-5 for everything else. Fused multiply-adds change the last bits of networks and renders; a larger change means that
 /// another token was selected, or a real change.

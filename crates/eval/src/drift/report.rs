@@ -49,7 +49,8 @@ pub enum Basis {
     Exact,
     /// Target by target within [`super::metric_bound`], or else as [`Self::Interval`]: a deterministic method on another machine type.
     Bound,
-    /// The paired interval against a limit: drift if the whole interval is beyond the limit.
+    /// The paired interval against a limit: drift if the whole interval is beyond the limit, or if the mean of a scene changed by more
+    /// than [`super::scene_limit`], as the interval of few changed scenes contains 0.
     Interval,
 }
 
@@ -79,8 +80,22 @@ pub struct Comparison {
     pub largest: f64,
     /// Scene, entry and frame of the largest change.
     pub largest_at: Option<String>,
+    /// The scene whose mean changed most.
+    pub largest_scene: Option<SceneChange>,
     /// How far the mean may change, if intervals decide.
     pub limit: Option<f64>,
+    /// How far the mean of a scene may change, if intervals decide.
+    pub scene_limit: Option<f64>,
+}
+
+/// A scene with the change of its mean.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct SceneChange {
+    /// The scene.
+    pub scene: String,
+    /// Results minus baseline.
+    pub change: f64,
 }
 
 impl Comparison {

@@ -9,12 +9,14 @@ const FAR: [f32; 2] = [-0.5, 2.0];
 const ONE_IN: usize = 100;
 /// The largest sample of an image in 0…255, with some overshoot.
 const BYTES: f32 = 256.0;
+/// Samples below this are clearly negative. Renderers that do not clamp have some of them, at edges and in the dark; in −1…1 and
+/// in −0.5…0.5 they are what is darker than 0.45 or 0.4, in most images more than one sample in this many.
+const NEGATIVE: f32 = -0.1;
+const NEGATIVE_ONE_IN: usize = 10;
 /// The largest size of a sample of an image in −1…1, with some overshoot.
 const SIGNED: f32 = 1.25;
-/// The same of an image in −0.5…0.5, in which more than one sample in this many is clearly negative.
+/// The same of an image in −0.5…0.5.
 const CENTRED: f32 = 0.625;
-const NEGATIVE_ONE_IN: usize = 10;
-const NEGATIVE: f32 = -0.1;
 
 /// Rejects an image in another range than [0, 1]. Samples that are NaN or infinite are left to the comparison.
 ///
@@ -23,17 +25,17 @@ const NEGATIVE: f32 = -0.1;
 pub fn check_range(image: &Image) -> Result<(), String> {
     let [least, most] = FAR;
     let finite = || image.samples().iter().copied().filter(|sample| sample.is_finite());
-    let far = finite().filter(|sample| !(least..=most).contains(sample)).count();
-    let negative = finite().filter(|sample| *sample < NEGATIVE).count();
-    let smallest = finite().fold(f32::INFINITY, f32::minimum_of);
-    let largest = finite().fold(f32::NEG_INFINITY, f32::maximum_of);
-    let is_centred = smallest >= -CENTRED && largest <= CENTRED && negative * NEGATIVE_ONE_IN > image.samples().len();
-    if far * ONE_IN <= image.samples().len() && !is_centred {
+    let is_more = |count: usize, one_in: usize| count * one_in > image.samples().len();
+    let is_far = is_more(finite().filter(|sample| !(least..=most).contains(sample)).count(), ONE_IN);
+    let is_negative = is_more(finite().filter(|sample| *sample < NEGATIVE).count(), NEGATIVE_ONE_IN);
+    if !is_far && !is_negative {
         return Ok(());
     }
-    let seems = if is_centred {
+    let smallest = finite().fold(f32::INFINITY, f32::minimum_of);
+    let largest = finite().fold(f32::NEG_INFINITY, f32::maximum_of);
+    let seems = if is_negative && smallest >= -CENTRED && largest <= CENTRED {
         ", which seems to be −0.5…0.5: add 0.5"
-    } else if smallest >= least && largest <= BYTES {
+    } else if is_far && smallest >= least && largest <= BYTES {
         ", which seems to be 0…255: divide by 255"
     } else if smallest >= -SIGNED && largest <= SIGNED {
         ", which seems to be −1…1: take (sample + 1) / 2"
@@ -71,6 +73,8 @@ mod tests {
             refused(|x| x - 0.5),
             "expected samples in [0, 1], found -0.50…0.50, which seems to be −0.5…0.5: add 0.5"
         );
+        let bright = "expected samples in [0, 1], found -0.40…1.00, which seems to be −1…1: take (sample + 1) / 2";
+        assert_eq!(refused(|x| 1.4 * x - 0.4), bright, "no sample is darker than 0.3");
         assert_eq!(refused(|x| x - 2.0), "expected samples in [0, 1], found -2.00…-1.00");
         assert_eq!(refused(|x| 65535.0 * x), "expected samples in [0, 1], found 0.00…65535.00");
     }
@@ -80,7 +84,8 @@ mod tests {
         assert_eq!(check(ramp), Ok(()));
         assert_eq!(check(|at| 2.3 * ramp(at) - 0.3), Ok(()), "−0.3 to 2");
         assert_eq!(check(|at| 0.6 * ramp(at) - 0.1), Ok(()), "black, with noise");
-        assert_eq!(check(|at| ramp(at) - 0.3), Ok(()), "too bright for a centred image");
+        assert_eq!(check(|at| ramp(at) - 0.18), Ok(()), "one sample in twelve is below −0.1");
+        assert!(check(|at| ramp(at) - 0.22).is_err(), "one in eight");
         let with = |count: usize, value: f32| check(move |at| if at < count { value } else { ramp(at) });
         assert_eq!(with(6, 40.0), Ok(()), "one sample in a hundred");
         assert!(with(7, 40.0).is_err() && with(7, -0.6).is_err());

@@ -77,7 +77,7 @@ impl Exposures {
     }
 
     /// Reads a file in the format of 3DGS' `exposure.json` (graphdeco-inria/gaussian-splatting `scene/__init__.py`): an
-    /// object with a 3×4 array per view name.
+    /// object with a 3×4 array per view name. 3DGS names its views by their image files; [`Self::expose`] takes either name.
     ///
     /// # Errors
     /// [`ExposuresError::Io`], [`ExposuresError::Malformed`].
@@ -99,8 +99,8 @@ impl Exposures {
             match self {
                 Self::OfCameras => {}
                 Self::Uniform(exposure) => request.exposure = Some(*exposure),
-                Self::Listed { file, by_name } => match by_name.get(&request.name) {
-                    Some(exposure) => request.exposure = Some(*exposure),
+                Self::Listed { file, by_name } => match named(by_name, &request.name) {
+                    Some(exposure) => request.exposure = Some(exposure),
                     None => return Err(ExposuresError::Missing { file: file.clone(), view: request.name.clone() }),
                 },
             }
@@ -109,9 +109,30 @@ impl Exposures {
     }
 }
 
+/// The exposure of this name, or of the only image file with this name before its extension.
+fn named(by_name: &BTreeMap<String, Exposure>, view: &str) -> Option<Exposure> {
+    let is_file_of = |name: &str| {
+        let extension = name.strip_prefix(view).and_then(|rest| rest.strip_prefix('.'));
+        extension.is_some_and(|extension| !extension.contains(['.', '/']))
+    };
+    let mut files = by_name.iter().filter(|(name, _)| is_file_of(name)).map(|(_, exposure)| *exposure);
+    by_name.get(view).copied().or_else(|| files.next().filter(|_| files.next().is_none()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_view_is_known_by_its_name_or_that_of_its_image_file() {
+        let gains = [("a", 1.0), ("a.jpg", 2.0), ("b.JPG", 3.0), ("left/c.png", 4.0), ("d.jpg", 5.0), ("d.png", 6.0)];
+        let by_name = gains.map(|(name, gain)| (name.to_owned(), Exposure::uniform(gain))).into();
+        let found = |view: &str| named(&by_name, view);
+        for (view, gain) in [("a", 1.0), ("b", 3.0), ("left/c", 4.0)] {
+            assert_eq!(found(view), Some(Exposure::uniform(gain)), "{view}");
+        }
+        assert_eq!([found("c"), found("d"), found("left")], [None; 3], "another folder, two files, no file");
+    }
 
     #[test]
     fn parses_a_gain_or_a_path() {

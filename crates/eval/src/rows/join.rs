@@ -64,7 +64,7 @@ impl Provenance {
         const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
         self.same_run(&other, ADVICE)?;
         same("schema versions", None, &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
-        same("shards", None, &self.shard, &other.shard, ADVICE)?;
+        same("shards", None, &(self.shard, &self.merged_shards), &(other.shard, &other.merged_shards), ADVICE)?;
         for preset in other.presets {
             match self.presets.iter().find(|known| known.name == preset.name) {
                 Some(known) => same("presets", Some(&known.name), known, &preset.with_places_of(known), ADVICE)?,
@@ -223,6 +223,10 @@ mod tests {
                 ..Provenance::default()
             }
         };
+        let with_other_index = |mut run: Provenance| {
+            run.presets[0].index_sha256 = "another".to_owned();
+            run
+        };
         let known = of("data/test", "index.json", "data");
         let other = || of("data/../data/test/", "./index.json", "data/test/..");
         let (mut resumed, mut merged) = (known.clone(), known.clone());
@@ -231,7 +235,7 @@ mod tests {
         assert!(resumed == known && merged == known, "{resumed:?} {merged:?}");
         for (elsewhere, field) in [
             (of("data", "index.json", "data"), "dataset: "),
-            (of("data/test", "data", "data"), "index: "),
+            (with_other_index(of("data/test", "data", "data")), "index: "),
             (of("data/test/", "index.json", "data/test"), "parameters.folder: "),
         ] {
             let refused = known.clone().resume_with(elsewhere.clone()).unwrap_err().to_string();

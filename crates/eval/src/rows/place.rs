@@ -10,10 +10,17 @@ pub(crate) const SAMPLED_BY: &str = "sampled by ";
 const FOLDER: &str = "folder";
 
 impl PresetRecord {
-    /// Names data and index as `known` does, if they are in the same places.
+    /// Names data and index as `known` does, if the data are in the same place, and the index is there too or has the same content: the
+    /// machines of a cluster may have it under several paths.
     pub(super) fn with_places_of(self, known: &Self) -> Self {
-        let of = |own: String, known: &str| if is_same(&own, known) { known.to_owned() } else { own };
-        Self { dataset: of(self.dataset, &known.dataset), index: of(self.index, &known.index), ..self }
+        let of = |own: String, known: &str, is_one: bool| if is_one { known.to_owned() } else { own };
+        let has_one_index = self.index_sha256 == known.index_sha256 || is_same(&self.index, &known.index);
+        let has_one_dataset = is_same(&self.dataset, &known.dataset);
+        Self {
+            dataset: of(self.dataset, &known.dataset, has_one_dataset),
+            index: of(self.index, &known.index, has_one_index),
+            ..self
+        }
     }
 }
 
@@ -53,6 +60,18 @@ fn place(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_index_of_the_same_content_is_the_same_wherever_it_is() {
+        let record = |index: &str, hash: &str| PresetRecord {
+            index: index.to_owned(),
+            index_sha256: hash.to_owned(),
+            ..PresetRecord::default()
+        };
+        let named = |own: PresetRecord| own.with_places_of(&record("a/index.json", "1")).index;
+        assert_eq!(named(record("b/copy.json", "1")), "a/index.json");
+        assert_eq!(named(record("b/copy.json", "2")), "b/copy.json");
+    }
 
     #[test]
     fn a_place_has_several_names() {

@@ -35,6 +35,9 @@ pub struct Provenance {
     /// Which part of a run this is; `None` for a whole run.
     #[serde(default)]
     pub shard: Option<Shard>,
+    /// The numbers of the shards, in order, if several were merged without the others; `shard` is one of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub merged_shards: Vec<u32>,
     /// Maximum number of scenes of each dataset; `None` for all.
     #[serde(default)]
     pub limit: Option<u64>,
@@ -150,7 +153,31 @@ impl Provenance {
     }
 }
 
+impl Provenance {
+    /// The numbers of its shards; empty for a whole run.
+    pub(crate) fn shards(&self) -> BTreeSet<u32> {
+        let own = self.shard.filter(|_| self.merged_shards.is_empty()).map(|shard| shard.number);
+        own.into_iter().chain(self.merged_shards.iter().copied()).collect()
+    }
+
+    /// Which part of a run it is, such as `shard 2 of 8` or `shards 1 and 2 of 3`; `None` for a whole run.
+    pub fn part(&self) -> Option<String> {
+        let count = self.shard?.count;
+        let numbers: Vec<String> = self.shards().iter().map(ToString::to_string).collect();
+        Some(match numbers.as_slice() {
+            [one] => format!("shard {one} of {count}"),
+            [first @ .., last] => format!("shards {} and {last} of {count}", first.join(", ")),
+            [] => return None,
+        })
+    }
+}
+
 impl MethodRecord {
+    /// Whether it ran as a process of its own, whose timed answers include reading and writing of files.
+    pub fn is_process(&self) -> bool {
+        self.kind == "exec"
+    }
+
     /// Records where a network runs.
     pub(crate) fn record_network(&mut self, network: &Network) {
         self.network_adapter = network.adapter().as_ref().map(AdapterRecord::from);

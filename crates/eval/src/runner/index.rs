@@ -140,7 +140,8 @@ impl PlannedIndex {
     /// Notes the scenes of a sampled index's data that were not read when the data were opened, by the warnings of opening: the
     /// sampler did not see them.
     pub fn note_unread(&mut self, opening: &Warnings) {
-        const UNREAD: [WarningKind; 2] = [WarningKind::UnreadableScene, WarningKind::IgnoredScene];
+        const UNREAD: [WarningKind; 3] =
+            [WarningKind::UnreadableScene, WarningKind::SceneNotFound, WarningKind::IgnoredScene];
         for (kind, count, first) in opening.summary().filter(|(kind, ..)| UNREAD.contains(kind)) {
             let notice = IndexNotice { count, example: first.to_string(), missing: Missing::Data };
             self.notices.insert(format!("{NOT_READ}: {kind}"), notice);
@@ -284,6 +285,7 @@ mod tests {
         let mut index = PlannedIndex::sampled("dl3dv-6v", &rule, &source, &mut Warnings::new());
         let mut opening = Warnings::new();
         opening.push(WarningKind::IgnoredScene, "f", "holds images, but no cameras");
+        opening.push(WarningKind::SceneNotFound, "g", "index.json lists it in 000001.torch, which is missing");
         opening.push(WarningKind::ImperfectRotation, "a", "frame 3");
         index.note_unread(&opening);
         let expected = [
@@ -292,6 +294,12 @@ mod tests {
                 "scenes that are not read, and not sampled: ignored-scene",
                 1,
                 "f: holds images, but no cameras",
+                Missing::Data,
+            ),
+            (
+                "scenes that are not read, and not sampled: scene-not-found",
+                1,
+                "g: index.json lists it in 000001.torch, which is missing",
                 Missing::Data,
             ),
             ("scenes without an entry in the sampled index", 2, "b, …: 2 too-few-frames", Missing::Data),

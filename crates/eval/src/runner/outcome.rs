@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::{Plan, spread};
+use atsplat_protocol::DropReason;
+use atsplat_protocol::trial::SkipReason;
+
+use super::{Plan, Selection, spread};
 use crate::method::{FoundFiles, RequestedScene};
 use crate::{EvalError, Results, SkippedEntry, TargetRow, TargetStatus};
 
@@ -15,7 +18,9 @@ impl Plan<'_> {
     /// # Errors
     /// [`EvalError::Settings`] for a folder without any scene of the datasets.
     pub fn find_imported_files(&self) -> Result<Vec<FoundFiles>, EvalError> {
-        let indices: Vec<_> = self.datasets.iter().map(|dataset| self.selected(dataset).index).collect();
+        // A method may lack every scene of a shard and have others.
+        let whole = Selection { shard: None, ..self.selection };
+        let indices: Vec<_> = self.datasets.iter().map(|dataset| whole.index_of(dataset)).collect();
         let mut requested: Vec<RequestedScene<'_>> = Vec::new();
         for index in &indices {
             for at in spread(index.scenes.len(), CHECKED_SCENES) {
@@ -29,14 +34,35 @@ impl Plan<'_> {
         Ok(found)
     }
 
+    /// Whether this shard has no trial although its datasets have scenes of the index: it is smaller than a scene, or its entries are
+    /// skipped for what they are. The run may be complete nevertheless, unless files of this shard cannot be read.
+    pub fn is_shard_without_trials(&self, results: &Results) -> bool {
+        let has_scenes = |dataset: &super::Dataset| {
+            let index = &dataset.index.index;
+            index.entries().count() > 0 && self.selected(dataset).missing.len() < index.scene_count()
+        };
+        let unreadable = [
+            SkipReason::ImageUnreadable.name(),
+            DropReason::Unreadable.name(),
+            DropReason::ImageMissing.name(),
+            DropReason::SceneMissing.name(),
+        ];
+        self.selection.shard.is_some()
+            && !results.targets.iter().any(|row| self.requests(row))
+            && !results.provenance.skipped.iter().any(|entry| unreadable.contains(&entry.reason.as_str()))
+            && self.datasets.iter().any(has_scenes)
+    }
+
+    /// Whether a row is of a protocol and a method of this plan.
+    fn requests(&self, row: &TargetRow) -> bool {
+        self.datasets.iter().any(|dataset| dataset.name == row.key.preset)
+            && self.methods.iter().any(|method| method.record().name == row.key.method)
+    }
+
     /// Why `results` hold no scored target of this plan; `None` if they hold one, and if the methods do not support any of the
     /// trials.
     pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
-        let is_own = |row: &&TargetRow| {
-            self.datasets.iter().any(|dataset| dataset.name == row.key.preset)
-                && self.methods.iter().any(|method| method.record().name == row.key.method)
-        };
-        let own: Vec<&TargetRow> = results.targets.iter().filter(is_own).collect();
+        let own: Vec<&TargetRow> = results.targets.iter().filter(|row| self.requests(row)).collect();
         if own.iter().any(|row| matches!(row.status, TargetStatus::Scored | TargetStatus::Identical)) {
             return None;
         }

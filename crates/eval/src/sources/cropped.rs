@@ -1,13 +1,14 @@
 use std::sync::Arc;
 
-use atsplat_camera::ImageSize;
+use atsplat_camera::{Camera, ImageSize};
+use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
-use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Frame, Scene, SceneError, SceneSource, WarningKind, Warnings, ratio_of_focal_lengths};
 
-/// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K are distributed as 256×256
-/// crops, either with the official cameras of the whole images, which are cropped here, or with cameras that are already
-/// cropped, which are left unchanged.
+/// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K and DL3DV are distributed as crops,
+/// either with the official cameras of the whole images, which are cropped here, or with cameras that are already cropped, which are
+/// left unchanged: pixels are closer to square with the right ones.
 #[derive(Clone)]
 pub struct AlreadyCropped {
     inner: Arc<dyn SceneSource>,
@@ -48,17 +49,51 @@ impl SceneSource for AlreadyCropped {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.inner.load(key, warnings)?;
-        for frame in &mut scene.frames {
-            if frame.mismatch(self.plan.output()).is_some_and(|mismatch| mismatch.is_fatal()) {
-                frame.camera = self
-                    .plan
-                    .camera(&frame.camera)
-                    .map_err(|error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) })?;
+        for (at, frame) in scene.frames.iter_mut().enumerate() {
+            let cropped = self
+                .plan
+                .camera(&frame.camera)
+                .map_err(|error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) })?;
+            if frame.stated_size.is_none() {
+                self.warn_if_undecided([&frame.camera, &cropped], (key, at), warnings);
+            }
+            if self.is_whole(frame, &cropped) {
+                frame.camera = cropped;
                 // The stated size is that of the whole image; the crop is checked by its pixels' shape.
                 frame.stated_size = None;
             }
         }
         Ok(scene)
+    }
+}
+
+impl AlreadyCropped {
+    /// Whether a frame's camera is that of the whole image: by the stated size, or by the shape of pixels.
+    fn is_whole(&self, frame: &Frame, cropped: &Camera) -> bool {
+        if frame.stated_size.is_some() {
+            return frame.mismatch(self.plan.output()).is_some_and(|mismatch| mismatch.is_fatal());
+        }
+        self.stretch(cropped) < self.stretch(&frame.camera)
+    }
+
+    /// How far the pixels of a crop are from square with this camera: the absolute logarithm of fx / fy.
+    fn stretch(&self, camera: &Camera) -> f64 {
+        ratio_of_focal_lengths(&camera.intrinsics, self.plan.output()).ln().abs()
+    }
+
+    /// Warns if both cameras would do, although they differ.
+    fn warn_if_undecided(&self, [own, cropped]: [&Camera; 2], (key, at): (&str, usize), warnings: &mut Warnings) {
+        /// The same as a difference of focal lengths by half a percent.
+        const CLOSE: Tolerance = Tolerance::absolute(5e-3);
+        let differs = !CLOSE.accepts(cropped.intrinsics.fx / own.intrinsics.fx, 1.0);
+        if differs && CLOSE.accepts(self.stretch(own), self.stretch(cropped)) {
+            let detail = format!(
+                "frame {at}: expected a camera of the whole image or of its crop, found one whose pixels are as square in either: taken as \
+                 {}",
+                if self.stretch(cropped) < self.stretch(own) { "of the whole image" } else { "of the crop" }
+            );
+            warnings.push(WarningKind::UnexpectedSize, key, detail);
+        }
     }
 }
 
@@ -70,10 +105,9 @@ impl std::fmt::Debug for AlreadyCropped {
 
 #[cfg(test)]
 mod tests {
-    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
-    use atsplat_numeric::Tolerance;
+    use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
     use atsplat_pixels::{ImageU8, encode_png};
-    use atsplat_scene::{Frame, SharedBytes};
+    use atsplat_scene::SharedBytes;
 
     use super::*;
 
@@ -125,6 +159,31 @@ mod tests {
         Tolerance::EXACT.assert([k.fx, k.fy], [0.5 * (455.0 / 256.0), 0.9], "as the papers' crop");
         assert_eq!(adapted.preprocessing.expected_size, Some(ImageSize { width: 256, height: 256 }));
         assert_ne!(adapted.hash().unwrap(), preset.hash().unwrap(), "another protocol, strictly");
+    }
+
+    /// Whole images of 480×270, of which the crop takes 448 of 480 columns: pixels differ from square by 1.6 % with the wrong camera.
+    #[test]
+    fn cameras_of_dl3dv_are_told_by_pixels_that_are_closer_to_square() {
+        let preset = Preset::named("dl3dv-2v-256x448").unwrap();
+        let size = ImageSize { width: 448, height: 256 };
+        let loaded = |focals: [f64; 2]| {
+            let source: Arc<dyn SceneSource> = Arc::new(OneFrame(vec!["a".to_owned()], size, focals));
+            let (cropped, _) = AlreadyCropped::of(&source, &preset).unwrap();
+            let mut warnings = Warnings::new();
+            let k = cropped.load("a", &mut warnings).unwrap().frames[0].camera.intrinsics;
+            ([k.fx, k.fy], warnings.total())
+        };
+        let whole = [0.5, 0.5 * 480.0 / 270.0];
+        let crop = [0.5 * 480.0 / 448.0, 0.5 * 480.0 / 256.0];
+        let (found, warnings) = loaded(whole);
+        Tolerance::relative(2e-3).assert(found, crop, "cropped");
+        assert_eq!(warnings, 0);
+        let (found, warnings) = loaded(crop);
+        Tolerance::EXACT.assert(found, crop, "not cropped a second time");
+        assert_eq!(warnings, 0);
+        // Between both: pixels are 0.8 % too wide or too narrow.
+        let (_, warnings) = loaded([crop[0], crop[1] * 1.008]);
+        assert_eq!(warnings, 1);
     }
 
     #[test]

@@ -53,7 +53,11 @@ impl Merged {
     /// Why the results are not those of the whole run: missing shards, and stores that are not done. Empty if they are.
     pub fn why_incomplete(&self) -> Vec<String> {
         let missing: Vec<String> = self.missing_shards.iter().map(ToString::to_string).collect();
-        let missing = (!missing.is_empty()).then(|| format!("shards {} are missing", missing.join(", ")));
+        let missing = match missing.as_slice() {
+            [] => None,
+            [one] => Some(format!("shard {one} is missing")),
+            several => Some(format!("shards {} are missing", several.join(", "))),
+        };
         missing.into_iter().chain(self.unfinished.iter().map(ToString::to_string)).collect()
     }
 }
@@ -100,7 +104,7 @@ impl Results {
         let first = parts.next().ok_or_else(nothing)?;
         let mut unfinished = first.unfinished();
         let Self { mut provenance, trials, targets, timings } = first;
-        let mut shards: BTreeSet<u32> = provenance.shard.map(|shard| shard.number).into_iter().collect();
+        let mut shards = provenance.shards();
         let count = provenance.shard.map(|shard| shard.count);
         let mut rows = Rows::default();
         rows.add(trials, targets, timings)?;
@@ -118,7 +122,18 @@ impl Results {
                     advice: "",
                 });
             }
-            let is_repeated = shard.is_none_or(|shard| !shards.insert(shard.number));
+            let own = part.provenance.shards();
+            // Entries of shards that only one of two parts repeats could not be counted once.
+            let is_repeated = own.is_subset(&shards);
+            if let Some(twice) = own.intersection(&shards).next().filter(|_| !is_repeated) {
+                return Err(EvalError::Different {
+                    what: "shards",
+                    expected: "stores that have no shard in common, or the same ones".to_owned(),
+                    found: format!("shard {twice} in two of them"),
+                    advice: "; name each shard once",
+                });
+            }
+            shards.extend(own);
             provenance.merge_shard(part.provenance, is_repeated)?;
             rows.add(part.trials, part.targets, part.timings)?;
         }
@@ -127,6 +142,8 @@ impl Results {
         if missing_shards.is_empty() && unfinished.is_empty() {
             provenance.shard = None;
         }
+        let is_several = provenance.shard.is_some() && shards.len() > 1;
+        provenance.merged_shards = if is_several { Vec::from_iter(shards) } else { Vec::new() };
         provenance.schema_version = SCHEMA_VERSION;
         provenance.schema_hash = super::schema_hash();
         let repeated = rows.repeated;

@@ -19,6 +19,8 @@ pub struct Sample {
     pub secs_error: f64,
     /// Whether the machine was busy with other work while they were measured.
     pub busy: bool,
+    /// Whether they include the whole answer of a process, with reading and writing of files.
+    pub whole_answer: bool,
     /// Why there are no seconds.
     pub untimed: Option<String>,
     /// What ran on a graphics adapter, as [`crate::timing::Times::device`].
@@ -77,6 +79,8 @@ pub struct Point {
     pub secs_error: f64,
     /// Same as [`Sample::busy`].
     pub busy: bool,
+    /// Same as [`Sample::whole_answer`].
+    pub whole_answer: bool,
     /// Same as [`Sample::gaussians`].
     pub gaussians: Option<f64>,
     /// Its relation to the frontier.
@@ -195,8 +199,8 @@ pub fn frontier(
 }
 
 fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
-    let Sample { label, quality, unscored, secs, secs_error, busy, untimed, gaussians, device: _, counts: _ } =
-        sample.clone();
+    let sample = sample.clone();
+    let Sample { label, quality, unscored, secs, secs_error, busy, whole_answer, untimed, gaussians, .. } = sample;
     let (name, cost, cost_error) = match axis {
         Axis::Seconds => ("seconds", secs, secs_error),
         Axis::Gaussians => ("Gaussians", gaussians, 0.0),
@@ -210,7 +214,20 @@ fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
         return Err(format!("{cost} {name}"));
     }
     let (standing, against) = (Standing::NotDistinguishable, None);
-    Ok(Point { label, quality, cost, cost_error, secs, secs_error, busy, gaussians, standing, against, sample: at })
+    Ok(Point {
+        label,
+        quality,
+        cost,
+        cost_error,
+        secs,
+        secs_error,
+        busy,
+        whole_answer,
+        gaussians,
+        standing,
+        against,
+        sample: at,
+    })
 }
 
 /// Compares points by the intervals of their differences.

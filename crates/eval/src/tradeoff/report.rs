@@ -81,14 +81,16 @@ impl fmt::Display for Incomplete {
 fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
     writeln!(f, "  {:<40} {:>10} {:>18} {:>12}  difference, 95 %", "", "quality", "ms", "Gaussians")?;
     for point in &frontier.points {
-        let Point { label, quality, secs, secs_error, busy, gaussians, against, standing, .. } = point;
+        let Point { label, quality, secs, secs_error, busy, whole_answer, gaussians, against, standing, .. } = point;
         let mark = match standing {
             Standing::Frontier => "*",
             Standing::Worse => " ",
             Standing::NotDistinguishable => "?",
         };
+        let whole_answer = if *whole_answer { "‡" } else { "" };
         let busy = if *busy { "§" } else { "" };
-        let ms = secs.map_or("-".to_owned(), |secs| format!("{:.1} ±{:.1}{busy}", 1e3 * secs, 1e3 * secs_error));
+        let time = |secs| format!("{:.1} ±{:.1}{whole_answer}{busy}", 1e3 * secs, 1e3 * secs_error);
+        let ms = secs.map_or("-".to_owned(), time);
         let gaussians = gaussians.map_or("-".to_owned(), |count| format!("{count:.0}"));
         let difference = against.as_ref().map_or_else(String::new, |against| {
             let difference = against.difference;
@@ -165,8 +167,11 @@ fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
         }
     }
     devices.iter().try_for_each(|(device, labels)| writeln!(f, "{}: {device}.", labels.join(", ")))?;
-    let points = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers).flat_map(|frontier| &frontier.points);
-    if points.into_iter().any(|point| point.busy) {
+    let points = || tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers).flat_map(|frontier| &frontier.points);
+    if points().any(|point| point.whole_answer) {
+        writeln!(f, "‡ The whole answer of a process, with reading and writing of files.")?;
+    }
+    if points().any(|point| point.busy) {
         writeln!(f, "§ The machine was busy with other work: these times are not reliable.")?;
     }
     Ok(())

@@ -10,7 +10,7 @@ use crate::statistics::{
     Identical, Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of,
 };
 use crate::timing::{Machine, machine_of, times_on};
-use crate::{EvalError, PresetRecord, Results, TargetRow, TrialKey};
+use crate::{EvalError, MethodRecord, PresetRecord, Results, TargetRow, TrialKey};
 
 /// Both frontiers of one metric under one protocol.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -193,7 +193,8 @@ pub(super) fn scored<'a>(
     leaked: Leaked,
     aggregation: Aggregation,
 ) -> Vec<(Sample, Vec<SelectedTarget<'a>>)> {
-    let sample = |method: &'a str| {
+    let sample = |record: &'a MethodRecord| {
+        let method = record.name.as_str();
         let cost = cost(results, preset, method);
         let query = MetricQuery { preset, method, metric, leaked, identical: Identical::Excluded };
         let selected = select(results, &query);
@@ -219,13 +220,14 @@ pub(super) fn scored<'a>(
                 sample.secs = times.first_image.map(|spread| spread.median);
                 sample.secs_error = times.first_image.map_or(0.0, |spread| spread.error);
                 sample.busy = times.busy;
+                sample.whole_answer = record.is_process() && times.encode.is_some();
                 sample.device = times.device;
             }
             Err(reason) => sample.untimed = Some(reason),
         }
         (cost.trials + cost.failed + cost.not_applicable > 0).then_some((sample, selected))
     };
-    results.provenance.methods.iter().filter_map(|record| sample(&record.name)).collect()
+    results.provenance.methods.iter().filter_map(sample).collect()
 }
 
 /// The step of quality that is priced: 0.1 for decibels, 0.01 for everything else, in the metric's unit.

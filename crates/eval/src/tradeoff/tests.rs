@@ -321,6 +321,30 @@ fn protocols_are_compared_on_one_machine() {
     assert_eq!([0, 1].map(|at: usize| apart[at].machines[0].processor.as_str()), ["fast", "slow"]);
 }
 
+/// Both take half a second, of which the process needs a part for its files.
+#[test]
+fn times_of_whole_answers_are_marked() {
+    let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+    let other = results("b", "psnr", &[("x", 0, vec![21.0])]);
+    store.trials.extend(other.trials);
+    store.targets.extend(other.targets);
+    store.timings.extend(["a", "b"].map(|method| timing(method, "x", &[0.5], &[])));
+    store.provenance.presets.push(preset_record(PRESET));
+    let record = |name: &str, kind: &str| MethodRecord {
+        name: name.to_owned(),
+        kind: kind.to_owned(),
+        ..MethodRecord::default()
+    };
+    store.provenance.methods.extend([record("a", "exec"), record("b", "atsplat")]);
+    let tradeoffs = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
+    let marked: Vec<_> =
+        tradeoffs[0].frontiers[0].points.iter().map(|point| (point.label.as_str(), point.whole_answer)).collect();
+    assert_eq!(marked, [("b", false), ("a", true)]);
+    let printed = TradeoffReport { tradeoffs, unfinished: Vec::new() }.to_string();
+    assert!(printed.contains("500.0 ±0.0‡") && printed.contains("500.0 ±0.0 "), "{printed}");
+    assert!(printed.contains("‡ The whole answer of a process"), "{printed}");
+}
+
 #[test]
 fn protocols_share_a_frontier_only_on_request() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);

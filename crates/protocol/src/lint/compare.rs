@@ -110,7 +110,8 @@ fn judge(found: &mut Comparability) {
     }
     let only = [(found.scenes.0 - common, "first"), (found.scenes.1 - common, "second")];
     for (count, which) in only.into_iter().filter(|(count, _)| *count > 0 && common > 0) {
-        reasons.push(format!("{count} scenes are only in the {which}"));
+        let scenes = if count == 1 { "scene is" } else { "scenes are" };
+        reasons.push(format!("{count} {scenes} only in the {which}"));
     }
     if found.other_overlap > 0 {
         reasons.push(format!("{} scenes have another overlap", found.other_overlap));
@@ -169,7 +170,7 @@ mod tests {
                 "\"c\": null",
                 "\"c\": {\"context\": [1], \"target\": [1]}",
                 Verdict::OnCommonScenes,
-                "1 scenes are only in the second",
+                "1 scene is only in the second",
             ),
             ("[0, 9]", "[9, 0]", Verdict::Different, "1 of 2 common scenes differ in order or repeats"),
             ("[0, 9]", "[0, 8]", Verdict::Different, "1 of 2 common scenes have other context frames"),

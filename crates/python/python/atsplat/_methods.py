@@ -7,6 +7,7 @@ import inspect
 import json
 import os
 import traceback
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,13 +15,15 @@ from typing import Any
 import numpy as np
 
 from ._arrays import images, invalid
-from ._identity import identity
+from ._identity import examined
 from .cameras import Cameras
 from .errors import AtsplatError, NotApplicable
 from .gaussians import Gaussians
 
 #: Methods without learning that are part of atsplat.
 BUILT_IN = {"nearest-view": "nearest view", "warp": "plane warp"}
+#: The parameter of :class:`atsplat.torch.Evaluation`.
+STATE = "state-sha256"
 #: Parameters that have arguments of their own.
 RESERVED = ("setting", "version", "identity", "background", "effects", "tolerance", "renderer", "mode")
 
@@ -62,7 +65,7 @@ def record(
         raise invalid("name", f"expected letters, digits, spaces, - _ . and +, other than truth and context, found {name!r}")
     own = {name: _stated(name, value) for name, value in parameters.items()}
     if not isinstance(method, str):
-        own |= {"setting": setting, **({"identity": _identity(method)} if version is None else {"version": version})}
+        own |= {"setting": setting, **({"identity": _identity(method, own)} if version is None else {"version": version})}
     return json.dumps({
         "name": name,
         "kind": kind,
@@ -88,12 +91,19 @@ def _stated(name: str, value: Any) -> Any:
     return value
 
 
-def _identity(method: Callable[..., Any]) -> dict[str, str]:
+def _identity(method: Callable[..., Any], stated: Mapping[str, Any]) -> dict[str, str]:
     try:
-        return identity(method)
+        parts, unseen = examined(method)
     except Exception as error:
         problem = f"its code and values cannot be distinguished from another method's ({type(error).__name__}: {error}): give version=…"
         raise invalid("method", problem) from error
+    # A user who states parameters has thought of it; `Evaluation` states this one itself.
+    if unseen and not set(stated) - {STATE}:
+        listed = f"{', '.join(unseen[:5])}{', …' if len(unseen) > 5 else ''}"
+        text = f"{name_of(method)}: what is in objects of {listed} is not part of the method's identity: give parameters=… or version=…"
+        # Of the code that calls `evaluate`, which calls `record`.
+        warnings.warn(text, stacklevel=4)
+    return parts
 
 
 @dataclass(frozen=True)

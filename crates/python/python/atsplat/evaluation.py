@@ -96,11 +96,12 @@ def evaluate(
         metrics: in addition to the protocols' own, by id (:func:`atsplat.metrics`).
         weights: folder of LPIPS weights, searched before torch's cache.
         keep_images: ``none``, ``worst`` (and typical and best) or ``all``.
-        setting: whose published pose normalisation, near and far planes are used (:attr:`atsplat.Protocol.settings`).
+        setting: whose published pose normalisation, near and far planes and renderer are used (:attr:`atsplat.Protocol.settings`).
         deterministic: whether equal input gives equal bits; drift then compares bit by bit.
-        version: identifies the method instead of its code and values, which are hashed otherwise: functions and classes that are not
-            installed, or are of the method's package; constants, arrays, tensors and modules in closures, defaults, attributes,
-            ``functools.partial`` and globals. Not hashed are files and objects of other libraries: state them in ``parameters``.
+        version: identifies the method instead of its code and values, which are hashed otherwise: functions and classes that are
+            not installed, or are of the method's package; imported modules that are not installed; constants, configurations, arrays,
+            tensors and modules in closures, defaults, attributes, ``functools.partial`` and globals. Not hashed are files, and objects
+            of other libraries, which are a warning: state them in ``parameters``.
         antialiased: draw Gaussians in gsplat's ``antialiased`` mode, Mip-Splatting's 2D filter, or not; by default not, with a
             warning if they seem to be made for it.
         constants: a rasterizer whose constants Gaussians are drawn with, as for :func:`atsplat.render`, instead of the protocol's.

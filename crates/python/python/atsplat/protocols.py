@@ -57,7 +57,7 @@ class Protocol:
 
     @property
     def settings(self) -> list[str]:
-        """Methods that published another pose normalisation, or other near and far planes, under this protocol."""
+        """Methods that published another pose normalisation, other near and far planes or another renderer under this protocol."""
         return self._native.settings
 
     def open(
@@ -113,7 +113,7 @@ class Protocol:
 
         Args:
             limit: at most this many scenes, spread evenly over the index.
-            setting: whose published pose normalisation, near and far planes (see :attr:`settings`).
+            setting: whose published pose normalisation, near and far planes, and renderer of Gaussians (see :attr:`settings`).
             metrics: in addition to the protocol's own, by id (:func:`atsplat.metrics`), for :meth:`Trial.score`.
             weights: folder of LPIPS weights, searched before torch's cache.
             options: as for :meth:`open`.
@@ -282,7 +282,7 @@ class Trial:
 
         Args:
             output: images (targets × H × W × 3, float in [0, 1] or uint8) in the order of the targets, or
-                :class:`~atsplat.Gaussians` in the trial's world, which are rendered as the protocol says.
+                :class:`~atsplat.Gaussians` in the trial's world, which are rendered as the protocol says for the setting.
 
         Returns:
             Scores, whose ``status`` and ``detail`` say whether output of the wrong size or range made it fail.

@@ -16,7 +16,7 @@ from torch.utils.data import Dataset
 from ._arguments import at_most, whole
 from ._arrays import invalid
 from ._identity import modules as modules_of
-from ._methods import name_of
+from ._methods import STATE, name_of
 from .cameras import Cameras
 from .drift import Drift, drift
 from .errors import DriftedError
@@ -208,7 +208,7 @@ class Evaluation:
             return {"resume": False, **self._options}
         stated, hashes = self._options.get("parameters") or {}, [state_hash(module) for module in modules]
         state = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
-        return {**self._options, "parameters": {**stated, "state-sha256": state}}
+        return {**self._options, "parameters": {**stated, STATE: state}}
 
 
 def state_hash(module: torch.nn.Module) -> str:

@@ -8,7 +8,7 @@ use super::{first_metric, subject, title_of};
 use crate::ReportError;
 use crate::file_names::{plain, unused};
 use crate::plot::{CostAxis, Drawing, Estimate, FrontierPoint, Frontiers, Origin};
-use crate::table::{BUSY, Source, is_same_data};
+use crate::table::{BUSY, Source, TimeScope, is_same_data};
 
 /// Accuracy against time and against Gaussians, by name: one plot for each protocol with at least two methods or settings
 /// in all stores together. Stores of different images under one name do not share a plot.
@@ -61,10 +61,12 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
             leaked: Leaked::Included,
             identical: Identical::Excluded,
         };
-        let busy = if point.busy && frontier.axis == Axis::Seconds { format!(" {BUSY}") } else { String::new() };
+        let whole_answer = point.whole_answer.then_some(WHOLE_ANSWER.mark());
+        let marks =
+            whole_answer.into_iter().chain(point.busy.then_some(BUSY)).filter(|_| frontier.axis == Axis::Seconds);
         let spread = [point.cost - point.cost_error, point.cost + point.cost_error];
         FrontierPoint {
-            label: format!("{}{busy}", title(&point.label)),
+            label: marks.fold(title(&point.label), |label, mark| format!("{label} {mark}")),
             cost: point.cost,
             spread: (point.cost_error > 0.0).then_some(spread),
             quality: Estimate { value: point.quality, interval: summary(results, &query, aggregation).interval },
@@ -82,11 +84,15 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
     }
     let machine = tradeoff.machines.first().map_or_else(String::new, |machine| format!("; timed on {machine}"));
     let devices: String = tradeoff.devices.keys().map(|device| format!("; {device}")).collect();
-    let busy = shown().flat_map(|frontier| &frontier.points).any(|point| point.busy);
-    let busy = if busy { format!("; {BUSY} the machine was busy") } else { String::new() };
+    let points = || shown().flat_map(|frontier| &frontier.points);
+    let whole_answer = points().any(|point| point.whole_answer);
+    let whole_answer =
+        if whole_answer { format!("; {} {}", WHOLE_ANSWER.mark(), WHOLE_ANSWER.remark()) } else { String::new() };
+    let busy = if points().any(|point| point.busy) { format!("; {BUSY} the machine was busy") } else { String::new() };
+    let marks = format!("{whole_answer}{busy}");
     let plot = Frontiers {
         title: format!("{} against time to the first image and against Gaussians", metric.name),
-        subtitle: format!("{}; 95 % intervals over scenes{machine}{devices}{busy}", subject(results, preset)),
+        subtitle: format!("{}; 95 % intervals over scenes{machine}{devices}{marks}", subject(results, preset)),
         quality: metric.into(),
         panels: shown()
             .map(|frontier| (cost(frontier.axis), frontier.points.iter().map(|own| point(frontier, own)).collect()))
@@ -95,6 +101,9 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
     };
     Ok(Some(plot.draw()))
 }
+
+/// Time to the first image counts all that a process does for it.
+const WHOLE_ANSWER: TimeScope = TimeScope::WholeAnswer;
 
 /// The methods on each frontier, what bold and question mark mean, and the methods without a point.
 fn note(tradeoff: &Tradeoff, title: impl Fn(&str) -> String) -> String {
@@ -198,6 +207,24 @@ mod tests {
         assert!(texts.iter().any(|text| text.contains("No point against Gaussians: Nearest view")), "{texts:?}");
         assert!(texts.iter().any(|text| text.contains("Frontier against time: ")), "{texts:?}");
         assert_eq!(plots[0].1.faults(), []);
+    }
+
+    #[test]
+    fn times_of_whole_answers_are_marked_on_the_axis_of_time_alone() {
+        let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ()), atsplat("b", |_| ())]);
+        let texts = |results: &Results| {
+            let plots = of_frontier(&[Source { label: "own", results }]).unwrap();
+            assert_eq!(plots[0].1.faults(), []);
+            plots[0].1.texts().map(str::to_owned).collect::<Vec<_>>()
+        };
+        assert!(!texts(&results).iter().any(|text| text.contains('‡')));
+        results.provenance.methods[0].kind = "exec".to_owned();
+        let texts = texts(&results);
+        let count = |label: &str| texts.iter().filter(|text| text.trim_end_matches(" ?") == label).count();
+        assert_eq!([count("ATSplat (a) ‡"), count("ATSplat (a)")], [1, 1], "{texts:?}");
+        assert_eq!([count("ATSplat (b) ‡"), count("ATSplat (b)")], [0, 2], "{texts:?}");
+        let said = texts.join(" ");
+        assert!(said.contains("; ‡ the whole answer, with reading and writing of files"), "{said}");
     }
 
     /// The second method is 3 dB worse in every scene.

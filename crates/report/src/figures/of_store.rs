@@ -6,6 +6,7 @@ use atsplat_eval::statistics::{
 use atsplat_eval::timing::{Times, machine_of, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::Definition;
+use atsplat_numeric::Extremes as _;
 use atsplat_protocol::{BinRule, OverlapBins};
 
 use crate::file_names::plain;
@@ -191,21 +192,32 @@ impl<'a> ProtocolResults<'a> {
         let plot = StageTime {
             title: "Where the time goes until the first image".to_owned(),
             subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.subject()),
-            rows: methods.into_iter().map(|(method, times)| stage_time_row(self.title(method), times)).collect(),
+            rows: methods
+                .into_iter()
+                .map(|(method, times)| stage_time_row(self.title(method), method.is_process(), times))
+                .collect(),
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
     }
 }
 
-fn stage_time_row(label: String, times: Result<Times, String>) -> StageTimeRow {
+/// The stages of a process are those that it states; what else its answers take is shown as the rest of them.
+fn stage_time_row(label: String, is_process: bool, times: Result<Times, String>) -> StageTimeRow {
     let times = match times {
         Ok(times) => times,
         Err(reason) => return StageTimeRow { label, stages: Vec::new(), spread: None, untimed: Some(reason) },
     };
     let mut stages: Vec<(String, f64)> =
         in_order(&times.stages).into_iter().map(|(name, spread)| (name.clone(), spread.median)).collect();
-    if let Some(encode) = times.encode.filter(|_| stages.is_empty()) {
-        stages.push(("encode".to_owned(), encode.median));
+    if let Some(encode) = times.encode {
+        let stated: f64 = stages.iter().map(|(_, secs)| secs).sum();
+        let rest = (encode.median - stated).maximum_of(0.0);
+        stages.extend(match (is_process, stages.is_empty()) {
+            (true, true) => Some(("the whole answer".to_owned(), encode.median)),
+            (true, false) => Some(("the rest of the answer".to_owned(), rest)),
+            (false, true) => Some(("encode".to_owned(), encode.median)),
+            (false, false) => None,
+        });
     }
     stages.extend(times.render.map(|spread| ("render a view".to_owned(), spread.median)));
     StageTimeRow {
@@ -238,6 +250,8 @@ fn step_of(distances: &BTreeSet<i64>) -> Option<u32> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::Tolerance;
+
     use super::*;
     use crate::sample::{atsplat, floor, preset, results};
 
@@ -250,6 +264,30 @@ mod tests {
             let texts = plot.texts().collect::<Vec<_>>().join("\n");
             assert!(["ATSplat (one)", "ATSplat (two)"].iter().all(|title| texts.contains(title)), "{name}: {texts}");
         }
+    }
+
+    /// Answers take 0.26 s, of which the process states 0.005 s for its encoder.
+    #[test]
+    fn the_bar_of_a_process_is_as_long_as_its_answers() {
+        let stages = |is_process, stated: &[(&str, f64)]| {
+            let mut results = results(vec![preset("re10k-2v-256")], vec![atsplat("atsplat", |_| ())]);
+            for row in &mut results.timings {
+                row.stages = stated.iter().map(|(name, secs)| ((*name).to_owned(), vec![*secs; 5])).collect();
+            }
+            let times = times(&results, "re10k-2v-256", "atsplat");
+            let stages = stage_time_row(String::new(), is_process, times).stages;
+            let secs: Vec<f64> = stages.iter().map(|(_, secs)| *secs).collect();
+            (stages.into_iter().map(|(name, _)| name).collect::<Vec<_>>().join(", "), secs)
+        };
+        let (names, secs) = stages(true, &[]);
+        assert_eq!(names, "the whole answer, render a view");
+        Tolerance::F64.assert(secs, [0.26, 0.005], "an answer without stages");
+        let (names, secs) = stages(true, &[("encode", 0.005)]);
+        assert_eq!(names, "encode, the rest of the answer, render a view");
+        Tolerance::F64.assert(secs, [0.005, 0.255, 0.005], "an answer with its encoder");
+        let (names, secs) = stages(false, &[("coarse", 0.2)]);
+        assert_eq!(names, "coarse, render a view");
+        Tolerance::F64.assert(secs, [0.2, 0.005], "a method within this process");
     }
 
     /// ATSplat is 3 dB worse, and its SSIM is 3 / 32 less, in the three scenes on which it did not fail.

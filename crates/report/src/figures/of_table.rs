@@ -1,4 +1,4 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
@@ -32,7 +32,8 @@ fn shown(table: &Table) -> impl Iterator<Item = &Row> {
 
 fn name(row: &Row) -> String {
     let labels = row.names();
-    let untrained = if row.untrained && !labels.iter().any(|label| label.contains("untrained")) { " †" } else { "" };
+    let untrained =
+        if row.untrained && !labels.iter().any(|label| label.contains("untrained")) { " (untrained)" } else { "" };
     let inference_only = if row.inference_only { " ¶" } else { "" };
     format!("{}{untrained}{inference_only}", labels.join(", "))
 }
@@ -51,10 +52,9 @@ fn subtitle(table: &Table, group: &Group, drawn: Range<usize>) -> String {
     let scenes =
         scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {}", counted(scenes, "scene")));
     let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
-    let untrained = if table.rows.iter().any(|row| row.untrained) { "; † untrained" } else { "" };
     let inference_only =
         if table.rows.iter().any(|row| row.inference_only) { "; ¶ changed at inference only" } else { "" };
-    format!("{}{group}{scenes}{untrained}{inference_only}", table.title)
+    format!("{}{group}{scenes}{inference_only}", table.title)
 }
 
 fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
@@ -67,9 +67,9 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
             let Some(cost_at) = place_of(group, quantity) else { continue };
             let point = |row: &Row| {
                 let (spent, quality) = (row.cell((at, cost_at)), row.cell((at, quality_at)));
-                let busy = if spent.is_busy() { format!(" {BUSY}") } else { String::new() };
+                let marks = spent.marks();
                 Some(FrontierPoint {
-                    label: format!("{}{busy}", name(row)),
+                    label: if marks.is_empty() { name(row) } else { format!("{} {marks}", name(row)) },
                     cost: spent.value.number()?,
                     spread: spent.timing.as_ref().map(|timing| timing.spread.quartiles),
                     quality: estimate(quality)?,
@@ -100,13 +100,16 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
     plots
 }
 
-/// The machine of a column of times, and the meaning of the mark for a busy machine.
+/// The machine of a column of times, and the meaning of their marks.
 fn machine(table: &Table, place: Place) -> String {
     let mut timings = table.rows.iter().filter_map(|row| row.cell(place).timing.as_ref());
     let busy = if timings.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
     let devices: BTreeSet<&String> = timings.clone().filter_map(|timing| timing.device.as_ref()).collect();
     let devices: String = devices.iter().map(|device| format!("; {device}")).collect();
-    timings.next().map_or_else(String::new, |timing| format!("; {}{devices}{busy}", timing.machine))
+    let scopes: BTreeMap<&str, &str> =
+        timings.clone().filter_map(|timing| timing.scope).map(|scope| (scope.mark(), scope.remark())).collect();
+    let scopes: String = scopes.iter().map(|(mark, remark)| format!("; {mark} {remark}")).collect();
+    timings.next().map_or_else(String::new, |timing| format!("; {}{devices}{scopes}{busy}", timing.machine))
 }
 
 fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
@@ -266,6 +269,34 @@ mod tests {
         assert!(has_frontier(&results));
         results.provenance.methods[1].untrained = true;
         assert!(!has_frontier(&results), "random weights");
+    }
+
+    /// Answers take 0.26 s; of that, the process says, its encoder takes 0.005 s.
+    #[test]
+    fn times_of_processes_say_what_they_cover() {
+        let texts = |states: bool| {
+            let mut results = results_over(vec![preset("re10k-2v-256")], vec![atsplat("a", |_| ())], 4);
+            results.provenance.methods[0].kind = "exec".to_owned();
+            for row in &mut results.timings {
+                row.stages = if states { [("encode".to_owned(), vec![0.005; 5])].into() } else { [].into() };
+            }
+            let definition = TableDefinition::named("re10k").unwrap();
+            let sources = [Source { label: "run", results: &results }];
+            let table = tables(&definition, &sources, Mixing::Apart).unwrap().swap_remove(0);
+            let plots = of_table(&definition, &table, &sources);
+            let text = |name: &str| {
+                let (_, plot) = plots.iter().find(|(own, _)| own == name).unwrap();
+                plot.texts().collect::<Vec<_>>().join("\n")
+            };
+            (text("re10k-seconds"), text("re10k-gaussians"))
+        };
+        for (states, mark, remark) in
+            [(true, "ATSplat †", "† as the method states"), (false, "ATSplat ‡", "‡ the whole answer")]
+        {
+            let (seconds, gaussians) = texts(states);
+            assert!(seconds.contains(mark) && seconds.contains(remark), "{seconds}");
+            assert!(!gaussians.contains(['†', '‡']), "{gaussians}");
+        }
     }
 
     /// The first thresholds give every scene as many Gaussians as the ratios, the second other numbers.

@@ -5,8 +5,8 @@ use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_protocol::{OverlapBins, Preset};
 
 use super::{Row, Source, StoreProtocol};
-use crate::ReportError;
 use crate::definition::TableDefinition;
+use crate::{ReportError, counted};
 
 /// Results that may share a table: one protocol and one index for each preset.
 #[derive(Debug, Default)]
@@ -17,6 +17,8 @@ pub(super) struct Edition<'a> {
     pub(super) mixed: bool,
     /// Whether `--force` allowed results that do not belong together.
     pub(super) forced: bool,
+    /// Why its results are not in the table of an edition before it.
+    pub(super) apart: Option<String>,
 }
 
 /// One preset of one store.
@@ -55,7 +57,9 @@ pub(super) fn editions<'a>(
                 Some(at) => at,
                 None if mix && !editions.is_empty() => 0,
                 None => {
-                    editions.push(Edition { suffix: Some(suffix), forced: mix, ..Edition::default() });
+                    let mut before = editions.iter().filter(|edition| edition.suffix == Some(suffix));
+                    let apart = before.find_map(|edition| edition.why_apart(&parts));
+                    editions.push(Edition { suffix: Some(suffix), forced: mix, apart, ..Edition::default() });
                     editions.len() - 1
                 }
             };
@@ -77,13 +81,19 @@ fn unfinished(preset: &PresetRecord, interrupted: &[Unfinished]) -> Vec<String> 
 
 /// Whether the trials that two stores have in common, each under a preset of this name, read the same images and cameras.
 pub(crate) fn is_same_data(stores: [(&Results, &str); 2]) -> bool {
+    other_data(stores).is_empty()
+}
+
+/// Scene and entry of the trials that two stores have in common, but with other images or cameras.
+fn other_data<'a>(stores: [(&'a Results, &str); 2]) -> Vec<(&'a str, u32)> {
     let [own, others] = stores.map(|(results, preset)| {
         let trials = results.trials.iter().filter(|trial| trial.key.preset == preset);
         trials
             .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
             .collect::<BTreeMap<_, _>>()
     });
-    others.iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+    let differ = |(trial, data): &(&(&str, u32), &&str)| own.get(*trial).is_some_and(|known| known != *data);
+    others.iter().filter(differ).map(|(trial, _)| *trial).collect()
 }
 
 /// The parts of a store by suffix; parts of one suffix that may not share an edition are in groups of their own.
@@ -116,6 +126,11 @@ impl Edition<'_> {
         self.suffix == Some(suffix) && parts.iter().all(is_consistent)
     }
 
+    /// Why parts do not share this edition's table; `None` if they may.
+    fn why_apart(&self, parts: &[Part<'_>]) -> Option<String> {
+        parts.iter().find_map(|part| self.parts.iter().find_map(|own| part.why_apart(own)))
+    }
+
     /// The method of a measured row under a preset; `None` if the row has no results of it.
     pub(super) fn method(&self, preset: &str, row: &Row) -> Option<(&Part<'_>, &MethodRecord)> {
         let mut measured = self.parts.iter().filter(|part| row.protocols.iter().flatten().any(|own| part.is(own)));
@@ -143,13 +158,26 @@ impl Part<'_> {
     /// Whether its results may share a table with those of another: both are of different published presets, or of one
     /// protocol, index, and set of images and cameras.
     pub(super) fn is_consistent_with(&self, other: &Part<'_>) -> bool {
-        let (own, others) = (self.preset, other.preset);
-        let is_same_protocol = own.hash == others.hash && own.index_sha256 == others.index_sha256;
-        own.published() != others.published() || (is_same_protocol && self.has_same_data(other))
+        self.why_apart(other).is_none()
     }
 
-    fn has_same_data(&self, other: &Part<'_>) -> bool {
-        is_same_data([self, other].map(|part| (part.source.results, part.preset.name.as_str())))
+    /// Why its results may not share a table with those of another; `None` if they may.
+    fn why_apart(&self, other: &Part<'_>) -> Option<String> {
+        let (own, others) = (self.preset, other.preset);
+        if own.published() != others.published() {
+            return None;
+        }
+        let why = if own.hash != others.hash {
+            "its protocol is another one".to_owned()
+        } else if own.index_sha256 != others.index_sha256 {
+            "its index is another one".to_owned()
+        } else {
+            let differ = other_data([self, other].map(|part| (part.source.results, part.preset.name.as_str())));
+            let (scene, entry) = differ.first()?;
+            let trials = counted(differ.len() as u64, "trial");
+            format!("{trials} that both have read other images or cameras, first scene {scene}, entry {entry}")
+        };
+        Some(format!("{}: not in one table with the results of {}: {why}", own.name, other.source.label))
     }
 
     /// Whether it is the protocol that was measured.

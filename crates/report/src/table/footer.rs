@@ -33,6 +33,9 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
                 .to_owned(),
         );
     }
+    if let Some(apart) = &edition.apart {
+        notes.add(NoteKind::Setting, apart.clone());
+    }
     protocols(&mut notes, table, edition);
     metrics(&mut notes, table, edition);
     times(&mut notes, table);

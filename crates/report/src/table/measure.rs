@@ -3,6 +3,7 @@ use atsplat_eval::statistics::{
     within_distances,
 };
 use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
+use atsplat_eval::{Results, TargetRow, TargetStatus};
 
 use super::edition::Part;
 use super::{Cell, CellTiming, Counts, TimeScope, Value};
@@ -44,7 +45,7 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: 
 fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) -> Cell {
     let results = part.source.results;
     let mut outside_bins = 0;
-    let found = match (&group.bin, &part.protocol.overlap_bins) {
+    let mut of_query = |query: &MetricQuery<'_>| match (&group.bin, &part.protocol.overlap_bins) {
         (None, _) => match group.distances {
             Some([low, high]) => within_distances(results, query, low..=high),
             None => summary(results, query, part.protocol.aggregation),
@@ -57,14 +58,29 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
         }
         (Some(_), None) => Summary::default(),
     };
+    let found = of_query(query);
+    let capped = MetricQuery { identical: Identical::Capped, ..*query };
+    let with_identical = if has_identical(results, query) { of_query(&capped).mean } else { None };
     Cell {
         value: found.mean.map_or(Value::Absent, Value::Number),
         interval: found.interval,
         counts: Some(Counts { outside_bins, ..counts_of(&found) }),
         set_hash: found.target_set_hash,
+        with_identical,
+        metric_weights: weights_of(results, query.metric),
         not_computed: found.not_computed,
         ..Cell::default()
     }
+}
+
+/// Whether a render is identical to the truth although the method was not given that frame.
+fn has_identical(results: &Results, query: &MetricQuery<'_>) -> bool {
+    let is_own = |row: &&TargetRow| row.key.preset == query.preset && row.key.method == query.method;
+    results.targets.iter().filter(is_own).any(|row| row.status == TargetStatus::Identical && !row.leaked)
+}
+
+fn weights_of(results: &Results, metric: &str) -> Option<String> {
+    results.provenance.metrics.iter().find(|record| record.id == metric)?.weights_sha256.clone()
 }
 
 const fn counts_of(found: &Summary) -> Counts {
@@ -131,7 +147,7 @@ fn time_cell(times: Result<Times, String>, is_process: bool) -> Cell {
 
 /// Whether a method runs as a process of its own, which reads and writes files.
 fn is_process(part: &Part<'_>, method: &str) -> bool {
-    part.source.results.provenance.methods.iter().any(|record| record.name == method && record.kind == "exec")
+    part.source.results.provenance.methods.iter().any(|record| record.name == method && record.is_process())
 }
 
 /// Whether any target of a method is also a context frame.

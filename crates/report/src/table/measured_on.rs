@@ -88,16 +88,20 @@ impl Part<'_> {
         Some(if first == last { print(first) } else { format!("{} to {}", print(first), print(last)) })
     }
 
-    /// Scenes with compared targets of those of the protocol, and what else differs from it.
+    /// Scenes with scored targets of those of the protocol, and what else differs from it.
     fn scenes(&self, method: &str) -> String {
         let is_own = |row: &&TargetRow| row.key.preset == self.preset.name && row.key.method == method;
         let rows: Vec<&TargetRow> = self.source.results.targets.iter().filter(is_own).collect();
-        let is_compared = |row: &&&TargetRow| !matches!(row.status, TargetStatus::Failed | TargetStatus::NonFinite);
-        let scenes: BTreeSet<&str> = rows.iter().filter(is_compared).map(|row| row.key.scene.as_str()).collect();
-        let scenes = scenes.len() as u64;
+        let with = |status| rows.iter().filter(move |row| row.status == status);
+        let scenes_with = |status| with(status).map(|row| row.key.scene.as_str()).collect::<BTreeSet<_>>();
+        let (scored, copied) = (scenes_with(TargetStatus::Scored), scenes_with(TargetStatus::Identical));
+        let scenes = scored.len() as u64;
         let unsupported = self.source.results.unsupported();
-        let not_compared = rows.iter().filter(|row| !is_compared(row)).map(|row| &row.key);
-        let (not_applicable, failed): (Vec<_>, Vec<_>) = not_compared.partition(|key| unsupported.contains(key));
+        let (not_applicable, failed): (Vec<&TargetRow>, Vec<&TargetRow>) =
+            with(TargetStatus::Failed).copied().partition(|row| unsupported.contains(&row.key));
+        let not_finite = with(TargetStatus::NonFinite).count();
+        // Copies of a context view are common among targets; here only where a scene has nothing else.
+        let identical = if copied.is_subset(&scored) { 0 } else { with(TargetStatus::Identical).count() };
         let all = self.protocol.index.scenes;
         let mut text = match scenes {
             1 if all <= 1 => "1 scene".to_owned(),
@@ -105,10 +109,19 @@ impl Part<'_> {
             own if own < all => format!("{own} of {all} scenes"),
             own => format!("{own} scenes"),
         };
-        for (count, what) in [(failed.len(), "failed"), (not_applicable.len(), "not applicable")] {
+        let without_score = [
+            (failed.len(), "failed"),
+            (not_finite, "not finite"),
+            (not_applicable.len(), "not applicable"),
+            (identical, "identical to the truth"),
+        ];
+        for (count, what) in without_score {
             if count > 0 {
                 text.push_str(&format!(", {count} of {} targets {what}", rows.len()));
             }
+        }
+        if let Some(part) = self.source.results.provenance.part() {
+            text.push_str(&format!(", {part} of the run"));
         }
         if !self.protocol.index.accepted.is_empty() && self.preset.index_name.is_none() {
             text.push_str(", own index");

@@ -173,6 +173,13 @@ pub struct Cell {
     /// if it is published, or a time.
     #[serde(skip)]
     pub set_hash: Option<u64>,
+    /// The mean with renders that are identical to the truth, whose PSNR counts as its cap, if there are any other than copies of
+    /// context views.
+    #[serde(skip)]
+    pub with_identical: Option<f64>,
+    /// SHA-256 of the metric's learned weights, if it has any.
+    #[serde(skip)]
+    pub metric_weights: Option<String>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
     /// The spread over trainings and over scenes, if it is a mean over several trainings.
@@ -371,9 +378,8 @@ impl Cell {
     /// Whether it may be the best: no time measured on a busy machine, and no mean that lacks targets, or trials on which the
     /// method failed.
     pub(crate) fn is_rankable(&self) -> bool {
-        let lacks_targets = self
-            .counts
-            .is_some_and(|counts| counts.failed + counts.not_applicable + counts.non_finite + counts.uncomputed > 0);
+        let lacks_targets =
+            self.counts.is_some_and(|own| own.failed + own.not_applicable + own.non_finite + own.uncomputed > 0);
         !self.is_busy() && !self.lacks_trials && !lacks_targets
     }
 

@@ -1,8 +1,9 @@
 use std::cmp::Ordering;
+use std::collections::BTreeMap;
 
-use atsplat_metrics::Direction;
+use atsplat_metrics::{Definition, Direction, Measure};
 
-use super::{Mark, Note, NoteKind, Place, Row, Table};
+use super::{Cell, Column, Mark, Note, NoteKind, Place, Row, Table};
 use crate::definition::{Marks, Quantity};
 use crate::plot::Origin;
 
@@ -11,24 +12,27 @@ use crate::plot::Origin;
 ///
 /// If measured numbers are of the published setting, all rows are ranked together, otherwise published and measured rows
 /// separately; times always, because published ones are of other machines. Untrained rows, rows without leaked targets, and
-/// means that lack targets or trials are not ranked, nor are measured rows of a column that differ in their targets, or in the
-/// machine or device of their times. A second place shared by more than two rows is not marked.
+/// means that lack targets or trials are not ranked, nor are measured rows of a column that differ in their targets, in the learned
+/// weights of its metric, or in the machine or device of their times, or would be in another order with renders that are identical to
+/// the truth. Weights that are not the published ones give a ranking of their
+/// own. A second place shared by more than two rows is not marked.
 pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<Note> {
     if marks == Marks::None {
         return Vec::new();
     }
     let directed: Vec<(Place, Direction)> =
         table.columns().filter_map(|(place, column)| Some((place, column.direction?))).collect();
-    let (mut over_others, mut on_others) = (Vec::new(), Vec::new());
+    let mut unranked: BTreeMap<Incomparable, Vec<String>> = BTreeMap::new();
     let published = |row: &Row| row.origin == Origin::Published;
     let measured = |row: &Row| row.origin == Origin::Measured;
     for (place, direction) in directed {
         let is_time = table.column(place).quantity == Quantity::Seconds;
-        let rankings: &[&dyn Fn(&Row) -> bool] = if !is_comparable(table, &printed(table, place, &measured), place) {
-            let others = if is_time { &mut on_others } else { &mut over_others };
-            others.push(table.heading(place));
+        let cells: Vec<&Cell> =
+            printed(table, place, &measured).into_iter().map(|(at, _)| table.rows[at].cell(place)).collect();
+        let rankings: &[&dyn Fn(&Row) -> bool] = if let Some(why) = incomparable(&cells, direction) {
+            unranked.entry(why).or_default().push(table.heading(place));
             &[&published]
-        } else if one_ranking && !is_time {
+        } else if one_ranking && !is_time && has_published_weights(table.column(place), &cells) {
             &[&|_| true]
         } else {
             &[&published, &measured]
@@ -37,25 +41,75 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) -> Vec<No
             rank_column(table, place, direction, marks, included);
         }
     }
-    let notes = [
-        (over_others, "rows are over different scenes or targets"),
-        (on_others, "times are of different machines or devices"),
-    ];
-    let note = |(columns, why): (Vec<String>, &str)| Note {
-        kind: NoteKind::Unranked,
-        text: format!("no measured number is marked as best, because {why}: {}", columns.join(", ")),
+    let note = |(why, columns): (Incomparable, Vec<String>)| {
+        let why = match why {
+            Incomparable::Targets => "rows are over different scenes or targets",
+            Incomparable::Identical => {
+                "renders that are identical to the truth, which means leave out, would change the order"
+            }
+            Incomparable::Weights => "metrics have different weights",
+            Incomparable::Machines => "times are of different machines or devices",
+        };
+        let text = format!("no measured number is marked as best, because {why}: {}", columns.join(", "));
+        Note { kind: NoteKind::Unranked, text }
     };
-    notes.into_iter().filter(|(columns, _)| !columns.is_empty()).map(note).collect()
+    unranked.into_iter().map(note).collect()
 }
 
-/// Whether measured values of a column are over one set of targets or trials, or were timed on one machine and device.
-fn is_comparable(table: &Table, printed: &[(usize, f64)], place: Place) -> bool {
-    let mut bases = printed.iter().map(|(at, _)| {
-        let cell = table.rows[*at].cell(place);
-        (cell.set_hash, cell.timing.as_ref().map(|timing| (&timing.machine, &timing.device)))
-    });
-    let first = bases.next();
-    bases.all(|basis| Some(basis) == first)
+/// Why the measured values of a column do not compare.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Incomparable {
+    /// Other targets or trials.
+    Targets,
+    /// Without the renders that are identical to the truth, the order is another one: a method would lose by its best targets.
+    Identical,
+    /// Other learned weights of the metric.
+    Weights,
+    /// Times of another machine or device.
+    Machines,
+}
+
+fn incomparable(cells: &[&Cell], direction: Direction) -> Option<Incomparable> {
+    if differ(cells.iter().map(|cell| cell.set_hash)) {
+        return Some(Incomparable::Targets);
+    }
+    let order = |value: &dyn Fn(&Cell) -> Option<f64>| {
+        let mut order: Vec<(usize, f64)> =
+            cells.iter().enumerate().filter_map(|(at, cell)| Some((at, value(cell)?))).collect();
+        order.sort_by(|(_, a), (_, b)| in_direction(direction, *a, *b));
+        order.into_iter().map(|(at, _)| at).collect::<Vec<_>>()
+    };
+    let own = |cell: &Cell| cell.value.number();
+    if order(&own) != order(&|cell| cell.with_identical.or_else(|| own(cell))) {
+        return Some(Incomparable::Identical);
+    }
+    if differ(cells.iter().map(|cell| &cell.metric_weights)) {
+        return Some(Incomparable::Weights);
+    }
+    let machines = cells.iter().map(|cell| cell.timing.as_ref().map(|timing| (&timing.machine, &timing.device)));
+    differ(machines).then_some(Incomparable::Machines)
+}
+
+/// The better value first.
+fn in_direction(direction: Direction, a: f64, b: f64) -> Ordering {
+    match direction {
+        Direction::Higher => b.total_cmp(&a),
+        Direction::Lower => a.total_cmp(&b),
+    }
+}
+
+fn differ<T: PartialEq>(mut values: impl Iterator<Item = T>) -> bool {
+    let first = values.next();
+    !values.all(|value| Some(value) == first)
+}
+
+/// Whether no cell has a metric whose learned weights are known not to be the published ones.
+fn has_published_weights(column: &Column, cells: &[&Cell]) -> bool {
+    let Quantity::Metric(Definition { measure: Measure::Perceptual { network, .. }, .. }) = column.quantity else {
+        return true;
+    };
+    let mut weights = cells.iter().filter_map(|cell| cell.metric_weights.as_deref());
+    weights.all(|sha256| network.is_published(sha256) != Some(false))
 }
 
 /// The printed values of a column that may be ranked, with the positions of their rows.
@@ -71,10 +125,7 @@ fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Mar
     if printed.len() < 2 {
         return;
     }
-    printed.sort_by(|(_, a), (_, b)| match direction {
-        Direction::Higher => b.total_cmp(a),
-        Direction::Lower => a.total_cmp(b),
-    });
+    printed.sort_by(|(_, a), (_, b)| in_direction(direction, *a, *b));
     let mut distinct: Vec<f64> = printed.iter().map(|(_, value)| *value).collect();
     distinct.dedup_by(|a, b| a.total_cmp(b) == Ordering::Equal);
     let holders = |rank: usize| -> Vec<usize> {
@@ -102,5 +153,25 @@ fn printed_value(table: &Table, row: &Row, place: Place) -> Option<f64> {
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
         None => text.parse().ok(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::definition::TableDefinition;
+
+    #[test]
+    fn weights_of_another_hash_are_not_the_published_ones() {
+        let definition = TableDefinition::named("re10k").unwrap();
+        let table = super::super::build::table(&definition, &[], None);
+        let (_, column) = table.columns().find(|(_, column)| column.title == "LPIPS").unwrap();
+        let cell = |hash: Option<&str>| Cell { metric_weights: hash.map(str::to_owned), ..Cell::default() };
+        let of = |hashes: [Option<&str>; 2]| {
+            let cells = hashes.map(cell);
+            has_published_weights(column, &[&cells[0], &cells[1]])
+        };
+        let published = Some("397923af8e79cdbb");
+        assert_eq!([of([published; 2]), of([published, None]), of([published, Some("01")])], [true, true, false]);
     }
 }

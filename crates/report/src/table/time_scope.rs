@@ -15,7 +15,7 @@ pub enum TimeScope {
 
 impl TimeScope {
     /// The mark of such times.
-    pub(super) const fn mark(self) -> &'static str {
+    pub(crate) const fn mark(self) -> &'static str {
         match self {
             Self::Stated => "†",
             Self::WholeAnswer => "‡",
@@ -38,7 +38,7 @@ impl Cell {
     }
 
     /// The marks of its time, each explained below the table.
-    pub(super) fn marks(&self) -> String {
+    pub(crate) fn marks(&self) -> String {
         let busy = self.is_busy().then_some(BUSY);
         self.time_scope().map(TimeScope::mark).into_iter().chain(busy).collect::<Vec<_>>().join(" ")
     }

@@ -100,6 +100,7 @@ fn mean_row(training: &TrainingGroup<'_>) -> Option<Row> {
                     interval: found.interval,
                     counts: Some(counts),
                     set_hash: first.cell((group, at)).set_hash,
+                    metric_weights: first.cell((group, at)).metric_weights.clone(),
                     not_computed: cells.find_map(|cell| cell.not_computed.clone()),
                     trainings: Some(trainings),
                     ..Cell::default()

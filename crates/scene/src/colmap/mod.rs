@@ -3,6 +3,7 @@
 mod binary;
 mod camera;
 mod displacement;
+mod order;
 mod source;
 mod text;
 

@@ -3,6 +3,7 @@ use std::path::{Path, PathBuf};
 use atsplat_camera::Camera;
 use atsplat_numeric::Tolerance;
 
+use super::order::report_order;
 use super::{ColmapImage, Encoding, encoding_of, malformed, model_file, parse_cameras, parse_images};
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
@@ -121,8 +122,10 @@ impl SceneSource for ColmapScenes {
                 image: found.image,
             });
         }
+        finder.report_choices(key, warnings);
         let scene = Scene { key: key.to_owned(), url: None, frames };
         report_cameras(&scene, Times::Given, warnings);
+        report_order(&scene, warnings);
         Ok(scene)
     }
 }

@@ -86,11 +86,13 @@ pub fn inspect(
 }
 
 /// Scenes of the data that are not among a dataset's keys, by the warnings of opening it and by all warnings since: ignored next to
-/// its scenes, or in a chunk that is missing or cannot be read (a chunk that cannot be read counts once).
+/// its scenes, in a chunk whose index does not list them, or in a chunk that is missing, cannot be read or is not in the index (such
+/// a chunk counts once).
 pub fn left_out(opening: &Warnings, all: &Warnings) -> u64 {
     let not_listed = [WarningKind::UnreadableScene, WarningKind::SceneNotFound].map(|kind| opening.count(kind));
-    // A further model of a capture is found when the capture is read.
-    not_listed.iter().sum::<u64>() + all.count(WarningKind::IgnoredScene)
+    // A further model of a capture is found when the capture is read, a scene beside others in a chunk with the first of them.
+    let found_later = [WarningKind::IgnoredScene, WarningKind::UnindexedScene, WarningKind::UnindexedChunk];
+    not_listed.into_iter().chain(found_later.map(|kind| all.count(kind))).sum()
 }
 
 #[cfg(test)]

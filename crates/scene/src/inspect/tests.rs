@@ -144,7 +144,8 @@ fn problems_are_counted_by_kind() {
     }
 }
 
-/// One ignored next to the scenes, one in a chunk that is missing, and a chunk that cannot be read.
+/// One ignored next to the scenes, one in a chunk that is missing, a chunk that cannot be read, and a scene and a chunk that the
+/// index does not list.
 #[test]
 fn scenes_that_were_left_out_make_an_inspection_incomplete() {
     let inspected = |kinds: &[WarningKind]| {
@@ -154,15 +155,21 @@ fn scenes_that_were_left_out_make_an_inspection_incomplete() {
         }
         inspect(&small_dataset(), "in memory", &InspectOptions::default(), &mut warnings, &|| ())
     };
-    let kinds = [WarningKind::IgnoredScene, WarningKind::SceneNotFound, WarningKind::UnreadableScene];
+    let kinds = [
+        WarningKind::IgnoredScene,
+        WarningKind::SceneNotFound,
+        WarningKind::UnreadableScene,
+        WarningKind::UnindexedScene,
+        WarningKind::UnindexedChunk,
+    ];
     for kind in kinds {
         let report = inspected(&[kind]);
         assert_eq!((report.scenes.left_out, report.is_complete()), (1, false), "{kind}");
     }
     let report = inspected(&kinds);
-    assert_eq!(report.scenes, SceneCounts { listed: 3, read: 3, unreadable: 0, left_out: 3 });
-    assert!(report.to_string().contains("scenes    3 listed: 3 read; 3 left out\n"), "{report}");
-    assert_eq!(serde_json::to_value(&report).unwrap()["scenes"]["left-out"], 3);
+    assert_eq!(report.scenes, SceneCounts { listed: 3, read: 3, unreadable: 0, left_out: 5 });
+    assert!(report.to_string().contains("scenes    3 listed: 3 read; 5 left out\n"), "{report}");
+    assert_eq!(serde_json::to_value(&report).unwrap()["scenes"]["left-out"], 5);
     let camera = inspected(&[WarningKind::BadCamera]);
     assert_eq!((camera.scenes.left_out, camera.is_complete()), (0, true));
 }

@@ -11,6 +11,8 @@ pub(crate) struct ImageFinder<'a> {
     file: &'a Path,
     choice: ImageFolder,
     folders: BTreeMap<String, Folder>,
+    /// How often a listed path fits several images, and which is used of the first.
+    choices: (usize, Option<String>),
 }
 
 /// Where a listed image is.
@@ -46,7 +48,15 @@ struct Folder {
 impl<'a> ImageFinder<'a> {
     /// Paths are relative to `root`; `file` lists them and is for messages.
     pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: ImageFolder) -> Self {
-        Self { root, file, choice, folders: BTreeMap::new() }
+        Self { root, file, choice, folders: BTreeMap::new(), choices: (0, None) }
+    }
+
+    /// Warns if images were found by their name without extension where several have it.
+    pub(crate) fn report_choices(&self, scene: &str, warnings: &mut Warnings) {
+        if let (count, Some(first)) = &self.choices {
+            let detail = format!("{count} listed paths fit several images, first: {first}");
+            warnings.push(WarningKind::AmbiguousNumbering, scene, detail);
+        }
     }
 
     /// The image listed as `listed`, relative to `folder`, which it must not leave.
@@ -65,8 +75,10 @@ impl<'a> ImageFinder<'a> {
         let folder = self.folder(&folders.join("/"))?;
         let split_name = split_image_name(name);
         let stem = split_name.map_or(*name, |(stem, _)| stem);
-        let found = folder.listing.as_ref().and_then(|listing| listing.by_name(name).or_else(|| listing.by_stem(stem)));
-        let Some(path) = found else {
+        let of_stem = |listing: &ImageListing| Some((listing.by_stem(stem)?, listing.choice_of_stem(stem)));
+        let of_name = |listing: &ImageListing| Some((listing.by_name(name)?, None));
+        let found = folder.listing.as_ref().and_then(|listing| of_name(listing).or_else(|| of_stem(listing)));
+        let Some((path, choice_of_stem)) = found else {
             let image = FrameImage::Missing(folder.path.join(name));
             return Ok(FoundImage { image, elsewhere: None, as_listed: folder.as_listed });
         };
@@ -75,6 +87,10 @@ impl<'a> ImageFinder<'a> {
         let chosen = folder.as_listed || matches!(choice, ImageFolder::Downscaled(_));
         let as_listed = folder.as_listed;
         let elsewhere = (!same_name || !chosen).then(|| format!("{listed} found as {}", path.display()));
+        if let Some(detail) = choice_of_stem {
+            self.choices.0 += 1;
+            self.choices.1.get_or_insert_with(|| format!("{listed}: {detail}"));
+        }
         Ok(FoundImage { image: FrameImage::File(path), elsewhere, as_listed })
     }
 
@@ -120,13 +136,14 @@ fn outside(listed: &str, location: &str, file: &Path) -> SceneError {
 }
 
 /// The downscaled copy of a folder: `images_8` for `images` and `images_4`, `images_8/left` for `images/left`. Without a
-/// component `images` the last one gets the factor; for images next to the file the folder is nerfstudio's `images_8`.
+/// component `images` the factor is appended to the last one: the number of `cam_1` is the camera's, and `cam_2` another
+/// camera. For images next to the file the folder is nerfstudio's `images_8`.
 fn downscaled(listed: &str, factor: u32) -> String {
     let mut components: Vec<&str> = listed.split('/').collect();
-    let images = components.iter().position(|name| without_factor(name) == "images");
+    let images = components.iter().position(|name| is_of_images(name));
     let at = images.unwrap_or(components.len() - 1);
-    let name = match components.get(at).map(|name| without_factor(name)) {
-        Some(name) if !name.is_empty() => format!("{name}_{factor}"),
+    let name = match components.get(at) {
+        Some(name) if images.is_none() && !name.is_empty() => format!("{name}_{factor}"),
         _ => format!("images_{factor}"),
     };
     if let Some(component) = components.get_mut(at) {
@@ -135,6 +152,12 @@ fn downscaled(listed: &str, factor: u32) -> String {
     components.join("/")
 }
 
+/// Whether a folder with this name is nerfstudio's and 3DGS's `images`, or a scaled copy of it.
+pub(crate) fn is_of_images(name: &str) -> bool {
+    without_factor(name) == "images"
+}
+
+/// A folder's name without a number at its end, which for other folders than `images` need not be a factor.
 pub(crate) fn without_factor(component: &str) -> &str {
     let is_factor = |tail: &str| !tail.is_empty() && tail.bytes().all(|byte| byte.is_ascii_digit());
     component.rsplit_once('_').filter(|(_, tail)| is_factor(tail)).map_or(component, |(base, _)| base)
@@ -152,6 +175,9 @@ mod tests {
             ("images/left", "images_8/left"),
             ("capture/images", "capture/images_8"),
             ("train", "train_8"),
+            ("cam_1", "cam_1_8"),
+            ("rig/cam_1", "rig/cam_1_8"),
+            ("images_2/cam_1", "images_8/cam_1"),
             ("scan_1/images_2", "scan_1/images_8"),
             ("", "images_8"),
         ] {

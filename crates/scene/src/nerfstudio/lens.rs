@@ -108,13 +108,16 @@ impl LensFields {
     /// A frame's own fields, completed by the `global` ones.
     ///
     /// A frame that states any focal length states both axes: its `fl_x` alone is not paired with the global `fl_y`.
-    /// Global lengths in pixels are scaled to the size of the frame if it states another one.
+    /// Global lengths in pixels are scaled to the size of the frame if it states another one. Global coefficients are not those
+    /// of a frame of another model, which would read them differently.
     pub(super) fn or(self, global: Self) -> Self {
         let global = global.scaled_to(self.w, self.h);
         let (focal_x, focal_y, angles) = match (self.focal_x, self.focal_y) {
             (None, None) => (global.focal_x, global.focal_y, global.angles),
             (own_x, own_y) => (own_x, own_y, self.angles),
         };
+        let is_same_model = self.fisheye.is_none_or(|own| own == global.fisheye.unwrap_or(false));
+        let (radial, tangential) = if is_same_model { (global.radial, global.tangential) } else { (None, None) };
         Self {
             w: self.w.or(global.w),
             h: self.h.or(global.h),
@@ -123,8 +126,8 @@ impl LensFields {
             angles,
             cx: self.cx.or(global.cx),
             cy: self.cy.or(global.cy),
-            radial: self.radial.or(global.radial),
-            tangential: self.tangential.or(global.tangential),
+            radial: self.radial.or(radial),
+            tangential: self.tangential.or(tangential),
             fisheye: self.fisheye.or(global.fisheye),
         }
     }
@@ -148,31 +151,42 @@ impl LensFields {
         }
     }
 
-    /// Whether the lens is complete without the size of an image file.
-    pub(super) const fn states_size(&self) -> bool {
-        self.w.is_some() && self.h.is_some()
+    /// The fields with the size of an image, if none is stated (Blender's synthetic scenes).
+    pub(super) fn of_image(self, image: Option<ImageSize>) -> Self {
+        match (self.w, self.h, image) {
+            (None, None, Some(size)) => {
+                Self { w: Some(f64::from(size.width)), h: Some(f64::from(size.height)), ..self }
+            }
+            _ => self,
+        }
     }
 
-    /// The camera's lens. `image_size` is the size of the listed image, for files without `w` and `h` (Blender's
-    /// synthetic scenes).
-    pub(super) fn resolve(
-        &self,
-        image_size: Option<ImageSize>,
-        location: &str,
-        path: &Path,
-    ) -> Result<ResolvedLens, SceneError> {
+    /// Whether any length is stated in pixels.
+    pub(super) const fn states_pixels(&self) -> bool {
+        matches!(self.focal_x, Some(Focal::Pixels(_)))
+            || matches!(self.focal_y, Some(Focal::Pixels(_)))
+            || self.cx.is_some()
+            || self.cy.is_some()
+    }
+
+    /// Whether both sides of the image are left to its file.
+    pub(super) const fn states_no_size(&self) -> bool {
+        self.w.is_none() && self.h.is_none()
+    }
+
+    /// The camera's lens.
+    pub(super) fn resolve(&self, location: &str, path: &Path) -> Result<ResolvedLens, SceneError> {
         let malformed = |field: &str, expected: &str, found: &str| {
             SceneError::malformed("transforms.json", path, format!("{location}{field}"), expected, found)
         };
-        let (width, height) = match (self.w, self.h, image_size) {
-            (Some(width), Some(height), _) => (width, height),
-            (None, None, Some(size)) => (f64::from(size.width), f64::from(size.height)),
-            (None, None, None) => {
+        let (width, height) = match (self.w, self.h) {
+            (Some(width), Some(height)) => (width, height),
+            (None, None) => {
                 return Err(malformed("w, h", "the size of the images, or an image to take it from", "neither"));
             }
             // The other side of an image may be that of a scaled copy.
-            (Some(_), None, _) => return Err(malformed("h", "a height beside the width w", "none")),
-            (None, Some(_), _) => return Err(malformed("w", "a width beside the height h", "none")),
+            (Some(_), None) => return Err(malformed("h", "a height beside the width w", "none")),
+            (None, Some(_)) => return Err(malformed("w", "a width beside the height h", "none")),
         };
         let pixels = |focal: Option<Focal>, side: f64| focal.map(|focal| focal.pixels(side));
         let (x, y) = (pixels(self.focal_x, width), pixels(self.focal_y, height));

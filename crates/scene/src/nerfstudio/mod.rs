@@ -2,6 +2,7 @@
 
 mod images;
 mod lens;
+mod sizes;
 mod source;
 mod transforms;
 
@@ -9,5 +10,5 @@ pub use lens::{Focal, LensFields};
 pub use source::{AppliedTransform, NerfstudioOptions, NerfstudioScenes, SUBSET_PREFIX};
 pub use transforms::{ListedFrame, Transforms, parse_transforms};
 
-pub(crate) use images::{FoundImage, ImageFinder, without_factor};
+pub(crate) use images::{FoundImage, ImageFinder, is_of_images};
 pub(crate) use source::{VARIANTS, scene_files, transforms_in};

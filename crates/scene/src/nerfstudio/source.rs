@@ -1,17 +1,17 @@
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
+use atsplat_camera::{Camera, CameraError, WorldFromCamera};
 use glam::DVec3;
 
-use super::images::without_factor;
+use super::images::{is_of_images, without_factor};
 use super::lens::LensFields;
+use super::sizes::{lenses, needs_image_sizes};
 use super::{FoundImage, ImageFinder, Transforms, parse_transforms};
 use crate::camera_policy::{Times, report_cameras};
 use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_image_name};
 use crate::ignored::Collections;
-use crate::scene::{in_frame, size_of_file};
-use crate::{Frame, FrameImage, ImageFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::{Frame, ImageFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 /// Subfolders of a DL3DV scene that may hold its `transforms.json`, in order of preference: the distorted captures, and
 /// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
@@ -109,11 +109,16 @@ impl SceneSource for NerfstudioScenes {
         let mut files = vec![file.clone()];
         if self.options.images == ImageFolder::Listed {
             let root = file.parent().unwrap_or_else(|| Path::new("."));
-            let is_copy = |name: &str| VARIANTS.contains(&name) || without_factor(name) != name;
+            let entries = list(root)?;
+            let is_scaled = |name: &str| {
+                let base = without_factor(name);
+                base != name && (is_of_images(name) || entries.iter().any(|(other, _)| other == base))
+            };
+            let is_copy = |name: &str| VARIANTS.contains(&name) || is_scaled(name);
             let holds_images = |(name, is_folder): &&(String, bool)| {
                 if *is_folder { !is_copy(name) } else { split_image_name(name).is_some() }
             };
-            files.extend(list(root)?.iter().filter(holds_images).map(|(name, _)| root.join(name)));
+            files.extend(entries.iter().filter(holds_images).map(|(name, _)| root.join(name)));
         }
         Ok(files)
     }
@@ -123,17 +128,22 @@ impl SceneSource for NerfstudioScenes {
         let (transforms, file) = self.transforms(key)?;
         let root = file.parent().unwrap_or_else(|| Path::new("."));
         let mut finder = ImageFinder::new(root, file, self.options.images);
-        let mut images = Vec::with_capacity(transforms.frames.len());
-        for (at, frame) in transforms.frames.iter().enumerate() {
-            let found = finder.find(&frame.file_path, &format!("frames[{at}].file_path"))?;
+        let images = find_images(&mut finder, &transforms)?;
+        for (at, found) in images.iter().enumerate() {
             found.report(key, at, warnings);
-            images.push(found);
         }
-        let scene = Scene {
-            key: key.to_owned(),
-            url: subset,
-            frames: frames(key, file, &transforms, images, self.options.undo_applied_transform, warnings)?,
+        finder.report_choices(key, warnings);
+        let lenses = if needs_image_sizes(&transforms) && self.options.images != ImageFolder::Listed {
+            // A scaled copy does not have the size that lengths in pixels refer to.
+            let mut finder = ImageFinder::new(root, file, ImageFolder::Listed);
+            lenses(key, &transforms, &find_images(&mut finder, &transforms)?)?
+        } else {
+            lenses(key, &transforms, &images)?
         };
+        let applied =
+            self.options.undo_applied_transform.then(|| AppliedTransform::of(&transforms, file)).transpose()?;
+        let frames = frames(key, file, &transforms, (&lenses, images), applied, warnings)?;
+        let scene = Scene { key: key.to_owned(), url: subset, frames };
         report_cameras(&scene, Times::FromNames, warnings);
         Ok(scene)
     }
@@ -146,22 +156,24 @@ impl SceneSource for NerfstudioScenes {
     }
 }
 
+fn find_images(finder: &mut ImageFinder<'_>, transforms: &Transforms) -> Result<Vec<FoundImage>, SceneError> {
+    let frames = transforms.frames.iter().enumerate();
+    frames.map(|(at, frame)| finder.find(&frame.file_path, &format!("frames[{at}].file_path"))).collect()
+}
+
+/// The frames, with a lens and an image for each. `applied` is undone.
 fn frames(
     key: &str,
     file: &Path,
     transforms: &Transforms,
-    images: Vec<FoundImage>,
-    undo_applied_transform: bool,
+    (lenses, images): (&[LensFields], Vec<FoundImage>),
+    applied: Option<AppliedTransform>,
     warnings: &mut Warnings,
 ) -> Result<Vec<Frame>, SceneError> {
-    let applied = undo_applied_transform.then(|| AppliedTransform::of(transforms, file)).transpose()?;
-    let needs_size = |lens: &LensFields| !lens.or(transforms.lens).states_size();
-    let image_size =
-        if transforms.frames.iter().any(|frame| needs_size(&frame.lens)) { size_of_first(&images, key)? } else { None };
     let mut frames = Vec::with_capacity(images.len());
     let mut contradictions = Vec::new();
-    for (at, (listed, found)) in transforms.frames.iter().zip(images).enumerate() {
-        let lens = listed.lens.or(transforms.lens).resolve(image_size, &format!("frames[{at}]: "), file)?;
+    for (at, ((listed, lens), found)) in transforms.frames.iter().zip(lenses).zip(images).enumerate() {
+        let lens = lens.resolve(&format!("frames[{at}]: "), file)?;
         let pose = listed.world_from_camera;
         let pose = applied.map_or(pose, |applied| applied.original_pose(&pose));
         let name = stem(&listed.file_path);
@@ -220,15 +232,6 @@ impl AppliedTransform {
     fn original_pose(&self, pose: &WorldFromCamera) -> WorldFromCamera {
         pose.scaled_by(self.scale.recip()).moved_by(&self.original_from_moved)
     }
-}
-
-/// Size of the first image found where the file lists it; all are assumed to have it.
-fn size_of_first(images: &[FoundImage], key: &str) -> Result<Option<ImageSize>, SceneError> {
-    let listed = images.iter().enumerate().find_map(|(at, found)| match &found.image {
-        FrameImage::File(path) if found.as_listed => Some((at, path, &found.image)),
-        _ => None,
-    });
-    listed.map(|(at, path, image)| size_of_file(path, in_frame(key, at, image))).transpose()
 }
 
 fn stem(file_path: &str) -> &str {
@@ -311,3 +314,6 @@ fn key_of(file: &Path) -> String {
         _ => name,
     }
 }
+
+#[cfg(test)]
+mod tests;

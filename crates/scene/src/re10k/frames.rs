@@ -43,6 +43,7 @@ pub(super) fn attach_images(
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     let naming = naming(scene, &numbers, warnings);
+    let mut choices = Vec::new();
     let mut unlisted: BTreeSet<i64> = numbers.keys().copied().collect();
     for (row, frame) in scene.frames.iter_mut().enumerate() {
         let number = match naming {
@@ -52,7 +53,9 @@ pub(super) fn attach_images(
         if let Some(number) = number {
             unlisted.remove(&number);
         }
-        let found = number.and_then(|number| listing.by_stem(numbers.get(&number)?));
+        let stem = number.and_then(|number| numbers.get(&number));
+        choices.extend(stem.and_then(|stem| listing.choice_of_stem(stem)));
+        let found = stem.and_then(|stem| listing.by_stem(stem));
         frame.image = if let Some(path) = found {
             FrameImage::File(path)
         } else {
@@ -64,6 +67,11 @@ pub(super) fn attach_images(
             warnings.push(WarningKind::MissingImage, &scene.key, format!("frame {row}: no {}", path.display()));
             FrameImage::Missing(path)
         };
+    }
+    if let Some(first) = choices.first() {
+        let (count, folder) = (choices.len(), listing.folder().display());
+        let detail = format!("{count} rows fit several images in {folder}, first: {first}");
+        warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     for path in unlisted.iter().filter_map(|number| listing.by_stem(numbers.get(number)?)) {
         let detail = format!("no row of the trajectory belongs to {}: is a row missing?", path.display());
@@ -189,6 +197,22 @@ mod tests {
         assert_eq!(names(&scene), ["frame_00001.jpg", "2.jpg", "3.jpg"]);
         assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
         assert!(warnings.kept()[0].detail.contains("frame_00001 is used, not 1"), "{:?}", warnings.kept());
+    }
+
+    /// As masks beside frames.
+    #[test]
+    fn two_images_that_differ_by_their_extension_are_reported() {
+        for [first, second, third] in [["0", "33366", "66733"], ["00000", "00001", "00002"]] {
+            let files =
+                [(first, "jpg"), (second, "jpg"), (second, "png"), (third, "jpg"), (third, "webp"), ("cover", "png")];
+            let files = files.map(|(stem, extension)| format!("{stem}.{extension}"));
+            let (scene, warnings) = attach(&files.each_ref().map(String::as_str));
+            assert_eq!(names(&scene), [0, 1, 3].map(|at: usize| files[at].as_str()));
+            assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
+            let detail = &warnings.kept()[0].detail;
+            assert!(detail.starts_with("2 rows fit several images"), "{detail}");
+            assert!(detail.ends_with(&format!("first: {second}.jpg is used, not {second}.png")), "{detail}");
+        }
     }
 
     #[test]

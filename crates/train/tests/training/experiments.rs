@@ -125,7 +125,7 @@ fn rows_of_claims_start_from_the_embedded_weights() {
         assert_eq!(alike, full, "{name}: the same samples and losses");
         names.push((name, model));
     }
-    assert_eq!(names.len(), 24);
+    assert_eq!(names.len(), 29);
     let model = |name: &str| names.iter().find(|(own, _)| own == name).map(|(_, model)| model).unwrap();
     let gaussians = |name: &str| budget(model(name), 2, ImageSize::new(64, 64)).unwrap().fixed().unwrap().gaussians;
     assert_eq!(gaussians("expansion-none-k45"), gaussians("full"));
@@ -133,8 +133,12 @@ fn rows_of_claims_start_from_the_embedded_weights() {
     for name in ["random", "farthest-point", "straight-through"].map(|name| format!("sparse-{name}")) {
         assert_eq!(gaussians(&name), gaussians("k-4"), "{name}");
     }
+    for name in ["random", "farthest-point", "straight-through"].map(|name| format!("sparsest-{name}")) {
+        assert_eq!(gaussians(&name), gaussians("k-1"), "{name}");
+    }
     // As many as whole Gaussians per token allow.
     assert_eq!((gaussians("sparse-none-k11"), gaussians("k-4")), (1408, 1440));
+    assert_eq!((gaussians("sparsest-none-k3"), gaussians("k-1")), (384, 360));
     for name in ["anchor-ray-depth", "anchor-direct-xyz", "anchor-learnable", "anchor-offset"] {
         assert_eq!(model(name).head.frame, HeadFrame::World, "{name}: without anchors there is no frame of a patch");
     }

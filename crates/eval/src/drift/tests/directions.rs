@@ -88,6 +88,36 @@ fn an_interval_that_overlaps_the_limit_is_not_drift() {
     }
 }
 
+/// All targets of one scene of eight, or one of its three: the interval over scenes contains 0, and the mean is far beyond its limit.
+#[test]
+fn a_scene_that_is_destroyed_is_drift_whatever_the_others_do() {
+    for (metric, score, _) in METRICS {
+        let of_scene = scene_limit(metric, None, 8);
+        for (basis, side) in [(Basis::Bound, -1.0), (Basis::Interval, 1.0)] {
+            for (share, expected) in [(0.9, Verdict::Within), (1.1, Verdict::Drifted)] {
+                let by = side * share * of_scene;
+                let report = report(metric, score, basis, |scene| if scene == 5 { by } else { 0.0 });
+                let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+                let [low, high] = comparison.paired.as_ref().unwrap().interval.unwrap();
+                assert!(low <= 0.0 && high >= 0.0, "{low} {high}");
+                assert_eq!(report.verdict, expected, "{metric} by {by} on {basis:?}: {report}");
+                let largest = comparison.largest_scene.as_ref().unwrap();
+                assert_eq!(largest.scene, "scene 5");
+                Tolerance::absolute(1e-12).assert([largest.change], [by], metric);
+                assert!(report.to_string().contains("; the mean of scene 5 changed by "), "{report}");
+            }
+        }
+    }
+    Tolerance::EXACT.assert(
+        [scene_limit("psnr", None, 8), scene_limit("lpips", None, 8)],
+        [0.5, 0.02],
+        "without repeats",
+    );
+    let noisy =
+        [scene_limit("psnr", Some(0.5), 16), scene_limit("psnr", Some(0.01), 16), scene_limit("ssim", Some(0.01), 9)];
+    Tolerance::F64.assert(noisy, [4.0, 0.5, 0.06], "twice the noise of the mean times the root of the scenes");
+}
+
 /// A single scene has no interval, so the difference decides.
 #[test]
 fn a_single_scene_is_judged_by_its_difference() {

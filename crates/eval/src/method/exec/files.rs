@@ -77,7 +77,12 @@ impl TrialFolder {
         if !is_below {
             return Err(format!("expected a file in the trial's folder, found {name:?}"));
         }
-        if path.exists() { Ok(path) } else { Err(format!("expected the file {name:?} that it named, found none")) }
+        match fs::metadata(&path) {
+            Ok(found) if found.is_file() || found.is_dir() => Ok(path),
+            // Nothing limits how long a pipe is read.
+            Ok(_) => Err(format!("expected a regular file or a folder, found {name:?}: a pipe, a socket or a device")),
+            Err(_) => Err(format!("expected the file {name:?} that it named, found none")),
+        }
     }
 }
 
@@ -105,5 +110,20 @@ mod tests {
             assert!(trial_folder.file(name).is_err_and(|why| why.contains("trial's folder")), "{name:?}");
         }
         assert!(trial_folder.file("missing").unwrap_err().contains("found none"));
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_pipe_is_no_answer() {
+        let parent = tempfile::tempdir().unwrap();
+        let trial_folder = TrialFolder(parent.path().join("trial-1"));
+        fs::create_dir(&trial_folder.0).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(trial_folder.0.join("pipe")).status().unwrap();
+        assert!(made.success());
+        std::os::unix::fs::symlink("pipe", trial_folder.0.join("renders.npy")).unwrap();
+        for name in ["pipe", "renders.npy"] {
+            let refused = trial_folder.file(name).unwrap_err();
+            assert!(refused.starts_with("expected a regular file or a folder, found"), "{refused}");
+        }
     }
 }

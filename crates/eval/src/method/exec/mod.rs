@@ -1,5 +1,6 @@
 //! Runs any method as a separate process, in an environment of its own.
 
+mod command;
 mod files;
 mod group;
 mod npy;
@@ -9,23 +10,20 @@ mod scratch;
 mod wire;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use atsplat_files::Sha256Digest;
 use atsplat_pixels::Image;
 use atsplat_protocol::Preset;
 
 use super::splatting::{Splatting, parameters};
-use super::{Cost, Method, MethodError, Prediction, Rendered, Timed, TrialInput};
-use crate::runner::{CONTEXT, TRUTH};
+use super::{Cost, Method, MethodError, MethodSpec, Prediction, Rendered, Timed, TrialInput};
 use crate::{EvalError, MethodRecord, differences};
 use files::TrialFolder;
 use pool::{Pool, Slot};
 use process::Process;
 use scratch::Scratch;
-use wire::{Answer, Hello, OutputKind, Request, VERSION};
+use wire::{Answer, Hello, OutputKind, Request, VERSION, check_seconds};
 
 /// A method that runs as a process: it is started once, given one trial after the other, and answers with images or with
 /// Gaussians (`docs/methods.md`).
@@ -36,6 +34,8 @@ use wire::{Answer, Hello, OutputKind, Request, VERSION};
 #[derive(Debug)]
 pub struct Exec {
     words: Vec<String>,
+    /// The files that the command names, each with its SHA-256 at the first start.
+    files: BTreeMap<String, String>,
     hello: Hello,
     limit: Duration,
     opacities_as_stored: bool,
@@ -69,49 +69,68 @@ impl Exec {
     ///
     /// # Errors
     /// [`EvalError::Settings`] for an empty or wrongly quoted command; [`EvalError::NoMethod`] for a process that does not
-    /// start or whose first line is invalid; [`EvalError::Io`] if a word of the command is a file that cannot be read, or no
+    /// start or whose first line is invalid; [`EvalError::Io`] if the command names a file that cannot be read, or no
     /// temporary folder can be created.
     pub fn start(settings: ExecSettings) -> Result<Self, EvalError> {
         let ExecSettings { command, name, limit, processes, opacities_as_stored, splatting } = settings;
-        let words = words(&command)?;
+        let words = command::words(&command)?;
+        // Before the start: what is edited while the process loads is not what it runs.
+        let files = command::files(&words)?;
         let refused = |why| EvalError::NoMethod { command: command.clone(), why };
         let (process, hello) = start(&words, 0, limit).map_err(refused)?;
-        let name = name.unwrap_or_else(|| hello.name.clone());
-        if name.trim().is_empty() || [TRUTH, CONTEXT].contains(&name.as_str()) {
-            return Err(refused(format!("a method cannot have the name {name:?}; NAME=exec:… gives it another")));
-        }
-        let record = record(name, &command, &words, &hello, opacities_as_stored, &splatting)?;
+        let name = MethodSpec::name_of(name.as_deref().unwrap_or(&hello.name))
+            .map_err(|error| refused(format!("the method's name: {error}; NAME=exec:… gives it another")))?;
+        let record = record(name, &command, &files, &hello, opacities_as_stored, &splatting);
         let temporary = std::env::temp_dir();
         let folder =
             Scratch::new_in(&temporary).map_err(EvalError::io("creating a folder for a method", &temporary))?;
         let (requests, pool) = (AtomicU64::new(0), Pool::new(processes, process));
-        Ok(Self { words, hello, limit, opacities_as_stored, splatting, record, requests, pool, folder })
+        Ok(Self { words, files, hello, limit, opacities_as_stored, splatting, record, requests, pool, folder })
     }
 
     /// Sends a request and waits for the answer on a channel: a rayon thread that stole another trial while it waits
     /// might wait for the same process.
     fn ask(&self, slot: &mut Slot, request: &Request<'_>) -> Result<(Answer, Cost), MethodError> {
-        if let Some(ended) = slot.process.take_if(Process::has_ended) {
-            ended.kill();
-        }
-        let mut process = match slot.process.take() {
-            Some(process) => process,
-            None => self.restarted(slot.number).map_err(MethodError::Failed)?,
-        };
+        let mut process = self.process_of(slot).map_err(MethodError::Failed)?;
         let begin = Instant::now();
         let line = process.ask(request.line(), self.limit).map_err(|fault| fault.to_string());
+        let secs = begin.elapsed().as_secs_f64();
         match line.and_then(|line| Answer::parse(&line, request.trial)) {
             Ok((answer, stages)) => {
-                let (secs, own_peak_bytes) = (begin.elapsed().as_secs_f64(), group::peak_bytes(process.id()));
+                let own_peak_bytes = group::peak_bytes(process.id());
                 tracing::debug!(method = self.record.name, request.trial, secs, ?stages, own_peak_bytes, "answered");
+                process.has_answered(&request.label());
                 slot.process = Some(process);
+                check_seconds(&stages, secs)
+                    .map_err(|why| MethodError::Failed(format!("the method's answer: {why}")))?;
                 Ok((answer, Cost { stages, own_peak_bytes, ..Cost::default() }))
             }
             Err(why) => Err(MethodError::Failed(with_stderr_tail(&why, &process.kill()))),
         }
     }
 
+    /// The slot's process, or a new one if it has ended; an error if it wrote a line that nobody asked for.
+    fn process_of(&self, slot: &mut Slot) -> Result<Process, String> {
+        let Some(mut process) = slot.process.take() else { return self.restarted(slot.number) };
+        if let Some(why) = process.extra_line() {
+            return Err(with_stderr_tail(&why, &process.kill()));
+        }
+        if process.has_ended() {
+            process.kill();
+            return self.restarted(slot.number);
+        }
+        Ok(process)
+    }
+
     fn restarted(&self, number: usize) -> Result<Process, String> {
+        let names = self.files.keys().cloned();
+        let files = command::hashed(names).map_err(|error| format!("the method's process: {error}"))?;
+        if files != self.files {
+            let differences = differences(&self.files, &files);
+            return Err(format!(
+                "the method's process: files of its command have changed since its first start: {differences}"
+            ));
+        }
         let (process, hello) = start(&self.words, number, self.limit)?;
         if hello == self.hello {
             return Ok(process);
@@ -119,15 +138,6 @@ impl Exec {
         let differences = differences(&self.hello, &hello);
         Err(format!("the method's process: it describes itself differently after a restart: {differences}"))
     }
-}
-
-fn words(command: &str) -> Result<Vec<String>, EvalError> {
-    let words = shlex::split(command).filter(|words| !words.is_empty());
-    words.ok_or_else(|| EvalError::Settings {
-        what: "method exec",
-        expected: "a program and its arguments, quoted as for a shell".to_owned(),
-        found: format!("{command:?}"),
-    })
 }
 
 /// Starts a process and reads the line in which it describes itself.
@@ -148,22 +158,15 @@ fn with_stderr_tail(why: &str, lines: &[String]) -> String {
     }
 }
 
-/// The record names the command, the version that the process states, and each file among the command's words with its hash:
-/// results of a changed script are not mixed with those of the old one.
+/// The record names the command with its files, and the version that the process states.
 fn record(
     name: String,
     command: &str,
-    words: &[String],
+    files: &BTreeMap<String, String>,
     hello: &Hello,
     opacities_as_stored: bool,
     splatting: &Splatting,
-) -> Result<MethodRecord, EvalError> {
-    let mut files = BTreeMap::new();
-    for word in words.iter().filter(|word| Path::new(word).is_file()) {
-        let path = Path::new(word);
-        let bytes = std::fs::read(path).map_err(EvalError::io("reading a file of a method's command", path))?;
-        files.insert(word.clone(), Sha256Digest::of(&bytes).to_string());
-    }
+) -> MethodRecord {
     let mut record = MethodRecord {
         title: name.clone(),
         name,
@@ -187,7 +190,7 @@ fn record(
         }
     }
     record.deterministic = hello.deterministic && (hello.gives == OutputKind::Images || record.deterministic);
-    Ok(record)
+    record
 }
 
 impl Method for Exec {

@@ -9,6 +9,9 @@ use crate::method::range::check_range;
 
 /// What every file begins with, before the two bytes of its version.
 const MAGIC: &[u8] = b"\x93NUMPY";
+/// As the Python package says it (`_arrays.py`).
+const CAST: &str = "expected uint8 from 0 to 255, found only 0 and 1, as floats that were cast: multiply them by 255 before, or give \
+                    floats in [0, 1]";
 /// The header ends at a multiple of this many bytes.
 const ALIGNMENT: usize = 64;
 
@@ -30,7 +33,7 @@ pub(super) fn of_image(image: &ImageU8) -> Vec<u8> {
 }
 
 /// The images of a file with the shape T×H×W×3: floats in [0, 1] with overshoots (`<f2` is not read, `<f4` and `<f8` are)
-/// or bytes.
+/// or bytes, of which not all may be 0 and 1 unless all are 0.
 ///
 /// # Errors
 /// What was expected and what was found, with the file's name.
@@ -61,6 +64,10 @@ fn images(bytes: &[u8], shape: [usize; 4]) -> Result<Vec<Image>, String> {
     let each = height * width * 3;
     if data.len() != count * each * bytes_each {
         return Err(format!("expected {} bytes of data, found {}", count * each * bytes_each, data.len()));
+    }
+    // Of the images themselves, only black ones are bytes like these.
+    if bytes_each == 1 && data.iter().max() == Some(&1) {
+        return Err(CAST.to_owned());
     }
     let [width, height] = [width, height].map(|side| u32::try_from(side).map_err(|error| error.to_string()));
     let (width, height) = (width?, height?);
@@ -158,6 +165,20 @@ mod tests {
         let levels = of(|x| x * 255.0).unwrap_err();
         assert!(levels.starts_with("image 1: ") && levels.contains("seems to be 0…255"), "{levels}");
         assert!(of(|x| -x - 1.0).unwrap_err().contains("expected samples in [0, 1], found -1.69…-1.38"));
+    }
+
+    #[test]
+    fn floats_that_were_cast_to_bytes_are_refused_and_black_stays() {
+        let of = |bytes: [u8; 12]| images(&file("|u1", "False", "(2, 1, 2, 3)", &bytes), [2, 1, 2, 3]);
+        let mut bytes = [0; 12];
+        assert!(of(bytes).unwrap().iter().flat_map(Image::samples).all(|sample| sample.to_bits() == 0), "black");
+        bytes[7] = 1;
+        let expected = "expected uint8 from 0 to 255, found only 0 and 1, as floats that were cast: multiply them by 255 before, or \
+                        give floats in [0, 1]";
+        assert_eq!(of(bytes), Err(expected.to_owned()));
+        assert_eq!(of([1; 12]), Err(expected.to_owned()));
+        bytes[0] = 2;
+        assert!(of(bytes).is_ok(), "dark");
     }
 
     #[test]

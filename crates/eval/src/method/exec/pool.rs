@@ -74,5 +74,9 @@ impl Drop for Pool {
     /// Asks all processes to end before the first of them is waited for.
     fn drop(&mut self) {
         self.lock().iter_mut().filter_map(|slot| slot.process.as_mut()).for_each(Process::close);
+        for why in self.lock().iter_mut().filter_map(|slot| slot.process.as_mut()).filter_map(Process::end) {
+            // All trials have their results: nothing else can tell.
+            tracing::warn!("a method's process: {why}");
+        }
     }
 }

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 use super::group;
+use super::wire::quoted;
 
 /// Longest line that is read.
 const MAX_LINE: u64 = 1 << 20;
@@ -41,14 +42,26 @@ pub(super) enum Fault {
     Line(&'static str),
 }
 
+/// A line of standard output.
+#[derive(Debug)]
+struct Line {
+    text: String,
+    /// Whether more was written with it.
+    is_followed: bool,
+}
+
 /// A running process.
 #[derive(Debug)]
 pub(super) struct Process {
     child: Child,
     /// Lines for its standard input, which is closed when this is dropped.
     requests: Option<Sender<String>>,
-    lines: Receiver<Result<String, &'static str>>,
+    lines: Receiver<Result<Line, &'static str>>,
     stderr_tail: StderrTail,
+    /// The last line that it was asked for, in messages.
+    said: String,
+    /// Whether more was written with that line.
+    said_more: bool,
     /// Ends the thread that started the process; see [`spawn_and_write`].
     _alive: Sender<()>,
 }
@@ -67,7 +80,8 @@ impl Process {
             waiting_thread(move || read_lines(stdout, &sender));
         }
         let stderr_tail = StderrTail::of(child.stderr.take());
-        Ok(Self { child, requests: Some(requests), lines, stderr_tail, _alive: alive })
+        let said = "its first line".to_owned();
+        Ok(Self { child, requests: Some(requests), lines, stderr_tail, said, said_more: false, _alive: alive })
     }
 
     pub(super) fn id(&self) -> u32 {
@@ -77,6 +91,29 @@ impl Process {
     /// Closes its standard input, which asks it to end.
     pub(super) fn close(&mut self) {
         self.requests = None;
+    }
+
+    /// Closes its standard input and waits until it has ended; why it is wrong that it wrote one more line, if it did.
+    pub(super) fn end(&mut self) -> Option<String> {
+        self.finish();
+        // The line may still be on its way.
+        self.lines.recv_timeout(END_TIMEOUT).ok().map(|line| self.unasked(line))
+    }
+
+    /// Notes the trial that it has answered, for messages.
+    pub(super) fn has_answered(&mut self, trial: &str) {
+        self.said = format!("the answer to the previous trial, {trial}");
+    }
+
+    /// Why it is wrong that it wrote a line that nobody asked for, if one has arrived.
+    pub(super) fn extra_line(&self) -> Option<String> {
+        let wait = if self.said_more { END_TIMEOUT } else { Duration::ZERO };
+        self.lines.recv_timeout(wait).ok().map(|line| self.unasked(line))
+    }
+
+    fn unasked(&self, line: Result<Line, &'static str>) -> String {
+        let found = line.map_or_else(str::to_owned, |line| quoted(&line.text));
+        format!("expected no line without a request, found an extra line after {}: {found}", self.said)
     }
 
     /// Whether it has ended on its own.
@@ -102,7 +139,11 @@ impl Process {
             }
             let wait = if has_ended { GRACE } else { left.min(INTERVAL) };
             match self.lines.recv_timeout(wait) {
-                Ok(line) => return line.map_err(Fault::Line),
+                Ok(line) => {
+                    let Line { text, is_followed } = line.map_err(Fault::Line)?;
+                    self.said_more = is_followed;
+                    return Ok(text);
+                }
                 Err(RecvTimeoutError::Timeout) if !has_ended && left > INTERVAL => {}
                 Err(RecvTimeoutError::Timeout) if !has_ended => return Err(Fault::TimedOut { limit }),
                 Err(_) => return Err(self.status(END_TIMEOUT).map_or(Fault::Closed, Fault::Ended)),
@@ -127,6 +168,14 @@ impl Process {
         }
     }
 
+    /// Asks it to end, and kills it if it does not.
+    fn finish(&mut self) {
+        self.close();
+        if self.status(GRACE).is_none() {
+            self.kill_all();
+        }
+    }
+
     /// Kills the process, and those that it started even if it has ended itself.
     fn kill_all(&mut self) {
         group::kill(self.child.id());
@@ -138,12 +187,8 @@ impl Process {
 }
 
 impl Drop for Process {
-    /// Asks it to end, and kills it if it does not.
     fn drop(&mut self) {
-        self.close();
-        if self.status(GRACE).is_none() {
-            self.kill_all();
-        }
+        self.finish();
     }
 }
 
@@ -191,7 +236,7 @@ fn waiting_thread(wait: impl FnOnce() + Send + 'static) {
 }
 
 /// Sends the lines of standard output until it ends, or until a line is too long or not UTF-8.
-fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>) {
+fn read_lines(stdout: ChildStdout, lines: &Sender<Result<Line, &'static str>>) {
     let mut reader = BufReader::new(stdout);
     loop {
         let mut bytes = Vec::new();
@@ -200,7 +245,7 @@ fn read_lines(stdout: ChildStdout, lines: &Sender<Result<String, &'static str>>)
             Ok(_) => {}
         }
         let line = match String::from_utf8(bytes) {
-            Ok(line) if line.ends_with('\n') => Ok(line),
+            Ok(text) if text.ends_with('\n') => Ok(Line { text, is_followed: !reader.buffer().is_empty() }),
             Ok(line) if line.len() as u64 >= MAX_LINE => Err("a longer one"),
             Ok(_unfinished) => return,
             Err(_bytes) => Err("bytes that are not UTF-8"),
@@ -260,5 +305,28 @@ fn read_last(stderr: ChildStderr, lines: &Mutex<VecDeque<String>>) {
             lines.pop_front();
         }
         lines.push_back(line);
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_nobody_asked_for_is_found_at_the_end_too() {
+        let at_the_end = |script: &str, trial: Option<&str>| {
+            let mut process = Process::start(&["sh", "-c", script].map(str::to_owned), 0).unwrap();
+            assert_eq!(process.line(Duration::from_mins(1)).unwrap(), "ready\n");
+            if let Some(trial) = trial {
+                process.has_answered(trial);
+            }
+            process.end()
+        };
+        assert_eq!(at_the_end("echo ready; read -r line", None), None);
+        let extra = "expected no line without a request, found an extra line after";
+        let first = at_the_end("echo ready; read -r line; echo done", None).unwrap();
+        assert_eq!(first, format!("{extra} its first line: \"done\""));
+        let later = at_the_end("echo ready; echo done", Some("7 (scene \"a\", entry 0)")).unwrap();
+        assert_eq!(later, format!("{extra} the answer to the previous trial, 7 (scene \"a\", entry 0): \"done\""));
     }
 }

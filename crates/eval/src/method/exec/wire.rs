@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use atsplat_camera::{Camera, ImageSize};
+use atsplat_files::Sha256Digest;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,10 @@ use crate::method::TrialInput;
 pub(super) const VERSION: u32 = 1;
 /// Characters of a line that are quoted in a message.
 const QUOTED: usize = 160;
+/// How much longer than an answer the stages that it states may be, since clocks differ: in seconds, and as a part of the answer's
+/// time.
+const CLOCK_TOLERANCE_SECS: f64 = 0.001;
+const CLOCK_TOLERANCE: f64 = 0.01;
 
 /// How a process describes itself when it has started.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,7 +122,11 @@ impl Hello {
                 quoted(line)
             ));
         }
-        parsed(line, "a first line such as {\"atsplat\": 1, \"name\": …}")
+        let hello: Self = parsed(line, "a first line such as {\"atsplat\": 1, \"name\": …}")?;
+        match hello.weights_sha256.as_ref().map(|weights| (weights, weights.parse::<Sha256Digest>())) {
+            Some((weights, Err(error))) => Err(format!("weights_sha256: {error}, found {}", quoted(weights))),
+            _ => Ok(hello),
+        }
     }
 }
 
@@ -139,6 +148,11 @@ impl<'a> Request<'a> {
             near: input.trial.near_far().near,
             far: input.trial.near_far().far,
         }
+    }
+
+    /// The trial's number, scene and entry, for messages.
+    pub(super) fn label(&self) -> String {
+        format!("{} (scene {:?}, entry {})", self.trial, self.scene, self.entry)
     }
 
     /// The message's line.
@@ -191,7 +205,8 @@ impl Answer {
         let expected = format!("a line such as {{\"trial\": {trial}, \"images\": …}} on its standard output");
         let answer: AnswerLine = parsed(line, &expected)?;
         if answer.trial != trial {
-            return Err(format!("expected the answer to trial {trial}, found that to trial {}", answer.trial));
+            let over = if answer.trial < trial { ", which is over: an extra line after an earlier answer" } else { "" };
+            return Err(format!("expected the answer to trial {trial}, found that to trial {}{over}", answer.trial));
         }
         if let Some((name, secs)) = answer.seconds.iter().find(|(_, secs)| !secs.is_finite() || **secs < 0.0) {
             return Err(format!("{name}: expected seconds of at least 0, found {secs}"));
@@ -210,11 +225,28 @@ impl Answer {
     }
 }
 
+/// Refuses stages that take longer than their answer, which took `wall_secs`; they do not overlap.
+pub(super) fn check_seconds(stages: &BTreeMap<String, f64>, wall_secs: f64) -> Result<(), String> {
+    let longest = wall_secs * (1.0 + CLOCK_TOLERANCE) + CLOCK_TOLERANCE_SECS;
+    let (names, secs) = match stages.iter().find(|(_, secs)| **secs > longest) {
+        Some((name, secs)) => (name.clone(), *secs),
+        None => (stages.keys().map(String::as_str).collect::<Vec<_>>().join(" + "), stages.values().sum()),
+    };
+    if secs <= longest {
+        return Ok(());
+    }
+    Err(format!(
+        "{names}: expected at most the {wall_secs:.4} s that the answer took, found {secs} s: \"seconds\" are seconds, not \
+         milliseconds, of stages that do not overlap"
+    ))
+}
+
 fn parsed<T: DeserializeOwned>(line: &str, expected: &str) -> Result<T, String> {
     serde_json::from_str(line).map_err(|error| format!("expected {expected}, found {} ({error})", quoted(line)))
 }
 
-fn quoted(line: &str) -> String {
+/// The beginning of a line.
+pub(super) fn quoted(line: &str) -> String {
     let line = line.trim_end();
     let mut quoted: String = line.chars().take(QUOTED).collect();
     if quoted.len() < line.len() {
@@ -236,6 +268,16 @@ mod tests {
         assert!(refused(r#"{"atsplat": 1, "name": "a", "version": "2", "gives": "meshes"}"#).contains("meshes"));
         assert!(refused(r#"{"atsplat": 1, "name": "a", "gives": "images"}"#).contains("version"));
         assert!(refused("Loading weights\n").contains("Loading weights\""));
+        let with = |weights: &str| {
+            Hello::parse(&format!(
+                r#"{{"atsplat": 1, "name": "a", "version": "2", "gives": "images", "weights_sha256": {weights}}}"#
+            ))
+        };
+        let hash = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        assert_eq!(with(&format!("\"{hash}\"")).unwrap().weights_sha256.as_deref(), Some(hash));
+        assert_eq!(with("null").unwrap().weights_sha256, None);
+        let expected = "weights_sha256: expected 64 hexadecimal digits, found \"re10k.ckpt\"";
+        assert_eq!(with("\"re10k.ckpt\""), Err(expected.to_owned()));
     }
 
     #[test]
@@ -244,7 +286,8 @@ mod tests {
             Answer::parse(r#"{"trial": 3, "images": "a.npy", "seconds": {"encode": 0.5}}"#, 3).unwrap();
         assert_eq!((answer, seconds["encode"]), (Answer::Images("a.npy".to_owned()), 0.5));
         let refused = |line: &str| Answer::parse(line, 3).unwrap_err();
-        assert!(refused(r#"{"trial": 2, "images": "a.npy"}"#).contains("trial 2"));
+        assert!(refused(r#"{"trial": 2, "images": "a.npy"}"#).contains("trial 2, which is over: an extra line after"));
+        assert!(refused(r#"{"trial": 4, "images": "a.npy"}"#).ends_with("found that to trial 4"));
         assert!(refused(r#"{"trial": 3}"#).contains("one of images"));
         assert!(refused(r#"{"trial": 3, "images": "a", "error": "b"}"#).contains("one of images"));
         assert!(refused(r#"{"trial": 3, "images": "a", "time": 1}"#).contains("time"));
@@ -252,5 +295,26 @@ mod tests {
         assert!(refused(r#"{"trial": 3, "images": NaN}"#).contains("NaN"));
         let long = refused(&"x".repeat(1000));
         assert!(long.len() < 400 && long.contains('…'), "{long}");
+    }
+
+    #[test]
+    fn stages_that_take_longer_than_their_answer_are_refused() {
+        let check = |stages: &[(&str, f64)], wall_secs: f64| {
+            check_seconds(&stages.iter().map(|(name, secs)| ((*name).to_owned(), *secs)).collect(), wall_secs)
+        };
+        assert_eq!(check(&[], 0.0), Ok(()));
+        assert_eq!(check(&[("encode", 0.12), ("render", 0.03)], 0.15), Ok(()));
+        assert_eq!(check(&[("encode", 10.1)], 10.0), Ok(()), "one in a hundred");
+        assert_eq!(check(&[("encode", 0.005)], 0.0041), Ok(()), "a millisecond");
+        let refused = |stages: &[(&str, f64)], wall_secs: f64| check(stages, wall_secs).unwrap_err();
+        assert!(refused(&[("encode", 10.2)], 10.0).starts_with("encode: expected at most the 10.0000 s"));
+        assert!(refused(&[("encode", 0.0062)], 0.005).contains("found 0.0062 s"));
+        assert_eq!(
+            refused(&[("encode", 1000.0), ("render", 0.001)], 0.004_57),
+            "encode: expected at most the 0.0046 s that the answer took, found 1000 s: \"seconds\" are seconds, not milliseconds, \
+             of stages that do not overlap"
+        );
+        let both = refused(&[("encode", 0.75), ("render", 0.5)], 1.0);
+        assert!(both.starts_with("encode + render: expected ") && both.contains("found 1.25 s"), "{both}");
     }
 }

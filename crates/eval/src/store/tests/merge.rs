@@ -1,6 +1,7 @@
 //! Merging the stores of one run's shards.
 
 use super::*;
+use crate::GapKind;
 
 fn shard(number: u32, scenes: &[&str]) -> Results {
     let folder = tempfile::tempdir().unwrap();
@@ -30,8 +31,43 @@ fn shards_merge_into_one_run_and_missing_ones_are_listed() {
     assert_eq!(Results::read(&written).unwrap().timings, merged.results.timings);
     let partial = Results::merge(shards[..2].to_vec()).unwrap();
     assert_eq!(partial.missing_shards, [2]);
-    assert!(partial.results.provenance.shard.is_some(), "an incomplete run stays a shard");
+    assert_eq!(
+        partial.results.provenance.part().as_deref(),
+        Some("shards 1 and 3 of 3"),
+        "an incomplete run stays a part"
+    );
+    assert_eq!(partial.why_incomplete(), ["shard 2 is missing"]);
+    assert_eq!(shards[0].provenance.part().as_deref(), Some("shard 3 of 3"));
     assert!(Results::merge(Vec::new()).is_err());
+}
+
+/// The first store has two of three shards.
+#[test]
+fn partial_results_are_completed_by_the_other_shards_and_by_no_overlapping_ones() {
+    let of_part = |number: u32, scenes: &[&str]| {
+        let mut part = shard(number, scenes);
+        let warning = WarningCount { preset: "preset".to_owned(), count: 5, ..WarningCount::default() };
+        let preset = PresetRecord { name: "preset".to_owned(), entries: 1, ..PresetRecord::default() };
+        (part.provenance.presets, part.provenance.warnings) = (vec![preset], vec![warning]);
+        part
+    };
+    let shards = [of_part(1, &["a"]), of_part(2, &["b"]), of_part(3, &["c"])];
+    let whole = Results::merge(shards.to_vec()).unwrap();
+    let partial = Results::merge(shards[..2].to_vec()).unwrap().results;
+    for parts in [vec![partial.clone(), shards[2].clone()], vec![shards[2].clone(), partial.clone(), partial.clone()]] {
+        let merged = Results::merge(parts).unwrap();
+        assert_eq!(merged.missing_shards, [] as [u32; 0]);
+        let Provenance { presets, warnings, shard, merged_shards, .. } = &merged.results.provenance;
+        assert_eq!((presets[0].entries, warnings[0].count), (3, 15), "each shard counts once");
+        assert_eq!((*shard, merged_shards.as_slice()), (None, &[][..]));
+        assert!(merged.results.gaps().iter().all(|gap| gap.kind != GapKind::MissingShards));
+        assert_eq!(merged.results.trials, whole.results.trials);
+    }
+    let error = Results::merge(vec![shards[1].clone(), partial.clone()]).unwrap_err().to_string();
+    assert!(error.contains("shard 2 in two of them"), "{error}");
+    let gaps = partial.gaps().into_iter().filter(|gap| gap.kind == GapKind::MissingShards);
+    let gaps: Vec<String> = gaps.map(|gap| gap.to_string()).collect();
+    assert_eq!(gaps, ["preset: 1 shard of the run is missing: this is shards 1 and 2 of 3"]);
 }
 
 /// A store that is given twice, under whatever path, is one part of the run.

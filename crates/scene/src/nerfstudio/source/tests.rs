@@ -1,0 +1,174 @@
+use std::f64::consts::FRAC_PI_2;
+use std::fs;
+
+use atsplat_camera::{Distortion, ImageSize};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{ImageU8, encode_png};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use super::*;
+use crate::FrameImage;
+
+fn write_image(folder: &TempDir, name: &str, [width, height]: [u32; 2]) {
+    let path = folder.path().join(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let image = ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
+    fs::write(path, encode_png(&image).unwrap()).unwrap();
+}
+
+/// A scene with these `global` fields, and a frame with fields of its own for each path.
+fn capture(global: Value, frames: &[(&str, Value)]) -> TempDir {
+    let mut root = global;
+    let frames: Vec<Value> = (0..)
+        .zip(frames)
+        .map(|(at, (path, own))| {
+            let mut frame = own.clone();
+            frame["file_path"] = json!(path);
+            frame["transform_matrix"] = json!([[1, 0, 0, at], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+            frame
+        })
+        .collect();
+    root["frames"] = json!(frames);
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("transforms.json"), root.to_string()).unwrap();
+    folder
+}
+
+fn open(folder: &TempDir, images: ImageFolder) -> NerfstudioScenes {
+    let options = NerfstudioOptions { images, ..NerfstudioOptions::default() };
+    NerfstudioScenes::open(folder.path(), options, &mut Warnings::new()).unwrap()
+}
+
+fn load(folder: &TempDir, images: ImageFolder) -> Result<(Scene, Warnings), SceneError> {
+    let (source, mut warnings) = (open(folder, images), Warnings::new());
+    let scene = source.load(&source.keys()[0], &mut warnings)?;
+    Ok((scene, warnings))
+}
+
+/// Paths below the scene, of missing images too.
+fn paths(folder: &TempDir, scene: &Scene) -> Vec<String> {
+    let below = |path: &Path| path.strip_prefix(folder.path()).unwrap().display().to_string();
+    let path = |frame: &Frame| match &frame.image {
+        FrameImage::File(path) => below(path),
+        FrameImage::Missing(path) => format!("no {}", below(path)),
+        other => format!("{other:?}"),
+    };
+    scene.frames.iter().map(path).collect()
+}
+
+/// The number is a camera's, not a factor: another camera's image of the same name would take the place of the frame's.
+#[test]
+fn numbered_cameras_are_not_scaled_copies_of_each_other() {
+    let frames = [("cam_1/0.png", json!({})), ("cam_2/0.png", json!({}))];
+    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16 }), &frames);
+    for (name, size) in [("cam_1/0.png", [16, 12]), ("cam_2/0.png", [16, 12]), ("cam_2_2/0.png", [8, 6])] {
+        write_image(&folder, name, size);
+    }
+    let (scene, warnings) = load(&folder, ImageFolder::Downscaled(2)).unwrap();
+    assert_eq!(paths(&folder, &scene), ["no cam_1_2/0.png", "cam_2_2/0.png"]);
+    assert_eq!(warnings.count(WarningKind::MissingImage), 1);
+    fs::remove_dir_all(folder.path().join("cam_1")).unwrap();
+    let (scene, warnings) = load(&folder, ImageFolder::Listed).unwrap();
+    assert_eq!(paths(&folder, &scene), ["no cam_1/0.png", "cam_2/0.png"]);
+    assert_eq!((warnings.count(WarningKind::MissingImage), warnings.count(WarningKind::ImageElsewhere)), (1, 0));
+}
+
+/// What is fetched for a scene: a folder with a number at its end is a copy only beside the one that it is a copy of.
+#[test]
+fn folders_of_numbered_cameras_belong_to_the_scene() {
+    let folder = capture(json!({ "fl_x": 16 }), &[("cam_1/0.png", json!({}))]);
+    for name in ["cam_1", "cam_1_2", "cam_2", "images", "images_4", "nerfstudio", "train", "train_8"] {
+        fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    let source = open(&folder, ImageFolder::Listed);
+    let files = source.files(&source.keys()[0]).unwrap();
+    let names: Vec<String> = files.iter().map(|file| last_name(file)).collect();
+    assert_eq!(names, ["transforms.json", "cam_1", "cam_2", "images", "train"]);
+}
+
+/// The camera of the second frame, and its image, are half as large; the third frame's image is a scaled copy.
+#[test]
+fn without_sizes_a_frames_own_lengths_are_in_pixels_of_its_own_image() {
+    let [large, small] = [[160, 96], [80, 48]];
+    let frames = [
+        ("images/a.png", json!({}), Some(large), large),
+        ("images/b.png", json!({ "fl_x": 60 }), Some(small), small),
+        ("images/c.png", json!({}), Some(small), large),
+        ("images/d.png", json!({ "fl_x": 120 }), None, large),
+        ("images/e.png", json!({ "fl_x": 60, "cx": 40, "cy": 20 }), Some(small), small),
+    ];
+    let listed = frames.clone().map(|(path, own, _, _)| (path, own));
+    let folder = capture(json!({ "fl_x": 120, "cx": 80, "cy": 40 }), &listed);
+    for (path, _, size, _) in &frames {
+        if let Some(size) = size {
+            write_image(&folder, path, *size);
+        }
+    }
+    let (scene, _) = load(&folder, ImageFolder::Listed).unwrap();
+    for (frame, (path, _, _, [width, height])) in scene.frames.iter().zip(frames) {
+        let k = frame.camera.intrinsics;
+        Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.75, 1.25, 0.5, 40.0 / 96.0], path);
+        assert_eq!(frame.stated_size, Some(ImageSize { width, height }), "{path}");
+    }
+}
+
+/// Coefficients of a fisheye mean something else in a perspective lens.
+#[test]
+fn a_frame_of_another_model_does_not_inherit_coefficients() {
+    let lenses = |model: Value, own: [Value; 4]| {
+        let mut global = json!({ "w": 16, "h": 12, "fl_x": 16, "k1": 0.1, "k2": 0.05 });
+        global["camera_model"] = model;
+        let folder = capture(global, &own.map(|own| ("images/a.png", own)));
+        let (scene, _) = load(&folder, ImageFolder::Listed).unwrap();
+        scene.frames.iter().map(|frame| frame.camera.distortion).collect::<Vec<_>>()
+    };
+    let own = || {
+        [
+            json!({}),
+            json!({ "camera_model": "PINHOLE" }),
+            json!({ "camera_model": "OPENCV", "k1": 0.2 }),
+            json!({ "is_fisheye": true }),
+        ]
+    };
+    let open_cv = |k1, k2| Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let fisheye = |k1, k2| Distortion::Fisheye { k: [k1, k2, 0.0, 0.0] };
+    let inherited = [fisheye(0.1, 0.05), Distortion::None, open_cv(0.2, 0.0), fisheye(0.1, 0.05)];
+    assert_eq!(lenses(json!("OPENCV_FISHEYE"), own()), inherited);
+    for perspective in [json!("OPENCV"), Value::Null] {
+        let inherited = [open_cv(0.1, 0.05), open_cv(0.1, 0.05), open_cv(0.2, 0.0), fisheye(0.0, 0.0)];
+        assert_eq!(lenses(perspective, own()), inherited);
+    }
+}
+
+/// As Blender and instant-ngp list images; a path with its extension is clear.
+#[test]
+fn a_name_without_extension_that_fits_two_images_is_counted() {
+    let frames = ["images/a", "images/b", "images/c.png"].map(|path| (path, json!({})));
+    let folder = capture(json!({ "w": 16, "h": 12, "fl_x": 16 }), &frames);
+    for name in ["a.jpg", "a.png", "b.png", "c.jpg", "c.png"] {
+        write_image(&folder, &format!("images/{name}"), [16, 12]);
+    }
+    let (scene, warnings) = load(&folder, ImageFolder::Listed).unwrap();
+    assert_eq!(paths(&folder, &scene), ["images/a.jpg", "images/b.png", "images/c.png"]);
+    assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
+    let detail = &warnings.kept()[0].detail;
+    assert_eq!(detail, "1 listed paths fit several images, first: images/a: a.jpg is used, not a.png");
+}
+
+/// The copy's size is not the one that lengths in pixels refer to; that of the listed folder is.
+#[test]
+fn the_size_for_a_scaled_copy_is_that_of_the_listed_images() {
+    for (lens, fx) in [(json!({ "camera_angle_x": FRAC_PI_2 }), 0.5), (json!({ "fl_x": 120 }), 0.75)] {
+        let folder = capture(lens, &[("images/a.png", json!({}))]);
+        write_image(&folder, "images_4/a.png", [40, 24]);
+        let error = load(&folder, ImageFolder::Downscaled(4)).unwrap_err().to_string();
+        assert!(error.contains("size of the images"), "{error}");
+        write_image(&folder, "images/a.png", [160, 96]);
+        let (scene, warnings) = load(&folder, ImageFolder::Downscaled(4)).unwrap();
+        assert_eq!((paths(&folder, &scene), warnings.total()), (vec!["images_4/a.png".to_owned()], 0));
+        let (frame, size) = (&scene.frames[0], ImageSize { width: 160, height: 96 });
+        Tolerance::F64.assert([frame.camera.intrinsics.fx, frame.camera.intrinsics.fy], [fx, fx / 0.6], "normalised");
+        assert_eq!((frame.stated_size, frame.size("s", 0).unwrap().width), (Some(size), 40));
+    }
+}
