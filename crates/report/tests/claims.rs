@@ -54,7 +54,9 @@ struct Claim {
 
 const SPARSE: [&str; 3] = ["expansion-sparse", "expansion-sparse-seed-2", "expansion-sparse-seed-3"];
 
-const CLAIMS: [Claim; 10] = [
+const SPARSEST: [&str; 2] = ["expansion-sparsest", "expansion-sparsest-seed-2"];
+
+const CLAIMS: [Claim; 14] = [
     Claim { text: "uncertainty above random selection", above: ("k-4", &SPARSE), below: ("sparse-random", &SPARSE) },
     Claim {
         text: "uncertainty above farthest-point sampling",
@@ -80,6 +82,26 @@ const CLAIMS: [Claim; 10] = [
         text: "farthest-point sampling above no expansion",
         above: ("sparse-farthest-point", &SPARSE),
         below: ("sparse-none-k11", &SPARSE),
+    },
+    Claim {
+        text: "at a quarter of the density: uncertainty above random selection",
+        above: ("k-1", &SPARSEST),
+        below: ("sparsest-random", &SPARSEST),
+    },
+    Claim {
+        text: "the same: uncertainty above farthest-point sampling",
+        above: ("k-1", &SPARSEST),
+        below: ("sparsest-farthest-point", &SPARSEST),
+    },
+    Claim {
+        text: "the same: uncertainty above straight-through selection",
+        above: ("k-1", &SPARSEST),
+        below: ("sparsest-straight-through", &SPARSEST),
+    },
+    Claim {
+        text: "the same: uncertainty above no expansion with 384 Gaussians in place of 360",
+        above: ("k-1", &SPARSEST),
+        below: ("sparsest-none-k3", &SPARSEST),
     },
     Claim {
         text: "anchor + offset above ray + depth; offsets in the axes and units of the patch",
