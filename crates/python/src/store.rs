@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use atsplat_eval::{Results, RunReport};
+use atsplat_eval::{GapKind, Results, RunReport};
 use pyo3::prelude::*;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -18,7 +18,11 @@ pub(crate) fn read_store(py: Python<'_>, folder: PathBuf) -> Result<(String, Str
         let gaps: Vec<Value> = results
             .gaps()
             .iter()
-            .map(|gap| json!({ "preset": gap.preset, "method": gap.method, "count": gap.count, "text": gap.to_string() }))
+            .map(|gap| {
+                let missing_shards = gap.kind == GapKind::MissingShards;
+                let (preset, method, count, text) = (&gap.preset, &gap.method, gap.count, gap.to_string());
+                json!({ "preset": preset, "method": method, "count": count, "missing_shards": missing_shards, "text": text })
+            })
             .collect();
         let summary = RunReport::of(&results, None, &folder).to_string();
         let Results { provenance, trials, targets, .. } = &results;

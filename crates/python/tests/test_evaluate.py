@@ -198,6 +198,15 @@ def test_shards_merge_into_the_whole(rooms, tmp_path):
     assert atsplat.merge(parts, tmp_path / "merged").rows() == whole.rows()
 
 
+def test_a_shard_says_that_it_is_a_part_and_is_complete_nevertheless(rooms, tmp_path):
+    """The index has scenes that the data lack, which is wrong in any part."""
+    part = evaluated(nearest, rooms, tmp_path / "part", shard=(1, 2))
+    assert [gap["missing_shards"] for gap in part.gaps] == [True, False], part.gaps
+    with pytest.raises(atsplat.AtsplatError, match="not in the data") as raised:
+        evaluated(nearest, rooms, tmp_path / "part", shard=(1, 2), strict=True)
+    assert "shard" not in str(raised.value)
+
+
 def test_ctrl_c_stops_and_the_next_run_resumes(rooms, tmp_path):
     script = textwrap.dedent(f"""
         import signal, sys, time

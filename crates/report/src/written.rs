@@ -96,6 +96,12 @@ impl<'a> Writing<'a> {
                 return Err(ReportError::NotOfReport { path });
             }
         }
+        // Anew, without a line whose writing was interrupted.
+        let of_file = |(name, digests): (&String, &Vec<Sha256Digest>)| -> String {
+            digests.iter().map(|digest| line_of(name, digest)).collect()
+        };
+        let known: String = before.0.iter().map(of_file).collect();
+        write_file(folder.join(UNFINISHED), known.as_bytes())?;
         Ok(Self { folder, before, list: BTreeMap::new(), files: Vec::new() })
     }
 
@@ -111,10 +117,7 @@ impl<'a> Writing<'a> {
     /// Notes a file before it is replaced: if this report is interrupted, the next one knows it nevertheless.
     fn announce(&self, line: &str) -> Result<(), ReportError> {
         let path = self.folder.join(UNFINISHED);
-        let append = || {
-            std::fs::create_dir_all(self.folder)?;
-            std::fs::OpenOptions::new().create(true).append(true).open(&path)?.write_all(line.as_bytes())
-        };
+        let append = || std::fs::OpenOptions::new().append(true).open(&path)?.write_all(line.as_bytes());
         append().map_err(FileError::during("writing a report", &path))
     }
 
@@ -252,9 +255,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         write(folder.path(), &[("tables/a.md", "a"), ("index.html", "1")]);
-        // Killed after the table, before the page was written, while it was being announced.
-        drop(begin(folder.path(), &[("tables/a.md", "b"), ("tables/b.md", "b")]).unwrap());
-        fs::write(at(UNFINISHED), format!("{}3f", fs::read_to_string(at(UNFINISHED)).unwrap())).unwrap();
+        // Twice killed after the tables, before the page was written, while it was being announced.
+        for text in ["b", "d"] {
+            drop(begin(folder.path(), &[("tables/a.md", text), ("tables/b.md", text)]).unwrap());
+            fs::write(at(UNFINISHED), format!("{}3f", fs::read_to_string(at(UNFINISHED)).unwrap())).unwrap();
+        }
         let next = write(folder.path(), &[("tables/a.md", "c"), ("index.html", "2")]);
         assert_eq!((next.removed, next.others), (vec![at("tables/b.md")], Vec::new()));
         assert!(!at(UNFINISHED).exists());

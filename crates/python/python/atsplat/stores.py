@@ -32,7 +32,8 @@ class Store:
         #: What was wrong with data and index, such as scenes that are missing: ``preset``, ``kind``, ``count``, ``example``.
         self.warnings: list[dict[str, Any]] = self.provenance["warnings"]
         #: Everything for which ``evaluate(…, strict=True)`` and ``--strict`` fail: scenes that are missing, skipped entries, failures,
-        #: an interrupted run. One for each kind: ``preset``, ``method`` (None: all), ``count``, and ``text`` with the first case.
+        #: an interrupted run. One for each kind: ``preset``, ``method`` (None: all), ``count``, and ``text`` with the first case. That the
+        #: store is a part of a run is one too (``missing_shards``), for which ``evaluate`` does not fail.
         self.gaps: list[dict[str, Any]] = json.loads(gaps)
         self._trials: list[dict[str, Any]] = json.loads(trials)
         self._targets: list[dict[str, Any]] = json.loads(targets)
