@@ -45,8 +45,9 @@ pub enum GapKind {
 }
 
 impl Results {
-    /// What is missing, by protocol, method and kind, the other shards of a run among it. Without a gap, every entry of every index was evaluated without failures and
-    /// shows something; sampled indices have all scenes and frames of the data. Trials that their method does not support are none.
+    /// What is missing, by protocol, method and kind, the other shards of a run among it. Without a gap, every entry of every index
+    /// was evaluated without failures and shows something; sampled indices have all scenes and frames of the data. Trials that their
+    /// method does not support are none.
     pub fn gaps(&self) -> Vec<Gap> {
         let mut gaps = BTreeMap::new();
         let mut add = |preset: &str, method: Option<&str>, kind, count, first| {

@@ -116,13 +116,14 @@ impl Report {
     /// Before anything is written, [`ReportError::NotOfReport`] if one of the files is there already and no report wrote it, or it
     /// was changed since, and [`ReportError::Io`] for a broken list; then [`ReportError::Io`] and the errors of tables and plots.
     pub fn replace(&self, folder: &Path) -> Result<Written, ReportError> {
-        let mut writing = Writing::new(folder, FileList::read(folder)?, &self.file_names())?;
+        let orders = orders_as_markdown(&self.tables);
+        let mut writing = Writing::new(folder, FileList::read(folder)?, &self.file_names(orders.is_some()))?;
         for table in &self.tables {
             for format in &self.formats {
                 writing.write(table_name(table, *format), format.write(table)?.as_bytes())?;
             }
         }
-        if let Some(orders) = orders_as_markdown(&self.tables) {
+        if let Some(orders) = orders {
             writing.write(ORDERS.to_owned(), orders.as_bytes())?;
         }
         for (name, drawing) in &self.plots {
@@ -138,11 +139,11 @@ impl Report {
     }
 
     /// The files that [`Self::replace`] writes.
-    fn file_names(&self) -> Vec<String> {
+    fn file_names(&self, has_orders: bool) -> Vec<String> {
         let formats = |table| self.formats.iter().map(move |format| table_name(table, *format));
         let mut names: Vec<String> = self.tables.iter().flat_map(formats).collect();
         names.push(page::FILE.to_owned());
-        names.extend(orders_as_markdown(&self.tables).map(|_| ORDERS.to_owned()));
+        names.extend(has_orders.then(|| ORDERS.to_owned()));
         names.extend(self.plots.iter().flat_map(|(name, _)| PLOT_FORMATS.map(|format| plot_name(name, format))));
         names.extend(self.films.iter().map(|film| film_name(&film.name)));
         names

@@ -187,17 +187,16 @@ impl ViewArgs {
     /// The requested size, or that of the file; a change of aspect ratio is reported once.
     fn size_of(&self, camera: Option<&FileCamera>, notes: &mut Vec<String>) -> anyhow::Result<ImageSize> {
         let stated = camera.and_then(|camera| camera.size);
-        if let (Some(requested), Some(stated)) = (self.size, stated)
-            && !same_aspect_ratio(requested, stated)
-            && notes.is_empty()
-        {
-            notes.push(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"));
-        }
-        if let (Some(requested), None, Some(FileCamera { camera, .. })) = (self.size, stated, camera)
-            && let Some(mismatch) = pixel_mismatch(&camera.intrinsics, requested)
-            && notes.is_empty()
-        {
-            notes.push(format!("--size {requested} squeezes images: {mismatch}"));
+        let squeezed = match (self.size, stated, camera) {
+            (Some(requested), Some(stated), _) if !same_aspect_ratio(requested, stated) => {
+                Some(format!("--size {requested} squeezes images of {stated}: its aspect ratio differs"))
+            }
+            (Some(requested), None, Some(FileCamera { camera, .. })) => pixel_mismatch(&camera.intrinsics, requested)
+                .map(|mismatch| format!("--size {requested} squeezes images: {mismatch}")),
+            _ => None,
+        };
+        if notes.is_empty() {
+            notes.extend(squeezed);
         }
         self.size.or(stated).context("the cameras have no image size: set it with --size")
     }

@@ -9,7 +9,7 @@ use super::{
     Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
     Limit, SceneChange, Verdict, least_limit, metric_bound, scene_limit,
 };
-use crate::statistics::{Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
+use crate::statistics::{Paired, SelectedTarget, direction, paired_of, scene_differences, score_of, summary_of};
 use crate::{Results, TargetStatus, TrialKey, TrialStatus};
 
 /// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
@@ -198,7 +198,7 @@ impl Group {
         let limit = known.map_or_else(|| least_limit(metric), |known| known.limit);
         let noise = known.filter(|known| known.runs > 1).map(|known| known.limit);
         let scene_limit = scene_limit(metric, noise, paired.as_ref().map_or(0, |paired| paired.scenes));
-        let largest_scene = largest_scene(&pairs);
+        let largest_scene = largest_scene(&today, &then);
         let by_limit = || match (&paired, &largest_scene) {
             (Some(paired), _) if beyond_limit(paired, limit) => Verdict::Drifted,
             (_, Some(largest)) if largest.change.abs() > scene_limit => Verdict::Drifted,
@@ -252,14 +252,10 @@ impl TargetPair<'_> {
 }
 
 /// The scene whose mean changed most, the first of equals; `None` if none changed.
-fn largest_scene(pairs: &[TargetPair<'_>]) -> Option<SceneChange> {
-    let mut changes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-    for pair in pairs {
-        changes.entry(&pair.id.0).or_default().push(pair.now - pair.then);
-    }
-    let means = changes.into_iter().map(|(scene, own)| (scene, own.iter().sum::<f64>() / own.len() as f64));
-    let largest = means.fold(("", 0.0), |most: (&str, f64), own| if own.1.abs() > most.1.abs() { own } else { most });
-    (!largest.0.is_empty()).then(|| SceneChange { scene: largest.0.to_owned(), change: largest.1 })
+fn largest_scene(now: &[SelectedTarget<'_>], then: &[SelectedTarget<'_>]) -> Option<SceneChange> {
+    let changes = scene_differences(now, then).into_iter().rev();
+    let (scene, change) = changes.max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs()))?;
+    (change.abs() > 0.0).then(|| SceneChange { scene: scene.to_owned(), change })
 }
 
 /// Whether the whole interval of a difference, or with one scene the difference, is beyond its limit.

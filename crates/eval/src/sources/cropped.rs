@@ -4,7 +4,7 @@ use atsplat_camera::{Camera, ImageSize};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
-use atsplat_scene::{Frame, Scene, SceneError, SceneSource, WarningKind, Warnings, ratio_of_focal_lengths};
+use atsplat_scene::{Scene, SceneError, SceneSource, WarningKind, Warnings, ratio_of_focal_lengths};
 
 /// A dataset whose images have already been through a preset's preprocessing. Copies of RE10K and DL3DV are distributed as crops,
 /// either with the official cameras of the whole images, which are cropped here, or with cameras that are already cropped, which are
@@ -50,14 +50,16 @@ impl SceneSource for AlreadyCropped {
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.inner.load(key, warnings)?;
         for (at, frame) in scene.frames.iter_mut().enumerate() {
+            // The stated size may say that the camera is not of the whole image.
+            let output = self.plan.output();
+            if frame.stated_size.is_some() && !frame.mismatch(output).is_some_and(|mismatch| mismatch.is_fatal()) {
+                continue;
+            }
             let cropped = self
                 .plan
                 .camera(&frame.camera)
                 .map_err(|error| SceneError::Generating { scene: key.to_owned(), source: Box::new(error) })?;
-            if frame.stated_size.is_none() {
-                self.warn_if_undecided([&frame.camera, &cropped], (key, at), warnings);
-            }
-            if self.is_whole(frame, &cropped) {
+            if frame.stated_size.is_some() || self.is_of_whole((key, at), [&frame.camera, &cropped], warnings) {
                 frame.camera = cropped;
                 // The stated size is that of the whole image; the crop is checked by its pixels' shape.
                 frame.stated_size = None;
@@ -68,32 +70,27 @@ impl SceneSource for AlreadyCropped {
 }
 
 impl AlreadyCropped {
-    /// Whether a frame's camera is that of the whole image: by the stated size, or by the shape of pixels.
-    fn is_whole(&self, frame: &Frame, cropped: &Camera) -> bool {
-        if frame.stated_size.is_some() {
-            return frame.mismatch(self.plan.output()).is_some_and(|mismatch| mismatch.is_fatal());
+    /// Whether a frame's own camera is that of the whole image: pixels are closer to square when it is cropped. Warns if both would
+    /// do, although they differ.
+    fn is_of_whole(&self, (key, at): (&str, usize), [own, cropped]: [&Camera; 2], warnings: &mut Warnings) -> bool {
+        /// The same as a difference of focal lengths by half a percent.
+        const CLOSE: Tolerance = Tolerance::absolute(5e-3);
+        let is_of_whole = self.stretch(cropped) < self.stretch(own);
+        let differs = !CLOSE.accepts(cropped.intrinsics.fx / own.intrinsics.fx, 1.0);
+        if differs && CLOSE.accepts(self.stretch(own), self.stretch(cropped)) {
+            let taken = if is_of_whole { "of the whole image" } else { "of the crop" };
+            let detail = format!(
+                "frame {at}: expected a camera of the whole image or of its crop, found one whose pixels are as square in either: taken as \
+                 {taken}"
+            );
+            warnings.push(WarningKind::UnexpectedSize, key, detail);
         }
-        self.stretch(cropped) < self.stretch(&frame.camera)
+        is_of_whole
     }
 
     /// How far the pixels of a crop are from square with this camera: the absolute logarithm of fx / fy.
     fn stretch(&self, camera: &Camera) -> f64 {
         ratio_of_focal_lengths(&camera.intrinsics, self.plan.output()).ln().abs()
-    }
-
-    /// Warns if both cameras would do, although they differ.
-    fn warn_if_undecided(&self, [own, cropped]: [&Camera; 2], (key, at): (&str, usize), warnings: &mut Warnings) {
-        /// The same as a difference of focal lengths by half a percent.
-        const CLOSE: Tolerance = Tolerance::absolute(5e-3);
-        let differs = !CLOSE.accepts(cropped.intrinsics.fx / own.intrinsics.fx, 1.0);
-        if differs && CLOSE.accepts(self.stretch(own), self.stretch(cropped)) {
-            let detail = format!(
-                "frame {at}: expected a camera of the whole image or of its crop, found one whose pixels are as square in either: taken as \
-                 {}",
-                if self.stretch(cropped) < self.stretch(own) { "of the whole image" } else { "of the crop" }
-            );
-            warnings.push(WarningKind::UnexpectedSize, key, detail);
-        }
     }
 }
 
@@ -107,7 +104,7 @@ impl std::fmt::Debug for AlreadyCropped {
 mod tests {
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
     use atsplat_pixels::{ImageU8, encode_png};
-    use atsplat_scene::SharedBytes;
+    use atsplat_scene::{Frame, SharedBytes};
 
     use super::*;
 

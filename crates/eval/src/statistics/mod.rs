@@ -32,7 +32,7 @@ pub use summary::{Summary, summary};
 pub use trend::{Trend, along_distance, along_overlap, along_setting, lead_along_distance, lead_along_overlap};
 
 pub(crate) use contrast::contrast;
-pub(crate) use paired::of_selected as paired_of;
+pub(crate) use paired::{of_selected as paired_of, scene_differences};
 pub(crate) use selection::{SelectedTarget, score_of, select};
 pub(crate) use significance::student_quantile;
 pub(crate) use summary::of_selected as summary_of;

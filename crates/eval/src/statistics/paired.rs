@@ -72,6 +72,12 @@ pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction:
     })
 }
 
+/// The mean of `a − b` in each scene in which both have a score, in the order of the targets.
+pub(crate) fn scene_differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> Vec<(&'a str, f64)> {
+    let clusters = clusters(&differences(a, b).0, Aggregation::SceneMeans);
+    clusters.into_iter().map(|cluster| (cluster.scene, cluster.sum / cluster.weight)).collect()
+}
+
 /// `a − b` of the targets that both have a score for, and the number of targets that only one has.
 pub(super) fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
     weighted_sums(&[(a, 1.0), (b, -1.0)])

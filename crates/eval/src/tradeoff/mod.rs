@@ -8,6 +8,8 @@ mod knobs;
 mod parts;
 mod report;
 mod sample;
+#[cfg(test)]
+mod settings_tests;
 mod sweep;
 #[cfg(test)]
 mod tests;

@@ -86,13 +86,14 @@ fn frontier(results: &Results, preset: &PresetRecord) -> Result<Option<Drawing>,
     let devices: String = tradeoff.devices.keys().map(|device| format!("; {device}")).collect();
     let points = || shown().flat_map(|frontier| &frontier.points);
     let whole_answer = points().any(|point| point.whole_answer);
-    let whole_answer =
-        if whole_answer { format!("; {} {}", WHOLE_ANSWER.mark(), WHOLE_ANSWER.remark()) } else { String::new() };
+    let whole_answer = if whole_answer { format!("; {}", WHOLE_ANSWER.explained()) } else { String::new() };
     let busy = if points().any(|point| point.busy) { format!("; {BUSY} the machine was busy") } else { String::new() };
-    let marks = format!("{whole_answer}{busy}");
     let plot = Frontiers {
         title: format!("{} against time to the first image and against Gaussians", metric.name),
-        subtitle: format!("{}; 95 % intervals over scenes{machine}{devices}{marks}", subject(results, preset)),
+        subtitle: format!(
+            "{}; 95 % intervals over scenes{machine}{devices}{whole_answer}{busy}",
+            subject(results, preset)
+        ),
         quality: metric.into(),
         panels: shown()
             .map(|frontier| (cost(frontier.axis), frontier.points.iter().map(|own| point(frontier, own)).collect()))

@@ -1,4 +1,4 @@
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use atsplat_eval::statistics::{Identical, Leaked, MetricQuery, paired_between};
@@ -12,7 +12,7 @@ use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
     KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
 };
-use crate::table::{BUSY, Group, Place, Row, Source, StoreProtocol, Table, Value};
+use crate::table::{BUSY, Group, Place, Row, Source, StoreProtocol, Table, TimeScope, Value};
 
 /// The plots of a measured table, by name.
 pub fn of_table(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
@@ -106,9 +106,9 @@ fn machine(table: &Table, place: Place) -> String {
     let busy = if timings.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
     let devices: BTreeSet<&String> = timings.clone().filter_map(|timing| timing.device.as_ref()).collect();
     let devices: String = devices.iter().map(|device| format!("; {device}")).collect();
-    let scopes: BTreeMap<&str, &str> =
-        timings.clone().filter_map(|timing| timing.scope).map(|scope| (scope.mark(), scope.remark())).collect();
-    let scopes: String = scopes.iter().map(|(mark, remark)| format!("; {mark} {remark}")).collect();
+    let scopes: BTreeSet<String> =
+        timings.clone().filter_map(|timing| timing.scope).map(TimeScope::explained).collect();
+    let scopes: String = scopes.iter().map(|scope| format!("; {scope}")).collect();
     timings.next().map_or_else(String::new, |timing| format!("; {}{devices}{scopes}{busy}", timing.machine))
 }
 

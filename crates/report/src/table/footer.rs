@@ -333,7 +333,7 @@ fn times(notes: &mut Notes, table: &Table) {
         }
     }
     for scope in table.rows.iter().flat_map(|row| row.cells.iter().flatten()).filter_map(Cell::time_scope) {
-        notes.add(NoteKind::Convention, format!("{} {}", scope.mark(), scope.remark()));
+        notes.add(NoteKind::Convention, scope.explained());
     }
     for row in &table.rows {
         for device in cells(row).into_iter().filter_map(|timing| timing.device) {

@@ -60,7 +60,8 @@ fn metric_cell(part: &Part<'_>, query: &MetricQuery<'_>, group: &ColumnGroup) ->
     };
     let found = of_query(query);
     let capped = MetricQuery { identical: Identical::Capped, ..*query };
-    let with_identical = if has_identical(results, query) { of_query(&capped).mean } else { None };
+    let with_identical =
+        if found.identical > 0 && has_identical(results, query) { of_query(&capped).mean } else { None };
     Cell {
         value: found.mean.map_or(Value::Absent, Value::Number),
         interval: found.interval,

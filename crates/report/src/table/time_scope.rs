@@ -22,6 +22,11 @@ impl TimeScope {
         }
     }
 
+    /// The mark with its remark.
+    pub(crate) fn explained(self) -> String {
+        format!("{} {}", self.mark(), self.remark())
+    }
+
     /// The remark that the mark stands for.
     pub const fn remark(self) -> &'static str {
         match self {

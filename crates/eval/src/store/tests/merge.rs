@@ -14,6 +14,16 @@ fn shard(number: u32, scenes: &[&str]) -> Results {
     store.finish().unwrap()
 }
 
+/// A shard with five warnings, and an entry for each of its scenes.
+fn warned_shard(number: u32, scenes: &[&str]) -> Results {
+    let mut part = shard(number, scenes);
+    let entries = scenes.len() as u64;
+    let preset = PresetRecord { name: "preset".to_owned(), entries, ..PresetRecord::default() };
+    let warning = WarningCount { preset: "preset".to_owned(), count: 5, ..WarningCount::default() };
+    (part.provenance.presets, part.provenance.warnings) = (vec![preset], vec![warning]);
+    part
+}
+
 #[test]
 fn shards_merge_into_one_run_and_missing_ones_are_listed() {
     let folder = tempfile::tempdir().unwrap();
@@ -44,14 +54,7 @@ fn shards_merge_into_one_run_and_missing_ones_are_listed() {
 /// The first store has two of three shards.
 #[test]
 fn partial_results_are_completed_by_the_other_shards_and_by_no_overlapping_ones() {
-    let of_part = |number: u32, scenes: &[&str]| {
-        let mut part = shard(number, scenes);
-        let warning = WarningCount { preset: "preset".to_owned(), count: 5, ..WarningCount::default() };
-        let preset = PresetRecord { name: "preset".to_owned(), entries: 1, ..PresetRecord::default() };
-        (part.provenance.presets, part.provenance.warnings) = (vec![preset], vec![warning]);
-        part
-    };
-    let shards = [of_part(1, &["a"]), of_part(2, &["b"]), of_part(3, &["c"])];
+    let shards = [warned_shard(1, &["a"]), warned_shard(2, &["b"]), warned_shard(3, &["c"])];
     let whole = Results::merge(shards.to_vec()).unwrap();
     let partial = Results::merge(shards[..2].to_vec()).unwrap().results;
     for parts in [vec![partial.clone(), shards[2].clone()], vec![shards[2].clone(), partial.clone(), partial.clone()]] {
@@ -73,14 +76,7 @@ fn partial_results_are_completed_by_the_other_shards_and_by_no_overlapping_ones(
 /// A store that is given twice, under whatever path, is one part of the run.
 #[test]
 fn a_repeated_shard_counts_once() {
-    let of_part = |number: u32, scenes: &[&str]| {
-        let mut part = shard(number, scenes);
-        let preset = PresetRecord { name: "preset".to_owned(), entries: 2, ..PresetRecord::default() };
-        let warning = WarningCount { preset: "preset".to_owned(), count: 5, ..WarningCount::default() };
-        (part.provenance.presets, part.provenance.warnings) = (vec![preset], vec![warning]);
-        part
-    };
-    let (first, second) = (of_part(1, &["a", "b"]), of_part(2, &["c", "d"]));
+    let (first, second) = (warned_shard(1, &["a", "b"]), warned_shard(2, &["c", "d"]));
     let merged = Results::merge(vec![first.clone(), first.clone(), second, first]).unwrap();
     let Provenance { presets, warnings, .. } = &merged.results.provenance;
     assert_eq!((presets[0].entries, warnings[0].count, merged.repeated), (4, 10, 4));
